@@ -1,0 +1,191 @@
+"""What a host asks a board: who it is, its registers, its field table; to arm and to be safe.
+
+Each call sends one request and waits for its answer; what else arrives meanwhile is kept for the caller's
+next `poll` or `receive_rows`. A refusal (NACK) is a ProtocolError, silence a LinkError.
+"""
+
+import struct
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from hil.wire.codec import type_of, unpack
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import LinkError, ProtocolError
+from hil.wire.framing import Frame
+from hil.wire.messages import (
+    Arm,
+    FieldRead,
+    FieldValue,
+    Hello,
+    Identity,
+    Message,
+    Nack,
+    NackReason,
+    RegisterRead,
+    RegisterValue,
+    RegisterWrite,
+    Safe,
+    State,
+    Status,
+)
+from hil.wire.spec import SPEC, FieldEntry, first_difference
+
+HELLO_EVERY_S = 0.25
+"""A board may still be starting when its port opens: HELLO is repeated."""
+
+_IDENTITY_START = struct.Struct("<HI")  # protocol, spec hash: the part of IDENTITY that never changes
+_LIVING = (State.ARMED, State.RUNNING)
+
+_Answer = TypeVar("_Answer", bound=Message)
+
+
+def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
+    """Say HELLO and check that both ends hold the same spec. Anything unread is dropped.
+
+    Raises:
+        LinkError: no answer in time.
+        ProtocolError: another protocol version, or another spec; then the message names the first difference.
+    """
+    endpoint.restart()
+    deadline = time.monotonic() + timeout_s
+    while True:
+        endpoint.send(Hello(SPEC.protocol, SPEC.hash))
+        payload = _await_identity(endpoint, min(time.monotonic() + HELLO_EVERY_S, deadline))
+        if payload is not None:
+            break
+        if time.monotonic() >= deadline or endpoint.link.fileno() is None:
+            raise LinkError(
+                f"{endpoint.link.name}: no answer to HELLO; is it a gyro board, on, at this baud rate?"
+            )
+    if len(payload) < _IDENTITY_START.size:
+        raise ProtocolError(f"{endpoint.link.name}: IDENTITY of {len(payload)} bytes; is it a gyro board?")
+    protocol, spec_hash = _IDENTITY_START.unpack_from(payload)
+    if protocol != SPEC.protocol:
+        raise ProtocolError(
+            f"{endpoint.link.name}: the board speaks protocol {protocol}, this host {SPEC.protocol}; "
+            f"update the {'host' if protocol > SPEC.protocol else 'firmware'}"
+        )
+    if spec_hash != SPEC.hash:
+        difference = first_difference(read_field_table(endpoint, timeout_s), SPEC.table)
+        raise ProtocolError(
+            f"{endpoint.link.name}: spec hash {spec_hash:#010x} on the board, {SPEC.hash:#010x} here: "
+            f"{difference or 'yet the field tables agree'}; build both from one spec.toml"
+        )
+    identity = unpack(type_of(Identity), payload)
+    assert isinstance(identity, Identity)
+    return identity
+
+
+def read_field_table(endpoint: Endpoint, timeout_s: float = 2.0) -> tuple[FieldEntry, ...]:
+    """The board's field table, line by line. Raises as `request`."""
+    table: list[FieldEntry] = []
+    lines = 1
+    while len(table) < lines:
+        answer = _read_line(endpoint, len(table), timeout_s)
+        table.append(FieldEntry.parse(answer.entry))
+        lines = answer.lines
+    return tuple(table)
+
+
+def read_register(endpoint: Endpoint, name: str, timeout_s: float = 2.0) -> float:
+    """Value of a register, by its name in the spec. Raises as `request`; ProtocolError for an unknown
+    name."""
+    number = _register_id(name)
+    return request(
+        endpoint,
+        RegisterRead(number),
+        RegisterValue,
+        timeout_s,
+        lambda answer: answer.register == number,
+        what=name,
+    ).value
+
+
+def write_register(endpoint: Endpoint, name: str, value: float, timeout_s: float = 2.0) -> float:
+    """Set a register, by its name in the spec; returns the value now in force. Raises as `read_register`."""
+    number = _register_id(name)
+    return request(
+        endpoint,
+        RegisterWrite(number, value),
+        RegisterValue,
+        timeout_s,
+        lambda answer: answer.register == number,
+        what=f"{name} = {value:g}",
+    ).value
+
+
+def arm(endpoint: Endpoint, timeout_s: float = 2.0) -> Status:
+    """Arm the board: SENSE streams from now on. Raises as `request`."""
+    return request(endpoint, Arm(), Status, timeout_s, lambda status: status.state in _LIVING)
+
+
+def make_safe(endpoint: Endpoint, reason: int, timeout_s: float = 2.0) -> Status:
+    """Bring the board to SAFE; `reason` is a `SafeReason`. Raises as `request`."""
+    return request(endpoint, Safe(reason), Status, timeout_s, lambda status: status.state == State.SAFE)
+
+
+def request(
+    endpoint: Endpoint,
+    message: Message,
+    answer: type[_Answer],
+    timeout_s: float = 2.0,
+    accept: Callable[[_Answer], bool] = lambda _: True,
+    what: str = "",
+) -> _Answer:
+    """Send a message and wait for the answer of the given type that `accept` takes.
+
+    `what` tells in errors what the request was about.
+
+    Raises:
+        LinkClosed: the board hung up.
+        LinkError: no such answer within `timeout_s` seconds.
+        ProtocolError: the board refused.
+    """
+    name = SPEC.message_name(type_of(message)) + (f" {what}" if what else "")
+    deadline = time.monotonic() + timeout_s
+    seq = endpoint.tx.seq
+    endpoint.send(message)
+    while True:
+        items = endpoint.poll_new(max(deadline - time.monotonic(), 0.0))
+        for k, item in enumerate(items):
+            found = item.message
+            if isinstance(found, Nack) and found.of_seq == seq and found.of_type == type_of(message):
+                endpoint.keep(items[:k] + items[k + 1 :])
+                raise ProtocolError(
+                    f"{endpoint.link.name}: the board refused {name}: {_reason(found.reason)}"
+                )
+            if isinstance(found, answer) and accept(found):
+                endpoint.keep(items[:k] + items[k + 1 :])
+                return found
+        endpoint.keep(items)
+        if time.monotonic() >= deadline or (not items and endpoint.link.fileno() is None):
+            raise LinkError(
+                f"{endpoint.link.name}: no answer to {name} within {timeout_s:g} s; is the board still on?"
+            )
+
+
+def _await_identity(endpoint: Endpoint, deadline: float) -> bytes | None:
+    """Payload of the next IDENTITY, however long it is; None when the time is up."""
+    while True:
+        frames: list[Frame] = endpoint.poll_frames(max(deadline - time.monotonic(), 0.0))
+        for frame in frames:
+            if frame.type == type_of(Identity):
+                return frame.payload
+        if time.monotonic() >= deadline or (not frames and endpoint.link.fileno() is None):
+            return None
+
+
+def _read_line(endpoint: Endpoint, line: int, timeout_s: float) -> FieldValue:
+    return request(endpoint, FieldRead(line), FieldValue, timeout_s, lambda value: value.line == line)
+
+
+def _register_id(name: str) -> int:
+    register = SPEC.registers.get(name)
+    if register is None:
+        raise ProtocolError(f"register {name!r}: unknown; known are {', '.join(SPEC.registers)}")
+    return register.id
+
+
+def _reason(number: int) -> str:
+    return next((member.name for member in NackReason if member == number), f"reason {number}")

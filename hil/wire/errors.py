@@ -1,0 +1,18 @@
+"""Errors of the wire. Every message is one line that names the place and the cure."""
+
+
+class WireError(Exception):
+    """Anything wrong between host and board; the command line turns it into exit code 2."""
+
+
+class LinkError(WireError, OSError):
+    """A link cannot be opened or used: no such port, port in use, unknown scheme."""
+
+
+class LinkClosed(LinkError):
+    """The other end hung up, or this end was closed."""
+
+
+class ProtocolError(WireError, ValueError):
+    """The peer speaks, but not this protocol: wrong version or spec, a refused request, a value that does not
+    fit."""

@@ -1,0 +1,70 @@
+"""A board in the same process, for lockstep: the same bytes as on a serial line, without a line."""
+
+from importlib.metadata import entry_points
+from typing import Protocol
+
+from hil.wire.errors import LinkClosed, LinkError
+
+ENTRY_POINT_GROUP = "hil.emulators"
+
+
+class Board(Protocol):
+    """What a board in the same process does."""
+
+    def exchange(self, data: bytes) -> bytes:
+        """Take the host's bytes, return everything the board has to say to them."""
+        ...
+
+    def close(self) -> None:
+        """Finish its records."""
+        ...
+
+
+class InprocLink:
+    """A link to a board in the same process. Nothing ever arrives by itself: what can be received is the
+    answer to what was sent, so `receive` does not wait."""
+
+    name = "inproc"
+
+    def __init__(self, board: Board) -> None:
+        self._board: Board | None = board
+        self._pending = b""
+
+    def fileno(self) -> None:
+        """There is nothing to wait on."""
+        return
+
+    def send(self, data: bytes) -> None:
+        """Give `data` to the board and keep its answer. Raises LinkClosed."""
+        if self._board is None:
+            raise LinkClosed("inproc: the link is closed")
+        answer = self._board.exchange(data)
+        self._pending = self._pending + answer if self._pending else answer
+
+    def receive(self, timeout_s: float | None) -> bytes:
+        """All that the board has answered so far, b"" if nothing; the timeout does not matter. Raises
+        LinkClosed."""
+        if self._board is None:
+            raise LinkClosed("inproc: the link is closed")
+        data, self._pending = self._pending, b""
+        return data
+
+    def close(self) -> None:
+        """Close the board; a second call does nothing."""
+        if self._board is not None:
+            board, self._board = self._board, None
+            board.close()
+
+
+def open_inproc(scenario: str, truth: str | None = None, seed: int | None = None) -> InprocLink:
+    """A link to the emulated board that is installed as entry point of the group `hil.emulators`.
+
+    Raises:
+        LinkError: no emulator is installed.
+        Whatever the emulator raises on a bad scenario.
+    """
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        return InprocLink(entry.load()(scenario, truth, seed))
+    raise LinkError(
+        f"inproc:{scenario}: no emulator is installed; install the package that provides {ENTRY_POINT_GROUP}"
+    )

@@ -1,0 +1,68 @@
+"""A serial port, real or the host's end of a pty. pyserial opens and configures it; afterwards only its
+descriptor is used, because `Serial.read` costs several times as much as select and os.read."""
+
+import errno
+import os
+from contextlib import suppress
+
+import serial
+from serial.tools import list_ports
+
+from hil.wire.errors import LinkError
+from hil.wire.fd_link import FdLink
+
+DEFAULT_BAUD = 3_000_000
+"""Enough for 4 kHz sample by sample; USB devices and ptys ignore it."""
+
+
+class SerialLink(FdLink):
+    """An open serial port, held exclusively."""
+
+    def __init__(self, port: serial.Serial, path: str) -> None:
+        super().__init__(port.fileno(), f"serial:{path}")
+        self._port = port
+
+    def close(self) -> None:
+        """Give the port back; a second call does nothing."""
+        self._fd = -1
+        self._port.close()
+
+
+def open_serial(path: str, baud: int = DEFAULT_BAUD) -> SerialLink:
+    """Open a port raw, 8N1, without flow control, exclusively, and with low latency where its driver can.
+
+    Raises:
+        LinkError: no such port, in use, no permission, or not a serial port.
+    """
+    try:
+        # An inter-byte timeout of 0 sets VMIN = 1: reading nothing then means hang-up, and only that.
+        port = serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
+    except (OSError, ValueError, OverflowError) as error:
+        raise LinkError(f"serial:{path}: {_cure(path, error)}") from None
+    with suppress(OSError, ValueError):  # a pty, and many a driver, has no such setting
+        port.set_low_latency_mode(True)
+    return SerialLink(port, path)
+
+
+def _cure(path: str, error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "the port is in use by another program; close it there, or name another port"
+    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
+        return f"no such port; connect the board or name another port (found: {found})"
+    if number == errno.EACCES:
+        return "no permission; add yourself to the group that owns the port (often dialout) and log in again"
+    if not _is_terminal(path):
+        return "not a serial port; name a terminal device such as /dev/ttyUSB0"
+    return f"{error}; try another baud rate"
+
+
+def _is_terminal(path: str) -> bool:
+    with suppress(OSError):
+        fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            return os.isatty(fd)
+        finally:
+            os.close(fd)
+    return False

@@ -1,0 +1,229 @@
+"""The wire's one spec file, loaded.
+
+The spec boils down to its *field table*: one line (message, field, type, scale) per thing two peers must
+agree on. Its CRC-32C is the spec hash that HELLO and IDENTITY carry; the same lines can be read from a board
+one by one, so whenever two hashes differ there is a first line that differs, and it can be named.
+"""
+
+import struct
+import tomllib
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from crc32c import crc32c
+
+_STRUCT_CODES = {
+    "u8": "B",
+    "u16": "H",
+    "u32": "I",
+    "u64": "Q",
+    "i16": "h",
+    "i32": "i",
+    "f32": "f",
+    "f64": "d",
+}
+
+
+class FieldEntry(NamedTuple):
+    """One line of the field table, all of it text."""
+
+    message: str
+    field: str
+    type: str
+    scale: str
+
+    @property
+    def text(self) -> str:
+        """As it goes over the wire: four columns separated by tabs."""
+        return "\t".join(self)
+
+    @classmethod
+    def parse(cls, text: str) -> "FieldEntry":
+        """Read a line; missing columns become empty, so that a foreign table can always be shown."""
+        columns = (*text.split("\t", 3), "", "", "", "")
+        return cls(*columns[:4])
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a message."""
+
+    name: str
+    type: str
+    unit: str
+    doc: str
+    scale: str = "1"
+
+    @property
+    def count(self) -> int:
+        """Numbers in the field: 1, or the length of an array such as `f32[8]`."""
+        return int(self.type.partition("[")[2].rstrip("]") or 1)
+
+    @property
+    def struct(self) -> str:
+        """Format of the field for `struct`; empty for `text` and `code`, which have no fixed size."""
+        letter = _STRUCT_CODES.get(self.type.partition("[")[0], "")
+        return letter if self.count == 1 else f"{self.count}{letter}"
+
+    def entry(self, message: str) -> FieldEntry:
+        """The field's line in the field table."""
+        scale = self.unit if self.scale == "1" else f"{self.scale} per {self.unit}"
+        return FieldEntry(message, self.name, self.type, scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Layout of one message: fixed fields, then for SENSE rows of codes."""
+
+    name: str
+    type: int
+    sender: Literal["host", "board", "either"]
+    doc: str
+    fields: tuple[Field, ...]
+    rows: tuple[Field, ...] = ()
+    frozen: bool = False
+
+    @property
+    def struct(self) -> str:
+        """Format of the fixed fields for `struct`, little-endian without padding."""
+        return "<" + "".join(field.struct for field in self.fields)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the fixed fields."""
+        return struct.calcsize(self.struct)
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether text or rows follow the fixed fields."""
+        return bool(self.rows) or any(field.type == "text" for field in self.fields)
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One register of the board."""
+
+    name: str
+    id: int
+    unit: str
+    access: Literal["rw", "ro"]
+    live: bool
+    default: int
+    minimum: int
+    maximum: int
+    doc: str
+
+    def accepts(self, value: float) -> bool:
+        """Whether `value` is whole and in range; NaN and infinities are not."""
+        return self.minimum <= value <= self.maximum and value == int(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Enumeration:
+    """Named values of a field or register; the values of flags are single bits."""
+
+    name: str
+    doc: str
+    members: dict[str, int]
+    flags: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """Everything two peers agree on."""
+
+    protocol: int
+    max_payload: int
+    frame: tuple[Field, ...]
+    messages: dict[str, Layout]
+    registers: dict[str, Register]
+    enums: dict[str, Enumeration]
+    table: tuple[FieldEntry, ...]
+    hash: int
+
+    def message_name(self, type_: int) -> str:
+        """Name of a message type, or `type 0x..` if there is none."""
+        return next((m.name for m in self.messages.values() if m.type == type_), f"type 0x{type_:02x}")
+
+
+def parse_spec(text: str) -> Spec:
+    """Build a spec from the text of a spec file.
+
+    Raises:
+        KeyError, TypeError: a key is missing or unknown (the file is part of the program, not user input).
+    """
+    raw = tomllib.loads(text)
+    messages = {name: _layout(name, body) for name, body in raw["messages"].items()}
+    registers = {name: Register(name=name, **body) for name, body in raw["registers"].items()}
+    enums = {name: _enumeration(name, body, flags=False) for name, body in raw["enums"].items()}
+    enums |= {name: _enumeration(name, body, flags=True) for name, body in raw["flags"].items()}
+    frame = tuple(Field(**field) for field in raw["frame"])
+    table = _field_table(raw["max_payload"], frame, messages, registers, enums)
+    return Spec(
+        protocol=raw["protocol"],
+        max_payload=raw["max_payload"],
+        frame=frame,
+        messages=messages,
+        registers=registers,
+        enums=enums,
+        table=table,
+        hash=crc32c("\n".join(entry.text for entry in table).encode()),
+    )
+
+
+def _layout(name: str, body: dict[str, Any]) -> Layout:
+    fields, rows = (tuple(Field(**field) for field in body.pop(key, ())) for key in ("fields", "rows"))
+    return Layout(name=name, fields=fields, rows=rows, **body)
+
+
+def _enumeration(name: str, body: dict[str, Any], *, flags: bool) -> Enumeration:
+    members = {key: value for key, value in body.items() if key != "doc"}
+    return Enumeration(name, body["doc"], members, flags)
+
+
+def _field_table(
+    max_payload: int,
+    frame: tuple[Field, ...],
+    messages: dict[str, Layout],
+    registers: dict[str, Register],
+    enums: dict[str, Enumeration],
+) -> tuple[FieldEntry, ...]:
+    """All that a peer must know to read and write frames; wording of the documentation is left out."""
+    table = [FieldEntry("frame", "max_payload", str(max_payload), "byte")]
+    table += [field.entry("frame") for field in frame]
+    for message in messages.values():
+        table.append(FieldEntry(message.name, "", f"0x{message.type:02x}", message.sender))
+        table += [field.entry(message.name) for field in message.fields]
+        table += [field.entry(f"{message.name} row") for field in message.rows]
+    for register in registers.values():
+        limits = f"{register.minimum}..{register.maximum} {register.unit}, default {register.default}"
+        kind = f"0x{register.id:04x} {register.access}{' live' if register.live else ''}"
+        table.append(FieldEntry("register", register.name, kind, limits))
+    for enum in enums.values():
+        table += [FieldEntry(enum.name, name, str(value), "") for name, value in enum.members.items()]
+    return tuple(table)
+
+
+def first_difference(theirs: tuple[FieldEntry, ...], ours: tuple[FieldEntry, ...]) -> str | None:
+    """The first line in which the board's field table differs from ours, in words; None if they are equal."""
+    for other, mine in zip_longest(theirs, ours):
+        if other == mine:
+            continue
+        if other is not None and other[:2] not in {entry[:2] for entry in ours}:
+            return f"the board has {_words(other)}, this host does not"
+        if mine is not None and mine[:2] not in {entry[:2] for entry in theirs}:
+            return f"this host has {_words(mine)}, the board does not"
+        return f"the board has {_words(other)}, this host has {_words(mine)}"
+    return None
+
+
+def _words(entry: FieldEntry | None) -> str:
+    if entry is None:
+        return "nothing there"
+    name = f"{entry.message}.{entry.field}" if entry.field else entry.message
+    return f"{name} ({', '.join(part for part in (entry.type, entry.scale) if part)})"
+
+
+SPEC = parse_spec(Path(__file__).with_name("spec.toml").read_text(encoding="utf-8"))

@@ -1,0 +1,178 @@
+"""Both directions of a conversation without a link: sequence numbers and ticks in, bytes out, and back again.
+
+A board that answers `exchange(data) -> bytes` uses these two directly; `hil.wire.endpoint` adds a link.
+"""
+
+import struct
+from typing import NamedTuple
+
+from hil.wire.codec import KNOWN_TYPES, pack, type_of, unpack
+from hil.wire.errors import ProtocolError
+from hil.wire.framing import CRC_SIZE, HEADER, Decoder, Frame, encode_frame, seal
+from hil.wire.messages import DriveForce, Hello, Identity, Message, Nack, NackReason
+from hil.wire.sense import SenseRow, row_body, split_row_body
+from hil.wire.spec import SPEC
+
+_DRIVE = type_of(DriveForce)
+_RESTARTS = frozenset((type_of(Hello), type_of(Identity)))
+_DRIVE_BODY = struct.Struct(HEADER.format + SPEC.messages["DRIVE_FORCE"].struct[1:])
+_DRIVE_BODY_SIZE = _DRIVE_BODY.size + CRC_SIZE
+
+REPEAT_WINDOW = 256
+"""A sequence number up to this far behind the expected one is a repetition and dropped; further behind, it is
+taken for a jump ahead, so that a peer that started afresh is never ignored for long."""
+
+
+class Received(NamedTuple):
+    """A message with its header: `tick` unwrapped to 64 bits, `seq` as sent (for NACK)."""
+
+    tick: int
+    seq: int
+    message: Message
+
+
+def unwrap(low: int, near: int) -> int:
+    """The 64-bit tick closest to `near` whose low 32 bits are `low`; never negative for `near` ≥ 0.
+
+    Takes header ticks as well as `effective_tick` and `Status.tick` back to full width.
+    """
+    tick = near + ((low - near + 0x80000000) & 0xFFFFFFFF) - 0x80000000
+    return tick if tick >= 0 else low
+
+
+class Transmitter:
+    """Makes frames of messages, numbering them.
+
+    Attributes:
+        seq: sequence number of the next frame.
+    """
+
+    __slots__ = ("seq",)
+
+    def __init__(self) -> None:
+        self.seq = 0
+
+    def encode(self, message: Message, tick: int) -> bytes:
+        """Frame of any message; `tick` (any width) goes into the header.
+
+        Raises:
+            ProtocolError: a value does not fit its field; no sequence number is spent.
+        """
+        frame = encode_frame(type_of(message), self.seq, tick, pack(message))
+        self.seq = (self.seq + 1) & 0xFFFF
+        return frame
+
+    def encode_row(self, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
+        """SENSE with one row, the short way. Codes must fit `width` (2 or 3) bytes, else ProtocolError."""
+        body = row_body(self.seq, tick & 0xFFFFFFFF, vx, vy, ux, uy, flags, width)
+        self.seq = (self.seq + 1) & 0xFFFF
+        return seal(body)
+
+    def encode_drive(self, ux: int, uy: int, effective_tick: int, tick: int) -> bytes:
+        """DRIVE_FORCE, the short way; ticks of any width. ProtocolError if a code is beyond 32 bits."""
+        try:
+            body = _DRIVE_BODY.pack(_DRIVE, self.seq, tick & 0xFFFFFFFF, ux, uy, effective_tick & 0xFFFFFFFF)
+        except struct.error:
+            raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
+        self.seq = (self.seq + 1) & 0xFFFF
+        return seal(body)
+
+
+class Receiver:
+    """Takes bytes, gives messages; follows sequence numbers and ticks.
+
+    Attributes:
+        decoder: the framing counters.
+        tick: header tick of the last frame, unwrapped to 64 bits; 0 before the first.
+        lost: frames missing from the peer's sequence.
+        repeated: frames dropped because their number had passed.
+        undecodable: intact frames of unknown type or wrong length, dropped.
+        refused: the NACK for each undecodable frame of the last `feed`, for a board to send.
+    """
+
+    __slots__ = ("_expected", "decoder", "lost", "refused", "repeated", "tick", "undecodable")
+
+    def __init__(self) -> None:
+        self.decoder = Decoder()
+        self.tick = 0
+        self.lost = 0
+        self.repeated = 0
+        self.undecodable = 0
+        self.refused: list[Nack] = []
+        self._expected: int | None = None
+
+    @property
+    def bad(self) -> int:
+        """Everything dropped as unreadable: broken frames and undecodable ones."""
+        return self.decoder.bad + self.undecodable
+
+    def restart(self) -> None:
+        """Forget where the peer was: the next frame sets sequence and tick anew. Counters stay."""
+        self._expected = None
+        self.tick = 0
+
+    def feed(self, data: bytes) -> list[Received]:
+        """Messages that `data` completes, in order."""
+        received = []
+        self.refused = []
+        for frame in self.frames(data):
+            try:
+                message = unpack(frame.type, frame.payload)
+            except ProtocolError:
+                self.undecodable += 1
+                reason = NackReason.BAD_LENGTH if frame.type in KNOWN_TYPES else NackReason.UNKNOWN_TYPE
+                self.refused.append(Nack(frame.type, frame.seq, reason))
+            else:
+                received.append(Received(frame.tick, frame.seq, message))
+        return received
+
+    def frames(self, data: bytes) -> list[Frame]:
+        """Frames that `data` completes, repeated ones left out, their ticks unwrapped to 64 bits."""
+        frames = []
+        for frame in self.decoder.feed(data):
+            if frame.type in _RESTARTS:
+                self._expected = None
+            if self._follows(frame.seq):
+                self.tick = unwrap(frame.tick, self.tick)
+                frames.append(frame._replace(tick=self.tick))
+        return frames
+
+    def take_row(self, data: bytes) -> SenseRow | None:
+        """The sample if `data` is exactly one SENSE with one row, next in sequence; otherwise None, nothing
+        is counted, and `data` still has to be fed."""
+        body = self.decoder.peek(data)
+        row = None if body is None else split_row_body(body)
+        if row is None or row[0] != self._expected:
+            return None
+        seq, low, vx, vy, ux, uy, flags = row
+        self._took(data, seq, low)
+        return self.tick, vx, vy, ux, uy, flags
+
+    def take_drive(self, data: bytes) -> tuple[int, int, int] | None:
+        """(ux, uy, effective tick, low 32 bits) if `data` is exactly one DRIVE_FORCE, next in sequence;
+        otherwise None, nothing is counted, and `data` still has to be fed."""
+        body = self.decoder.peek(data)
+        if body is None or len(body) != _DRIVE_BODY_SIZE or body[0] != _DRIVE:
+            return None
+        _, seq, low, ux, uy, effective = _DRIVE_BODY.unpack_from(body)
+        if seq != self._expected:
+            return None
+        self._took(data, seq, low)
+        return ux, uy, effective
+
+    def _took(self, data: bytes, seq: int, low: int) -> None:
+        self.decoder.frames += 1
+        self.decoder.bytes += len(data)
+        self._expected = (seq + 1) & 0xFFFF
+        self.tick = unwrap(low, self.tick)
+
+    def _follows(self, seq: int) -> bool:
+        """Account for a sequence number; False if the frame has been here before."""
+        if self._expected is not None and seq != self._expected:
+            behind = (self._expected - seq) & 0xFFFF
+            if behind <= REPEAT_WINDOW:
+                self.repeated += 1
+                return False
+            self.lost += (seq - self._expected) & 0xFFFF
+        self._expected = (seq + 1) & 0xFFFF
+        return True

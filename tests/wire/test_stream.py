@@ -1,0 +1,214 @@
+"""Sequence numbers and ticks: nothing lost goes unnoticed, nothing is seen twice."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil.wire.codec import pack, type_of
+from hil.wire.errors import ProtocolError
+from hil.wire.framing import encode_frame
+from hil.wire.messages import DriveForce, Hello, Identity, Nack, NackReason, Safe
+from hil.wire.sense import Sense
+from hil.wire.stream import REPEAT_WINDOW, Received, Receiver, Transmitter, unwrap
+
+untimed = settings(deadline=None)
+IDENTITY = Identity(1, 2, 3, 4, 5.0, 2, 16, 16, 1.0, 1.0, 0, 0)
+
+
+def safe(seq: int, tick: int = 0) -> bytes:
+    return encode_frame(type_of(Safe), seq, tick, pack(Safe(0)))
+
+
+def seqs(receiver: Receiver, data: bytes) -> list[int]:
+    return [item.seq for item in receiver.feed(data)]
+
+
+@untimed
+@given(st.integers(0, 2**63), st.integers(-(2**31) + 1, 2**31 - 1))
+def test_unwrap_finds_the_nearest_tick(near, step):
+    tick = near + step
+    if tick >= 0:
+        assert unwrap(tick & 0xFFFFFFFF, near) == tick
+
+
+def test_unwrap_never_goes_below_zero():
+    assert unwrap(0xFFFFFFF0, 5) == 0xFFFFFFF0
+
+
+def test_ticks_pass_the_wrap():
+    transmitter, receiver = Transmitter(), Receiver()
+    start = 2**32 - 3
+    stream = [receiver.feed(transmitter.encode(Safe(0), start + k)) for k in range(6)]
+    assert [items[0].tick for items in stream] == list(range(start, start + 6))
+    assert receiver.tick == start + 5
+
+
+def test_sequence_passes_the_wrap():
+    transmitter, receiver = Transmitter(), Receiver()
+    transmitter.seq = 0xFFFE
+    found = seqs(receiver, b"".join(transmitter.encode(Safe(0), 0) for _ in range(4)))
+    assert found == [0xFFFE, 0xFFFF, 0, 1]
+    assert receiver.lost == receiver.repeated == 0
+
+
+def test_the_first_frame_sets_the_sequence():
+    receiver = Receiver()
+    assert seqs(receiver, safe(500) + safe(501)) == [500, 501]
+    assert receiver.lost == 0
+
+
+def test_lost_frames_are_counted():
+    receiver = Receiver()
+    assert seqs(receiver, safe(0xFFFF) + safe(3)) == [0xFFFF, 3]
+    assert receiver.lost == 3
+
+
+def test_repeated_and_overtaken_frames_are_dropped():
+    receiver = Receiver()
+    assert seqs(receiver, safe(9) + safe(10) + safe(10) + safe(9) + safe(11)) == [9, 10, 11]
+    assert receiver.repeated == 2
+    assert receiver.lost == 0
+
+
+def test_a_peer_that_jumps_far_back_is_heard():
+    receiver = Receiver()
+    assert seqs(receiver, safe(1000) + safe(1001 - REPEAT_WINDOW)) == [1000]
+    assert receiver.repeated == 1
+    assert seqs(receiver, safe(1000 - REPEAT_WINDOW) + safe(1001 - REPEAT_WINDOW)) == [744, 745]
+    assert receiver.lost == 0x10000 - REPEAT_WINDOW - 1
+
+
+@pytest.mark.parametrize("opening", [Hello(1, 2), IDENTITY])
+def test_opening_messages_restart_the_count(opening):
+    receiver = Receiver()
+    seqs(receiver, safe(100))
+    assert seqs(receiver, encode_frame(type_of(opening), 50, 0, pack(opening)) + safe(51)) == [50, 51]
+    assert receiver.lost == receiver.repeated == 0
+
+
+def test_restart_forgets_place_but_not_counters():
+    receiver = Receiver()
+    seqs(receiver, safe(1, 70) + safe(5, 71))
+    receiver.restart()
+    assert receiver.tick == 0
+    assert seqs(receiver, safe(0, 2)) == [0]
+    assert (receiver.lost, receiver.repeated, receiver.tick) == (3, 0, 2)
+
+
+def test_frames_that_cannot_be_understood_are_named_for_a_nack():
+    receiver = Receiver()
+    stream = encode_frame(0xEE, 0, 0, b"") + encode_frame(type_of(Safe), 1, 0, b"too long") + safe(2)
+    assert seqs(receiver, stream) == [2]
+    assert receiver.refused == [Nack(0xEE, 0, NackReason.UNKNOWN_TYPE), Nack(0x01, 1, NackReason.BAD_LENGTH)]
+    assert (receiver.undecodable, receiver.lost, receiver.bad) == (2, 0, 2)
+    assert seqs(receiver, safe(3)) == [3]
+    assert receiver.refused == []
+
+
+def test_bad_counts_broken_frames_too():
+    receiver = Receiver()
+    receiver.feed(b"\0junk\0")
+    assert receiver.bad == receiver.decoder.bad == 1
+
+
+def test_a_message_that_does_not_fit_spends_no_number():
+    transmitter = Transmitter()
+    for attempt in (
+        lambda: transmitter.encode(Safe(999), 0),
+        lambda: transmitter.encode_row(0, 40000, 0, 0, 0, 0, 2),
+        lambda: transmitter.encode_drive(2**31, 0, 0, 0),
+    ):
+        with pytest.raises(ProtocolError):
+            attempt()
+    assert transmitter.seq == 0
+
+
+codes = st.integers(-(2**15), 2**15 - 1)
+ticks = st.integers(0, 2**40)
+
+
+@untimed
+@given(ticks, codes, codes, codes, codes, st.integers(0, 7), st.sampled_from([2, 3]))
+def test_the_short_way_for_rows_is_the_long_way(tick, vx, vy, ux, uy, flags, width):
+    long, short = Transmitter(), Transmitter()
+    block = Sense(np.array([[vx, vy, ux, uy]], np.int32), width, flags)
+    for step in range(2):
+        frame = short.encode_row(tick + step, vx, vy, ux, uy, flags, width)
+        assert frame == long.encode(block, tick + step)
+    receiver = Receiver()
+    receiver.feed(short.encode_row(tick, 0, 0, 0, 0, 0, width))
+    near = receiver.tick
+    assert receiver.take_row(short.encode_row(tick + 1, vx, vy, ux, uy, flags, width)) == (
+        near + 1, vx, vy, ux, uy, flags,
+    )  # fmt: skip
+    assert receiver.decoder.frames == 2
+
+
+@untimed
+@given(ticks, st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), ticks)
+def test_the_short_way_for_drives_is_the_long_way(tick, ux, uy, effective):
+    long, short = Transmitter(), Transmitter()
+    frame = short.encode_drive(ux, uy, effective, tick)
+    assert frame == long.encode(DriveForce(ux, uy, effective), tick)
+    receiver = Receiver()
+    receiver.feed(frame)
+    again = short.encode_drive(ux, uy, effective, tick)
+    assert receiver.take_drive(again) == (ux, uy, effective & 0xFFFFFFFF)
+    assert (receiver.decoder.frames, receiver.decoder.bytes) == (2, len(frame) + len(again))
+
+
+@pytest.mark.parametrize("take", [Receiver.take_row, Receiver.take_drive])
+def test_the_short_way_leaves_alone_what_is_not_its_own(take):
+    transmitter, receiver = Transmitter(), Receiver()
+    row = transmitter.encode_row(0, 1, 2, 3, 4, 0, 2)
+    drive = transmitter.encode_drive(1, 2, 3, 0)
+    unknown = [
+        row,
+        drive,
+        safe(2),
+        row + drive,
+        row[:-1],
+        row[1:],
+        b"",
+        b"\0",
+        b"\0\0",
+        b"\0junk\0",
+        bytes(100),
+    ]
+    for data in unknown:
+        assert take(receiver, data) is None
+    assert (receiver.decoder.bytes, receiver.decoder.frames, receiver.lost) == (0, 0, 0)
+
+
+def test_the_short_way_leaves_gaps_and_repetitions_to_the_long_way():
+    transmitter, receiver = Transmitter(), Receiver()
+    rows = [transmitter.encode_row(tick, tick, 0, 0, 0, 0, 2) for tick in range(5)]
+    receiver.feed(rows[0])
+    assert receiver.take_row(rows[1]) == (1, 1, 0, 0, 0, 0)
+    assert receiver.take_row(rows[1]) is None
+    assert receiver.feed(rows[1]) == []
+    assert receiver.repeated == 1
+    assert receiver.take_row(rows[4]) is None
+    (item,) = receiver.feed(rows[4])
+    assert isinstance(item, Received)
+    assert (item.tick, item.message.codes.tolist()) == (4, [[4, 0, 0, 0]])
+    assert receiver.lost == 2
+
+
+def test_the_short_way_waits_for_an_unfinished_frame():
+    transmitter, receiver = Transmitter(), Receiver()
+    first, second, third = (transmitter.encode_row(tick, tick, 0, 0, 0, 0, 2) for tick in range(3))
+    receiver.feed(first + second[:7])
+    assert receiver.take_row(third) is None
+    assert [item.tick for item in receiver.feed(second[7:] + third)] == [1, 2]
+
+
+@untimed
+@given(st.lists(st.binary(max_size=60), max_size=30))
+def test_any_stream_is_survived(chunks):
+    receiver = Receiver()
+    for chunk in chunks:
+        if receiver.take_row(chunk) is None and receiver.take_drive(chunk) is None:
+            receiver.feed(chunk)
+    assert receiver.decoder.bytes == sum(map(len, chunks))
