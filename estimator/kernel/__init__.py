@@ -1,0 +1,1 @@
+"""The compiled kernels: flow, observer, controller, angle.  Scaled units throughout (`estimator.scaling`)."""

@@ -1,0 +1,206 @@
+"""A block of samples in, a block of estimates out; and one sample in, one drive out."""
+
+import math
+
+import numpy as np
+
+from estimator.kernel.compiled import compiled
+from estimator.kernel.controller import advance_queue, command
+from estimator.kernel.layout import RATE
+from estimator.kernel.observer import correct, predict, workspace
+from estimator.kernel.pattern import pattern, unwrap_half_turns
+
+
+@compiled
+def advance(
+    settings, active, walk, prior, spread, guess, table, x, p, c, memory, z, u, h, work, nu, variance, row
+):  # type: ignore[no-untyped-def]
+    """One sample: predict with the drive that acted, note how it turned the pattern, correct with z, fill the output row."""
+    predict(settings, active, walk, spread, x, p, c, memory, u, h, work)
+    if settings.axes == 2:
+        note_forced_rotation(settings, memory, x, h)
+    correct(settings, active, prior, guess, table, x, p, c, memory, z, work, nu, variance)
+    memory.time += h
+    for axis in range(settings.axes):
+        row.nu[axis] = nu[axis]
+        row.s[axis] = variance[axis]
+    if settings.axes == 2:
+        memory.rate_integral += x[settings.states + RATE] * h
+        memory.virtual_integral += memory.virtual_applied * h
+        read_angle(settings, memory, x, row)
+
+
+@compiled
+def note_forced_rotation(settings, memory, x, h):  # type: ignore[no-untyped-def]
+    """Add to memory.forced what the model says the forces, rather than the rotation of the board, turned the pattern by.
+
+    x is the prediction from the last estimate through the drive that really acted.  In an ideal oscillator it would have
+    turned by −Ω̂ h; the rest is virtual rotation, dither, holds, rounding, a drive held over a late answer.
+    """
+    if memory.started == 1:
+        double, _, _ = pattern(x, settings.stiffness, memory.rotation, memory.rate)
+        memory.forced += unwrap_half_turns(double, memory.theta) - memory.theta + memory.rate * h
+
+
+@compiled
+def read_angle(settings, memory, x, row):  # type: ignore[no-untyped-def]
+    """Angle, energy and quadrature of the newest estimate into an output row; unwraps and counts turns.
+
+    The pattern lags the board (PHYSICS.md §2): φ = −(θ − θ0) plus what forces turned the pattern by.  Taking off the
+    virtual rotation alone, as an ideal control would allow, is kept as angle_pattern.
+    """
+    rate = x[settings.states + RATE]
+    w = rate + memory.virtual_applied
+    double, energy, momentum = pattern(x, settings.stiffness, w, rate)
+    plain, _, _ = pattern(x, settings.stiffness, 0.0, 0.0)
+    if memory.started == 0:
+        memory.started = 1
+        memory.theta = 0.5 * double
+        memory.theta_zero = memory.theta
+        memory.theta_plain = unwrap_half_turns(plain, memory.theta)
+        memory.theta_plain_zero = memory.theta_plain
+        memory.virtual_integral = 0.0
+        memory.rate_integral = 0.0
+    else:
+        memory.theta = unwrap_half_turns(double, memory.theta)
+        memory.theta_plain = unwrap_half_turns(plain, memory.theta_plain)
+    memory.rotation = w
+    memory.rate = rate
+    row.angle = memory.theta_zero - memory.theta + memory.forced
+    row.angle_pattern = memory.theta_zero - memory.theta - memory.virtual_integral
+    row.angle_plain = memory.theta_plain_zero - memory.theta_plain - memory.virtual_integral
+    row.angle_rate_integral = memory.rate_integral
+    row.energy_ratio = energy / settings.energy
+    row.quadrature_ratio = math.sqrt(settings.stiffness) * momentum / energy if energy > 0.0 else 0.0
+
+
+@compiled
+def observe_block(  # type: ignore[no-untyped-def]
+    settings_record,
+    active,
+    walk,
+    prior,
+    spread,
+    guess,
+    table,
+    x,
+    p,
+    c,
+    memory_record,
+    z,
+    u,
+    h,
+    truth,
+    rows,
+    states_out,
+    deviations_out,
+    every,
+):
+    """Run the observer over n samples: z (n, axes), u (n, axes, degree + 1) the drive over the interval that ends at each, h (n,).
+
+    rows (n,) of OUTPUT; every `every` samples the state vector goes to states_out and its standard deviations to
+    deviations_out.  With truth of n rows (else 0 rows) the state vector is replaced by the truth before each step, so that
+    p follows the posterior Cramér–Rao recursion along the true trajectory.  Returns the number of state rows written.
+    """
+    settings = settings_record[0]
+    memory = memory_record[0]
+    n_full = x.shape[0]
+    work = workspace(settings, p.shape[0], n_full)
+    nu = np.zeros(2)
+    variance = np.zeros(2)
+    actual = c if settings.twin == 1 else p
+    written = 0
+    for m in range(z.shape[0]):
+        if truth.shape[0] > 0:
+            x[:] = truth[m]
+        if settings.axes == 2:
+            driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
+            memory.virtual_applied = settings.virtual_rate if settings.control == 1 and driven else 0.0
+        advance(
+            settings,
+            active,
+            walk,
+            prior,
+            spread,
+            guess,
+            table,
+            x,
+            p,
+            c,
+            memory,
+            z[m],
+            u[m],
+            h[m],
+            work,
+            nu,
+            variance,
+            rows[m],
+        )
+        if m % every == every - 1:
+            for i in range(n_full):
+                states_out[written, i] = x[i]
+                deviations_out[written, i] = 0.0
+            for i in range(settings.states):
+                deviations_out[written, i] = math.sqrt(actual[i, i])
+            for i in range(active.shape[0]):
+                j = settings.states + i
+                deviations_out[written, settings.states + active[i]] = math.sqrt(actual[j, j])
+            written += 1
+    return written
+
+
+@compiled
+def tick(
+    settings_record,
+    active,
+    walk,
+    prior,
+    spread,
+    guess,
+    table,
+    x,
+    p,
+    c,
+    memory_record,
+    vx,
+    vy,
+    ux,
+    uy,
+    rows,
+    codes,
+):  # type: ignore[no-untyped-def]
+    """One sample of the closed loop: sense codes (NaN: lost) and echoed drive codes → codes (2,) to send, rows[0] filled."""
+    settings = settings_record[0]
+    memory = memory_record[0]
+    states = settings.states
+    work = workspace(settings, p.shape[0], x.shape[0])
+    nu = np.zeros(2)
+    variance = np.zeros(2)
+    drive = np.zeros((2, 1))
+    drive[0, 0] = ux * settings.quantum
+    drive[1, 0] = uy * settings.quantum
+    z = np.zeros(2)
+    z[0] = vx * settings.sense_scale[0]
+    z[1] = vy * settings.sense_scale[1]
+    advance_queue(settings, memory, drive[:, 0])
+    advance(
+        settings,
+        active,
+        walk,
+        prior,
+        spread,
+        guess,
+        table,
+        x,
+        p,
+        c,
+        memory,
+        z,
+        drive,
+        settings.h,
+        work,
+        nu,
+        variance,
+        rows[0],
+    )
+    command(settings, memory, x, work[:3], codes)

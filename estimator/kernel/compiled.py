@@ -1,0 +1,83 @@
+"""Numba with a disk cache keyed by what the kernels are made of.
+
+Numba notices a change in a function's own file but not in the functions it calls, and the generated module depends on the
+declarations.  So generated source and compiled code live in one folder named after the hash of every file that decides
+them: a change anywhere starts a fresh folder, a hit needs no SymPy.
+"""
+
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numba
+
+_ESTIMATOR = Path(__file__).parents[1]
+_GENERATED = "estimator_generated_model"
+
+
+def _cache_root() -> Path:
+    """`GYROHIL_CACHE`, else inside the virtual environment, else the user's cache folder."""
+    if named := os.environ.get("GYROHIL_CACHE"):
+        return Path(named)
+    if sys.prefix != sys.base_prefix and os.access(sys.prefix, os.W_OK):
+        return Path(sys.prefix) / "var" / "cache" / "gyrohil"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gyrohil"
+
+
+@cache
+def kernel_cache() -> Path:
+    """Folder of this very version of the kernels; made if absent."""
+    digest = hashlib.sha256(f"{sys.version} {numba.__version__} {version('sympy')}".encode())
+    for source in sorted([*(_ESTIMATOR / "model").glob("*.py"), *(_ESTIMATOR / "kernel").glob("*.py")]):
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    folder = _cache_root() / digest.hexdigest()[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def is_warm() -> bool:
+    """Whether the kernels were compiled before, so that first use costs a load and not a compilation."""
+    return (kernel_cache() / "warm").exists()
+
+
+def mark_warm() -> None:
+    """Note that every kernel is in the cache."""
+    (kernel_cache() / "warm").touch()
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`numba.njit` with the cache in `kernel_cache()`; the interpreter's global setting is left as it was."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(kernel_cache() / "numba")
+    try:
+        kernel: Callable[..., Any] = numba.njit(cache=True, nogil=True)(function)
+        return kernel
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+@cache
+def generated() -> ModuleType:
+    """The module generated from the declarations, written on the first use of this version and loaded ever after."""
+    path = kernel_cache() / f"{_GENERATED}.py"
+    if not path.exists():
+        from estimator.model.catalogue import MODELS
+        from estimator.model.codegen import generate
+
+        scratch = path.with_suffix(f".{os.getpid()}.tmp")
+        scratch.write_text(generate(MODELS))
+        os.replace(scratch, path)
+    spec = importlib.util.spec_from_file_location(_GENERATED, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path}: cannot be loaded; delete its folder and start again")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[_GENERATED] = module  # before executing: Numba's cache looks the module up by name
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,124 @@
+"""The control law (9) and what it needs to work through a sampled, delayed drive.
+
+The force computed from sample m acts over the interval that begins at m + latency.  The state is predicted exactly through
+the drives already queued, then half a sample ahead with the *target* flow (stiffness k and rotation Ω̂ + Ωv), because a held
+force acts on average in the middle of its interval; and all of it is divided by what the hold leaves of a sinusoid.
+"""
+
+import numpy as np
+
+from estimator.kernel.compiled import compiled
+from estimator.kernel.flow import flow
+from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, RATE
+from estimator.kernel.pattern import pattern
+
+
+@compiled
+def dither_force(memory, amplitude):  # type: ignore[no-untyped-def]
+    """Next value of a two-level pseudo-random force, ± amplitude (xorshift64)."""
+    state = memory.dither
+    state ^= state << np.uint64(13)
+    state ^= state >> np.uint64(7)
+    state ^= state << np.uint64(17)
+    memory.dither = state
+    return amplitude if state & np.uint64(1 << 32) else -amplitude
+
+
+@compiled
+def control_law(settings, memory, s, c, out):  # type: ignore[no-untyped-def]
+    """out ← (9) plus energy hold, quadrature hold and virtual rotation, for state s and constants c.
+
+    (9) prints positions where its damping terms need velocities; implemented with velocities.
+    """
+    x, vx, y, vy = s[0], s[1], s[2], s[3]
+    k = settings.stiffness
+    virtual = settings.virtual_rate
+    w = c[RATE] + virtual
+    root = np.sqrt(k)
+    _, energy, momentum = pattern(s, k, w, c[RATE])
+    target = settings.energy
+    if settings.modulation > 0.0:
+        swing = 1.0 + settings.modulation * np.sin(settings.modulation_rate * memory.time)
+        target *= swing * swing
+    # Amplitude: damping along the velocity, never more than twice the gain however large the error (start from rest).
+    hold = settings.energy_gain * root * min(max((target - energy) / settings.energy, -2.0), 2.0)
+    # Quadrature: a force across the position turns the ellipse back into a line without precession to first order.
+    square = -settings.quadrature_gain * k * min(max(root * momentum / max(energy, 1e-3 * target), -1.0), 1.0)
+    out[0] = (
+        c[DXX] * vx + c[DXY] * vy + c[KXX] * x + c[KXY] * y - k * x
+        + hold * (vx - w * y) - square * y + 2.0 * virtual * vy
+    )  # fmt: skip
+    out[1] = (
+        c[DXY] * vx + c[DYY] * vy + c[KXY] * x + c[KYY] * y - k * y
+        + hold * (vy + w * x) + square * x - 2.0 * virtual * vx
+    )  # fmt: skip
+
+
+@compiled
+def command(settings, memory, x, scratch, out):  # type: ignore[no-untyped-def]
+    """Drive codes (out, 2) for the interval `latency` samples ahead, and their place in the queue.
+
+    x is the state vector after the update with the newest sample.  The queue holds what was commanded for the intervals
+    that begin at this sample and later.
+    """
+    a, b, ahead = scratch
+    states = settings.states
+    latency = settings.latency
+    s = x[:states].copy()
+    c = x[states:].copy()
+    u = np.zeros((2, 1))
+    force = np.zeros(2)
+    virtual = 0.0
+    if settings.control == 1:
+        for j in range(latency):
+            u[0, 0] = memory.queue[j, 0]
+            u[1, 0] = memory.queue[j, 1]
+            flow(settings.model, c, s, u, settings.h, settings.order, 1, a, b, ahead)
+            for i in range(states):
+                s[i] = ahead[i, 0]
+        target = c.copy()
+        target[RATE] = c[RATE] + settings.virtual_rate
+        target[KXX] = settings.stiffness
+        target[KYY] = settings.stiffness
+        target[KXY] = 0.0
+        target[DXX] = 0.0
+        target[DYY] = 0.0
+        target[DXY] = 0.0
+        u[0, 0] = 0.0
+        u[1, 0] = 0.0
+        flow(settings.model, target, s, u, 0.5 * settings.h, settings.order, 1, a, b, ahead)
+        for i in range(states):
+            s[i] = ahead[i, 0]
+        control_law(settings, memory, s, c, force)
+        virtual = settings.virtual_rate
+    for axis in range(2):
+        value = force[axis] / settings.hold
+        if settings.control == 1 and settings.dither > 0.0:
+            value += dither_force(memory, settings.dither)
+        if not np.isfinite(value):
+            value = 0.0
+        value = min(max(value, -settings.force_limit), settings.force_limit)
+        code = np.rint(value / settings.quantum)
+        out[axis] = code
+        memory.queue[latency, axis] = code * settings.quantum
+    memory.queue[latency, 2] = virtual
+
+
+@compiled
+def advance_queue(settings, memory, u):  # type: ignore[no-untyped-def]
+    """Drop the command whose interval has ended and note which virtual rotation the board really applied.
+
+    u (2,) is the echoed drive.  A zero echo where something was commanded is a board in SAFE; anything else that differs is
+    a drive held over a late answer, whose virtual rotation stays what it was.
+    """
+    expected = (
+        abs(u[0] - memory.queue[0, 0]) < 0.5 * settings.quantum
+        and abs(u[1] - memory.queue[0, 1]) < 0.5 * settings.quantum
+    )
+    if expected:
+        memory.virtual_applied = memory.queue[0, 2]
+    elif u[0] == 0.0 and u[1] == 0.0:
+        memory.virtual_applied = 0.0
+    for j in range(settings.latency):
+        for i in range(3):
+            memory.queue[j, i] = memory.queue[j + 1, i]

@@ -1,0 +1,82 @@
+"""Records that the kernels share: settings (written once), memory (carried from sample to sample), output (one row a sample).
+
+All numbers are scaled: time by 1/ω0, length by the nominal amplitude.
+"""
+
+import numpy as np
+
+MAX_LATENCY = 15
+MAX_AXES = 2
+
+# Order of the constants in the gyro's state vector; tests hold it equal to the declaration.
+PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
+
+SETTINGS = np.dtype(
+    [
+        ("model", "i8"),
+        ("states", "i8"),
+        ("sense_constants", "i8"),
+        ("flow_constants", "i8"),
+        ("axes", "i8"),
+        ("h", "f8"),  # sample interval
+        ("order", "i8"),  # of the Taylor flow
+        ("fade", "f8"),  # factor on the predicted covariance, 1 without fading
+        ("twin", "i8"),  # 1: the actual covariance C is carried beside P
+        ("stationary", "i8"),  # 1: gains from the table, no Riccati recursion after acquisition
+        ("acquisition", "f8"),  # time until the table takes over
+        ("noise", "f8", (MAX_AXES,)),  # variance of the measurement
+        ("force_noise", "f8", (MAX_AXES,)),  # velocity variance per unit of time
+        # controller
+        ("control", "i8"),
+        ("latency", "i8"),
+        ("stiffness", "f8"),  # target k
+        ("energy", "f8"),  # target ½ k A²
+        ("energy_gain", "f8"),
+        ("quadrature_gain", "f8"),
+        ("virtual_rate", "f8"),
+        ("dither", "f8"),
+        ("modulation", "f8"),
+        ("modulation_rate", "f8"),
+        ("hold", "f8"),  # sinc(ω Ts / 2), what the sample-and-hold leaves of a force
+        ("force_limit", "f8"),
+        ("quantum", "f8"),  # force of one drive code
+        ("sense_scale", "f8", (MAX_AXES,)),  # position of one sense code
+    ],
+    align=True,
+)
+
+MEMORY = np.dtype(
+    [
+        ("time", "f8"),
+        ("cursor", "i8"),  # which constant the regularised forgetting visits next
+        ("surprise", "f8"),  # smoothed normalised innovation squared, 1 when all is well
+        ("started", "i8"),
+        ("dither", "u8"),  # state of the xorshift generator
+        ("theta", "f8"),  # pattern angle, unwrapped
+        ("theta_zero", "f8"),
+        ("theta_plain", "f8"),
+        ("theta_plain_zero", "f8"),
+        ("rotation", "f8"),  # Ω̂ + Ωv that theta was read with
+        ("rate", "f8"),  # Ω̂ of the same
+        ("forced", "f8"),  # rotation of the pattern by forces
+        ("rate_integral", "f8"),
+        ("virtual_integral", "f8"),
+        ("virtual_applied", "f8"),
+        ("queue", "f8", (MAX_LATENCY + 1, 3)),  # commanded ux, uy and the virtual rate in them, oldest first
+    ],
+    align=True,
+)
+
+OUTPUT = np.dtype(
+    [
+        ("nu", "f8", (MAX_AXES,)),  # innovation
+        ("s", "f8", (MAX_AXES,)),  # its predicted variance
+        ("angle", "f8"),  # reported rotation φ, rad
+        ("angle_pattern", "f8"),  # −(θ − θ0) − ∫Ωv dt, what an ideal control would make equal to it
+        ("angle_plain", "f8"),  # the same from the source's formula (11)
+        ("angle_rate_integral", "f8"),  # ∫Ω̂ dt
+        ("energy_ratio", "f8"),
+        ("quadrature_ratio", "f8"),
+    ],
+    align=True,
+)

@@ -1,0 +1,330 @@
+"""The discrete observer (7)(8) of TW I384198 B1: X̂[m+1] = f_d(X̂[m]) + B_d U[m] + L[m] (Z[m] − H X̂[m]).
+
+The gain L comes from an extended Kalman filter, from one with fading memory (Bar-Shalom, Li & Kirubarajan, 2001), or from a
+table derived once from the dynamics.  Beside the filter's covariance P runs the covariance C that the estimates really have
+under that gain, C ← (I − LH)(F C Fᵀ + Q)(I − LH)ᵀ + L R Lᵀ: with fading memory P is about twice C, with a tabulated gain
+there is no P at all.  Intervals are reported from C; for the plain EKF the two are one and only P is carried.
+"""
+
+import numpy as np
+
+from estimator.kernel.compiled import compiled, generated
+from estimator.kernel.flow import flow
+from estimator.kernel.pattern import phase_and_angle
+
+_sense = generated().sense
+_jump = generated().jump
+
+# The smoothed normalised innovation is 1 ± 0.16 when the covariance is right: 3 is never reached by chance.
+_SURPRISED = 3.0
+_ATTENTION = 0.05
+_FASTEST = 0.1
+
+
+@compiled
+def propagate(p, g, scratch, factor):  # type: ignore[no-untyped-def]
+    """p ← factor · F p Fᵀ with F = [g; 0 I]: only the rows of the states change."""
+    states, n = g.shape
+    for i in range(states):
+        for j in range(n):
+            scratch[i, j] = 0.0
+        for k in range(n):
+            w = g[i, k]
+            for j in range(n):
+                scratch[i, j] += w * p[k, j]
+    for i in range(states):
+        for j in range(i, states):
+            total = 0.0
+            for k in range(n):
+                total += scratch[i, k] * g[j, k]
+            p[i, j] = total
+            p[j, i] = total
+        for j in range(states, n):
+            p[i, j] = scratch[i, j]
+            p[j, i] = scratch[i, j]
+    if factor != 1.0:
+        for i in range(n):
+            for j in range(n):
+                p[i, j] *= factor
+
+
+@compiled
+def add_process_noise(p, settings, h, s, active, walk, kick):  # type: ignore[no-untyped-def]
+    """Force noise on the velocities, random walks on the constants; a walking rate also moves the velocities (Ω̇ r)."""
+    states = settings.states
+    for axis in range(settings.axes):
+        q = settings.force_noise[axis]
+        i = 2 * axis
+        p[i, i] += q * h * h * h / 3.0
+        p[i, i + 1] += q * h * h / 2.0
+        p[i + 1, i] += q * h * h / 2.0
+        p[i + 1, i + 1] += q * h
+    for k in range(active.shape[0]):
+        q = walk[k] * h
+        if q == 0.0:
+            continue
+        row = states + k
+        p[row, row] += q
+        _jump(settings.model, s, active[k], kick)
+        for i in range(states):
+            if kick[i] != 0.0:
+                p[row, i] += q * kick[i]
+                p[i, row] += q * kick[i]
+                for j in range(states):
+                    p[i, j] += q * kick[i] * kick[j]
+
+
+@compiled
+def kalman_gain(p, jacobian, noise, channels, nu, gain):  # type: ignore[no-untyped-def]
+    """gain ← p Hᵀ S⁻¹ with S = H p Hᵀ + R for one or two channels; returns νᵀ S⁻¹ ν per channel, expected 1."""
+    n = p.shape[0]
+    for a in range(channels):
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += p[i, j] * jacobian[a, j]
+            gain[i, a] = total
+    s00 = noise[0]
+    for j in range(n):
+        s00 += jacobian[0, j] * gain[j, 0]
+    if channels == 1:
+        for i in range(n):
+            gain[i, 0] /= s00
+        return nu[0] * nu[0] / s00
+    s11 = noise[1]
+    s01 = 0.0
+    for j in range(n):
+        s01 += jacobian[0, j] * gain[j, 1]
+        s11 += jacobian[1, j] * gain[j, 1]
+    determinant = s00 * s11 - s01 * s01
+    for i in range(n):
+        g0 = gain[i, 0]
+        g1 = gain[i, 1]
+        gain[i, 0] = (g0 * s11 - g1 * s01) / determinant
+        gain[i, 1] = (g1 * s00 - g0 * s01) / determinant
+    return 0.5 * (nu[0] * nu[0] * s11 - 2.0 * nu[0] * nu[1] * s01 + nu[1] * nu[1] * s00) / determinant
+
+
+@compiled
+def fading_factor(settings, memory, p, active, spread):  # type: ignore[no-untyped-def]
+    """Factor on the predicted covariance: the chosen memory, shorter while the innovations deny the covariance.
+
+    An innovation that stays several times larger than predicted means a change or a wrong start; forgetting faster until
+    prediction and innovation agree is what lets the observer catch it (adaptive fading, Xia, Rao, Ying & Shen, Automatica
+    30(8), 1994).  It stops where P has reached the initial spread, beyond which there is nothing to forget.
+    """
+    if settings.fade == 1.0 or memory.surprise < _SURPRISED:
+        return settings.fade
+    for k in range(active.shape[0]):
+        row = settings.states + k
+        if p[row, row] > spread[k]:
+            return settings.fade
+    return settings.fade * (1.0 + min(0.01 * (memory.surprise - _SURPRISED), _FASTEST))
+
+
+@compiled
+def joseph(p, jacobian, noise, channels, gain, ph):  # type: ignore[no-untyped-def]
+    """p ← (I − KH) p (I − KH)ᵀ + K R Kᵀ, symmetric to the last bit and positive for any gain."""
+    n = p.shape[0]
+    for a in range(channels):
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += p[i, j] * jacobian[a, j]
+            ph[i, a] = total
+    s = np.zeros((2, 2))
+    for a in range(channels):
+        for b in range(channels):
+            for j in range(n):
+                s[a, b] += jacobian[a, j] * ph[j, b]
+        s[a, a] += noise[a]
+    for i in range(n):
+        for j in range(i, n):
+            total = p[i, j]
+            for a in range(channels):
+                total -= gain[i, a] * ph[j, a] + ph[i, a] * gain[j, a]
+                for b in range(channels):
+                    total += gain[i, a] * s[a, b] * gain[j, b]
+            p[i, j] = total
+            p[j, i] = total
+
+
+@compiled
+def rank_one(p, row, gain, noise):  # type: ignore[no-untyped-def]
+    """Joseph update of p for a direct measurement of entry `row` with variance `noise` and any gain (n,)."""
+    n = p.shape[0]
+    column = p[:, row].copy()
+    s = column[row] + noise
+    for i in range(n):
+        for j in range(i, n):
+            p[i, j] += gain[i] * s * gain[j] - gain[i] * column[j] - column[i] * gain[j]
+            p[j, i] = p[i, j]
+
+
+@compiled
+def remember_prior(settings, active, prior, guess, x, p, c, index):  # type: ignore[no-untyped-def]
+    """Give back, on one constant, what fading memory forgot of the initial guess.
+
+    Fading memory forgets in every direction but learns only in excited ones.  One constant after the other is measured
+    against its initial guess with just the information that was forgotten (prior, its variance): P stays bounded by about
+    the initial spread and an unexcited constant returns to its guess instead of drifting (stabilised forgetting, Kulhavý &
+    Zarrop, Int. J. Control 58(4), 1993; one direction at a time as in Gunnarsson, CDC 1996).
+    """
+    row = settings.states + index
+    entry = settings.states + active[index]
+    gain = p[:, row] / (p[row, row] + prior[index])
+    pull = guess[index] - x[entry]
+    for i in range(p.shape[0]):
+        x[i if i < settings.states else settings.states + active[i - settings.states]] += gain[i] * pull
+    rank_one(p, row, gain, prior[index])
+    if settings.twin == 1:
+        rank_one(c, row, gain, prior[index])
+
+
+@compiled
+def tabulated_gain(table, s, gain):  # type: ignore[no-untyped-def]
+    """Stationary gain at the pattern angle and vibration phase of s, bilinear in the table (angle, phase, n, channel).
+
+    The pattern angle is known modulo π; θ + π with phase + π is the same motion, which is what the wrap uses.
+    """
+    angles, phases, n, channels = table.shape
+    theta, phase = phase_and_angle(s, 1.0)
+    u = (theta + 0.5 * np.pi) / np.pi * angles
+    v = (phase + np.pi) / (2.0 * np.pi) * phases
+    i0 = int(np.floor(u))
+    j0 = int(np.floor(v))
+    fu = u - i0
+    fv = v - j0
+    for i in range(n):
+        for a in range(channels):
+            gain[i, a] = 0.0
+    for di in range(2):
+        row = i0 + di
+        shift = 0
+        if row >= angles:
+            row -= angles
+            shift = phases // 2
+        wu = fu if di == 1 else 1.0 - fu
+        for dj in range(2):
+            column = (j0 + dj + shift) % phases
+            w = wu * (fv if dj == 1 else 1.0 - fv)
+            for i in range(n):
+                for a in range(channels):
+                    gain[i, a] += w * table[row, column, i, a]
+
+
+@compiled
+def runs_riccati(settings, memory):  # type: ignore[no-untyped-def]
+    """Whether the gain comes from the covariance recursion: always, except after acquisition with a tabulated gain."""
+    return settings.stationary == 0 or memory.time < settings.acquisition
+
+
+@compiled
+def workspace(settings, n, total):  # type: ignore[no-untyped-def]
+    """Scratch of one observer, made once per block: flow a, b, out; g, scratch; jacobian, full; gain, ph; kick, predicted, noise.
+
+    n counts states and active constants, total states and all constants.
+    """
+    states = settings.states
+    columns = 1 + states + settings.flow_constants
+    return (
+        np.zeros((states, columns)),
+        np.zeros((states, columns)),
+        np.zeros((states, columns)),
+        np.zeros((states, n)),
+        np.zeros((states, n)),
+        np.zeros((2, n)),
+        np.zeros((2, total)),
+        np.zeros((n, 2)),
+        np.zeros((n, 2)),
+        np.zeros(states),
+        np.zeros(2),
+        np.zeros(2),
+    )
+
+
+@compiled
+def predict_state(settings, active, x, u, h, work):  # type: ignore[no-untyped-def]
+    """Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]."""
+    states = settings.states
+    a, b, out, g = work[:4]
+    flow(settings.model, x[states:], x[:states], u, h, settings.order, out.shape[1], a, b, out)
+    for i in range(states):
+        x[i] = out[i, 0]
+        for j in range(states):
+            g[i, j] = out[i, 1 + j]
+        for k in range(active.shape[0]):
+            offset = active[k] - settings.sense_constants
+            g[i, states + k] = out[i, 1 + states + offset] if offset >= 0 else 0.0
+
+
+@compiled
+def predict_measurement(settings, active, x, z, work, nu, variance):  # type: ignore[no-untyped-def]
+    """Innovation nu (0 where z is NaN), measurement Jacobian over [states, active constants] in work, noise in variance; False if z is all NaN."""
+    states = settings.states
+    jacobian = work[5]
+    full = work[6]
+    predicted = work[10]
+    _sense(settings.model, x[states:], x[:states], predicted, full)
+    measured = False
+    for channel in range(settings.axes):
+        usable = np.isfinite(z[channel])
+        measured = measured or usable
+        nu[channel] = z[channel] - predicted[channel] if usable else 0.0
+        variance[channel] = settings.noise[channel]
+        for j in range(states):
+            jacobian[channel, j] = full[channel, j] if usable else 0.0
+        for k in range(active.shape[0]):
+            jacobian[channel, states + k] = full[channel, states + active[k]] if usable else 0.0
+    return measured
+
+
+@compiled
+def predict(settings, active, walk, spread, x, p, c, memory, u, h, work):  # type: ignore[no-untyped-def]
+    """Advance state and covariances over h with the drive u (axes, degree + 1) that acted."""
+    _, _, _, g, scratch, _, _, _, _, kick, _, _ = work
+    s = x[: settings.states]
+    predict_state(settings, active, x, u, h, work)
+    if settings.twin == 1:
+        propagate(c, g, scratch, 1.0)
+        add_process_noise(c, settings, h, s, active, walk, kick)
+    if runs_riccati(settings, memory):
+        propagate(p, g, scratch, fading_factor(settings, memory, p, active, spread))
+        add_process_noise(p, settings, h, s, active, walk, kick)
+
+
+@compiled
+def correct(settings, active, prior, guess, table, x, p, c, memory, z, work, nu, variance):  # type: ignore[no-untyped-def]
+    """Update state and covariances with z (NaN: no measurement); nu and variance receive innovation and its variance."""
+    states = settings.states
+    channels = settings.axes
+    n = p.shape[0]
+    _, _, _, _, _, jacobian, _, gain, ph, _, _, noise = work
+    measured = predict_measurement(settings, active, x, z, work, nu, noise)
+    actual = c if settings.twin == 1 else p
+    for channel in range(channels):
+        variance[channel] = noise[channel]
+        for i in range(n):
+            if jacobian[channel, i] != 0.0:
+                for j in range(n):
+                    variance[channel] += jacobian[channel, i] * actual[i, j] * jacobian[channel, j]
+    if not measured:
+        return
+    riccati = runs_riccati(settings, memory)
+    if riccati:
+        surprise = kalman_gain(p, jacobian, noise, channels, nu, gain)
+        memory.surprise += (surprise - memory.surprise) * _ATTENTION
+    else:
+        tabulated_gain(table, x[:states], gain)
+    for i in range(n):
+        correction = 0.0
+        for channel in range(channels):
+            correction += gain[i, channel] * nu[channel]
+        x[i if i < states else states + active[i - states]] += correction
+    if settings.twin == 1:
+        joseph(c, jacobian, noise, channels, gain, ph)
+    if riccati:
+        joseph(p, jacobian, noise, channels, gain, ph)
+        if settings.fade > 1.0 and active.shape[0] > 0:
+            memory.cursor = (memory.cursor + 1) % active.shape[0]
+            remember_prior(settings, active, prior, guess, x, p, c, memory.cursor)

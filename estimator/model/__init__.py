@@ -1,0 +1,1 @@
+"""The physics, declared once as symbols, and what is generated from it."""

@@ -1,0 +1,133 @@
+"""From declarations to the source of one Numba module: the vector field on Taylor columns, the measurement, the jumps.
+
+A step of the flow is a Taylor series: with ṡ = M(c) s + N(c) u the coefficients follow a_{n+1} = (M a_n + N u_n) / (n + 1),
+and the sensitivities to initial state and constants obey the same recursion with ∂M/∂c a_n + ∂N/∂c u_n added.  So one
+generated function serves values and Jacobian alike, on an array whose columns are [state | ∂/∂s0 | ∂/∂flow constants].
+"""
+
+from collections.abc import Iterable, Sequence
+
+import sympy as sp
+from sympy.printing.pycode import PythonCodePrinter
+
+from estimator.model.declaration import Model
+
+_PRINTER = PythonCodePrinter({"fully_qualified_modules": False})
+
+_HEADER = '''"""Generated from the model declarations; not to be edited."""
+
+from estimator.kernel.compiled import compiled
+
+
+'''
+
+
+def _assignments(pairs: Iterable[tuple[str, sp.Expr]], prefix: str, indent: str) -> list[str]:
+    """Lines that compute the expressions, common subexpressions first."""
+    named = list(pairs)
+    shared, reduced = sp.cse([expr for _, expr in named], symbols=sp.numbered_symbols(prefix))
+    lines = [f"{indent}{symbol} = {_PRINTER.doprint(expr)}" for symbol, expr in shared]
+    lines += [
+        f"{indent}{name} = {_PRINTER.doprint(expr)}" for (name, _), expr in zip(named, reduced, strict=True)
+    ]
+    return lines
+
+
+def _unpack(symbols: Sequence[sp.Symbol], source: str, used: set[sp.Basic]) -> list[str]:
+    return [f"    {s} = {source.format(i=i)}" for i, s in enumerate(symbols) if s in used]
+
+
+def _free(expressions: Iterable[sp.Expr]) -> set[sp.Basic]:
+    return set().union(*(sp.sympify(e).free_symbols for e in expressions))
+
+
+def _field_columns(model: Model) -> str:
+    """`<model>_field_columns(c, a, u, out, columns)`: out = M a, plus the forcing of the state and constant columns."""
+    m, n = model.system_matrices()
+    states = [state.symbol for state in model.states]
+    constants = [constant.symbol for constant in model.constants]
+    nonzero = [(i, j, m[i, j]) for i in range(m.rows) for j in range(m.cols) if m[i, j] != 0]
+    trivial = {(i, j): e for i, j, e in nonzero if e.is_number}
+    entries = [(f"m{i}_{j}", e) for i, j, e in nonzero if not e.is_number]
+    input_terms = [
+        sum((n[i, j] * model.inputs[j] for j in range(n.cols)), sp.Integer(0)) for i in range(n.rows)
+    ]
+    forcing = [
+        (i, 1 + len(states) + j, sp.diff(model.field[i], constant.symbol))
+        for j, constant in enumerate(model.flow_constants)
+        for i in range(m.rows)
+    ]
+    forcing = [(i, column, expr) for i, column, expr in forcing if expr != 0]
+
+    lines = ["@compiled", f"def {model.name}_field_columns(c, a, u, out, columns):"]
+    lines += _unpack(
+        constants, "c[{i}]", _free(e for _, e in entries) | _free(input_terms) | _free(f[2] for f in forcing)
+    )
+    lines += _unpack(model.inputs, "u[{i}]", _free(input_terms) | _free(f[2] for f in forcing))
+    lines += _assignments(entries, "w", "    ")
+    lines.append("    for j in range(columns):")
+    for i in range(m.rows):
+        terms = []
+        for r, col, expr in nonzero:
+            if r == i:
+                weight = "" if trivial.get((r, col)) == 1 else f"m{r}_{col} * "
+                if (r, col) in trivial and weight:
+                    weight = f"{_PRINTER.doprint(expr)} * "
+                terms.append(f"{weight}a[{col}, j]")
+        lines.append(f"        out[{i}, j] = {' + '.join(terms) if terms else '0.0'}")
+    lines += [f"    out[{i}, 0] += {_PRINTER.doprint(e)}" for i, e in enumerate(input_terms) if e != 0]
+    lines.append("    if columns > 1:")
+    lines += ["    " + line for line in _unpack(states, "a[{i}, 0]", _free(f[2] for f in forcing))]
+    lines += _assignments([(f"f{i}_{c}", e) for i, c, e in forcing], "v", "        ")
+    lines += [f"        out[{i}, {c}] += f{i}_{c}" for i, c, _ in forcing]
+    return "\n".join(lines)
+
+
+def _sense(model: Model) -> str:
+    """`<model>_sense(c, s, z, jacobian)`: predicted measurement and the nonzero entries of its derivative by X."""
+    states = [state.symbol for state in model.states]
+    constants = [constant.symbol for constant in model.constants]
+    jacobian = sp.Matrix(model.measurement).jacobian(states + constants)
+    pairs = [(f"z[{i}]", e) for i, e in enumerate(model.measurement)]
+    cells = [(i, j) for i in range(jacobian.rows) for j in range(jacobian.cols) if jacobian[i, j] != 0]
+    pairs += [(f"jacobian[{i}, {j}]", jacobian[i, j]) for i, j in cells]
+    used = _free(e for _, e in pairs)
+    lines = ["@compiled", f"def {model.name}_sense(c, s, z, jacobian):"]
+    lines += _unpack(constants, "c[{i}]", used) + _unpack(states, "s[{i}]", used)
+    lines += _assignments(pairs, "w", "    ")
+    return "\n".join(lines)
+
+
+def _jumps(model: Model) -> str:
+    """`<model>_jump(s, constant, out)`: what a unit jump of a constant does to the states."""
+    lines = ["@compiled", f"def {model.name}_jump(s, constant, out):", "    out[:] = 0.0"]
+    states = [state.symbol for state in model.states]
+    for index, constant in enumerate(model.constants):
+        if constant.jump:
+            lines.append(f"    if constant == {index}:")
+            lines += ["    " + line for line in _unpack(states, "s[{i}]", _free(constant.jump.values()))]
+            lines += [
+                f"        out[{states.index(s)}] = {_PRINTER.doprint(e)}" for s, e in constant.jump.items()
+            ]
+    return "\n".join(lines)
+
+
+def _dispatch(models: Sequence[Model], stem: str, arguments: str) -> str:
+    lines = ["@compiled", f"def {stem}(model, {arguments}):"]
+    for number, model in enumerate(models):
+        lines += [
+            f"    {'if' if number == 0 else 'elif'} model == {number}:",
+            f"        {model.name}_{stem}({arguments})",
+        ]
+    return "\n".join(lines)
+
+
+def generate(models: Sequence[Model]) -> str:
+    """Source of the module that holds every model's functions and the dispatchers over them."""
+    parts = [build(model) for model in models for build in (_field_columns, _sense, _jumps)]
+    parts += [
+        _dispatch(models, "field_columns", "c, a, u, out, columns"),
+        _dispatch(models, "sense", "c, s, z, jacobian"),
+        _dispatch(models, "jump", "s, constant, out"),
+    ]
+    return _HEADER + "\n\n\n".join(parts) + "\n"

@@ -1,0 +1,310 @@
+"""The observer in SI: built from what the data sheet declares, run over blocks or sample by sample."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import ModelError
+from estimator.kernel import block
+from estimator.kernel.flow import taylor_order
+from estimator.kernel.layout import MAX_LATENCY, MEMORY, OUTPUT, SETTINGS
+from estimator.model.catalogue import model_for
+from estimator.model.declaration import Constant, Model, Quantity
+from estimator.scaling import Array, Scaling
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What the observer made of n samples, SI.
+
+    state, deviation (rows, states + constants): every `every`-th sample, at the sample numbers `index`; innovation and its
+    predicted deviation (n, axes) in volts; the angles [rad] and ratios (n,) of a two-axis gyro, zeros for a single axis.
+    """
+
+    names: tuple[str, ...]
+    index: NDArray[np.int64]
+    state: Array
+    deviation: Array
+    innovation: Array
+    innovation_deviation: Array
+    angle: Array
+    angle_pattern: Array
+    angle_plain: Array
+    angle_rate_integral: Array
+    energy_ratio: Array
+    quadrature_ratio: Array
+
+    def of(self, name: str) -> Array:
+        """Column of the state vector by name."""
+        return np.asarray(self.state[:, self.names.index(name)])
+
+
+def active_constants(model: Model, variant: Variant) -> NDArray[np.int64]:
+    """Which constants a variant estimates, as indices into `model.constants`."""
+
+    def wanted(constant: Constant) -> bool:
+        if variant is Variant.SENSE:
+            return constant.quantity in (Quantity.OFFSET, Quantity.RATE)
+        if variant is Variant.GYRO:
+            return constant.quantity is not Quantity.OFFSET
+        return True
+
+    return np.array([i for i, constant in enumerate(model.constants) if wanted(constant)], dtype=np.int64)
+
+
+class Observer:
+    """Observer (7)(8) with the gain of choice, and the controller (9) when its settings are given.
+
+    Holds the filter's whole memory; `run` and `tick` advance it.  Raises ModelError for a device or setting that makes no
+    observer (no model for the axes, fewer than four samples a cycle, latency beyond the queue).
+    """
+
+    def __init__(
+        self, device: Device, settings: ObserverSettings, controller: ControllerSettings | None = None
+    ) -> None:
+        self.device = device
+        self.settings = settings
+        self.number, self.model = model_for(device.axes)
+        self.scaling = Scaling(
+            math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain
+        )
+        self.factors = self.scaling.state(self.model)
+        self.h = self.scaling.omega0 / device.sample_rate
+        if self.h > 0.5 * math.pi:
+            raise ModelError(
+                f"{2 * math.pi / self.h:.2g} samples a cycle are too few; sample at {2 / math.pi * self.scaling.omega0:.3g} Hz or faster"
+            )
+        self.states = len(self.model.states)
+        self.active = active_constants(self.model, settings.variant)
+        self.estimated_index = np.concatenate([np.arange(self.states), self.states + self.active])
+        spread, walk = self._spreads()
+        self.x = self._initial()
+        n = self.states + len(self.active)
+        self.p = np.diag(spread**2)
+        self.c = self.p.copy()
+        self.walk = walk[self.active] ** 2
+        self.record = self._record(controller)
+        self.guess = self.x[self.states :][self.active]
+        self.memory = np.zeros(1, MEMORY)
+        self.memory["surprise"] = 1.0
+        self.memory["dither"] = 0x9E3779B97F4A7C15
+        fade = float(self.record["fade"][0])
+        forgotten = len(self.active) * (
+            1.0 - 1.0 / fade
+        )  # share of the prior's information, between two visits
+        self.motion_spread = spread[: self.states] ** 2
+        self.spread = spread[self.states :] ** 2
+        self.prior = self.spread / forgotten if forgotten > 0.0 else np.zeros(len(self.active))
+        self.table = np.zeros((1, 1, n, self.device.axes))
+        if settings.gain is Gain.STATIONARY:
+            from estimator.stationary import stationary_table
+
+            self.table = stationary_table(self)
+        self.rows = np.zeros(1, OUTPUT)
+        self.codes = np.zeros(2)
+
+    # -- construction ------------------------------------------------------------------------------------------------
+
+    def _per_constant(self, values: dict[Quantity, float]) -> Array:
+        return np.array([values[constant.quantity] for constant in self.model.constants])
+
+    def _spreads(self) -> tuple[Array, Array]:
+        """Scaled initial deviations over [states, active constants], and random-walk deviations over all constants."""
+        spread, noise, scaling = self.settings.spread, self.settings.process_noise, self.scaling
+        damping = sum(self.device.damping[: self.device.axes]) / self.device.axes / scaling.omega0
+        volts = abs(scaling.sense(0))
+        root = math.sqrt(scaling.omega0)  # per √s → per √(scaled time)
+        constants = self._per_constant(
+            {
+                Quantity.OFFSET: spread.offset / volts,
+                Quantity.RATE: spread.rate / scaling.omega0,
+                Quantity.STIFFNESS: spread.stiffness,
+                Quantity.DAMPING: spread.damping * damping,
+                Quantity.DRIVE_GAIN: spread.drive_gain,
+            }
+        )
+        walk = self._per_constant(
+            {
+                Quantity.OFFSET: noise.offset / volts / root,
+                Quantity.RATE: noise.rate / scaling.omega0 / root,
+                Quantity.STIFFNESS: noise.stiffness / root,
+                Quantity.DAMPING: noise.damping * damping / root,
+                Quantity.DRIVE_GAIN: noise.drive_gain / root,
+            }
+        )
+        states = np.tile([spread.position, spread.velocity], self.device.axes)
+        return np.concatenate([states, constants[self.active]]), walk
+
+    def _initial(self) -> Array:
+        nominal = dict(zip(("kxx", "kyy", "kxy"), self.device.stiffness, strict=False))
+        nominal |= dict(zip(("dxx", "dyy", "dxy"), self.device.damping, strict=False))
+        nominal |= {"drive_gain_x": self.device.drive_gain}
+        nominal |= self.settings.initial
+        unknown = set(self.settings.initial) - set(self.model.names)
+        if unknown:
+            raise ModelError(
+                f"no state or constant named {', '.join(sorted(unknown))}; known: {', '.join(self.model.names)}"
+            )
+        return np.array([nominal.get(name, 0.0) for name in self.model.names]) / self.factors
+
+    def _record(self, controller: ControllerSettings | None) -> NDArray[np.void]:
+        scaling, device, settings = self.scaling, self.device, self.settings
+        record = np.zeros(1, SETTINGS)
+        record["model"] = self.number
+        record["states"] = self.states
+        record["sense_constants"] = len(self.model.sense_constants)
+        record["flow_constants"] = len(self.model.flow_constants)
+        record["axes"] = device.axes
+        record["h"] = self.h
+        record["order"] = taylor_order(self.h)
+        fading = settings.gain is not Gain.EKF
+        record["fade"] = math.exp(1.0 / (settings.memory * device.sample_rate)) if fading else 1.0
+        record["stationary"] = settings.gain is Gain.STATIONARY
+        record["acquisition"] = settings.acquisition * scaling.omega0
+        record["twin"] = settings.gain is not Gain.EKF
+        for axis in range(device.axes):
+            record["noise"][0, axis] = (device.noise[axis] / scaling.sense(axis)) ** 2
+            # One-sided density a² [(m/s²)²/Hz] is a velocity variance of a²/2 per second.
+            density = settings.process_noise.force**2 / 2.0
+            record["force_noise"][0, axis] = density / (device.amplitude**2 * scaling.omega0**3)
+        record["stiffness"] = 1.0
+        record["energy"] = 0.5
+        if controller is not None:
+            self._control(record, controller)
+        return record
+
+    def _control(self, record: NDArray[np.void], controller: ControllerSettings) -> None:
+        if not 0 <= controller.latency <= MAX_LATENCY:
+            raise ModelError(
+                f"drive latency of {controller.latency} samples; 0 to {MAX_LATENCY} are supported"
+            )
+        if self.device.axes != 2:
+            raise ModelError(f"control law (9) needs two axes, the device has {self.device.axes}")
+        scaling = self.scaling
+        record["control"] = 1
+        record["latency"] = controller.latency
+        record["energy_gain"] = controller.energy_gain
+        record["quadrature_gain"] = controller.quadrature_gain
+        record["virtual_rate"] = controller.virtual_rotation / scaling.omega0
+        record["dither"] = controller.dither / scaling.drive
+        record["modulation"] = controller.modulation
+        record["modulation_rate"] = controller.modulation_rate / scaling.omega0
+        record["hold"] = math.sin(self.h / 2) / (self.h / 2)
+        record["force_limit"] = controller.force_limit / scaling.drive
+        record["quantum"] = controller.force_quantum / scaling.drive
+        for axis in range(2):
+            record["sense_scale"][0, axis] = controller.sense_quantum / scaling.sense(axis)
+
+    # -- state in SI -------------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> Array:
+        """State vector X̂ (states + constants,), SI."""
+        return np.asarray(self.x * self.factors)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance the estimates have under this gain, over [states, active constants], SI."""
+        actual = self.c if self.record["twin"][0] else self.p
+        scale = self.factors[self.estimated_index]
+        return np.asarray(actual * np.outer(scale, scale))
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Names behind the rows of `covariance`."""
+        return tuple(self.model.names[i] for i in self.estimated_index)
+
+    # -- advancing ---------------------------------------------------------------------------------------------------
+
+    def enable_control(self, on: bool) -> None:
+        """Switch the commanded force between the control law and zero."""
+        self.record["control"] = int(on)
+
+    def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
+        """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
+        block.tick(
+            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table, self.x, self.p, self.c, self.memory,
+            float(vx), float(vy), float(ux), float(uy), self.rows, self.codes,
+        )  # fmt: skip
+        return int(self.codes[0]), int(self.codes[1])
+
+    def expected_drive(self) -> tuple[float, float]:
+        """Drive codes that the board is expected to have applied over the interval that ends at the next sample."""
+        quantum = float(self.record["quantum"][0])
+        ux, uy, _ = self.memory["queue"][0, 0] / quantum
+        return float(ux), float(uy)
+
+    def withdraw(self) -> None:
+        """The newest command was not sent: the board will hold the one before it."""
+        latency = int(self.record["latency"][0])
+        if latency > 0:
+            self.memory["queue"][0, latency] = self.memory["queue"][0, latency - 1]
+
+    def lose_phase(self, missing: int) -> None:
+        """Go on after a gap of `missing` samples without drive: constants are kept, the motion is found anew."""
+        constants = slice(self.states, None)
+        covariances = (self.p, self.c)
+        kept = [covariance[constants, constants].copy() for covariance in covariances]
+        self.memory["queue"] = 0.0
+        for _ in range(missing):
+            self.tick(math.nan, math.nan, 0.0, 0.0)
+            self.memory["queue"] = 0.0
+        for covariance, block_of_constants in zip(covariances, kept, strict=True):
+            covariance[:] = 0.0
+            covariance[constants, constants] = block_of_constants
+            covariance[: self.states, : self.states] = np.diag(self.motion_spread)
+
+    def reading(self) -> tuple[list[float], list[float]]:
+        """Newest state vector and its standard deviations, SI, in the order of `model.names`; 0 for what is not estimated."""
+        actual = self.c if self.record["twin"][0] else self.p
+        deviation = np.zeros(len(self.x))
+        deviation[self.estimated_index] = np.sqrt(np.diagonal(actual))
+        return (self.x * self.factors).tolist(), (deviation * np.abs(self.factors)).tolist()
+
+    def run(
+        self,
+        sense: Array,
+        drive: Array,
+        *,
+        step: Array | None = None,
+        every: int = 1,
+        truth: Array | None = None,
+    ) -> Estimates:
+        """Estimate over a record: sense (n, axes) in volts, drive (n, axes) or (n, axes, degree + 1) in the drive's unit.
+
+        drive[m] acted over the interval that ends at sample m, as a constant or as polynomial coefficients in normalised
+        time (`estimator.hold`); step (n,) [s] gives each interval its own length; truth (n, states + constants) SI replaces
+        the state before each step (for the Cramér–Rao recursion, `estimator.bound`).
+        """
+        n = len(sense)
+        axes = self.device.axes
+        z = np.ascontiguousarray(sense, dtype=float) / [self.scaling.sense(axis) for axis in range(axes)]
+        u = np.asarray(drive, dtype=float).reshape(n, axes, -1) / self.scaling.drive
+        h = np.full(n, self.h) if step is None else np.asarray(step, dtype=float) * self.scaling.omega0
+        true = np.zeros((0, len(self.x))) if truth is None else np.ascontiguousarray(truth / self.factors)
+        rows = np.zeros(n, OUTPUT)
+        states = np.zeros((n // every, len(self.x)))
+        deviations = np.zeros_like(states)
+        block.observe_block(
+            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table, self.x, self.p, self.c, self.memory,
+            z, np.ascontiguousarray(u), h, true, rows, states, deviations, every,
+        )  # fmt: skip
+        volts = np.array([abs(self.scaling.sense(axis)) for axis in range(axes)])
+        sign = np.sign([self.scaling.sense(axis) for axis in range(axes)])
+        return Estimates(
+            names=self.model.names,
+            index=np.arange(every - 1, n, every),
+            state=states * self.factors,
+            deviation=deviations * np.abs(self.factors),
+            innovation=rows["nu"][:, :axes] * volts * sign,
+            innovation_deviation=np.sqrt(rows["s"][:, :axes]) * volts,
+            angle=rows["angle"],
+            angle_pattern=rows["angle_pattern"],
+            angle_plain=rows["angle_plain"],
+            angle_rate_integral=rows["angle_rate_integral"],
+            energy_ratio=rows["energy_ratio"],
+            quadrature_ratio=rows["quadrature_ratio"],
+        )

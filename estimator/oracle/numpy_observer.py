@@ -1,0 +1,225 @@
+"""The observer as a textbook writes it: dense F, dense P, one line per equation, in plain NumPy."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.observer import Estimates, Observer
+from estimator.oracle.evaluation import evaluated
+from estimator.oracle.flow import flow
+from estimator.oracle.pattern import PatternAngle, pattern
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+
+SURPRISED, ATTENTION, FASTEST = 3.0, 0.05, 0.1
+
+
+class NumpyObserver(Observer):
+    """`estimator.observer.Observer` for replay, some hundred times slower and independent of the kernels.
+
+    Raises ModelError like the observer, and for `tick`: an oracle closes no loop.
+    """
+
+    backend = "numpy"
+
+    def __init__(
+        self, device: Device, settings: ObserverSettings, controller: ControllerSettings | None = None
+    ) -> None:
+        super().__init__(device, settings, controller)
+        self._model = evaluated(self.number)
+        self._fading = settings.gain is not Gain.EKF
+        self._fade = math.exp(1.0 / (settings.memory * device.sample_rate)) if self._fading else 1.0
+        volts = [self.scaling.sense(axis) for axis in range(device.axes)]
+        self._noise = np.diag((np.array(device.noise) / volts) ** 2)
+        force = settings.process_noise.force**2 / 2.0 / (device.amplitude**2 * self.scaling.omega0**3)
+        self._force = np.full(device.axes, force)
+        self._virtual = 0.0 if controller is None else controller.virtual_rotation / self.scaling.omega0
+        self._time = 0.0
+        self._surprise = 1.0
+        self._cursor = 0
+        self._theta, self._theta_plain = PatternAngle(), PatternAngle()
+        self._turned = np.zeros(3)  # ∫Ω̂ dt, ∫Ωv dt and the rotation of the pattern by forces, so far
+        self._frame: tuple[float, float] | None = None  # Ω̂ + Ωv and Ω̂ of the newest sample
+
+    def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
+        """Raises ModelError: an oracle closes no loop."""
+        raise ModelError(
+            f"backend '{self.backend}' only replays records; close the loop with backend 'numba'"
+        )
+
+    def run(
+        self,
+        sense: Array,
+        drive: Array,
+        *,
+        step: Array | None = None,
+        every: int = 1,
+        truth: Array | None = None,
+    ) -> Estimates:
+        """As `Observer.run`."""
+        n, axes = len(sense), self.device.axes
+        volts = np.array([self.scaling.sense(axis) for axis in range(axes)])
+        z = np.asarray(sense, dtype=float) / volts
+        u = np.asarray(drive, dtype=float).reshape(n, axes, -1) / self.scaling.drive
+        h = np.full(n, self.h) if step is None else np.asarray(step, dtype=float) * self.scaling.omega0
+        states = np.zeros((n, len(self.x)))
+        predicted, deviations = np.zeros_like(states), np.zeros_like(states)
+        innovation, variance = np.zeros((n, axes)), np.zeros((n, axes))
+        for m in range(n):
+            if truth is not None:
+                self.x[:] = truth[m] / self.factors
+            self._predict_over(u[m], float(h[m]))
+            predicted[m] = self.x
+            innovation[m], variance[m] = self._correct_with(z[m])
+            self._time += h[m]
+            states[m] = self.x
+            deviations[m, self.estimated_index] = np.sqrt(np.diag(self.c if self._fading else self.p))
+        index = np.arange(every - 1, n, every)
+        angles = self._angles(predicted, states, u, h) if axes == 2 else np.zeros((6, n))
+        return Estimates(
+            self.model.names, index, states[index] * self.factors, deviations[index] * np.abs(self.factors),
+            innovation * volts, np.sqrt(variance) * np.abs(volts), *angles,
+        )  # fmt: skip
+
+    # -- one sample --------------------------------------------------------------------------------------------------
+
+    def _predict_over(self, u: Array, h: float) -> None:
+        """Advance x, P and C over h under the drive polynomial u (axes, degree + 1)."""
+        s, transition, sensitivity = flow(self._model, self.x[self.states :], self.x[: self.states], u, h)
+        sensing = len(self.model.sense_constants)
+        flowing = self.active >= sensing
+        f = np.eye(len(self.estimated_index))
+        f[: self.states, : self.states] = transition
+        f[: self.states, self.states :][:, flowing] = sensitivity[:, self.active[flowing] - sensing]
+        q = self._process_noise(s, h)
+        self.c[:] = f @ self.c @ f.T + q
+        self._predict(s, f, q)
+
+    def _correct_with(self, z: Array) -> tuple[Array, Array]:
+        """Update with z (axes,), NaN where lost; innovation (0 there) and its predicted variance."""
+        seen = np.isfinite(z)
+        jacobian = self._model.jacobian(self.x[: self.states], self.x[self.states :])[:, self.estimated_index]
+        innovation = np.where(seen, z - self._measure(self.x), 0.0)
+        actual = self.c if self._fading else self.p
+        predicted = jacobian @ actual @ jacobian.T
+        variance = np.diag(self._noise) + np.where(seen, np.diag(predicted), 0.0)
+        if not seen.any():
+            return innovation, variance
+        h_seen, r_seen = jacobian[seen], self._noise[np.ix_(seen, seen)]
+        if not self._propagates:
+            self._correct(self._tabulated_gain()[:, seen], h_seen, r_seen, innovation[seen])
+            return innovation, variance
+        s_seen = h_seen @ self.p @ h_seen.T + r_seen
+        surprise = innovation[seen] @ np.linalg.solve(s_seen, innovation[seen]) / len(z)
+        self._surprise += ATTENTION * (surprise - self._surprise)
+        self._update(z[seen], lambda x: self._measure(x)[seen], h_seen, r_seen)
+        if self._fading:
+            self._remember_prior()
+        return innovation, variance
+
+    def _measure(self, x: Array) -> Array:
+        return self._model.measurement(x[: self.states], x[self.states :])
+
+    @property
+    def _propagates(self) -> bool:
+        """Whether the gain comes from P: always, but for a stationary gain once it has taken over."""
+        acquiring = self._time < self.settings.acquisition * self.scaling.omega0
+        return self.settings.gain is not Gain.STATIONARY or acquiring
+
+    def _predict(self, s: Array, f: Array, q: Array) -> None:
+        """x ← the flow, P ← fade · F P Fᵀ + Q."""
+        self.x[: self.states] = s
+        if self._propagates:
+            self.p[:] = self._fading_factor() * (f @ self.p @ f.T) + q
+
+    def _update(self, z: Array, measure: Callable[[Array], Array], h: Array, r: Array) -> None:
+        """Kalman update of x and P, and of C by the same gain, with a measurement z = measure(x) + noise of covariance r."""
+        gain = np.linalg.solve(h @ self.p @ h.T + r, h @ self.p).T
+        self.p[:] = _joseph(self.p, gain, h, r)
+        self._correct(gain, h, r, z - measure(self.x))
+
+    def _correct(self, gain: Array, h: Array, r: Array, innovation: Array) -> None:
+        self.x[self.estimated_index] += gain @ innovation
+        self.c[:] = _joseph(self.c, gain, h, r)
+
+    def _process_noise(self, s: Array, h: float) -> Array:
+        """Q over one step: integrated force noise, and random walks with what their jumps do to the states s."""
+        q = np.zeros((len(self.estimated_index),) * 2)
+        integrated = np.array([[h**3 / 3.0, h**2 / 2.0], [h**2 / 2.0, h]])
+        for axis, density in enumerate(self._force):
+            q[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2] += density * integrated
+        jumps = self._model.jumps(s)[self.active]
+        directions = np.hstack([jumps, np.eye(len(self.active))])
+        return np.asarray(q + directions.T @ np.diag(self.walk * h) @ directions)
+
+    # -- fading memory -----------------------------------------------------------------------------------------------
+
+    def _fading_factor(self) -> float:
+        """The chosen memory, shorter while the innovations deny the covariance and P is within the initial spread."""
+        within = np.all(np.diag(self.p)[self.states :] <= self.spread)
+        if not self._fading or self._surprise < SURPRISED or not within:
+            return self._fade
+        return self._fade * (1.0 + min(0.01 * (self._surprise - SURPRISED), FASTEST))
+
+    def _remember_prior(self) -> None:
+        """Measure the next constant in turn against its initial guess, with the information that was forgotten."""
+        self._cursor = (self._cursor + 1) % len(self.active)
+        row = self.states + self._cursor
+        entry = int(self.estimated_index[row])
+        unit = np.eye(len(self.estimated_index))[[row]]
+        self._update(self.guess[[self._cursor]], lambda x: x[[entry]], unit, self.prior[[self._cursor], None])
+
+    def _tabulated_gain(self) -> Array:
+        """Stationary gain (n, axes), bilinear between the table's entries at pattern angle and vibration phase."""
+        angles, phases = self.table.shape[:2]
+        theta = 0.5 * float(pattern(self.x[None, :4], 1.0, 0.0, 0.0)[0][0])
+        along = (self.x[:4].reshape(2, 2).T @ [math.cos(theta), math.sin(theta)]) * [1.0, -1.0]
+        row = (theta / math.pi + 0.5) * angles
+        column = (math.atan2(along[1], along[0]) / math.tau + 0.5) * phases
+        gain = np.zeros(self.table.shape[2:])
+        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            a, b = math.floor(row) + i, math.floor(column) + j
+            weight = (1.0 - abs(row - a)) * (1.0 - abs(column - b))
+            # Half a turn of the pattern with half a period of the phase is the same motion.
+            gain += weight * self.table[a % angles, (b + a // angles * (phases // 2)) % phases]
+        return gain
+
+    # -- the pattern -------------------------------------------------------------------------------------------------
+
+    def _angles(self, predicted: Array, x: Array, u: Array, h: Array) -> tuple[Array, ...]:
+        """The angles [rad] and ratios of `Estimates`, each (n,), for the predicted and corrected states of a block."""
+        rate = x[:, self.model.names.index("rate")]
+        driven = np.any(u[:, :, 0] != 0.0, axis=1) & bool(self.record["control"][0])
+        virtual = np.where(driven, self._virtual, 0.0)
+        double, energy, momentum = pattern(x, 1.0, rate + virtual, rate)
+        plain, _, _ = pattern(x, 1.0, 0.0, 0.0)
+        h = h.copy()
+        if (
+            self._frame is None
+        ):  # the sample that sets the zero of the angle counts no rotation of its own interval
+            self._frame = (rate[0] + virtual[0], rate[0])
+            h[0] = 0.0
+        # Both angles that a step compares are read in the frame of its beginning.
+        w_before = np.concatenate([[self._frame[0]], (rate + virtual)[:-1]])
+        rate_before = np.concatenate([[self._frame[1]], rate[:-1]])
+        self._frame = (rate[-1] + virtual[-1], rate[-1])
+        ahead = 0.5 * pattern(predicted, 1.0, w_before, rate_before)[0]
+        before, theta = self._theta.unwrap(double)
+        moved = ahead - before
+        moved -= np.pi * np.round(moved / np.pi)
+        steps = np.stack([rate * h, virtual * h, np.where(h > 0.0, moved, 0.0) + rate_before * h])
+        integrated, imposed, forced = self._turned[:, None] + np.cumsum(steps, axis=1)
+        self._turned = np.array([integrated[-1], imposed[-1], forced[-1]])
+        _, theta_plain = self._theta_plain.unwrap(plain)
+        start, start_plain = self._theta.start, self._theta_plain.start
+        return (
+            start - theta + forced, start - theta - imposed, start_plain - theta_plain - imposed, integrated,
+            energy / 0.5, momentum / energy,
+        )  # fmt: skip
+
+
+def _joseph(p: Array, gain: Array, h: Array, r: Array) -> Array:
+    keep = np.eye(len(p)) - gain @ h
+    return np.asarray(keep @ p @ keep.T + gain @ r @ gain.T)

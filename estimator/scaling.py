@@ -1,0 +1,53 @@
+"""SI at every boundary, scaled inside: time by ω0 = √k target, length by the nominal amplitude (PHYSICS.md §2).
+
+In SI the stiffness is about 1e8 1/s² and the position 1e-6 m; scaled, everything the covariance holds is of order one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.model.declaration import Model, Quantity
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Factors from scaled to SI.
+
+    omega0 [rad/s]; length [m]; sense_gain [V/m] per axis (signed); drive_gain: nominal m/s² per unit of the drive channel.
+    """
+
+    omega0: float
+    length: float
+    sense_gain: tuple[float, ...]
+    drive_gain: float = 1.0
+
+    @property
+    def drive(self) -> float:
+        """Drive channel units (m/s², N or V) per scaled unit of force."""
+        return self.length * self.omega0**2 / self.drive_gain
+
+    def sense(self, axis: int) -> float:
+        """Volts per scaled unit of position."""
+        return self.sense_gain[axis] * self.length
+
+    def state(self, model: Model) -> Array:
+        """SI value of one scaled unit of each entry of the state vector, (states + constants,)."""
+        factors = {
+            Quantity.POSITION: self.length,
+            Quantity.VELOCITY: self.length * self.omega0,
+            Quantity.RATE: self.omega0,
+            Quantity.STIFFNESS: self.omega0**2,
+            Quantity.DAMPING: self.omega0,
+            Quantity.DRIVE_GAIN: self.drive_gain,
+        }
+        offsets = iter(range(model.axes))
+        return np.array(
+            [
+                self.sense(next(offsets)) if item.quantity is Quantity.OFFSET else factors[item.quantity]
+                for item in (*model.states, *model.constants)
+            ]
+        )

@@ -1,0 +1,121 @@
+"""What an observer and a controller are told: the declared device, the variant, the gain, the initial spread, the holds."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from estimator.errors import ModelError
+
+
+class Variant(Enum):
+    """The observers of TW I384198 B1 by what they estimate beside the motion."""
+
+    SENSE = "sense"  # x ẋ y ẏ Φx Φy Ω: gyro parameters known (claims 1–10)
+    GYRO = "gyro"  # x ẋ y ẏ Ω k d: sense offsets taken as zero (claims 11, 18)
+    FULL = "full"  # all 13 (claims 12, 21)
+
+
+class Gain(Enum):
+    """Where the observer gain comes from."""
+
+    STATIONARY = "stationary"  # derived once from the dynamics (claims 1, 5, 11, 18)
+    EKF = "ekf"  # claims 3, 9, 14, 23
+    FADING = "fading"  # EKF with fading memory (claims 4, 10, 15, 24)
+
+
+@dataclass(frozen=True)
+class Device:
+    """What the data sheet declares, normalised by the mass.
+
+    stiffness [1/s²] and damping [1/s] are (xx, yy, xy), or one number for a single axis; sense_gain [V/m] and noise [V rms
+    per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s².
+    """
+
+    sample_rate: float
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    amplitude: float
+    sense_gain: tuple[float, ...]
+    noise: tuple[float, ...]
+    mass: float = 1.0
+    drive_gain: float = 1.0
+    target_stiffness: float | None = None
+
+    @property
+    def axes(self) -> int:
+        """1 or 2."""
+        return len(self.sense_gain)
+
+    @property
+    def target(self) -> float:
+        """Target stiffness k [1/s²]: the one given, else the mean of the axes'."""
+        if self.target_stiffness is not None:
+            return self.target_stiffness
+        return sum(self.stiffness[: self.axes]) / self.axes
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviations of the initial guess.
+
+    position, velocity: of the nominal amplitude; stiffness: of the target; damping: of the mean nominal damping; drive_gain:
+    of the nominal; offset [V]; rate [rad/s].
+    """
+
+    position: float = 1.0
+    velocity: float = 1.0
+    offset: float = 0.02
+    rate: float = 1.0
+    stiffness: float = 0.05
+    damping: float = 1.0
+    drive_gain: float = 0.2
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """How fast things wander: force [m/s²/√Hz]; the rest per √s, rate [rad/s], offset [V], stiffness and damping relative."""
+
+    force: float = 0.0
+    rate: float = 0.0
+    offset: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    drive_gain: float = 0.0
+
+
+@dataclass(frozen=True)
+class ObserverSettings:
+    """Variant, gain, memory [s] of the fading, initial guesses by name in SI (the rest from the device), spread, noise.
+
+    A stationary gain takes over after `acquisition` seconds of EKF with fading memory; until then it could not catch on.
+    """
+
+    variant: Variant = Variant.FULL
+    gain: Gain = Gain.FADING
+    memory: float = 0.5
+    acquisition: float = 0.1
+    initial: dict[str, float] = field(default_factory=dict)
+    spread: Spread = field(default_factory=Spread)
+    process_noise: ProcessNoise = field(default_factory=ProcessNoise)
+
+    def __post_init__(self) -> None:
+        if self.memory <= 0.0:
+            raise ModelError(f"memory must be positive, got {self.memory} s")
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """The holds around (9), all gains in units of ω0; rates in rad/s, forces in m/s².
+
+    latency is in samples, force_quantum the force of one drive code, sense_quantum [V] of one sense code.
+    """
+
+    latency: int
+    force_quantum: float
+    force_limit: float
+    sense_quantum: float
+    energy_gain: float = 0.01
+    quadrature_gain: float = 0.01
+    virtual_rotation: float = 0.0
+    dither: float = 0.0
+    modulation: float = 0.0
+    modulation_rate: float = 0.0
