@@ -20,8 +20,9 @@ from estimator.settings import ControllerSettings, Device, Gain, ObserverSetting
 class Estimates:
     """What the observer made of n samples, SI.
 
-    state, deviation (rows, states + constants): every `every`-th sample, at the sample numbers `index`; innovation and its
-    predicted deviation (n, axes) in volts; the angles [rad] and ratios (n,) of a two-axis gyro, zeros for a single axis.
+    state, deviation (rows, states + constants): every `every`-th sample, at the sample numbers `index`; innovation and
+    its predicted deviation (n, axes) in volts; the angles [rad] and ratios (n,) of a two-axis gyro, zeros for a single
+    axis.
     """
 
     names: tuple[str, ...]
@@ -58,8 +59,8 @@ def active_constants(model: Model, variant: Variant) -> NDArray[np.int64]:
 class Observer:
     """Observer (7)(8) with the gain of choice, and the controller (9) when its settings are given.
 
-    Holds the filter's whole memory; `run` and `tick` advance it.  Raises ModelError for a device or setting that makes no
-    observer (no model for the axes, fewer than four samples a cycle, latency beyond the queue).
+    Holds the filter's whole memory; `run` and `tick` advance it.  Raises ModelError for a device or setting that makes
+    no observer (no model for the axes, fewer than four samples a cycle, latency beyond the queue).
     """
 
     def __init__(
@@ -68,14 +69,13 @@ class Observer:
         self.device = device
         self.settings = settings
         self.number, self.model = model_for(device.axes)
-        self.scaling = Scaling(
-            math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain
-        )
+        self.scaling = Scaling(math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain)
         self.factors = self.scaling.state(self.model)
         self.h = self.scaling.omega0 / device.sample_rate
         if self.h > 0.5 * math.pi:
             raise ModelError(
-                f"{2 * math.pi / self.h:.2g} samples a cycle are too few; sample at {2 / math.pi * self.scaling.omega0:.3g} Hz or faster"
+                f"{2 * math.pi / self.h:.2g} samples a cycle are too few; "
+                f"sample at {2 / math.pi * self.scaling.omega0:.3g} Hz or faster"
             )
         self.states = len(self.model.states)
         self.active = active_constants(self.model, settings.variant)
@@ -92,9 +92,7 @@ class Observer:
         self.memory["surprise"] = 1.0
         self.memory["dither"] = 0x9E3779B97F4A7C15
         fade = float(self.record["fade"][0])
-        forgotten = len(self.active) * (
-            1.0 - 1.0 / fade
-        )  # share of the prior's information, between two visits
+        forgotten = len(self.active) * (1.0 - 1.0 / fade)  # share of the prior's information, between two visits
         self.motion_spread = spread[: self.states] ** 2
         self.spread = spread[self.states :] ** 2
         self.prior = self.spread / forgotten if forgotten > 0.0 else np.zeros(len(self.active))
@@ -178,9 +176,7 @@ class Observer:
 
     def _control(self, record: NDArray[np.void], controller: ControllerSettings) -> None:
         if not 0 <= controller.latency <= MAX_LATENCY:
-            raise ModelError(
-                f"drive latency of {controller.latency} samples; 0 to {MAX_LATENCY} are supported"
-            )
+            raise ModelError(f"drive latency of {controller.latency} samples; 0 to {MAX_LATENCY} are supported")
         if self.device.axes != 2:
             raise ModelError(f"control law (9) needs two axes, the device has {self.device.axes}")
         scaling = self.scaling
@@ -226,7 +222,8 @@ class Observer:
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
         block.tick(
-            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table, self.x, self.p, self.c, self.memory,
+            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
+            self.x, self.p, self.c, self.memory,
             float(vx), float(vy), float(ux), float(uy), self.rows, self.codes,
         )  # fmt: skip
         return int(self.codes[0]), int(self.codes[1])
@@ -258,7 +255,9 @@ class Observer:
             covariance[: self.states, : self.states] = np.diag(self.motion_spread)
 
     def reading(self) -> tuple[list[float], list[float]]:
-        """Newest state vector and its standard deviations, SI, in the order of `model.names`; 0 for what is not estimated."""
+        """Newest state vector and its standard deviations, SI, in the order of `model.names`; 0 for what is not
+        estimated.
+        """
         actual = self.c if self.record["twin"][0] else self.p
         deviation = np.zeros(len(self.x))
         deviation[self.estimated_index] = np.sqrt(np.diagonal(actual))
@@ -273,11 +272,12 @@ class Observer:
         every: int = 1,
         truth: Array | None = None,
     ) -> Estimates:
-        """Estimate over a record: sense (n, axes) in volts, drive (n, axes) or (n, axes, degree + 1) in the drive's unit.
+        """Estimate over a record: sense (n, axes) in volts, drive (n, axes) or (n, axes, degree + 1) in the drive's
+        unit.
 
-        drive[m] acted over the interval that ends at sample m, as a constant or as polynomial coefficients in normalised
-        time (`estimator.hold`); step (n,) [s] gives each interval its own length; truth (n, states + constants) SI replaces
-        the state before each step (for the Cramér–Rao recursion, `estimator.bound`).
+        drive[m] acted over the interval that ends at sample m, as a constant or as polynomial coefficients in
+        normalised time (`estimator.hold`); step (n,) [s] gives each interval its own length; truth (n, states +
+        constants) SI replaces the state before each step (for the Cramér–Rao recursion, `estimator.bound`).
         """
         n = len(sense)
         axes = self.device.axes
@@ -288,10 +288,14 @@ class Observer:
         rows = np.zeros(n, OUTPUT)
         states = np.zeros((n // every, len(self.x)))
         deviations = np.zeros_like(states)
+        order = int(self.record["order"][0])
+        self.record["order"] = taylor_order(float(np.max(h, initial=self.h))) + u.shape[2] - 1
         block.observe_block(
-            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table, self.x, self.p, self.c, self.memory,
+            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
+            self.x, self.p, self.c, self.memory,
             z, np.ascontiguousarray(u), h, true, rows, states, deviations, every,
         )  # fmt: skip
+        self.record["order"] = order
         volts = np.array([abs(self.scaling.sense(axis)) for axis in range(axes)])
         sign = np.sign([self.scaling.sense(axis) for axis in range(axes)])
         return Estimates(

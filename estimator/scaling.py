@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 class Scaling:
     """Factors from scaled to SI.
 
-    omega0 [rad/s]; length [m]; sense_gain [V/m] per axis (signed); drive_gain: nominal m/s² per unit of the drive channel.
+    omega0 [rad/s]; length [m]; sense_gain [V/m] per axis (signed); drive_gain: nominal m/s² per unit of the drive
+    channel.
     """
 
     omega0: float
@@ -48,6 +49,6 @@ class Scaling:
         return np.array(
             [
                 self.sense(next(offsets)) if item.quantity is Quantity.OFFSET else factors[item.quantity]
-                for item in (*model.states, *model.constants)
+                for item in model.entries
             ]
         )

@@ -1,4 +1,6 @@
-"""What an observer and a controller are told: the declared device, the variant, the gain, the initial spread, the holds."""
+"""What an observer and a controller are told: the declared device, the variant, the gain, the initial spread, the
+holds.
+"""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -26,8 +28,8 @@ class Gain(Enum):
 class Device:
     """What the data sheet declares, normalised by the mass.
 
-    stiffness [1/s²] and damping [1/s] are (xx, yy, xy), or one number for a single axis; sense_gain [V/m] and noise [V rms
-    per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s².
+    stiffness [1/s²] and damping [1/s] are (xx, yy, xy), or one number for a single axis; sense_gain [V/m] and noise [V
+    rms per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s².
     """
 
     sample_rate: float
@@ -57,8 +59,8 @@ class Device:
 class Spread:
     """Standard deviations of the initial guess.
 
-    position, velocity: of the nominal amplitude; stiffness: of the target; damping: of the mean nominal damping; drive_gain:
-    of the nominal; offset [V]; rate [rad/s].
+    position, velocity: of the nominal amplitude; stiffness: of the target; damping: of the mean nominal damping;
+    drive_gain: of the nominal; offset [V]; rate [rad/s].
     """
 
     position: float = 1.0
@@ -72,7 +74,9 @@ class Spread:
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """How fast things wander: force [m/s²/√Hz]; the rest per √s, rate [rad/s], offset [V], stiffness and damping relative."""
+    """How fast things wander: force [m/s²/√Hz]; the rest per √s, rate [rad/s], offset [V], stiffness and damping
+    relative.
+    """
 
     force: float = 0.0
     rate: float = 0.0
@@ -86,7 +90,8 @@ class ProcessNoise:
 class ObserverSettings:
     """Variant, gain, memory [s] of the fading, initial guesses by name in SI (the rest from the device), spread, noise.
 
-    A stationary gain takes over after `acquisition` seconds of EKF with fading memory; until then it could not catch on.
+    A stationary gain takes over after `acquisition` seconds of EKF with fading memory; until then it could not catch
+    on.
     """
 
     variant: Variant = Variant.FULL

@@ -1,9 +1,9 @@
 """A gain derived once from the dynamics (claims 1, 5, 11, 18 of TW I384198 B1).
 
-The linearised error system of the 13-state observer is not constant: it repeats with the phase of the vibration and with
-the orientation of the pattern.  Its stationary Kalman gain is therefore a table over both, filled by running the Riccati
-recursion once along the orbit that the controlled device follows; at run time the gain is looked up and nothing is
-propagated.
+The linearised error system of the 13-state observer is not constant: it repeats with the phase of the vibration and
+with the orientation of the pattern.  Its stationary Kalman gain is therefore a table over both, filled by running the
+Riccati recursion once along the orbit that the controlled device follows; at run time the gain is looked up and
+nothing is propagated.
 """
 
 import math
@@ -32,9 +32,7 @@ def stationary_table(observer: "Observer") -> Array:
     """
     device, settings = observer.device, observer.settings
     if device.axes != 2:
-        raise ModelError(
-            "a stationary gain is scheduled by the pattern angle and needs two axes; use gain = 'fading'"
-        )
+        raise ModelError("a stationary gain is scheduled by the pattern angle and needs two axes; use gain = 'fading'")
     n = observer.p.shape[0]
     half_turn = math.pi / (_PRECESSION * observer.h)
     settle = int(4 * settings.memory * device.sample_rate + half_turn)

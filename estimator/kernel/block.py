@@ -6,20 +6,39 @@ import numpy as np
 
 from estimator.kernel.compiled import compiled
 from estimator.kernel.controller import advance_queue, command
-from estimator.kernel.layout import RATE
+from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import correct, predict, workspace
 from estimator.kernel.pattern import pattern, unwrap_half_turns
 
 
 @compiled
 def advance(
-    settings, active, walk, prior, spread, guess, table, x, p, c, memory, z, u, h, work, nu, variance, row
-):  # type: ignore[no-untyped-def]
-    """One sample: predict with the drive that acted, note how it turned the pattern, correct with z, fill the output row."""
-    predict(settings, active, walk, spread, x, p, c, memory, u, h, work)
+    settings: Record,
+    active: Ints,
+    walk: Floats,
+    prior: Floats,
+    spread: Floats,
+    guess: Floats,
+    table: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    memory: Record,
+    z: Floats,
+    u: Floats,
+    h: float,
+    work: tuple[Floats, ...],
+    nu: Floats,
+    variance: Floats,
+    row: Record,
+) -> None:
+    """One sample: predict with the drive that acted, note how it turned the pattern, correct with z, fill the output
+    row.
+    """
+    predict(settings, active, walk, x, p, c, memory, u, h, work)
     if settings.axes == 2:
         note_forced_rotation(settings, memory, x, h)
-    correct(settings, active, prior, guess, table, x, p, c, memory, z, work, nu, variance)
+    correct(settings, active, prior, spread, guess, table, x, p, c, memory, z, work, nu, variance)
     memory.time += h
     for axis in range(settings.axes):
         row.nu[axis] = nu[axis]
@@ -31,11 +50,12 @@ def advance(
 
 
 @compiled
-def note_forced_rotation(settings, memory, x, h):  # type: ignore[no-untyped-def]
-    """Add to memory.forced what the model says the forces, rather than the rotation of the board, turned the pattern by.
+def note_forced_rotation(settings: Record, memory: Record, x: Floats, h: float) -> None:
+    """Add to memory.forced what the model says the forces, rather than the rotation of the board, turned the pattern
+    by.
 
-    x is the prediction from the last estimate through the drive that really acted.  In an ideal oscillator it would have
-    turned by −Ω̂ h; the rest is virtual rotation, dither, holds, rounding, a drive held over a late answer.
+    x is the prediction from the last estimate through the drive that really acted.  In an ideal oscillator it would
+    have turned by −Ω̂ h; the rest is virtual rotation, dither, holds, rounding, a drive held over a late answer.
     """
     if memory.started == 1:
         double, _, _ = pattern(x, settings.stiffness, memory.rotation, memory.rate)
@@ -43,7 +63,7 @@ def note_forced_rotation(settings, memory, x, h):  # type: ignore[no-untyped-def
 
 
 @compiled
-def read_angle(settings, memory, x, row):  # type: ignore[no-untyped-def]
+def read_angle(settings: Record, memory: Record, x: Floats, row: Record) -> None:
     """Angle, energy and quadrature of the newest estimate into an output row; unwraps and counts turns.
 
     The pattern lags the board (PHYSICS.md §2): φ = −(θ − θ0) plus what forces turned the pattern by.  Taking off the
@@ -75,32 +95,34 @@ def read_angle(settings, memory, x, row):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def observe_block(  # type: ignore[no-untyped-def]
-    settings_record,
-    active,
-    walk,
-    prior,
-    spread,
-    guess,
-    table,
-    x,
-    p,
-    c,
-    memory_record,
-    z,
-    u,
-    h,
-    truth,
-    rows,
-    states_out,
-    deviations_out,
-    every,
-):
-    """Run the observer over n samples: z (n, axes), u (n, axes, degree + 1) the drive over the interval that ends at each, h (n,).
+def observe_block(
+    settings_record: Record,
+    active: Ints,
+    walk: Floats,
+    prior: Floats,
+    spread: Floats,
+    guess: Floats,
+    table: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    memory_record: Record,
+    z: Floats,
+    u: Floats,
+    h: Floats,
+    truth: Floats,
+    rows: Record,
+    states_out: Floats,
+    deviations_out: Floats,
+    every: int,
+) -> int:
+    """Run the observer over n samples: z (n, axes), u (n, axes, degree + 1) the drive over the interval that ends at
+    each, h (n,).
 
     rows (n,) of OUTPUT; every `every` samples the state vector goes to states_out and its standard deviations to
-    deviations_out.  With truth of n rows (else 0 rows) the state vector is replaced by the truth before each step, so that
-    p follows the posterior Cramér–Rao recursion along the true trajectory.  Returns the number of state rows written.
+    deviations_out.  With truth of n rows (else 0 rows) the state vector is replaced by the truth before each step, so
+    that p follows the posterior Cramér–Rao recursion along the true trajectory.  Returns the number of state rows
+    written.
     """
     settings = settings_record[0]
     memory = memory_record[0]
@@ -151,28 +173,29 @@ def observe_block(  # type: ignore[no-untyped-def]
 
 @compiled
 def tick(
-    settings_record,
-    active,
-    walk,
-    prior,
-    spread,
-    guess,
-    table,
-    x,
-    p,
-    c,
-    memory_record,
-    vx,
-    vy,
-    ux,
-    uy,
-    rows,
-    codes,
-):  # type: ignore[no-untyped-def]
-    """One sample of the closed loop: sense codes (NaN: lost) and echoed drive codes → codes (2,) to send, rows[0] filled."""
+    settings_record: Record,
+    active: Ints,
+    walk: Floats,
+    prior: Floats,
+    spread: Floats,
+    guess: Floats,
+    table: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    memory_record: Record,
+    vx: float,
+    vy: float,
+    ux: float,
+    uy: float,
+    rows: Record,
+    codes: Floats,
+) -> None:
+    """One sample of the closed loop: sense codes (NaN: lost) and echoed drive codes → codes (2,) to send, rows[0]
+    filled.
+    """
     settings = settings_record[0]
     memory = memory_record[0]
-    states = settings.states
     work = workspace(settings, p.shape[0], x.shape[0])
     nu = np.zeros(2)
     variance = np.zeros(2)

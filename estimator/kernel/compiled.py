@@ -1,8 +1,8 @@
 """Numba with a disk cache keyed by what the kernels are made of.
 
-Numba notices a change in a function's own file but not in the functions it calls, and the generated module depends on the
-declarations.  So generated source and compiled code live in one folder named after the hash of every file that decides
-them: a change anywhere starts a fresh folder, a hit needs no SymPy.
+Numba notices a change in a function's own file but not in the functions it calls, and the generated module depends on
+the declarations.  So generated source and compiled code live in one folder named after the hash of every file that
+decides them: a change anywhere starts a fresh folder, a hit needs no SymPy.
 """
 
 import hashlib
@@ -54,13 +54,14 @@ def mark_warm() -> None:
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """`numba.njit` with the cache in `kernel_cache()`; the interpreter's global setting is left as it was."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(kernel_cache() / "numba")
+    settings: Any = numba.config
+    before = settings.CACHE_DIR
+    settings.CACHE_DIR = str(kernel_cache() / "numba")
     try:
         kernel: Callable[..., Any] = numba.njit(cache=True, nogil=True)(function)
         return kernel
     finally:
-        numba.config.CACHE_DIR = before
+        settings.CACHE_DIR = before
 
 
 @cache
@@ -73,7 +74,7 @@ def generated() -> ModuleType:
 
         scratch = path.with_suffix(f".{os.getpid()}.tmp")
         scratch.write_text(generate(MODELS))
-        os.replace(scratch, path)
+        scratch.replace(path)
     spec = importlib.util.spec_from_file_location(_GENERATED, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path}: cannot be loaded; delete its folder and start again")

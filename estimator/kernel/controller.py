@@ -1,20 +1,21 @@
 """The control law (9) and what it needs to work through a sampled, delayed drive.
 
-The force computed from sample m acts over the interval that begins at m + latency.  The state is predicted exactly through
-the drives already queued, then half a sample ahead with the *target* flow (stiffness k and rotation Ω̂ + Ωv), because a held
-force acts on average in the middle of its interval; and all of it is divided by what the hold leaves of a sinusoid.
+The force computed from sample m acts over the interval that begins at m + latency.  The state is predicted exactly
+through the drives already queued, then half a sample ahead with the *target* flow (stiffness k and rotation Ω̂ + Ωv),
+because a held force acts on average in the middle of its interval; and all of it is divided by what the hold leaves of
+a sinusoid.
 """
 
 import numpy as np
 
 from estimator.kernel.compiled import compiled
 from estimator.kernel.flow import flow
-from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, RATE
+from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, RATE, Floats, Record
 from estimator.kernel.pattern import pattern
 
 
 @compiled
-def dither_force(memory, amplitude):  # type: ignore[no-untyped-def]
+def dither_force(memory: Record, amplitude: float) -> float:
     """Next value of a two-level pseudo-random force, ± amplitude (xorshift64)."""
     state = memory.dither
     state ^= state << np.uint64(13)
@@ -25,7 +26,7 @@ def dither_force(memory, amplitude):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def control_law(settings, memory, s, c, out):  # type: ignore[no-untyped-def]
+def control_law(settings: Record, memory: Record, s: Floats, c: Floats, out: Floats) -> None:
     """out ← (9) plus energy hold, quadrature hold and virtual rotation, for state s and constants c.
 
     (9) prints positions where its damping terms need velocities; implemented with velocities.
@@ -55,7 +56,7 @@ def control_law(settings, memory, s, c, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def command(settings, memory, x, scratch, out):  # type: ignore[no-untyped-def]
+def command(settings: Record, memory: Record, x: Floats, scratch: Floats, out: Floats) -> None:
     """Drive codes (out, 2) for the interval `latency` samples ahead, and their place in the queue.
 
     x is the state vector after the update with the newest sample.  The queue holds what was commanded for the intervals
@@ -105,11 +106,11 @@ def command(settings, memory, x, scratch, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def advance_queue(settings, memory, u):  # type: ignore[no-untyped-def]
+def advance_queue(settings: Record, memory: Record, u: Floats) -> None:
     """Drop the command whose interval has ended and note which virtual rotation the board really applied.
 
-    u (2,) is the echoed drive.  A zero echo where something was commanded is a board in SAFE; anything else that differs is
-    a drive held over a late answer, whose virtual rotation stays what it was.
+    u (2,) is the echoed drive.  A zero echo where something was commanded is a board in SAFE; anything else that
+    differs is a drive held over a late answer, whose virtual rotation stays what it was.
     """
     expected = (
         abs(u[0] - memory.queue[0, 0]) < 0.5 * settings.quantum

@@ -1,9 +1,17 @@
-"""Records that the kernels share: settings (written once), memory (carried from sample to sample), output (one row a sample).
+"""Records that the kernels share: settings (written once), memory (carried from sample to sample), output (one row a
+sample).
 
 All numbers are scaled: time by 1/ω0, length by the nominal amplitude.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Record = Any  # one row of a dtype below, as Numba sees it: fields are attributes
 
 MAX_LATENCY = 15
 MAX_AXES = 2

@@ -1,15 +1,17 @@
 """The discrete observer (7)(8) of TW I384198 B1: X̂[m+1] = f_d(X̂[m]) + B_d U[m] + L[m] (Z[m] − H X̂[m]).
 
-The gain L comes from an extended Kalman filter, from one with fading memory (Bar-Shalom, Li & Kirubarajan, 2001), or from a
-table derived once from the dynamics.  Beside the filter's covariance P runs the covariance C that the estimates really have
-under that gain, C ← (I − LH)(F C Fᵀ + Q)(I − LH)ᵀ + L R Lᵀ: with fading memory P is about twice C, with a tabulated gain
-there is no P at all.  Intervals are reported from C; for the plain EKF the two are one and only P is carried.
+The gain L comes from an extended Kalman filter, from one with fading memory (Bar-Shalom, Li & Kirubarajan, 2001), or
+from a table derived once from the dynamics.  Beside the filter's covariance P runs the covariance C that the estimates
+really have under that gain, C ← (I − LH)(F C Fᵀ + Q)(I − LH)ᵀ + L R Lᵀ: with fading memory P is about twice C, with a
+tabulated gain there is no P at all.  Intervals are reported from C; for the plain EKF the two are one and only P is
+carried.
 """
 
 import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import flow
+from estimator.kernel.layout import Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
 
 _sense = generated().sense
@@ -22,7 +24,7 @@ _FASTEST = 0.1
 
 
 @compiled
-def propagate(p, g, scratch, factor):  # type: ignore[no-untyped-def]
+def propagate(p: Floats, g: Floats, scratch: Floats, factor: float) -> None:
     """p ← factor · F p Fᵀ with F = [g; 0 I]: only the rows of the states change."""
     states, n = g.shape
     for i in range(states):
@@ -49,7 +51,9 @@ def propagate(p, g, scratch, factor):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_process_noise(p, settings, h, s, active, walk, kick):  # type: ignore[no-untyped-def]
+def add_process_noise(
+    p: Floats, settings: Record, h: float, s: Floats, active: Ints, walk: Floats, kick: Floats
+) -> None:
     """Force noise on the velocities, random walks on the constants; a walking rate also moves the velocities (Ω̇ r)."""
     states = settings.states
     for axis in range(settings.axes):
@@ -75,7 +79,7 @@ def add_process_noise(p, settings, h, s, active, walk, kick):  # type: ignore[no
 
 
 @compiled
-def kalman_gain(p, jacobian, noise, channels, nu, gain):  # type: ignore[no-untyped-def]
+def kalman_gain(p: Floats, jacobian: Floats, noise: Floats, channels: int, nu: Floats, gain: Floats) -> float:
     """gain ← p Hᵀ S⁻¹ with S = H p Hᵀ + R for one or two channels; returns νᵀ S⁻¹ ν per channel, expected 1."""
     n = p.shape[0]
     for a in range(channels):
@@ -87,10 +91,12 @@ def kalman_gain(p, jacobian, noise, channels, nu, gain):  # type: ignore[no-unty
     s00 = noise[0]
     for j in range(n):
         s00 += jacobian[0, j] * gain[j, 0]
+    surprise: float
     if channels == 1:
         for i in range(n):
             gain[i, 0] /= s00
-        return nu[0] * nu[0] / s00
+        surprise = nu[0] * nu[0] / s00
+        return surprise
     s11 = noise[1]
     s01 = 0.0
     for j in range(n):
@@ -102,28 +108,26 @@ def kalman_gain(p, jacobian, noise, channels, nu, gain):  # type: ignore[no-unty
         g1 = gain[i, 1]
         gain[i, 0] = (g0 * s11 - g1 * s01) / determinant
         gain[i, 1] = (g1 * s00 - g0 * s01) / determinant
-    return 0.5 * (nu[0] * nu[0] * s11 - 2.0 * nu[0] * nu[1] * s01 + nu[1] * nu[1] * s00) / determinant
+    surprise = 0.5 * (nu[0] * nu[0] * s11 - 2.0 * nu[0] * nu[1] * s01 + nu[1] * nu[1] * s00) / determinant
+    return surprise
 
 
 @compiled
-def fading_factor(settings, memory, p, active, spread):  # type: ignore[no-untyped-def]
+def fading_factor(settings: Record, memory: Record) -> float:
     """Factor on the predicted covariance: the chosen memory, shorter while the innovations deny the covariance.
 
-    An innovation that stays several times larger than predicted means a change or a wrong start; forgetting faster until
-    prediction and innovation agree is what lets the observer catch it (adaptive fading, Xia, Rao, Ying & Shen, Automatica
-    30(8), 1994).  It stops where P has reached the initial spread, beyond which there is nothing to forget.
+    An innovation that stays several times larger than predicted means a change or a wrong start; forgetting faster
+    until prediction and innovation agree is what lets the observer catch it (adaptive fading, Xia, Rao, Ying & Shen,
+    Automatica 30(8), 1994).
     """
-    if settings.fade == 1.0 or memory.surprise < _SURPRISED:
-        return settings.fade
-    for k in range(active.shape[0]):
-        row = settings.states + k
-        if p[row, row] > spread[k]:
-            return settings.fade
-    return settings.fade * (1.0 + min(0.01 * (memory.surprise - _SURPRISED), _FASTEST))
+    fade: float = settings.fade
+    if fade > 1.0 and memory.surprise > _SURPRISED:
+        fade *= 1.0 + min(0.01 * (memory.surprise - _SURPRISED), _FASTEST)
+    return fade
 
 
 @compiled
-def joseph(p, jacobian, noise, channels, gain, ph):  # type: ignore[no-untyped-def]
+def joseph(p: Floats, jacobian: Floats, noise: Floats, channels: int, gain: Floats, ph: Floats) -> None:
     """p ← (I − KH) p (I − KH)ᵀ + K R Kᵀ, symmetric to the last bit and positive for any gain."""
     n = p.shape[0]
     for a in range(channels):
@@ -150,7 +154,7 @@ def joseph(p, jacobian, noise, channels, gain, ph):  # type: ignore[no-untyped-d
 
 
 @compiled
-def rank_one(p, row, gain, noise):  # type: ignore[no-untyped-def]
+def rank_one(p: Floats, row: int, gain: Floats, noise: float) -> None:
     """Joseph update of p for a direct measurement of entry `row` with variance `noise` and any gain (n,)."""
     n = p.shape[0]
     column = p[:, row].copy()
@@ -162,27 +166,52 @@ def rank_one(p, row, gain, noise):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def remember_prior(settings, active, prior, guess, x, p, c, index):  # type: ignore[no-untyped-def]
-    """Give back, on one constant, what fading memory forgot of the initial guess.
-
-    Fading memory forgets in every direction but learns only in excited ones.  One constant after the other is measured
-    against its initial guess with just the information that was forgotten (prior, its variance): P stays bounded by about
-    the initial spread and an unexcited constant returns to its guess instead of drifting (stabilised forgetting, Kulhavý &
-    Zarrop, Int. J. Control 58(4), 1993; one direction at a time as in Gunnarsson, CDC 1996).
-    """
+def recall_guess(
+    settings: Record, active: Ints, noise: float, guess: Floats, x: Floats, p: Floats, c: Floats, index: int
+) -> None:
+    """Measure one constant against its initial guess, with variance `noise`."""
     row = settings.states + index
-    entry = settings.states + active[index]
-    gain = p[:, row] / (p[row, row] + prior[index])
-    pull = guess[index] - x[entry]
+    gain = p[:, row] / (p[row, row] + noise)
+    pull = guess[index] - x[settings.states + active[index]]
     for i in range(p.shape[0]):
         x[i if i < settings.states else settings.states + active[i - settings.states]] += gain[i] * pull
-    rank_one(p, row, gain, prior[index])
+    rank_one(p, row, gain, noise)
     if settings.twin == 1:
-        rank_one(c, row, gain, prior[index])
+        rank_one(c, row, gain, noise)
 
 
 @compiled
-def tabulated_gain(table, s, gain):  # type: ignore[no-untyped-def]
+def remember_prior(
+    settings: Record,
+    active: Ints,
+    prior: Floats,
+    spread: Floats,
+    guess: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    memory: Record,
+) -> None:
+    """Give back what fading memory forgot of the initial guess.
+
+    Fading memory forgets in every direction but learns only in excited ones.  One constant after the other is measured
+    against its initial guess with just the information that was forgotten (prior, its variance): P stays bounded by
+    about the initial spread and an unexcited constant returns to its guess instead of drifting (stabilised forgetting,
+    Kulhavý & Zarrop, Int. J. Control 58(4), 1993; one direction at a time as in Gunnarsson, CDC 1996).  A constant
+    whose variance has passed its initial one (memory.surprise had the filter forget in haste) is brought back to it at
+    once.
+    """
+    memory.cursor = (memory.cursor + 1) % active.shape[0]
+    if prior[memory.cursor] > 0.0:  # else known exactly from the start: nothing is forgotten of it
+        recall_guess(settings, active, prior[memory.cursor], guess, x, p, c, memory.cursor)
+    for k in range(active.shape[0]):
+        variance = p[settings.states + k, settings.states + k]
+        if spread[k] > 0.0 and variance > spread[k]:
+            recall_guess(settings, active, variance * spread[k] / (variance - spread[k]), guess, x, p, c, k)
+
+
+@compiled
+def tabulated_gain(table: Floats, s: Floats, gain: Floats) -> None:
     """Stationary gain at the pattern angle and vibration phase of s, bilinear in the table (angle, phase, n, channel).
 
     The pattern angle is known modulo π; θ + π with phase + π is the same motion, which is what the wrap uses.
@@ -214,14 +243,16 @@ def tabulated_gain(table, s, gain):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def runs_riccati(settings, memory):  # type: ignore[no-untyped-def]
+def runs_riccati(settings: Record, memory: Record) -> bool:
     """Whether the gain comes from the covariance recursion: always, except after acquisition with a tabulated gain."""
-    return settings.stationary == 0 or memory.time < settings.acquisition
+    tabulated: bool = settings.stationary == 1 and memory.time >= settings.acquisition
+    return not tabulated
 
 
 @compiled
-def workspace(settings, n, total):  # type: ignore[no-untyped-def]
-    """Scratch of one observer, made once per block: flow a, b, out; g, scratch; jacobian, full; gain, ph; kick, predicted, noise.
+def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
+    """Scratch of one observer, made once per block: flow a, b, out; g, scratch; jacobian, full; gain, ph; kick,
+    predicted, noise.
 
     n counts states and active constants, total states and all constants.
     """
@@ -244,7 +275,7 @@ def workspace(settings, n, total):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def predict_state(settings, active, x, u, h, work):  # type: ignore[no-untyped-def]
+def predict_state(settings: Record, active: Ints, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]) -> None:
     """Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]."""
     states = settings.states
     a, b, out, g = work[:4]
@@ -259,8 +290,12 @@ def predict_state(settings, active, x, u, h, work):  # type: ignore[no-untyped-d
 
 
 @compiled
-def predict_measurement(settings, active, x, z, work, nu, variance):  # type: ignore[no-untyped-def]
-    """Innovation nu (0 where z is NaN), measurement Jacobian over [states, active constants] in work, noise in variance; False if z is all NaN."""
+def predict_measurement(
+    settings: Record, active: Ints, x: Floats, z: Floats, work: tuple[Floats, ...], nu: Floats, variance: Floats
+) -> bool:
+    """Innovation nu (0 where z is NaN), measurement Jacobian over [states, active constants] in work, noise in
+    variance; False if z is all NaN.
+    """
     states = settings.states
     jacobian = work[5]
     full = work[6]
@@ -280,7 +315,18 @@ def predict_measurement(settings, active, x, z, work, nu, variance):  # type: ig
 
 
 @compiled
-def predict(settings, active, walk, spread, x, p, c, memory, u, h, work):  # type: ignore[no-untyped-def]
+def predict(
+    settings: Record,
+    active: Ints,
+    walk: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    memory: Record,
+    u: Floats,
+    h: float,
+    work: tuple[Floats, ...],
+) -> None:
     """Advance state and covariances over h with the drive u (axes, degree + 1) that acted."""
     _, _, _, g, scratch, _, _, _, _, kick, _, _ = work
     s = x[: settings.states]
@@ -289,13 +335,30 @@ def predict(settings, active, walk, spread, x, p, c, memory, u, h, work):  # typ
         propagate(c, g, scratch, 1.0)
         add_process_noise(c, settings, h, s, active, walk, kick)
     if runs_riccati(settings, memory):
-        propagate(p, g, scratch, fading_factor(settings, memory, p, active, spread))
+        propagate(p, g, scratch, fading_factor(settings, memory))
         add_process_noise(p, settings, h, s, active, walk, kick)
 
 
 @compiled
-def correct(settings, active, prior, guess, table, x, p, c, memory, z, work, nu, variance):  # type: ignore[no-untyped-def]
-    """Update state and covariances with z (NaN: no measurement); nu and variance receive innovation and its variance."""
+def correct(
+    settings: Record,
+    active: Ints,
+    prior: Floats,
+    spread: Floats,
+    guess: Floats,
+    table: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    memory: Record,
+    z: Floats,
+    work: tuple[Floats, ...],
+    nu: Floats,
+    variance: Floats,
+) -> None:
+    """Update state and covariances with z (NaN: no measurement); nu and variance receive innovation and its
+    variance.
+    """
     states = settings.states
     channels = settings.axes
     n = p.shape[0]
@@ -316,6 +379,9 @@ def correct(settings, active, prior, guess, table, x, p, c, memory, z, work, nu,
         memory.surprise += (surprise - memory.surprise) * _ATTENTION
     else:
         tabulated_gain(table, x[:states], gain)
+        for channel in range(channels):
+            if not np.isfinite(z[channel]):
+                gain[:, channel] = 0.0
     for i in range(n):
         correction = 0.0
         for channel in range(channels):
@@ -326,5 +392,4 @@ def correct(settings, active, prior, guess, table, x, p, c, memory, z, work, nu,
     if riccati:
         joseph(p, jacobian, noise, channels, gain, ph)
         if settings.fade > 1.0 and active.shape[0] > 0:
-            memory.cursor = (memory.cursor + 1) % active.shape[0]
-            remember_prior(settings, active, prior, guess, x, p, c, memory.cursor)
+            remember_prior(settings, active, prior, spread, guess, x, p, c, memory)

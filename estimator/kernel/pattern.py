@@ -7,10 +7,11 @@ With velocities measured in the rotating board frame, (11) ripples at twice the 
 import math
 
 from estimator.kernel.compiled import compiled
+from estimator.kernel.layout import Floats
 
 
 @compiled
-def pattern(s, k, w, rate):  # type: ignore[no-untyped-def]
+def pattern(s: Floats, k: float, w: float, rate: float) -> tuple[float, float, float]:
     """(2θ, energy, angular momentum) of state s = (x, ẋ, y, ẏ) under target stiffness k and total rotation w.
 
     The real rotation carries its own centrifugal term, the virtual one does not: the stiffness is k + w² − rate².
@@ -28,7 +29,7 @@ def pattern(s, k, w, rate):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def phase_and_angle(s, k):  # type: ignore[no-untyped-def]
+def phase_and_angle(s: Floats, k: float) -> tuple[float, float]:
     """(θ in [−π/2, π/2), phase in [−π, π)) of the motion along the pattern's long axis, a cos(phase)."""
     double, _, _ = pattern(s, k, 0.0, 0.0)
     theta = 0.5 * double
@@ -38,7 +39,7 @@ def phase_and_angle(s, k):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def unwrap_half_turns(double, before):  # type: ignore[no-untyped-def]
+def unwrap_half_turns(double: float, before: float) -> float:
     """θ nearest to `before` among double/2 + nπ: the ellipse is the same after half a turn."""
     theta = 0.5 * double
     return theta + math.pi * math.floor((before - theta) / math.pi + 0.5)

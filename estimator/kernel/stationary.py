@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.layout import KXX, KYY, RATE
+from estimator.kernel.layout import KXX, KYY, RATE, Floats, Ints, Record
 from estimator.kernel.observer import (
     add_process_noise,
     joseph,
@@ -20,11 +20,23 @@ from estimator.kernel.pattern import phase_and_angle
 
 
 @compiled
-def gather_gains(settings_record, active, walk, prior, p, rotation, h, settle, samples, total, weight):  # type: ignore[no-untyped-def]
+def gather_gains(
+    settings_record: Record,
+    active: Ints,
+    walk: Floats,
+    prior: Floats,
+    p: Floats,
+    rotation: float,
+    h: float,
+    settle: int,
+    samples: int,
+    total: Floats,
+    weight: Floats,
+) -> None:
     """Sum of the gains (angles, phases, n, channels) and their number (angles, phases) into total and weight.
 
-    The orbit is the controlled device's: an isotropic oscillator of unit stiffness and amplitude whose pattern precesses at
-    `rotation`; the first `settle` samples only bring the covariance to its periodic state.
+    The orbit is the controlled device's: an isotropic oscillator of unit stiffness and amplitude whose pattern
+    precesses at `rotation`; the first `settle` samples only bring the covariance to its periodic state.
     """
     settings = settings_record[0]
     states = settings.states
@@ -50,8 +62,8 @@ def gather_gains(settings_record, active, walk, prior, p, rotation, h, settle, s
         kalman_gain(p, jacobian, noise, settings.axes, nu, gain)
         if m >= settle:
             theta, phase = phase_and_angle(s, 1.0)
-            cell = int(math.floor((theta + 0.5 * math.pi) / math.pi * angles + 0.5))
-            column = int(math.floor((phase + math.pi) / (2.0 * math.pi) * phases + 0.5))
+            cell = math.floor((theta + 0.5 * math.pi) / math.pi * angles + 0.5)
+            column = math.floor((phase + math.pi) / (2.0 * math.pi) * phases + 0.5)
             if cell >= angles:
                 cell -= angles
                 column += phases // 2
@@ -64,4 +76,5 @@ def gather_gains(settings_record, active, walk, prior, p, rotation, h, settle, s
         if active.shape[0] > 0:
             cursor = (cursor + 1) % active.shape[0]
             row = states + cursor
-            rank_one(p, row, p[:, row] / (p[row, row] + prior[cursor]), prior[cursor])
+            if prior[cursor] > 0.0:
+                rank_one(p, row, p[:, row] / (p[row, row] + prior[cursor]), prior[cursor])

@@ -1,8 +1,9 @@
 """From declarations to the source of one Numba module: the vector field on Taylor columns, the measurement, the jumps.
 
-A step of the flow is a Taylor series: with ṡ = M(c) s + N(c) u the coefficients follow a_{n+1} = (M a_n + N u_n) / (n + 1),
-and the sensitivities to initial state and constants obey the same recursion with ∂M/∂c a_n + ∂N/∂c u_n added.  So one
-generated function serves values and Jacobian alike, on an array whose columns are [state | ∂/∂s0 | ∂/∂flow constants].
+A step of the flow is a Taylor series: with ṡ = M(c) s + N(c) u the coefficients follow a_{n+1} = (M a_n + N u_n) / (n
++ 1), and the sensitivities to initial state and constants obey the same recursion with ∂M/∂c a_n + ∂N/∂c u_n added.
+So one generated function serves values and Jacobian alike, on an array whose columns are [state | ∂/∂s0 | ∂/∂flow
+constants].
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,9 +28,7 @@ def _assignments(pairs: Iterable[tuple[str, sp.Expr]], prefix: str, indent: str)
     named = list(pairs)
     shared, reduced = sp.cse([expr for _, expr in named], symbols=sp.numbered_symbols(prefix))
     lines = [f"{indent}{symbol} = {_PRINTER.doprint(expr)}" for symbol, expr in shared]
-    lines += [
-        f"{indent}{name} = {_PRINTER.doprint(expr)}" for (name, _), expr in zip(named, reduced, strict=True)
-    ]
+    lines += [f"{indent}{name} = {_PRINTER.doprint(expr)}" for (name, _), expr in zip(named, reduced, strict=True)]
     return lines
 
 
@@ -49,9 +48,7 @@ def _field_columns(model: Model) -> str:
     nonzero = [(i, j, m[i, j]) for i in range(m.rows) for j in range(m.cols) if m[i, j] != 0]
     trivial = {(i, j): e for i, j, e in nonzero if e.is_number}
     entries = [(f"m{i}_{j}", e) for i, j, e in nonzero if not e.is_number]
-    input_terms = [
-        sum((n[i, j] * model.inputs[j] for j in range(n.cols)), sp.Integer(0)) for i in range(n.rows)
-    ]
+    input_terms = [sum((n[i, j] * model.inputs[j] for j in range(n.cols)), sp.Integer(0)) for i in range(n.rows)]
     forcing = [
         (i, 1 + len(states) + j, sp.diff(model.field[i], constant.symbol))
         for j, constant in enumerate(model.flow_constants)
@@ -106,9 +103,7 @@ def _jumps(model: Model) -> str:
         if constant.jump:
             lines.append(f"    if constant == {index}:")
             lines += ["    " + line for line in _unpack(states, "s[{i}]", _free(constant.jump.values()))]
-            lines += [
-                f"        out[{states.index(s)}] = {_PRINTER.doprint(e)}" for s, e in constant.jump.items()
-            ]
+            lines += [f"        out[{states.index(s)}] = {_PRINTER.doprint(e)}" for s, e in constant.jump.items()]
     return "\n".join(lines)
 
 

@@ -1,8 +1,8 @@
 """What a model is: named states and constants, a vector field linear in the states, a measurement.
 
 A declaration is written in SymPy and in *scaled* units (time by 1/ω0, length by the nominal amplitude), see
-`estimator.scaling`.  `estimator.model.codegen` turns it into the compiled step, `estimator.oracle` evaluates it directly,
-and the report prints its equations, so that the physics stands in one readable place.
+`estimator.scaling`.  `estimator.model.codegen` turns it into the compiled step, `estimator.oracle` evaluates it
+directly, and the report prints its equations, so that the physics stands in one readable place.
 """
 
 from collections.abc import Mapping
@@ -37,8 +37,9 @@ class State:
 class Constant:
     """A quantity the observer models as constant (or as a slow random walk).
 
-    `jump` says what a sudden unit change of the constant does to the states: a jump of the rate moves the velocities in the
-    rotating frame (the Euler term Ω̇ seen as an impulse), so the random walk of Ω and the velocity noise are correlated.
+    `jump` says what a sudden unit change of the constant does to the states: a jump of the rate moves the velocities
+    in the rotating frame (the Euler term Ω̇ seen as an impulse), so the random walk of Ω and the velocity noise are
+    correlated.
     """
 
     symbol: sp.Symbol
@@ -70,13 +71,14 @@ class Model:
         return self.sense_constants + self.flow_constants
 
     @property
+    def entries(self) -> tuple[State | Constant, ...]:
+        """What the state vector X = [states, constants] holds."""
+        return self.states + self.constants
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the whole state vector, X = [states, constants]."""
-        return tuple(item.name for item in (*self.states, *self.constants))
-
-    def constant_index(self, name: str) -> int:
-        """Position of a constant among `constants`."""
-        return [constant.name for constant in self.constants].index(name)
+        return tuple(item.name for item in self.entries)
 
     def system_matrices(self) -> tuple[sp.Matrix, sp.Matrix]:
         """M (states × states) and N (states × inputs) of ṡ = M(c) s + N(c) u."""

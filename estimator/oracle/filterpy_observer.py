@@ -1,8 +1,8 @@
 """The observer with filterpy's ExtendedKalmanFilter doing prediction and update.
 
-What its version 2.0.0 wants: columns (n, 1) throughout, since a flat z silently broadcasts; `predict` and then `update`,
-since `predict_update` linearises at the wrong state; `predict_x` replaced by the nonlinear flow; and the fading factor
-applied to P by hand, since the EKF has none.
+What its version 2.0.0 wants: columns (n, 1) throughout, since a flat z silently broadcasts; `predict` and then
+`update`, since `predict_update` linearises at the wrong state; `predict_x` replaced by the nonlinear flow; and the
+fading factor applied to P by hand, since the EKF has none.
 """
 
 from collections.abc import Callable

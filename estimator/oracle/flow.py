@@ -1,8 +1,8 @@
 """The flow of the linear part over one step and its sensitivities, by matrix exponentials.
 
 The drive is a polynomial in normalised time τ = t/h.  Its monomials obey dτⁿ/dτ = n τⁿ⁻¹, so that state and monomials
-together follow a homogeneous linear equation whose exponential is the exact flow (Van Loan, IEEE Trans. Automatic Control
-23(3), 1978).  The derivative by a constant is the upper right block of exp([[A, ∂A/∂c], [0, A]]).
+together follow a homogeneous linear equation whose exponential is the exact flow (Van Loan, IEEE Trans. Automatic
+Control 23(3), 1978).  The derivative by a constant is the upper right block of exp([[A, ∂A/∂c], [0, A]]).
 """
 
 import numpy as np

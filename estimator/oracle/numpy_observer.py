@@ -45,9 +45,7 @@ class NumpyObserver(Observer):
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """Raises ModelError: an oracle closes no loop."""
-        raise ModelError(
-            f"backend '{self.backend}' only replays records; close the loop with backend 'numba'"
-        )
+        raise ModelError(f"backend '{self.backend}' only replays records; close the loop with backend 'numba'")
 
     def run(
         self,
@@ -135,7 +133,9 @@ class NumpyObserver(Observer):
             self.p[:] = self._fading_factor() * (f @ self.p @ f.T) + q
 
     def _update(self, z: Array, measure: Callable[[Array], Array], h: Array, r: Array) -> None:
-        """Kalman update of x and P, and of C by the same gain, with a measurement z = measure(x) + noise of covariance r."""
+        """Kalman update of x and P, and of C by the same gain, with a measurement z = measure(x) + noise of
+        covariance r.
+        """
         gain = np.linalg.solve(h @ self.p @ h.T + r, h @ self.p).T
         self.p[:] = _joseph(self.p, gain, h, r)
         self._correct(gain, h, r, z - measure(self.x))
@@ -157,19 +157,27 @@ class NumpyObserver(Observer):
     # -- fading memory -----------------------------------------------------------------------------------------------
 
     def _fading_factor(self) -> float:
-        """The chosen memory, shorter while the innovations deny the covariance and P is within the initial spread."""
-        within = np.all(np.diag(self.p)[self.states :] <= self.spread)
-        if not self._fading or self._surprise < SURPRISED or not within:
+        """The chosen memory, shorter while the innovations deny the covariance."""
+        if not self._fading or self._surprise < SURPRISED:
             return self._fade
         return self._fade * (1.0 + min(0.01 * (self._surprise - SURPRISED), FASTEST))
 
     def _remember_prior(self) -> None:
-        """Measure the next constant in turn against its initial guess, with the information that was forgotten."""
+        """Measure the next constant in turn against its initial guess, with the information that was forgotten; then
+        bring back to its initial variance any that has passed it."""
         self._cursor = (self._cursor + 1) % len(self.active)
-        row = self.states + self._cursor
+        if self.prior[self._cursor] > 0.0:  # else known exactly from the start
+            self._recall_guess(self._cursor, float(self.prior[self._cursor]))
+        for index, limit in enumerate(self.spread):
+            variance = float(self.p[self.states + index, self.states + index])
+            if 0.0 < limit < variance:
+                self._recall_guess(index, variance * limit / (variance - limit))
+
+    def _recall_guess(self, index: int, noise: float) -> None:
+        row = self.states + index
         entry = int(self.estimated_index[row])
         unit = np.eye(len(self.estimated_index))[[row]]
-        self._update(self.guess[[self._cursor]], lambda x: x[[entry]], unit, self.prior[[self._cursor], None])
+        self._update(self.guess[[index]], lambda x: x[[entry]], unit, np.array([[noise]]))
 
     def _tabulated_gain(self) -> Array:
         """Stationary gain (n, axes), bilinear between the table's entries at pattern angle and vibration phase."""
@@ -196,9 +204,7 @@ class NumpyObserver(Observer):
         double, energy, momentum = pattern(x, 1.0, rate + virtual, rate)
         plain, _, _ = pattern(x, 1.0, 0.0, 0.0)
         h = h.copy()
-        if (
-            self._frame is None
-        ):  # the sample that sets the zero of the angle counts no rotation of its own interval
+        if self._frame is None:  # the sample that sets the zero of the angle counts no rotation of its own interval
             self._frame = (rate[0] + virtual[0], rate[0])
             h[0] = 0.0
         # Both angles that a step compares are read in the frame of its beginning.

@@ -1,8 +1,8 @@
 """The vibration ellipse by one complex number.
 
 With z = x + iy the motion is two counter-rotating circles a e^{iωt} + b e^{-iωt}, and the ellipse lies along
-θ = ½ arg(ab) = ½ arg(k z² + ż²): formula (11) of TW I384198 B1.  Seen in the frame in which the pattern rests, ż becomes
-ż + iWz and k becomes k + W² − Ω² (PHYSICS.md §2).
+θ = ½ arg(ab) = ½ arg(k z² + ż²): formula (11) of TW I384198 B1.  Seen in the frame in which the pattern rests, ż
+becomes ż + iWz and k becomes k + W² − Ω² (PHYSICS.md §2).
 """
 
 import math
@@ -14,7 +14,9 @@ from estimator.scaling import Array
 
 
 def pattern(s: Array, k: float, w: Array | float, rate: Array | float) -> tuple[Array, Array, Array]:
-    """2θ [rad], energy and angular momentum, each (n,), of states s (n, 4); w is the total rotation Ω + Ωv, rate is Ω."""
+    """2θ [rad], energy and angular momentum, each (n,), of states s (n, 4); w is the total rotation Ω + Ωv, rate is
+    Ω.
+    """
     z = s[:, 0] + 1j * s[:, 2]
     dz = s[:, 1] + 1j * s[:, 3] + 1j * w * z
     stiffness = k + np.square(w) - np.square(rate)
@@ -23,7 +25,9 @@ def pattern(s: Array, k: float, w: Array | float, rate: Array | float) -> tuple[
 
 
 def pattern_gradient(s: Array, k: float, w: float, rate: float) -> Array:
-    """Derivative (5,) of θ by x, ẋ, y, ẏ and the rate Ω at one state s (4,), Ωv held: ∂θ = ½ Im(∂G/G), G = k z² + ż²."""
+    """Derivative (5,) of θ by x, ẋ, y, ẏ and the rate Ω at one state s (4,), Ωv held: ∂θ = ½ Im(∂G/G), G = k z² +
+    ż².
+    """
     z = complex(s[0], s[2])
     dz = complex(s[1], s[3]) + 1j * w * z
     stiffness = k + w * w - rate * rate
@@ -42,7 +46,9 @@ class PatternAngle:
     last: float = math.nan
 
     def unwrap(self, double: Array) -> tuple[Array, Array]:
-        """From 2θ (n,) the unwrapped θ of the sample before (the first has none but its own) and of each sample, (n,)."""
+        """From 2θ (n,) the unwrapped θ of the sample before (the first has none but its own) and of each sample,
+        (n,).
+        """
         theta = 0.5 * double
         if math.isnan(self.start):
             self.start = self.last = float(theta[0])

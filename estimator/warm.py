@@ -1,0 +1,48 @@
+"""`python -m estimator.warm`: compile every kernel into the cache, so that the first sample of a run is as quick as
+the rest.
+"""
+
+import time
+
+import numpy as np
+
+from estimator.kernel.compiled import is_warm, mark_warm
+from estimator.observer import Observer
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+
+_CONTROLLER = ControllerSettings(latency=1, force_quantum=1e-3, force_limit=10.0, sense_quantum=1e-5)
+
+
+def compile_all() -> None:
+    """Call each kernel once with the types of a run: every model, every gain, one sample, a block, a truth."""
+    sense = np.zeros((2, 2))
+    for axes in (1, 2):
+        device = Device(
+            sample_rate=4000.0,
+            stiffness=(1.6e6, 1.6e6, 0.0) if axes == 2 else (1.6e6,),
+            damping=(1.0, 1.0, 0.0) if axes == 2 else (1.0,),
+            amplitude=1e-4,
+            sense_gain=(-890.0,) * axes,
+            noise=(1e-4,) * axes,
+        )
+        for gain in Gain if axes == 2 else (Gain.EKF, Gain.FADING):
+            settings = ObserverSettings(gain=gain, memory=0.01)
+            observer = Observer(device, settings, _CONTROLLER if axes == 2 else None)
+            observer.run(sense[:, :axes], sense[:, :axes], truth=np.zeros((2, len(observer.x))))
+            if axes == 2:
+                observer.tick(0.0, 0.0, 0.0, 0.0)
+
+
+def main() -> None:
+    """Warm the cache unless it is warm; one line either way."""
+    begin = time.perf_counter()
+    known = is_warm()
+    if not known:
+        print("compiling the kernels, once for this version … ", end="", flush=True)
+        compile_all()
+        mark_warm()
+    print(f"kernels {'are warm' if known else 'compiled'}: {time.perf_counter() - begin:.1f} s")
+
+
+if __name__ == "__main__":
+    main()

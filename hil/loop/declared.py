@@ -1,0 +1,121 @@
+"""From what is declared, by bench file and board, to what the estimator needs."""
+
+import math
+from typing import Any
+
+from estimator import settings
+from hil.bench import Bench
+from hil.errors import InputError
+from hil.wire import client
+from hil.wire.endpoint import Endpoint
+from hil.wire.links import open_link
+from hil.wire.messages import Identity
+
+
+def device_of(bench: Bench) -> settings.Device:
+    """The declared device per unit mass."""
+    device = bench.device
+    axes = device.axes
+    return settings.Device(
+        sample_rate=device.sample_rate_Hz,
+        stiffness=device.stiffness_per_s2,
+        damping=device.damping_per_s,
+        amplitude=device.amplitude_m,
+        sense_gain=device.sense_gains_V_per_m,
+        noise=(device.sense.noise_V,) * axes,
+        mass=device.mass_kg,
+        drive_gain=device.drive_mps2_per_unit,
+        target_stiffness=bench.target_stiffness_per_s2,
+    )
+
+
+def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
+    """Variant, gain, first guess and noise."""
+    observer, mass = bench.observer, bench.device.mass_kg
+    given, spread, noise = observer.initial, observer.initial_sd, observer.process_noise
+    initial = {"rate": given.rate_rad_s} if bench.device.axes == 2 else {}
+    for names, values, unit in (
+        (("x", "y"), given.position_m, 1.0),
+        (("vx", "vy"), given.velocity_mps, 1.0),
+        (("phi_x", "phi_y"), given.offset_V, 1.0),
+        (("kxx", "kyy", "kxy"), given.stiffness_N_per_m, mass),
+        (("dxx", "dyy", "dxy"), given.damping_N_s_per_m, mass),
+    ):
+        initial |= {name: value / unit for name, value in zip(names, values or (), strict=False)}
+    drive_noise = bench.device.drive.noise_mps2_per_rtHz
+    return settings.ObserverSettings(
+        variant=settings.Variant(observer.variant),
+        gain=settings.Gain(observer.gain),
+        memory=observer.memory_s,
+        acquisition=observer.acquisition_s,
+        initial=initial,
+        spread=settings.Spread(
+            position=spread.position,
+            velocity=spread.velocity,
+            offset=bench.offset_sd_V,
+            rate=spread.rate_rad_s,
+            stiffness=spread.stiffness,
+            damping=spread.damping,
+            drive_gain=spread.drive_gain if not bench.device.drive.gain_known else 0.0,
+        ),
+        process_noise=settings.ProcessNoise(
+            force=math.hypot(noise.force_mps2_per_rtHz, drive_noise),
+            rate=noise.rate_rad_s_per_rts,
+            offset=noise.offset_V_per_rts,
+            stiffness=noise.stiffness_per_rts,
+            damping=noise.damping_per_rts,
+        ),
+    )
+
+
+def controller_settings_of(bench: Bench, identity: Identity) -> settings.ControllerSettings:
+    """Control law and holds, with the board's own codes and latency."""
+    controller = bench.controller
+    limit = controller.force_limit_mps2 or bench.device.drive.full_scale
+    return settings.ControllerSettings(
+        latency=identity.latency_ticks,
+        force_quantum=identity.drive_scale_mps2,
+        force_limit=min(limit, identity.drive_scale_mps2 * (2 ** (identity.drive_bits - 1) - 1)),
+        sense_quantum=identity.sense_scale_V,
+        energy_gain=controller.energy_gain,
+        quadrature_gain=controller.quadrature_gain,
+        virtual_rotation=controller.virtual_rotation_rad_s,
+        dither=controller.dither_mps2,
+        modulation=controller.amplitude_modulation,
+        modulation_rate=2.0 * math.pi * controller.modulation_Hz,
+    )
+
+
+def require_agreement(bench: Bench, identity: Identity, link: str) -> None:
+    """InputError naming the first thing that bench file and board say differently."""
+    device = bench.device
+    if identity.axes != device.axes:
+        raise InputError(
+            f"{link}: the board has {identity.axes} axes, [device] axes says {device.axes}; correct the bench file"
+        )
+    if not math.isclose(identity.tick_rate_Hz, device.sample_rate_Hz, rel_tol=1e-6):
+        raise InputError(
+            f"{link}: the board samples at {identity.tick_rate_Hz:g} Hz, [device] sample_rate_Hz says "
+            f"{device.sample_rate_Hz:g}; correct the bench file"
+        )
+
+
+def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Ask the board at `link` who it is: (a heading for a bench file, the values it declares by section)."""
+    from hil.emulation import served
+
+    with served(link) as url:
+        endpoint = Endpoint(open_link(url))
+        try:
+            identity = client.connect(endpoint)
+        finally:
+            endpoint.close()
+    heading = f"Board {identity.unique_id:016x}, firmware {identity.firmware >> 16}.{identity.firmware & 0xFFFF}."
+    drive = identity.drive_scale_mps2 * 2 ** (identity.drive_bits - 1)
+    told: dict[str, dict[str, Any]] = {
+        "device": {"axes": identity.axes, "sample_rate_Hz": identity.tick_rate_Hz},
+        "device.drive": {"unit": "mps2", "full_scale": drive},
+    }
+    if not link.startswith("pty:"):
+        told["link"] = {"url": link}
+    return heading, told

@@ -1,0 +1,213 @@
+"""Force mode: the host answers every sample with a drive.
+
+The order of work in a sample is: receive, observe and control, answer; and only then whatever hangs off the
+loop (records, progress, limits), so that none of it stands between a sample and its answer.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from estimator.observer import Observer
+from hil.bench import Bench
+from hil.records.recorder import Track
+from hil.wire import client
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import ProtocolError, WireError
+from hil.wire.messages import Identity, Message, Nack, NackReason, SafeReason, SenseFlags, State, Status
+from hil.wire.sense import Sense, SenseRow
+
+_RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
+_LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
+
+
+@dataclass
+class Counters:
+    """What happened in a run, as far as only the loop sees it."""
+
+    samples: int = 0
+    lost: int = 0
+    held: int = 0
+    clipped: int = 0
+    saturated: int = 0
+    rearmed: int = 0
+    residual_safe: int = 0
+    board: dict[str, int] = field(default_factory=dict)
+
+
+class ForceLoop:
+    """One run in force mode with an armed board.
+
+    Attributes:
+        counters: kept up to date while the loop runs.
+        stop: set (from a signal handler) to end the loop after the sample at hand.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        identity: Identity,
+        bench: Bench,
+        observer: Observer,
+        tracks: Mapping[str, Track],
+    ) -> None:
+        self._endpoint = endpoint
+        self._name = endpoint.link.name
+        self._observer = observer
+        self._capture = tracks["capture"]
+        self._innovation = tracks["innovation"]
+        self._estimates = tracks["estimates"]
+        self._timing = tracks["timing"]
+        rate = identity.tick_rate_Hz
+        self._latency = identity.latency_ticks
+        self._every = bench.loop.estimate_every
+        self._waiting = bench.controller.enabled  # to close the loop
+        self._acquired = math.ceil(bench.observer.acquisition_s * rate)
+        self._long_gap = max(round(_LONG_GAP_S * rate), 2)
+        self._silence_s = bench.link.timeout_s
+        self._patient = bench.loop.clock == "lockstep" and endpoint.link.fileno() is not None
+        self._quadrature_limit = bench.limits.quadrature
+        self._energy_limit = bench.limits.energy_error
+        volts = [abs(observer.scaling.sense(axis)) for axis in range(2)]
+        self._volts = volts
+        self._noise = [bench.device.sense.noise_V / volt for volt in volts]
+        # Views of the row that every tick fills: picking a field out of a record costs a microsecond.
+        self._row = observer.rows[0]
+        self._nu, self._s = self._row["nu"], self._row["s"]
+        self._residual_limit = bench.limits.residual_safe**2
+        self.counters = Counters()
+        self.stop = False
+        self._next: int | None = None
+        self._phase_lost = False
+        self._residual = 1.0
+        self._guarded = 0  # sample from which the residual may stop the run
+
+    def run(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
+        """Answer `samples` samples (their ticks, gaps included); `report` is told how many are done.
+
+        Raises LinkClosed when the board hangs up, ProtocolError when it falls silent or will not stay armed.
+        """
+        observer, endpoint = self._observer, self._endpoint
+        observer.enable_control(False)
+        self._guarded = self._acquired + _RESIDUAL_SAMPLES
+        first: int | None = None
+        done = 0
+        reported = 0
+        while done < samples and not self.stop:
+            rows = endpoint.receive_rows(self._silence_s)
+            if not rows:
+                self._attend()
+                continue
+            if first is None:
+                first = rows[0][0]
+            newest = rows[-1][0]
+            for row in rows:
+                tick = row[0]
+                if self._next is not None and tick != self._next:
+                    self._bridge(tick)
+                if self._waiting and tick - first >= self._acquired:
+                    self._waiting = False
+                    observer.enable_control(True)
+                kernel = time.monotonic_ns()
+                codes = observer.tick(row[1], row[2], row[3], row[4])
+                kernel = time.monotonic_ns() - kernel
+                if tick == newest:
+                    endpoint.send_drive(codes[0], codes[1], tick + self._latency)
+                    self._timing.put(tick, endpoint.received_ns, endpoint.sent_ns, kernel)
+                else:
+                    observer.withdraw()
+                self._keep(row, first)
+                self._next = tick + 1
+            self._phase_lost = False
+            done = newest - first + 1
+            if done - reported >= report_every:
+                reported = done
+                report(done)
+
+    def _keep(self, row: SenseRow, first: int) -> None:
+        """Everything that hangs off a sample once it is answered."""
+        tick, vx, vy, ux, uy, flags = row
+        counters = self.counters
+        counters.samples += 1
+        if flags:
+            counters.held += bool(flags & SenseFlags.HELD)
+            counters.clipped += bool(flags & SenseFlags.CLIPPED)
+            counters.saturated += bool(flags & SenseFlags.SATURATED)
+        self._capture.put(tick, vx, vy, ux, uy, flags)
+        nu_x, nu_y = self._nu.tolist()
+        s_x, s_y = self._s.tolist()
+        x_volts, y_volts = self._volts
+        self._innovation.put(tick, nu_x * x_volts, nu_y * y_volts, math.sqrt(s_x) * x_volts, math.sqrt(s_y) * y_volts)
+        since = tick - first
+        if since % self._every == self._every - 1:
+            state, deviation = self._observer.reading()
+            out = self._row
+            energy, quadrature = float(out["energy_ratio"]), float(out["quadrature_ratio"])
+            valid = abs(quadrature) <= self._quadrature_limit and abs(energy - 1.0) <= self._energy_limit
+            self._estimates.put(
+                tick, *state, *deviation, float(out["angle"]), float(out["angle_pattern"]),
+                float(out["angle_plain"]), float(out["angle_rate_integral"]), energy, quadrature, valid,
+            )  # fmt: skip
+        self._residual += (
+            0.5 * ((nu_x / self._noise[0]) ** 2 + (nu_y / self._noise[1]) ** 2) - self._residual
+        ) / _RESIDUAL_SAMPLES
+        within = self._residual <= self._residual_limit  # which NaN is not
+        if since >= self._guarded and not within:
+            self.counters.residual_safe += 1
+            self.stop = True
+
+    def _bridge(self, tick: int) -> None:
+        """Predict over samples that never came, with the drive the board was last told to apply."""
+        assert self._next is not None
+        missing = tick - self._next
+        if missing < 0:
+            raise ProtocolError(
+                f"{self._name}: the board's tick went back from {self._next - 1} to {tick}; did it restart?"
+            )
+        self.counters.lost += missing
+        if missing > self._long_gap or self._phase_lost:
+            self._observer.lose_phase(missing)
+            self._guarded = self.counters.samples + self.counters.lost + _RESIDUAL_SAMPLES
+            self._residual = 1.0
+            return
+        for _ in range(missing):
+            ux, uy = self._observer.expected_drive()
+            self._observer.tick(math.nan, math.nan, ux, uy)
+            self._observer.withdraw()
+
+    def _attend(self) -> None:
+        """No sample came: see what the board has said, arm again after its watchdog, give up on silence.
+
+        In lockstep silence is no fault: whoever stopped the board in a debugger will let it go on.
+        """
+        safe = False
+        for message in self._heard():
+            if isinstance(message, Status):
+                safe = message.state == State.SAFE
+            elif isinstance(message, Nack):  # the STATUS was lost, but the board refuses to be driven
+                safe = safe or message.reason == NackReason.BAD_STATE
+        if safe:
+            self.counters.rearmed += 1
+            self._phase_lost = True
+            client.arm(self._endpoint, self._silence_s)
+            self._heard()  # refusals from before it was armed
+        elif not self._patient and time.monotonic_ns() - self._endpoint.received_ns > self._silence_s * 1e9:
+            raise ProtocolError(
+                f"{self._name}: the board fell silent for {self._silence_s:g} s; check its supply and the cable"
+            )
+
+    def _heard(self) -> list[Message]:
+        """What the board has said beside samples, which stay for `receive_rows`."""
+        items = self._endpoint.poll(0.0)
+        self._endpoint.keep([item for item in items if isinstance(item.message, Sense)])
+        return [item.message for item in items]
+
+    def finish(self, reason: SafeReason) -> None:
+        """SAFE, and the board's own counters."""
+        try:
+            status = client.make_safe(self._endpoint, reason)
+        except WireError:  # a board that no longer answers goes SAFE by its own watchdog
+            return
+        names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips")
+        self.counters.board = {name: getattr(status, name) for name in names}

@@ -1,0 +1,183 @@
+"""A run as a whole: the board served, the worker started and watched, figures and report written."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from hil.bench import Bench
+from hil.bench.template import template, values_of
+from hil.emulation import served
+from hil.errors import InputError
+from hil.loop.worker import Order
+from hil.progress import Progress, Watcher
+from hil.records.atomic import write_text
+from hil.wire.errors import LinkClosed, LinkError, ProtocolError
+
+_VERSIONS = ("gyrohil", "numpy", "numba", "scipy", "pyarrow")
+_ERRORS = {kind.__name__: kind for kind in (LinkError, LinkClosed, ProtocolError)}  # others become InputError
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """Where a run was recorded (None after a dry run), and what the board said of itself."""
+
+    folder: Path | None
+    identity: dict[str, Any]
+
+
+def run(
+    bench: Bench,
+    link: str,
+    out: Path,
+    *,
+    open_loop: bool = False,
+    dry_run: bool = False,
+    truth: Path | None = None,
+    note: str | None = None,
+    progress: Watcher,
+) -> RunResult:
+    """Run the bench against `link` and record below `out`.
+
+    The board of `pty:SCENARIO` is started and stopped here; `truth` goes to an emulated board.  `open_loop`
+    holds the drive at zero.  A run that was interrupted or failed leaves its folder with what was recorded
+    and a result that says so.  Raises InputError or WireError, and leaves nothing, when no run could begin;
+    KeyboardInterrupt is passed on after SAFE and a closed record.
+    """
+    if open_loop:
+        controller = bench.controller.model_copy(update={"enabled": False})
+        bench = bench.model_copy(update={"controller": controller})
+    with served(link, truth=truth, seed=bench.loop.seed) as url:
+        folder = out if dry_run else new_folder(out, bench)
+        order = Order(
+            bench.model_dump_json(),
+            url,
+            str(folder),
+            dry_run,
+            None if truth is None else str(truth),
+        )
+        interrupted = False
+        try:
+            outcome, interrupted = _work(order, progress)
+        finally:
+            recorded = not dry_run and _keep_if_recorded(folder)
+    if recorded:
+        conclude(folder, bench, outcome, link=link, note=note, progress=progress)
+    if interrupted:
+        raise KeyboardInterrupt
+    if not (dry_run or recorded):
+        raise LinkError(f"{link}: nothing was recorded: {outcome['stopped']}")
+    return RunResult(folder if recorded else None, outcome.get("identity", {}))
+
+
+def new_folder(out: Path, bench: Bench) -> Path:
+    """A new run folder below `out` with the bench as run in it; a name that is taken gets a number."""
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    for attempt in range(1000):
+        folder = out / (f"{stamp}-{bench.loop.name}" + (f"-{attempt + 1}" if attempt else ""))
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(f"{out}: no run folder can be made there ({error.strerror}); give another --out") from None
+        write_text(folder / "bench.toml", template(values_of(bench), "The bench as run."))
+        return folder
+    raise InputError(f"{out}: a thousand runs in one second; give another --name")
+
+
+def conclude(
+    folder: Path,
+    bench: Bench,
+    outcome: dict[str, Any],
+    *,
+    link: str | None,
+    note: str | None,
+    progress: Watcher,
+) -> None:
+    """Figures, verdict and report of a recorded run."""
+    from hil.records.result import save_result
+    from hil.records.runfolder import RunFolder
+    from hil.records.summary import summarise
+    from hil.report import write_report
+    from hil.verdict import judge
+
+    progress(Progress("report", 0, 0))
+    run_folder = RunFolder(folder)
+    result = summarise(run_folder)
+    stopped = outcome.get("stopped", "")
+    verdict, reasons = judge(run_folder, result, bench, stopped)
+    identity = outcome.get("identity")
+    result = result.model_copy(
+        update={
+            "link": link,
+            "clock": bench.loop.clock if link is not None else None,
+            "verdict": verdict,
+            "reasons": tuple(reasons),
+            "counters": outcome.get("counters", {}),
+            "versions": {name: version(name) for name in _VERSIONS},
+            "serial_number": f"{identity['unique_id']:016x}" if identity else None,
+            "operator_note": note,
+        }
+    )
+    save_result(run_folder.result_path, result)
+    write_report(folder)
+
+
+def _work(order: Order, progress: Watcher) -> tuple[dict[str, Any], bool]:
+    """Start the worker and follow it to its end: (what it says happened, whether Ctrl-C came)."""
+    pipe = subprocess.PIPE
+    # A session of its own: Ctrl-C at the terminal comes here, and the worker is told in its own way.
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "hil.loop.worker"], stdin=pipe, stdout=pipe, start_new_session=True
+    )
+    assert worker.stdin is not None
+    assert worker.stdout is not None
+    worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
+    worker.stdin.flush()
+    interrupted = False
+    outcome: dict[str, Any] | None = None
+    error: tuple[str, str] | None = None
+    while True:
+        try:
+            line = worker.stdout.readline()
+            if not line:
+                break
+            said = json.loads(line)
+            if "outcome" in said:
+                outcome = said["outcome"]
+            elif "error" in said:
+                error = said["error"], said["message"]
+            else:
+                progress(Progress(**said))
+        except KeyboardInterrupt:
+            interrupted = True
+            os.kill(worker.pid, signal.SIGTERM)
+    worker.stdin.close()
+    worker.stdout.close()
+    code = worker.wait()
+    if error is not None:
+        kind, message = error
+        raise _ERRORS.get(kind, InputError)(message)
+    if outcome is None:
+        ended = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+        outcome = {"stopped": f"the loop's process {ended}"}
+    return outcome, interrupted
+
+
+def _keep_if_recorded(folder: Path) -> bool:
+    """Whether a sample was recorded there; a folder without any is taken away."""
+    from hil.records.runfolder import RunFolder
+
+    capture = RunFolder(folder).capture
+    if capture is not None and len(capture):
+        return True
+    shutil.rmtree(folder)
+    return False

@@ -1,0 +1,109 @@
+"""The record files of a run: which columns the estimator's names become, and how its rows get there."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.observer import Estimates, Observer
+from hil.bench import Bench
+from hil.records.capture import board_layout
+from hil.records.estimates import estimates_layout
+from hil.records.innovation import innovation_layout
+from hil.records.layout import Layout
+from hil.records.timing import timing_layout
+from hil.wire.messages import Identity
+
+COLUMNS = {
+    "x": "x_m",
+    "vx": "vx_mps",
+    "y": "y_m",
+    "vy": "vy_mps",
+    "phi_x": "phi_x_V",
+    "phi_y": "phi_y_V",
+    "rate": "rate_rad_s",
+    **{name: f"{name}_per_s2" for name in ("kxx", "kyy", "kxy")},
+    **{name: f"{name}_per_s" for name in ("dxx", "dyy", "dxy")},
+    "drive_gain_x": "drive_gain_x",
+}
+
+
+def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[str, Layout]:
+    """Layouts of all record files of a run against a board, by stem."""
+    rate = identity.tick_rate_Hz
+    deadline_us = None if bench.loop.clock == "lockstep" else identity.latency_ticks / rate * 1e6
+    said = identity._asdict()
+    del said["capabilities"]  # its clocks depend on the link, but the same samples are the same record
+    return {
+        "capture": board_layout(
+            tick_rate_Hz=rate,
+            axes=identity.axes,
+            latency_ticks=identity.latency_ticks,
+            sense_scale_V=identity.sense_scale_V,
+            drive_scale=identity.drive_scale_mps2,
+            identity=said,
+        ),
+        **observer_layouts(observer, bench),
+        "timing": timing_layout(tick_rate_Hz=rate, deadline_us=deadline_us),
+    }
+
+
+def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
+    """Layouts of `estimates.arrow` and `innovation.arrow`, by stem."""
+    rate = bench.device.sample_rate_Hz
+    return {
+        "estimates": estimates_layout(
+            [COLUMNS[name] for name in observer.model.names],
+            tick_rate_Hz=rate,
+            every=bench.loop.estimate_every,
+            angle=observer.device.axes == 2,
+            units={"drive_gain_x": "1"},
+            header={
+                "target_stiffness_per_s2": observer.device.target,
+                "virtual_rotation_rad_s": bench.controller.virtual_rotation_rad_s,
+                "settings": _plain(asdict(observer.settings)),
+            },
+        ),
+        "innovation": innovation_layout(tick_rate_Hz=rate, axes=observer.device.axes),
+    }
+
+
+def innovation_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates) -> NDArray[np.void]:
+    """Rows of `innovation.arrow` for a block of samples."""
+    rows = np.zeros(len(tick), layout.dtype)
+    rows["tick"] = tick
+    for axis, name in enumerate("xy"[: estimates.innovation.shape[1]]):
+        rows[f"nu_{name}_V"] = estimates.innovation[:, axis]
+        rows[f"s_{name}_V"] = estimates.innovation_deviation[:, axis]
+    return rows
+
+
+def estimate_rows(
+    layout: Layout, tick: NDArray[np.int64], estimates: Estimates, valid: NDArray[np.bool_]
+) -> NDArray[np.void]:
+    """Rows of `estimates.arrow` for a block of samples; `valid` (n,) says where the angle means something."""
+    index = estimates.index
+    rows = np.zeros(len(index), layout.dtype)
+    rows["tick"] = tick[index]
+    for column, name in enumerate(estimates.names):
+        rows[COLUMNS[name]] = estimates.state[:, column]
+        rows[f"sd_{COLUMNS[name]}"] = estimates.deviation[:, column]
+    if estimates.innovation.shape[1] == 2:
+        rows["angle_rad"] = estimates.angle[index]
+        rows["angle_pattern_rad"] = estimates.angle_pattern[index]
+        rows["angle_plain_rad"] = estimates.angle_plain[index]
+        rows["angle_rate_integral_rad"] = estimates.angle_rate_integral[index]
+        rows["energy_ratio"] = estimates.energy_ratio[index]
+        rows["quadrature_ratio"] = estimates.quadrature_ratio[index]
+        rows["valid"] = valid[index]
+    return rows
+
+
+def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as JSON values."""
+    return {
+        key: _plain(value) if isinstance(value, dict) else getattr(value, "value", value)
+        for key, value in table.items()
+    }

@@ -1,0 +1,119 @@
+"""Today's estimator on yesterday's record: the observer of a bench file run over a capture."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.backend import Backend, make_observer
+from estimator.errors import ModelError
+from estimator.hold import drive_polynomials
+from estimator.observer import Observer
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings
+from hil.bench import Bench
+from hil.errors import InputError
+from hil.loop.declared import device_of, observer_settings_of
+from hil.loop.run import RunResult, conclude, new_folder
+from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts
+from hil.progress import Progress, Watcher
+from hil.records.atomic import replacing
+from hil.records.capture import Capture, read_capture
+from hil.records.recorder import record_here
+from hil.records.runfolder import RunFolder
+
+_BLOCK = 1 << 14
+
+
+def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = None, progress: Watcher) -> RunResult:
+    """Run the observer over the record at `capture`; a new run folder below `out` keeps a copy of it.
+
+    Raises InputError when record and bench file do not belong together.
+    """
+    record = read_capture(capture)
+    require_fit(record, bench, capture)
+    try:
+        observer = make_observer(
+            backend or bench.observer.backend,
+            device_of(bench),
+            observer_settings_of(bench),
+            _control(bench, record),
+        )
+    except ModelError as error:
+        raise InputError(f"{capture}: {error}") from None
+    folder = new_folder(out, bench)
+    with replacing(RunFolder(folder).capture_path) as part:
+        shutil.copyfile(capture, part)
+    _estimate(record, bench, observer, folder, progress)
+    stopped = "" if record.complete else "the record was interrupted"
+    conclude(folder, bench, {"stopped": stopped}, link=None, note=None, progress=progress)
+    return RunResult(folder, {})
+
+
+def require_fit(record: Capture, bench: Bench, place: Path) -> None:
+    """InputError naming the first thing in which record and bench file differ."""
+    device = bench.device
+    if record.axes != device.axes:
+        raise InputError(
+            f"{place}: a record of {record.axes} axes, but [device] axes = {device.axes}; give its own bench file"
+        )
+    if record.has_drive and record.drive_unit != device.drive.unit:
+        raise InputError(
+            f"{place}: drive recorded in {record.drive_unit}, but [device.drive] unit = "
+            f"{device.drive.unit!r}; give its own bench file"
+        )
+    if record.uniform and abs(record.tick_rate_Hz / device.sample_rate_Hz - 1.0) > 1e-3:
+        raise InputError(
+            f"{place}: recorded at {record.tick_rate_Hz:g} Hz, but [device] sample_rate_Hz = "
+            f"{device.sample_rate_Hz:g}; correct the bench file"
+        )
+    if len(record) < 2:
+        raise InputError(f"{place}: {len(record)} samples are no record; record for longer")
+
+
+def samples_of(record: Capture) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """(tick, sense, drive polynomials, step), a row a tick: lost samples have NaN sense, their drive interpolated.
+
+    sense (n, axes) V; drive (n, axes, degree + 1) in the record's unit; step (n,) s.
+    """
+    tick = record.tick
+    step = np.full(len(record), 1.0 / record.tick_rate_Hz)
+    if not record.uniform:
+        step[1:] = np.diff(record.t_s)
+        return tick, record.sense_V, drive_polynomials(record.drive, record.hold), step
+    every = np.arange(tick[0], tick[-1] + 1)
+    sense = np.full((len(every), record.axes), np.nan)
+    sense[tick - tick[0]] = record.sense_V
+    drive = np.column_stack([np.interp(every, tick, channel) for channel in record.drive.T])
+    return every, sense, drive_polynomials(drive, record.hold), np.full(len(every), step[0])
+
+
+def _control(bench: Bench, record: Capture) -> ControllerSettings | None:
+    """What a replay must know of the control at work: its virtual rotation, which the angle leaves out."""
+    if bench.device.axes != 2 or not bench.controller.enabled:
+        return None
+    return ControllerSettings(
+        latency=record.latency_ticks,
+        force_quantum=1.0,
+        force_limit=bench.device.drive.full_scale,
+        sense_quantum=1.0,
+        virtual_rotation=bench.controller.virtual_rotation_rad_s,
+    )
+
+
+def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, progress: Watcher) -> None:
+    tick, sense, drive, step = samples_of(record)
+    layouts = observer_layouts(observer, bench)
+    every = bench.loop.estimate_every
+    block = max(_BLOCK // every, 1) * every  # whole strides, so that the decimation runs on across blocks
+    with record_here(folder, layouts) as recording:
+        for start in range(0, len(tick), block):
+            rows = slice(start, start + block)
+            estimates = observer.run(sense[rows], drive[rows], step=step[rows], every=every)
+            valid = (np.abs(estimates.quadrature_ratio) <= bench.limits.quadrature) & (
+                np.abs(estimates.energy_ratio - 1.0) <= bench.limits.energy_error
+            )
+            recording["innovation"].push(innovation_rows(layouts["innovation"], tick[rows], estimates))
+            recording["estimates"].push(estimate_rows(layouts["estimates"], tick[rows], estimates, valid))
+            progress(Progress("replay", min(start + block, len(tick)), len(tick)))
