@@ -1,0 +1,48 @@
+# Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
+# make demo · make test · make quick · make check · make bench · make install
+
+PYTHON ?= python3
+BIN    := .venv/bin
+STAMP  := .venv/.installed
+
+.PHONY: help install demo test quick check bench
+
+help:
+	@echo "make demo     close the loop with an emulated board in real time, and report"
+	@echo "make test     all tests, with coverage"
+	@echo "make quick    the tests of daily work, under a minute"
+	@echo "make check    lint, types, import contracts"
+	@echo "make bench    measured speed, into runs/bench.json"
+	@echo "make install  the .venv that the others need (they do it themselves)"
+
+install: $(STAMP)
+
+demo: $(STAMP)
+	$(BIN)/hil demo
+
+test: $(STAMP)
+	$(BIN)/python -m pytest --cov --cov-report=term
+
+quick: $(STAMP)
+	$(BIN)/python -m pytest -m "not slow"
+
+check: $(STAMP)
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+
+bench: $(STAMP)
+	$(BIN)/python -m benchmarks
+
+# Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
+$(STAMP): pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "make: $(PYTHON) is missing: sudo apt install python3" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "make: Python 3.11 or newer is needed, $$($(PYTHON) -V) is too old: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
+	  || { echo "make: the package python3-venv is missing: sudo apt install python3-venv" >&2; exit 1; }
+	@echo "setting up .venv (a few minutes and about 1 GB the first time)"
+	@$(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@$(BIN)/python -m estimator.warm
+	@touch $@

@@ -1,0 +1,78 @@
+"""`python -m device_emulator SCENARIO --link pty`: a board in a process of its own.
+
+Prints one line, `ready serial:/dev/pts/N`, then serves until SIGTERM, the end of its parent, or the hang-up
+of a lockstep host. Exit code 0; 2 with one line on standard error for bad input.
+"""
+
+import argparse
+import contextlib
+import sys
+from pathlib import Path
+
+from hil.wire.errors import WireError
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="device_emulator", description="An emulated gyro board.")
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="what the board really is (TOML)")
+    parser.add_argument("--link", choices=["pty"], default="pty", help="how the host reaches it")
+    parser.add_argument("--truth", type=Path, metavar="FILE", help="write the true states here (Arrow)")
+    parser.add_argument(
+        "--truth-every", type=_positive, default=1, metavar="N", help="one row in N (default 1)"
+    )
+    parser.add_argument("--seed", type=_seed, metavar="N", help="instead of the scenario's")
+    options = parser.parse_args(arguments)
+    from device_emulator.section import ScenarioError
+
+    try:
+        _serve(options)
+    except (ScenarioError, WireError) as error:
+        print(f"device_emulator: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _serve(options: argparse.Namespace) -> None:
+    from device_emulator.board import Board
+    from device_emulator.device import Device
+    from device_emulator.scenario import load
+    from device_emulator.serve import Server, stop_signal
+    from device_emulator.truth import TruthFile, truth_metadata
+    from hil.wire.messages import ClockMode
+    from hil.wire.pty_link import open_pty
+
+    scenario = load(options.scenario)
+    Device(scenario).row(0, 0)  # compiles the plant before anybody waits for it
+    with contextlib.ExitStack() as stack:
+        # From here on SIGTERM waits for the server, so that the truth file gets its end.
+        stop = stack.enter_context(stop_signal())
+        truth = None
+        if options.truth is not None:
+            truth = TruthFile(options.truth, truth_metadata(scenario, options.seed, options.truth_every))
+            stack.callback(truth.close)
+        device = Device(scenario, options.seed, None if truth is None else truth.add)
+        stack.callback(device.close)
+        link = open_pty()
+        stack.callback(link.close)
+        board = Board(scenario, device, (ClockMode.PACED, ClockMode.LOCKSTEP))
+        print(f"ready serial:{link.path}", flush=True)
+        Server(board, link, scenario.board.sample_rate_Hz).run(stop)
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not 1 or more")
+    return value
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is not 0 or more")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,290 @@
+"""The firmware: states, watchdog and counters of a board in force mode. Bytes in, bytes out, no clock.
+
+    BOOT → IDLE       HELLO of the same spec
+    → ARMED           ARM; SENSE streams, force is zero
+    → RUNNING         the first drive
+    → SAFE            SAFE, watchdog, a lost or restarted host; force is zero until ARM
+
+In lockstep `exchange` itself goes on to the next SENSE when a drive frame answers the last one. On wall time
+the server calls `block` at each deadline, and `exchange` only takes what the host says.
+
+An interval that has begun cannot be changed: a drive is late when the one at its effective tick has begun. A
+tick that is due a drive and gets none holds the last one. Both are counted. Without latency, which only
+lockstep allows, the interval after the last row waits for the answer.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from device_emulator.device import Device
+from device_emulator.drive import Schedule, drive_code_max, drive_scale
+from device_emulator.registers import Refused, Registers
+from device_emulator.scenario import Scenario
+from hil.wire.codec import type_of
+from hil.wire.messages import (
+    Arm,
+    Capabilities,
+    ClockMode,
+    DriveForce,
+    FieldRead,
+    FieldValue,
+    Hello,
+    Identity,
+    Message,
+    Nack,
+    NackReason,
+    RegisterRead,
+    RegisterValue,
+    RegisterWrite,
+    Safe,
+    SafeReason,
+    SenseFlags,
+    State,
+    Status,
+    TimeSync,
+)
+from hil.wire.sense import Sense
+from hil.wire.spec import SPEC
+from hil.wire.stream import Receiver, Transmitter
+
+HORIZON = 1 << 16
+"""An effective tick up to this far ahead is to come; any other, in 32 bits, has passed."""
+
+_TICK = 0xFFFFFFFF
+_HELD, _CLIPPED, _SATURATED = (int(flag) for flag in SenseFlags)  # plain integers: the flags are slow
+
+
+class Board:
+    """A board around a device. `clocks` are the modes its server can keep, the first in force at power-up."""
+
+    def __init__(self, scenario: Scenario, device: Device, clocks: tuple[ClockMode, ...]) -> None:
+        self._device = device
+        self._schedule = Schedule()
+        self._rx = Receiver()
+        self._tx = Transmitter()
+        self.registers = Registers(clocks)
+        self.state = State.BOOT
+        self._reason = SafeReason.NONE
+        self._greeted = False
+        self._late = self._held = self._saturated = self._trips = 0
+        self._due = 0  # next tick that needs a drive, while RUNNING
+        self._fed = 0  # tick at which the watchdog was last fed
+        self._code_max = drive_code_max(scenario)
+        self._width = 2 if max(scenario.sense.adc_bits, scenario.drive.dac_bits) <= 16 else 3
+        self._latency = scenario.drive.latency_samples
+        self._tick_ns = 1e9 / scenario.board.sample_rate_Hz
+        self._identity = _identity(scenario, clocks)
+        self._answers: dict[type[Any], Callable[[Any], list[Message]]] = {
+            Hello: self._hello,
+            RegisterRead: self._read,
+            RegisterWrite: self._write,
+            FieldRead: self._field,
+            TimeSync: self._time,
+            Arm: self._arm,
+            Safe: self._safe,
+            DriveForce: self._drive,
+        }
+
+    @property
+    def streaming(self) -> bool:
+        """Whether SENSE is due."""
+        return self.state is State.RUNNING or self.state is State.ARMED
+
+    @property
+    def rows(self) -> int:
+        """Rows produced: the tick of the next one."""
+        return self._device.tick + 1
+
+    @property
+    def tick(self) -> int:
+        """Tick of the last row; 0 before the first."""
+        return max(self._device.tick, 0)
+
+    def exchange(self, data: bytes) -> bytes:
+        """Take the host's bytes; return what the board says to them, in lockstep including the next SENSE."""
+        if self.state is State.RUNNING:
+            drive = self._rx.take_drive(data)
+            if drive is not None:
+                self._queue(*drive)
+                return self.block() if self.registers.lockstep else b""
+        said = b""
+        for received in self._rx.feed(data):
+            message = received.message
+            answer = self._answers.get(type(message))
+            try:
+                if answer is None:
+                    raise Refused(NackReason.NOT_SUPPORTED)
+                answers = answer(message)
+            except Refused as refusal:
+                said += self._say(Nack(type_of(type(message)), received.seq, refusal.reason))
+                continue
+            said += b"".join(map(self._say, answers))
+            if self.registers.lockstep and self.streaming and isinstance(message, Arm | DriveForce):
+                said += self.block()
+        return said + b"".join(map(self._say, self._rx.refused))
+
+    def block(self) -> bytes:
+        """Go on by one block of ticks: its SENSE, and STATUS where one is due."""
+        device, held, n = self._device, self._schedule, self.registers.block
+        first = device.tick + 1
+        if n == 1:
+            flags = self._begin(first - 1)
+            ux, uy, limited = held.held
+            vx, vy = device.row(ux, uy)
+            flags |= device.clipped * _CLIPPED | limited * _SATURATED
+            said = self._tx.encode_row(first, vx, vy, ux, uy, flags, self._width)
+        else:
+            codes = np.empty((n, 4), np.int32)
+            flags = 0
+            for row in range(n):
+                flags |= self._begin(first - 1 + row)
+                codes[row, 2], codes[row, 3], limited = held.held
+                flags |= limited * _SATURATED
+            codes[:, :2] = device.rows(codes[:, 2:])
+            flags |= device.clipped * _CLIPPED
+            said = self._tx.encode(Sense(codes, self._width, flags), first)
+        every = self.registers.status_every
+        if not self.streaming or (every and (first + n - 1) // every > (first - 1) // every):
+            said += self._say(self.status())
+        return said
+
+    def _begin(self, tick: int) -> int:
+        """Settle which drive is held over the interval that starts at `tick`; returns flags for its row."""
+        came = self._schedule.take(tick)
+        if self.state is not State.RUNNING:
+            return 0
+        if tick - self._fed >= self.registers.watchdog:
+            self._trips += 1
+            self.enter_safe(SafeReason.WATCHDOG)
+            return 0
+        if tick != self._due:
+            return 0
+        self._due += self.registers.block
+        if came:
+            return 0
+        self._held += 1
+        return _HELD
+
+    def coast(self, ticks: int) -> None:
+        """Let the mass swing for some ticks under zero force, unwatched."""
+        self._device.rows(np.zeros((ticks, 2), np.int32))
+
+    def prepare(self) -> None:
+        """Do between ticks what can be done before the next one."""
+        self._device.prepare()
+
+    def enter_safe(self, reason: SafeReason) -> None:
+        """Zero force from the next interval on."""
+        self.state, self._reason = State.SAFE, reason
+        self._schedule.clear()
+
+    def status(self) -> Status:
+        """State and counters."""
+        return Status(
+            state=self.state,
+            reason=self._reason,
+            late=self._late,
+            held=self._held,
+            bad_frames=self._rx.bad,
+            lost_seq=self._rx.lost,
+            saturated=self._saturated,
+            watchdog_trips=self._trips,
+            tick=self.tick & _TICK,
+        )
+
+    def close(self) -> None:
+        """Finish the device's records."""
+        self._device.close()
+
+    def _say(self, message: Message) -> bytes:
+        return self._tx.encode(message, self.tick)
+
+    def _queue(self, ux: int, uy: int, effective_tick: int) -> int | None:
+        """Queue a drive within its limits; returns its effective tick, or None if that has passed."""
+        first_open = self._device.tick + (self._latency > 0)
+        ahead = (effective_tick - first_open) & _TICK
+        if ahead >= HORIZON:
+            self._late += 1
+            return None
+        limit = min(self.registers.drive_limit, self._code_max)
+        limited = not (-limit <= ux <= limit and -limit <= uy <= limit)
+        if limited:
+            self._saturated += 1
+            ux, uy = max(-limit, min(ux, limit)), max(-limit, min(uy, limit))
+        self._schedule.put(first_open + ahead, ux, uy, limited)
+        self._fed = self._device.tick
+        return first_open + ahead
+
+    def _drive(self, drive: DriveForce) -> list[Message]:
+        if not self.streaming:
+            raise Refused(NackReason.BAD_STATE)
+        effective_tick = self._queue(*drive)
+        if effective_tick is None or self.state is State.RUNNING:
+            return []
+        self.state, self._due = State.RUNNING, effective_tick
+        return [self.status()]
+
+    def _hello(self, hello: Hello) -> list[Message]:
+        self._greeted = hello.protocol == SPEC.protocol and hello.spec_hash == SPEC.hash
+        if self.streaming:  # a host that begins anew has forgotten what it was driving
+            self.enter_safe(SafeReason.LINK_LOST)
+        elif self._greeted and self.state is State.BOOT:
+            self.state = State.IDLE
+        return [self._identity]
+
+    def _arm(self, _: Arm) -> list[Message]:
+        if self.state not in (State.IDLE, State.SAFE) or not self._greeted:
+            raise Refused(NackReason.BAD_STATE)
+        if self._latency == 0 and not self.registers.lockstep:
+            raise Refused(NackReason.NOT_SUPPORTED)
+        self.state, self._reason = State.ARMED, SafeReason.NONE
+        self._schedule.clear()
+        return [self.status()]
+
+    def _safe(self, safe: Safe) -> list[Message]:
+        if self.state is not State.SAFE:  # or else what brought it there stays the reason
+            known = safe.reason in SafeReason.__members__.values()
+            self.enter_safe(SafeReason(safe.reason) if known else SafeReason.HOST_REQUEST)
+        return [self.status()]
+
+    def _read(self, request: RegisterRead) -> list[Message]:
+        return [RegisterValue(request.register, self.registers.read(request.register))]
+
+    def _write(self, request: RegisterWrite) -> list[Message]:
+        settled = self.state in (State.IDLE, State.SAFE)
+        return [RegisterValue(request.register, self.registers.write(*request, settled=settled))]
+
+    def _field(self, request: FieldRead) -> list[Message]:
+        if request.line >= len(SPEC.table):
+            raise Refused(NackReason.OUT_OF_RANGE)
+        return [FieldValue(request.line, len(SPEC.table), SPEC.table[request.line].text)]
+
+    def _time(self, sync: TimeSync) -> list[Message]:
+        # In lockstep the board's time is bench time, so that a record does not depend on the machine's speed.
+        now = round(self.tick * self._tick_ns) if self.registers.lockstep else time.monotonic_ns()
+        return [sync._replace(board_ns=now)]
+
+
+def _identity(scenario: Scenario, clocks: tuple[ClockMode, ...]) -> Identity:
+    capabilities = Capabilities.FORCE_MODE
+    if ClockMode.LOCKSTEP in clocks:
+        capabilities |= Capabilities.LOCKSTEP
+    if ClockMode.PACED in clocks:
+        capabilities |= Capabilities.PACED
+    return Identity(
+        protocol=SPEC.protocol,
+        spec_hash=SPEC.hash,
+        unique_id=scenario.board.unique_id,
+        firmware=scenario.board.firmware,
+        tick_rate_Hz=scenario.board.sample_rate_Hz,
+        axes=2,
+        sense_bits=scenario.sense.adc_bits,
+        drive_bits=scenario.drive.dac_bits,
+        sense_scale_V=2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits,
+        drive_scale_mps2=drive_scale(scenario),
+        latency_ticks=scenario.drive.latency_samples,
+        capabilities=capabilities,
+    )

@@ -1,0 +1,256 @@
+"""The gyro itself: drive chain, plant and sense chain as one machine that turns drive codes into sense codes.
+
+    device = Device(load(path))
+    codes = device.rows(drive_codes)          # (n, 2) in, (n, 2) out
+
+Row m holds the sense codes sampled at tick m; its drive codes are held over the interval that ends at m.
+Row 0 is the start: nothing came before it, so its drive codes do nothing.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from device_emulator import effects, rate
+from device_emulator.compiled import compiled
+from device_emulator.drive import DRIVE, DRIVE_STATE, acting, drive_constants, put_out
+from device_emulator.plant import PLANT, plant_constants, step
+from device_emulator.scenario import Scenario
+from device_emulator.sense import (
+    SENSE,
+    SENSE_STATE,
+    convert,
+    delayed,
+    history_rows,
+    offset,
+    sense_constants,
+    start,
+    track,
+    wander,
+)
+
+PAGE = 64  # rows for which noise is drawn, and truth handed on, at a time
+
+TRUTH_COLUMNS = ("x_m", "vx_mps", "y_m", "vy_mps", "phi_x_V", "phi_y_V", "rate_rad_s", "angle_rad")
+
+_CONSTANTS = np.dtype([("plant", PLANT), ("drive", DRIVE), ("sense", SENSE)], align=True)
+_STATE = np.dtype(
+    [
+        ("tick", "i8"),  # of the last row, -1 before the first
+        ("piece", "i8"),  # of the rate profile
+        ("motion", "f8", 4),  # x, ẋ, y, ẏ
+        ("stages", "f8", (7, 4)),  # scratch of the integrator
+        ("drive", DRIVE_STATE),
+        ("sense", SENSE_STATE),
+    ],
+    align=True,
+)
+
+
+class Device:
+    """A gyro of one scenario; `seed` overrides the scenario's.
+
+    The true states go to `sink(first_tick, rows)`: rows of shape (n ≤ PAGE, 8), columns `TRUTH_COLUMNS`, lent
+    for the call.
+
+    Attributes:
+        tick: of the last row, -1 before the first.
+        clipped: whether the converter clipped in the last call of `row` or `rows`.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int | None = None,
+        sink: Callable[[int, NDArray[np.float64]], None] | None = None,
+    ) -> None:
+        constants = np.zeros(1, _CONSTANTS)
+        constants["plant"] = plant = plant_constants(scenario)
+        constants["drive"] = drive_constants(scenario)
+        constants["sense"] = sense = sense_constants(scenario, plant["ts_s"][0] / plant["substeps"][0])
+        state = np.zeros(1, _STATE)
+        state["tick"] = -1
+        x, y = scenario.truth.position_m
+        vx, vy = scenario.truth.velocity_mps
+        state["motion"] = x, vx, y, vy
+        history = np.zeros((history_rows(sense), 2))
+        self._noise = np.zeros((PAGE, 2 * plant["substeps"][0] + 4 + 2 * sense["flicker_poles"][0]))
+        self._drive = np.zeros((PAGE, 2), np.int32)
+        self._sense = np.zeros((PAGE, 2), np.int32)
+        self._truth = np.zeros((PAGE, len(TRUTH_COLUMNS)))
+        self._arguments = (
+            constants,
+            effects.table(scenario.effect),
+            rate.pieces(scenario.rate),
+            state,
+            history,
+            self._noise,
+            self._drive,
+            self._sense,
+            self._truth,
+        )
+        self._random = np.random.default_rng(scenario.seed if seed is None else seed)
+        self._sink = sink
+        self._page: int | None = None  # first tick of the page in work
+        self.tick = -1
+        self.clipped = False
+
+    def row(self, ux_code: int, uy_code: int) -> tuple[int, int]:
+        """Sense codes (vx, vy) of the next row, after an interval under the drive codes given."""
+        self.prepare()
+        self.tick += 1
+        place = self.tick % PAGE
+        self._drive[place, 0] = ux_code
+        self._drive[place, 1] = uy_code
+        self.clipped = _advance(*self._arguments, place, 1)
+        vx, vy = self._sense[place].tolist()
+        return vx, vy
+
+    def rows(self, drive_codes: ArrayLike) -> NDArray[np.int32]:
+        """Sense codes of the next n rows, shape (n, 2), for drive codes of the same shape."""
+        drive_codes = np.asarray(drive_codes, np.int32)
+        sense_codes = np.empty_like(drive_codes)
+        self.clipped = False
+        done = 0
+        while done < len(drive_codes):
+            self.prepare()
+            place = (self.tick + 1) % PAGE
+            n = min(PAGE - place, len(drive_codes) - done)
+            self._drive[place : place + n] = drive_codes[done : done + n]
+            self.clipped |= _advance(*self._arguments, place, n)
+            sense_codes[done : done + n] = self._sense[place : place + n]
+            self.tick += n
+            done += n
+        return sense_codes
+
+    def prepare(self) -> None:
+        """Do now what the next row would wait for: hand on a full page and draw the noise of a new one."""
+        following = self.tick + 1
+        if following % PAGE == 0 and self._page != following:
+            self._hand_on()
+            self._page = following
+            self._random.standard_normal(out=self._noise)
+
+    def close(self) -> None:
+        """Hand on the truth of the page in work. The device is at its end."""
+        self._hand_on()
+        self._sink = None
+
+    def _hand_on(self) -> None:
+        if self._sink is not None and self._page is not None and self.tick >= self._page:
+            self._sink(self._page, self._truth[self._page % PAGE : self.tick % PAGE + 1])
+
+
+@compiled
+def _advance(
+    constants: NDArray[Any],
+    hidden: NDArray[Any],
+    pieces: NDArray[Any],
+    states: NDArray[Any],
+    history: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    drive_codes: NDArray[np.int32],
+    sense_codes: NDArray[np.int32],
+    truth: NDArray[np.float64],
+    first: int,
+    n: int,
+) -> bool:
+    """Produce n rows of the page from row `first` on; True when the converter clipped."""
+    plant, drive, sense = constants[0].plant, constants[0].drive, constants[0].sense
+    state = states[0]
+    motion = state.motion
+    clipped = False
+    for row in range(first, first + n):
+        begins = state.tick < 0
+        if begins:
+            start(hidden, state.sense, motion)
+            _rewind(plant, hidden, pieces[0], state, history)
+        else:
+            put_out(drive, hidden, state.drive, state.tick + 1, drive_codes[row, 0], drive_codes[row, 1])
+            _interval(plant, drive, sense, hidden, pieces, state, history, noise[row])
+        state.tick += 1
+        t = state.tick * plant.ts_s
+        normals = noise[row, 2 * plant.substeps :]
+        wander(sense, state.sense, normals[2:], begins)
+        piece = pieces[state.piece]
+        vx, vy = effects.voltage(
+            hidden, t, drive_codes[row, 0] * drive.lsb_mps2, drive_codes[row, 1] * drive.lsb_mps2
+        )
+        seen = effects.displacement(hidden, motion)
+        for axis in range(2):
+            shown, added = (seen[0], vx) if axis == 0 else (seen[2], vy)
+            if sense.tracked:
+                shown = delayed(history, state.sense.newest, axis, sense.delay_substeps[axis])
+            phi = offset(sense, state.sense, t, axis)
+            volts = sense.gain_V_per_m[axis] * shown + phi + added + sense.noise_V * normals[axis]
+            sense_codes[row, axis], over = convert(sense, volts)
+            clipped |= over
+            truth[row, 4 + axis] = phi
+        truth[row, :4] = motion
+        truth[row, 6] = rate.rate_at(piece, t)[0]
+        truth[row, 7] = rate.angle_at(piece, t)
+    return clipped
+
+
+@compiled
+def _interval(
+    plant: Any,
+    drive: Any,
+    sense: Any,
+    hidden: NDArray[Any],
+    pieces: NDArray[Any],
+    state: Any,
+    history: NDArray[np.float64],
+    normals: NDArray[np.float64],
+) -> None:
+    """One sample interval of the mass; sub-steps are cut where the drive or the rate profile changes."""
+    row = state.tick + 1
+    t0 = state.tick * plant.ts_s
+    h = plant.ts_s / plant.substeps
+    change = _next_change(pieces, state.piece, t0)
+    for k in range(plant.substeps):
+        fx = plant.noise_xx * normals[2 * k]
+        fy = plant.noise_yx * normals[2 * k] + plant.noise_yy * normals[2 * k + 1]
+        since, end = k * h, (k + 1) * h
+        while since < end:
+            until = min(end, change)
+            for axis in range(2):
+                if since < drive.delay_rest_s[axis] < until:
+                    until = drive.delay_rest_s[axis]
+            ax = fx + acting(drive, state.drive, row, 0, since)
+            ay = fy + acting(drive, state.drive, row, 1, since)
+            piece = pieces[state.piece]
+            step(plant, hidden, piece, t0 + since, until - since, ax, ay, state.motion, state.stages)
+            since = until
+            # A change that rounding leaves just past the end of the interval belongs to its end.
+            while change <= since * (1.0 + 1e-9):
+                before = rate.rate_at(pieces[state.piece], t0 + change)[0]
+                state.piece += 1
+                jump = rate.rate_at(pieces[state.piece], t0 + change)[0] - before
+                state.motion[1] += jump * state.motion[2]
+                state.motion[3] -= jump * state.motion[0]
+                change = _next_change(pieces, state.piece, t0)
+        if sense.tracked:
+            track(sense, hidden, state.sense, history, state.motion)
+
+
+@compiled
+def _next_change(pieces: NDArray[Any], piece: int, t0: float) -> float:
+    """Seconds from t0 to the next piece of the rate profile."""
+    return pieces[piece + 1].start_s - t0 if piece + 1 < len(pieces) else np.inf
+
+
+@compiled
+def _rewind(plant: Any, hidden: NDArray[Any], piece: Any, state: Any, history: NDArray[np.float64]) -> None:
+    """Fill the history with the undriven motion before tick 0, so that a delay finds something to show."""
+    motion = state.motion.copy()
+    h = plant.ts_s / plant.substeps
+    rows = history.shape[0]
+    for back in range(rows):
+        seen = effects.displacement(hidden, motion)
+        history[rows - 1 - back, 0] = seen[0]
+        history[rows - 1 - back, 1] = seen[2]
+        step(plant, hidden, piece, -back * h, -h, 0.0, 0.0, motion, state.stages)
+    state.sense.newest = rows - 1

@@ -1,0 +1,35 @@
+"""A board in the host's own process, in lockstep: the entry point of the group `hil.emulators`."""
+
+from pathlib import Path
+
+from device_emulator.board import Board
+from device_emulator.device import Device
+from device_emulator.scenario import load
+from device_emulator.truth import TruthFile, truth_metadata
+from hil.wire.messages import ClockMode
+
+
+class InprocessBoard:
+    """What `hil.wire.inproc` asks of a board."""
+
+    def __init__(self, board: Board, truth: TruthFile | None) -> None:
+        self._board = board
+        self._truth = truth
+        self.exchange = board.exchange
+
+    def close(self) -> None:
+        """Finish the truth file."""
+        self._board.close()
+        if self._truth is not None:
+            self._truth.close()
+
+
+def open_board(scenario: str, truth: str | None = None, seed: int | None = None) -> InprocessBoard:
+    """The board of a scenario file. It writes its true states to `truth`; `seed` overrides the scenario's.
+
+    Raises `ScenarioError`, one line, if the scenario cannot be emulated or the truth file cannot be made.
+    """
+    what = load(Path(scenario))
+    file = None if truth is None else TruthFile(Path(truth), truth_metadata(what, seed))
+    device = Device(what, seed, None if file is None else file.add)
+    return InprocessBoard(Board(what, device, (ClockMode.LOCKSTEP,)), file)

@@ -1,0 +1,61 @@
+"""The board's registers: defaults and limits from the wire's spec, refusals with a reason."""
+
+from hil.wire.messages import ClockMode, LoopMode, NackReason
+from hil.wire.spec import SPEC
+
+_BY_ID = {register.id: register for register in SPEC.registers.values()}
+
+
+class Refused(Exception):
+    """The board refuses a request; `reason` goes into the NACK."""
+
+    def __init__(self, reason: NackReason) -> None:
+        super().__init__(reason.name)
+        self.reason = reason
+
+
+class Registers:
+    """Values in force, the ones of the inner loop as plain attributes."""
+
+    def __init__(self, clocks: tuple[ClockMode, ...]) -> None:
+        self._clocks = clocks
+        self._values = {register.id: register.default for register in _BY_ID.values()}
+        self._values[SPEC.registers["CLOCK_MODE"].id] = clocks[0]
+        self._unpack()
+
+    def read(self, number: int) -> int:
+        """Value of a register. Raises `Refused` when there is none of that number."""
+        if number not in _BY_ID:
+            raise Refused(NackReason.UNKNOWN_REGISTER)
+        return self._values[number]
+
+    def write(self, number: int, value: float, *, settled: bool) -> int:
+        """Set a register; returns the value now in force. A `settled` board neither streams nor boots.
+
+        Raises `Refused` if the register is unknown, read-only, not to be touched now, or cannot hold the
+        value.
+        """
+        register = _BY_ID.get(number)
+        if register is None:
+            raise Refused(NackReason.UNKNOWN_REGISTER)
+        if register.access != "rw":
+            raise Refused(NackReason.READ_ONLY)
+        if not register.accepts(value):
+            raise Refused(NackReason.OUT_OF_RANGE)
+        if not (settled or register.live):
+            raise Refused(NackReason.BAD_STATE)
+        if register.name == "CLOCK_MODE" and int(value) not in self._clocks:
+            raise Refused(NackReason.NOT_SUPPORTED)
+        if register.name == "LOOP_MODE" and int(value) != LoopMode.FORCE:
+            raise Refused(NackReason.NOT_SUPPORTED)
+        self._values[number] = int(value)
+        self._unpack()
+        return self._values[number]
+
+    def _unpack(self) -> None:
+        value = {register.name: self._values[register.id] for register in _BY_ID.values()}
+        self.lockstep = value["CLOCK_MODE"] == ClockMode.LOCKSTEP
+        self.block = value["BLOCK"]
+        self.watchdog = value["WATCHDOG_TICKS"]
+        self.drive_limit = value["DRIVE_LIMIT"]
+        self.status_every = value["STATUS_EVERY"]

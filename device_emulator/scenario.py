@@ -1,0 +1,200 @@
+"""Scenario files: what the emulated board really is. The host never opens one; it only hands its path on.
+
+Units stand in the key names; a per-axis value is one number for both axes or `[x, y]`.
+"""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+from pydantic import Field, PlainValidator, ValidationError, model_validator
+
+from device_emulator import effects
+from device_emulator.rate import Rate
+from device_emulator.section import (
+    Damping,
+    NonNegative,
+    Pair,
+    PerAxis,
+    PerAxisNonNegative,
+    PerAxisPositive,
+    PerAxisPositiveOrInf,
+    Positive,
+    ScenarioError,
+    Section,
+    Stiffness,
+    did_you_mean,
+)
+
+MAX_DELAY_SAMPLES = 30  # of the sense_delay and drive_delay effects
+
+
+class Truth(Section):
+    """`[truth]`: the mass on its springs. Matrices are symmetric: [xx, yy, xy]."""
+
+    mass_kg: Positive
+    stiffness_N_per_m: Stiffness
+    damping_N_s_per_m: Damping
+    temperature_K: NonNegative = 300.0  # of the Brownian force; 0 switches it off
+    position_m: Pair  # at tick 0
+    velocity_mps: Pair = (0.0, 0.0)  # at tick 0
+
+    @model_validator(mode="after")
+    def _passive(self) -> "Truth":
+        for name in ("stiffness_N_per_m", "damping_N_s_per_m"):
+            xx, yy, xy = getattr(self, name)
+            if xy * xy > xx * yy:
+                raise ValueError(
+                    f"{name}: expected a matrix [xx, yy, xy] that holds energy back, xy² ≤ xx yy"
+                )
+        return self
+
+
+class Sense(Section):
+    """`[sense]`: comb capacitors into charge integrators into a converter, equations (3) to (5)."""
+
+    fingers: PerAxisPositive  # N
+    permittivity_F_per_m: Positive = 8.8541878128e-12  # ε
+    width_m: PerAxisPositive  # W
+    gap_m: PerAxisPositive  # Z
+    overlap_m: PerAxisPositive  # of the fingers at rest: C = N ε (W/Z) overlap
+    mismatch_m: PerAxis = (0.0, 0.0)  # d, half the difference of the two overlaps at rest
+    bias_V: Positive  # ±V
+    feedback_F: PerAxisPositive  # Cf
+    feedback_ohm: PerAxisPositiveOrInf = (math.inf, math.inf)  # Rf
+    parasitic_F: PerAxisNonNegative = (0.0, 0.0)  # Cp
+    opamp_offset_V: PerAxis = (0.0, 0.0)  # Vos
+    drift_V_per_s: PerAxis = (0.0, 0.0)
+    random_walk_V_per_rts: NonNegative = 0.0
+    noise_V: NonNegative  # white, rms of each sample
+    flicker_V_at_1Hz: NonNegative = 0.0  # 1/f noise: its one-sided density at 1 Hz, V/√Hz
+    low_pass_Hz: PerAxisPositiveOrInf = (math.inf, math.inf)
+    adc_bits: Annotated[int, Field(ge=4, le=24)]
+    adc_full_scale_V: Positive
+
+
+class Drive(Section):
+    """`[drive]`: the converter and amplifier that push the mass, in force per unit mass."""
+
+    dac_bits: Annotated[int, Field(ge=4, le=24)]
+    full_scale_mps2: Positive
+    latency_samples: Annotated[int, Field(ge=0, le=64)]
+    noise_mps2_per_rtHz: NonNegative = 0.0  # of the amplifier, one-sided
+
+
+class Board(Section):
+    """`[board]`: what IDENTITY tells."""
+
+    sample_rate_Hz: Positive
+    unique_id: Annotated[int, Field(ge=0, lt=1 << 64)]
+    firmware: Annotated[int, Field(ge=0, lt=1 << 32)]
+
+
+class Scenario(Section):
+    """A whole scenario file."""
+
+    seed: Annotated[int, Field(ge=0)]
+    truth: Truth
+    sense: Sense
+    drive: Drive
+    board: Board
+    rate: Rate
+    effect: list[Annotated[effects.HiddenEffect, PlainValidator(effects.parse)]] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _within_the_model(self) -> "Scenario":
+        for kind in (effects.Kind.SENSE_DELAY, effects.Kind.DRIVE_DELAY):
+            delay = effects.delay_s(self.effect, kind)
+            if min(delay) < 0.0 or max(delay) * self.board.sample_rate_Hz > MAX_DELAY_SAMPLES:
+                raise ValueError(f"effect {kind.name.lower()}: expected 0 to {MAX_DELAY_SAMPLES} samples")
+        return self
+
+
+def load(path: Path) -> Scenario:
+    """The scenario in a TOML file. Raises `ScenarioError`: one line with file, key and what was expected."""
+    try:
+        document = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot read the scenario ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: not a TOML file: {error}") from None
+    rate = document.get("rate")
+    if isinstance(rate, dict) and isinstance(rate.get("path"), str):
+        rate["path"] = str(path.parent / rate["path"])
+    try:
+        return Scenario.model_validate(document)
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: {_one_line(error)}") from None
+
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "a text in quotes",
+    "tuple_type": "a list of numbers",
+    "list_type": "a list",
+    "finite_number": "a finite number",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+}
+
+
+def _one_line(error: ValidationError) -> str:
+    """The first mistake; an unknown key before a missing one, since it is often the same key misspelt."""
+    mistake = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    kind, value, context = mistake["type"], mistake["input"], mistake.get("ctx", {})
+    place, known = _place(mistake["loc"])
+    if kind == "extra_forbidden":
+        return f"{place}: unknown key; {did_you_mean(str(mistake['loc'][-1]), known)}"
+    if kind == "missing":
+        return f"{place}: missing"
+    if kind == "union_tag_not_found":
+        return f"{place} kind: missing"
+    if kind == "union_tag_invalid":
+        tags = context["expected_tags"].replace("'", "").split(", ")
+        return f"{place} kind: unknown kind {context['tag']!r}; {did_you_mean(context['tag'], tags)}"
+    if kind == "too_long":
+        return f"{place}: expected {context['max_length']} numbers, got {context['actual_length']}"
+    if "error" in context:  # one of our own validators
+        return ": ".join(filter(None, (place, str(context["error"]))))
+    expected = _EXPECTED.get(kind) or mistake["msg"].removeprefix("Input should be ")
+    return f"{place}: expected {expected}" + (
+        "" if isinstance(value, dict | list | tuple) else f", got {value!r}"
+    )
+
+
+def _place(location: tuple[int | str, ...]) -> tuple[str, list[str]]:
+    """`[table.table] key` of an error's location, and the keys that the innermost table knows."""
+    tables: list[str] = []
+    key = ""
+    sections: list[type[Section]] = [Scenario]
+    for part in location:
+        field = next((s.model_fields[part] for s in sections if part in s.model_fields), None)
+        if isinstance(part, int):
+            if key:
+                key += f" {part + 1}"
+            else:
+                tables[-1] += f" {part + 1}"
+        elif field is None:
+            chosen = [s for s in sections if part in _kinds(s)]
+            sections = chosen or sections
+            key = "" if chosen else part
+        elif below := _sections_in(field.annotation):
+            sections = below
+            tables.append(part)
+        else:
+            key = part
+    table = f"[{'.'.join(tables)}]" if tables else ""
+    return f"{table} {key}".strip(), [name for section in sections for name in section.model_fields]
+
+
+def _kinds(section: type[Section]) -> tuple[Any, ...]:
+    """Names by which a choice of sections tells this one apart; empty where there is no choice."""
+    return get_args(section.model_fields["kind"].annotation) if "kind" in section.model_fields else ()
+
+
+def _sections_in(annotation: Any) -> list[type[Section]]:
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return [annotation]
+    return [section for inner in get_args(annotation) for section in _sections_in(inner)]

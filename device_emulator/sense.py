@@ -1,0 +1,222 @@
+"""Sense chain: comb capacitors into a charge integrator into a converter, from physical constants.
+
+    Vo = -(2V/Cf) ΔC - (Co1 - Co2) V/Cf + (Co1 + Co2 + Cp + Cf) Vos/Cf,   ΔC = N ε (W/Z) x       (3)
+    Co1 - Co2 = 2 N ε (W/Z) d                                                                    (4)
+
+so a fixed gain -(2V/Cf) N ε (W/Z), an offset Φ, and noise (5). The feedback resistor Rf, which the circuit
+has, makes the integrator a high-pass with the time constant Rf Cf: it is released at tick 0 as (3) has it,
+then the mismatch decays and Vos keeps the gain 1. A low-pass pole may follow. Filters and delay act on the
+exact trajectory, not on samples.
+
+Φ, as the truth file tells it, is all that a channel shows besides gain × displacement, white noise and hidden
+effects.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from device_emulator import effects
+from device_emulator.compiled import compiled
+from device_emulator.scenario import Scenario
+
+MAX_FLICKER_POLES = 12
+_LOWEST_FLICKER_HZ = 1e-3
+_NODES = 6  # of the polynomial that reads the delayed trajectory; error 1e-10 of the amplitude
+
+SENSE = np.dtype(
+    [
+        ("gain_V_per_m", "f8", 2),
+        ("mismatch_V", "f8", 2),
+        ("opamp_V", "f8", 2),
+        ("opamp_gain", "f8", 2),  # (Co1 + Co2 + Cp) / Cf
+        ("leak_per_s", "f8", 2),  # 1 / (Rf Cf)
+        ("drift_V_per_s", "f8", 2),
+        ("walk_V", "f8"),  # per sample
+        ("noise_V", "f8"),
+        ("flicker_poles", "i8"),
+        ("flicker_V", "f8", MAX_FLICKER_POLES),  # rms of each
+        ("flicker_keep", "f8", MAX_FLICKER_POLES),
+        ("flicker_add", "f8", MAX_FLICKER_POLES),
+        ("lsb_V", "f8"),
+        ("code_max", "i8"),
+        ("tracked", "i8"),  # whether filters or delays need the trajectory between samples
+        ("high_pass", "f8", (2, 5)),
+        ("low_pass", "f8", (2, 5)),
+        ("delay_substeps", "f8", 2),
+    ],
+    align=True,
+)
+
+# What the chain remembers.
+SENSE_STATE = np.dtype(
+    [
+        ("seen", "f8", (2, 2)),  # displacement and its rate at the last sub-step, per axis
+        ("leaked", "f8", 2),  # low-passed displacement that the high-pass takes away
+        ("smooth", "f8", 2),  # output of the low-pass
+        ("newest", "i8"),  # row of `history` written last
+        ("walk", "f8", 2),
+        ("flicker", "f8", (2, MAX_FLICKER_POLES)),
+    ],
+    align=True,
+)
+
+
+def sense_gain(scenario: Scenario) -> tuple[float, float]:
+    """Gain of x and y in V/m, negative: -(2V/Cf) N ε (W/Z), equation (5)."""
+    s = scenario.sense
+    x, y = (
+        -2.0 * s.bias_V / cf * n * s.permittivity_F_per_m * w / z
+        for cf, n, w, z in zip(s.feedback_F, s.fingers, s.width_m, s.gap_m, strict=True)
+    )
+    return x, y
+
+
+def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
+    """The chain as its kernels read it, shape (1,) of dtype `SENSE`."""
+    s = scenario.sense
+    fs = scenario.board.sample_rate_Hz
+    constants = np.zeros(1, SENSE)
+    c = constants[0]
+    c["gain_V_per_m"] = gain = np.array(sense_gain(scenario))
+    c["mismatch_V"] = gain * s.mismatch_m
+    c["opamp_V"] = s.opamp_offset_V
+    cf = np.array(s.feedback_F)
+    per_m = np.array(s.fingers) * s.permittivity_F_per_m * np.array(s.width_m) / np.array(s.gap_m)
+    c["opamp_gain"] = (2.0 * per_m * s.overlap_m + s.parasitic_F) / cf  # Co1 + Co2: twice the one at rest
+    c["leak_per_s"] = 1.0 / (np.array(s.feedback_ohm) * cf)
+    c["drift_V_per_s"] = s.drift_V_per_s
+    c["walk_V"] = s.random_walk_V_per_rts / math.sqrt(fs)
+    c["noise_V"] = s.noise_V
+    # 1/f noise of density F at 1 Hz: first-order processes a decade apart, each of variance F² ln 10, sum to
+    # F²/f within 6 % from 1 mHz to a quarter of the sample rate. Sampling folds what lies above half the rate
+    # back; each variance is lowered so that the density below its corner is that of the unsampled process.
+    if s.flicker_V_at_1Hz > 0.0:
+        poles = min(MAX_FLICKER_POLES, 1 + math.ceil(math.log10(0.5 * fs / _LOWEST_FLICKER_HZ)))
+        corner = 0.5 * fs * 10.0 ** -np.arange(poles)
+        keep = np.exp(-2.0 * np.pi * corner / fs)
+        c["flicker_poles"] = poles
+        fold = fs / (np.pi * corner) * (1.0 - keep) / (1.0 + keep)
+        c["flicker_V"][:poles] = s.flicker_V_at_1Hz * np.sqrt(math.log(10.0) * fold)
+        c["flicker_keep"][:poles] = keep
+        c["flicker_add"] = c["flicker_V"] * np.sqrt(1.0 - c["flicker_keep"] ** 2)
+    c["lsb_V"] = 2.0 * s.adc_full_scale_V / 2**s.adc_bits
+    c["code_max"] = 2 ** (s.adc_bits - 1) - 1
+    for axis in range(2):
+        c["high_pass"][axis] = _first_order(c["leak_per_s"][axis], substep_s)
+        c["low_pass"][axis] = _first_order(2.0 * math.pi * s.low_pass_Hz[axis], substep_s)
+    c["delay_substeps"] = np.array(effects.delay_s(scenario.effect, effects.Kind.SENSE_DELAY)) / substep_s
+    c["tracked"] = bool(
+        np.isfinite([*s.feedback_ohm, *s.low_pass_Hz]).any() or (c["delay_substeps"] > 0.0).any()
+    )
+    return constants
+
+
+def history_rows(sense: NDArray[Any]) -> int:
+    """Rows of trajectory that the longest delay reaches back over."""
+    return int(sense["delay_substeps"].max()) + 2 * _NODES
+
+
+def _first_order(pole_per_s: float, h: float) -> tuple[float, float, float, float, float]:
+    """Weights (w0; p0, ṗ0, p1, ṗ1) that carry ẇ = a (p - w) over h exactly for a cubic p."""
+    z = pole_per_s * h
+    if math.isinf(z):
+        return 0.0, 0.0, 0.0, 1.0, 0.0
+    # J[n] = ∫ z e^{-z(1-s)} s^n ds over 0..1: by parts, for small z by the series in which nothing cancels.
+    j = [-math.expm1(-z)]
+    for n in range(1, 4):
+        series = (-((-z) ** k) * math.factorial(n) / math.factorial(n + k) for k in range(1, 25))
+        j.append(sum(series) if z < 1.0 else 1.0 - n * j[-1] / z)
+    blend = 3.0 * j[2] - 2.0 * j[3]
+    return math.exp(-z), j[0] - blend, h * (j[1] - 2.0 * j[2] + j[3]), blend, h * (j[3] - j[2])
+
+
+@compiled
+def start(hidden: NDArray[Any], state: Any, motion: NDArray[np.float64]) -> None:
+    """Release the chain at tick 0: the low-pass settled, nothing leaked yet."""
+    px, vpx, py, vpy = effects.displacement(hidden, motion)
+    state.seen[0, 0], state.seen[0, 1], state.seen[1, 0], state.seen[1, 1] = px, vpx, py, vpy
+    state.smooth[0], state.smooth[1] = px, py
+
+
+@compiled
+def track(
+    sense: Any,
+    hidden: NDArray[Any],
+    state: Any,
+    history: NDArray[np.float64],
+    motion: NDArray[np.float64],
+) -> None:
+    """Carry filters and history over one sub-step that ended in `motion`."""
+    px, vpx, py, vpy = effects.displacement(hidden, motion)
+    for axis in range(2):
+        p1, v1 = (px, vpx) if axis == 0 else (py, vpy)
+        p0, v0 = state.seen[axis, 0], state.seen[axis, 1]
+        leak = sense.leak_per_s[axis]
+        leaked0 = state.leaked[axis]
+        w = sense.high_pass[axis]
+        leaked1 = w[0] * leaked0 + w[1] * p0 + w[2] * v0 + w[3] * p1 + w[4] * v1
+        q0, qv0 = p0 - leaked0, v0 - leak * (p0 - leaked0)
+        q1, qv1 = p1 - leaked1, v1 - leak * (p1 - leaked1)
+        w = sense.low_pass[axis]
+        state.smooth[axis] = w[0] * state.smooth[axis] + w[1] * q0 + w[2] * qv0 + w[3] * q1 + w[4] * qv1
+        state.leaked[axis] = leaked1
+        state.seen[axis, 0], state.seen[axis, 1] = p1, v1
+    state.newest = (state.newest + 1) % history.shape[0]
+    history[state.newest, 0] = state.smooth[0]
+    history[state.newest, 1] = state.smooth[1]
+
+
+@compiled
+def delayed(history: NDArray[np.float64], newest: int, axis: int, back: float) -> float:
+    """The trajectory `back` sub-steps before the newest, by a polynomial through the nearest rows."""
+    first = max(0, int(back) - _NODES // 2 + 1)
+    value = 0.0
+    for i in range(_NODES):
+        weight = 1.0
+        for j in range(_NODES):
+            if j != i:
+                weight *= (back - (first + j)) / (i - j)
+        value += weight * history[(newest - first - i) % history.shape[0], axis]
+    return value
+
+
+@compiled
+def offset(sense: Any, state: Any, t_s: float, axis: int) -> float:
+    """Φ in V at the time t_s."""
+    left = math.exp(-sense.leak_per_s[axis] * t_s)
+    phi: float = sense.mismatch_V[axis] * left + sense.opamp_V[axis] * (1.0 + sense.opamp_gain[axis] * left)
+    phi += sense.drift_V_per_s[axis] * t_s + state.walk[axis]
+    for pole in range(sense.flicker_poles):
+        phi += state.flicker[axis, pole]
+    return phi
+
+
+@compiled
+def wander(sense: Any, state: Any, normals: NDArray[np.float64], first: bool) -> None:
+    """One sample of random walk and 1/f noise from standard normals, shape (2 + 2 poles,).
+
+    `first` starts them: the walk at zero, each 1/f process somewhere in its range.
+    """
+    for axis in range(2):
+        if not first:
+            state.walk[axis] += sense.walk_V * normals[axis]
+        for pole in range(sense.flicker_poles):
+            normal = normals[2 + axis * sense.flicker_poles + pole]
+            kept = sense.flicker_keep[pole] * state.flicker[axis, pole]
+            state.flicker[axis, pole] = (
+                sense.flicker_V[pole] * normal if first else kept + sense.flicker_add[pole] * normal
+            )
+
+
+@compiled
+def convert(sense: Any, voltage: float) -> tuple[int, bool]:
+    """(code, clipped) of the converter: nearest code, ends of the range held."""
+    code = np.rint(voltage / sense.lsb_V)
+    if code > sense.code_max:
+        return int(sense.code_max), True
+    if code < -sense.code_max - 1:
+        return int(-sense.code_max - 1), True
+    return int(code), False

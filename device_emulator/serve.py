@@ -1,0 +1,134 @@
+"""Serving a board on a pty: waiting for the host, and on wall time keeping the deadlines of the ticks.
+
+Every wait is one `select` on the line and the stop signal until the next deadline; deadlines are absolute, so
+a late one does not move the next. A host that hangs up ends a lockstep board; a paced board goes to SAFE, its
+mass swings on, and the next host is awaited.
+"""
+
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from device_emulator import realtime
+from device_emulator.board import Board
+from hil.wire.errors import LinkClosed
+from hil.wire.messages import SafeReason
+from hil.wire.pty_link import PtyLink
+
+IDLE_S = 0.5
+"""Longest wait; how often a board looks whether its parent is still there."""
+
+COAST_S = 0.02
+"""How often the mass of a paced board in SAFE is brought up to date."""
+
+_LEAD_S = 0.005  # from ARM to the first tick
+
+
+class Server:
+    """Serves one board on one pty until it is told to stop, its parent dies, or a lockstep host hangs up."""
+
+    def __init__(self, board: Board, link: PtyLink, sample_rate_Hz: float) -> None:
+        self._board = board
+        self._link = link
+        self._rate_Hz = sample_rate_Hz
+        self._origin: float | None = None  # wall time of tick 0, once a paced board has streamed
+        self._urgent = False
+
+    def run(self, stop: int) -> None:
+        """Serve; returns when it is over. `stop` is the descriptor of `stop_signal`."""
+        parent = os.getppid()
+        while os.getppid() == parent:
+            try:
+                if not self._turn(stop):
+                    return
+            except LinkClosed:
+                if self._board.registers.lockstep:
+                    return
+                if self._board.streaming:
+                    self._board.enter_safe(SafeReason.LINK_LOST)
+                self._link.await_host()
+
+    def _turn(self, stop: int) -> bool:
+        """Listen until the next deadline and do what is due then; False when told to stop."""
+        board = self._board
+        paced = not board.registers.lockstep
+        self._be_urgent(paced and board.streaming)
+        if not paced:
+            self._origin = None
+            deadline = time.monotonic() + IDLE_S
+        elif board.streaming:
+            if self._origin is None:
+                self._origin = time.monotonic() + _LEAD_S - board.rows / self._rate_Hz
+            deadline = self._origin + (board.rows + board.registers.block - 1) / self._rate_Hz
+        else:
+            deadline = time.monotonic() + (IDLE_S if self._origin is None else COAST_S)
+        heard = self._listen(stop, deadline)
+        if heard is None:
+            return False
+        if heard or not paced:
+            return True
+        if board.streaming:
+            self._link.send(board.block())
+            board.prepare()
+        elif self._origin is not None:
+            self._catch_up()
+        return True
+
+    def _listen(self, stop: int, deadline: float) -> bool | None:
+        """Answer the host until the deadline. True if that changed what is due, None when told to stop."""
+        board, link = self._board, self._link
+        before = board.streaming, board.registers.lockstep
+        while True:
+            left = deadline - time.monotonic()
+            ready, _, _ = select.select((link.fileno(), stop), (), (), max(left, 0.0))
+            if not ready:
+                return False
+            if stop in ready:
+                return None
+            answer = board.exchange(link.receive(0.0))
+            if answer:
+                link.send(answer)
+            if (board.streaming, board.registers.lockstep) != before:
+                if self._origin is not None and board.streaming:
+                    self._catch_up()
+                return True
+            if left <= 0.0:
+                return False
+
+    def _catch_up(self) -> None:
+        """Bring the mass, which nobody watched or drove, to the present."""
+        assert self._origin is not None
+        behind = int((time.monotonic() - self._origin) * self._rate_Hz) + 1 - self._board.rows
+        if behind > 0:
+            self._board.coast(behind)
+
+    def _be_urgent(self, urgent: bool) -> None:
+        if urgent == self._urgent:
+            return
+        self._urgent = self._link.drop_when_full = urgent
+        if urgent and self._origin is None:
+            for refused in realtime.settle():
+                print(f"device_emulator: {refused}", file=sys.stderr)
+        realtime.urgent(urgent)
+
+
+@contextmanager
+def stop_signal() -> Iterator[int]:
+    """A descriptor that becomes readable when the process is asked to end."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    numbers = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    before = [signal.signal(number, lambda *_: None) for number in numbers]
+    wakeup = signal.set_wakeup_fd(writing)
+    try:
+        yield reading
+    finally:
+        signal.set_wakeup_fd(wakeup)
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+        os.close(reading)
+        os.close(writing)

@@ -1,0 +1,87 @@
+"""A whole bench file: its tables together, and how it is read."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import model_validator
+
+from hil.bench.device import Device
+from hil.bench.loop import Controller, Limits, Link, Loop
+from hil.bench.observer import Observer
+from hil.bench.section import Section, check_matrix
+from hil.strict_toml import parse_table, read_toml
+
+
+class Bench(Section):
+    """A whole bench file."""
+
+    link: Link = Link()
+    """table [link]"""
+    device: Device
+    """table [device]"""
+    loop: Loop = Loop()
+    """table [loop]"""
+    observer: Observer = Observer()
+    """table [observer]"""
+    controller: Controller = Controller()
+    """table [controller]"""
+    limits: Limits = Limits()
+    """table [limits]"""
+
+    @model_validator(mode="after")
+    def _sections_agree(self) -> Self:
+        axes, initial = self.device.axes, self.observer.initial
+        if axes == 1 and self.controller.enabled:
+            raise ValueError(
+                "[controller] enabled: a single axis has no pattern to control; set enabled = false"
+            )
+        if axes == 1 and self.observer.variant == "gyro":
+            raise ValueError(
+                '[observer] variant: "gyro" needs axes = 2; a single axis runs "full" or "sense"'
+            )
+        for key in ("stiffness_N_per_m", "damping_N_s_per_m"):
+            if (given := getattr(initial, key)) is not None:
+                check_matrix(
+                    f"[observer.initial] {key}", "k" if key.startswith("stiffness") else "d", given, axes
+                )
+        for key in ("position_m", "velocity_mps", "offset_V"):
+            if (given := getattr(initial, key)) is not None and len(given) != axes:
+                raise ValueError(
+                    f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}"
+                )
+        if self.link.watchdog_s * self.device.sample_rate_Hz < 2:
+            raise ValueError(
+                f"[link] watchdog_s: shorter than two samples ({2 / self.device.sample_rate_Hz:g} s)"
+            )
+        if self.controller.modulation_Hz > self.device.resonance_Hz / 10:
+            raise ValueError(
+                f"[controller] modulation_Hz: must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"
+            )
+        return self
+
+    @property
+    def target_stiffness_per_s2(self) -> float:
+        """Stiffness of the controlled oscillator per unit mass, 1/s²; its root is the scale of time."""
+        device, target = self.device, self.controller.target_stiffness_N_per_m
+        diagonal = device.stiffness_N_per_m[: device.axes]
+        return (sum(diagonal) / len(diagonal) if target is None else target) / device.mass_kg
+
+    @property
+    def offset_sd_V(self) -> float:
+        """Standard deviation of the first guess of the sense offsets."""
+        own = self.observer.initial_sd.offset_V
+        return self.device.sense.offset_sd_V if own is None else own
+
+
+def load_bench(path: Path) -> Bench:
+    """The bench file at ``path``; `hil.errors.InputError` names file, key and what was expected."""
+    return read_toml(path, Bench)
+
+
+def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str) -> Bench:
+    """``bench`` with some keys replaced, checked as a whole again; ``source`` names them in an error."""
+    table = bench.model_dump()
+    for section, keys in changes.items():
+        table[section].update(keys)
+    return parse_table(table, Bench, source)

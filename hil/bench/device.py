@@ -1,0 +1,119 @@
+"""The device as its data sheet describes it: oscillator, sense chain, drive chain."""
+
+import math
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix
+
+
+class Sense(Section):
+    """The sense chain: voltage per displacement, offset and noise."""
+
+    gain_V_per_m: Numbers
+    """volts per metre at the sense output, signed; one number, or one per axis"""
+    noise_V: Positive
+    """rms noise of one sample, quantisation included"""
+    offset_sd_V: NotNegative = 0.0
+    """how far from zero the offset may be (one standard deviation)"""
+
+
+class Drive(Section):
+    """The drive chain: what a drive value means and how it acts between two samples."""
+
+    unit: Literal["mps2", "N", "V"] = "mps2"
+    """unit of the drive channel: force per mass, force, or a voltage"""
+    full_scale: Positive
+    """largest drive magnitude, in `unit`"""
+    gain_N_per_V: float | None = None
+    """force per volt of drive, for unit = "V"; the first guess where gain_known = false"""
+    gain_known: bool = True
+    """false: the drive gain is estimated as well (axes = 1)"""
+    hold: Literal["zoh", "foh", "bandlimited"] = "zoh"
+    """zoh: a row's value acted over the interval that ends there; foh, bandlimited: value at that instant"""
+    noise_mps2_per_rtHz: NotNegative = 0.0
+    """one-sided noise density of the drive amplifier"""
+
+    @model_validator(mode="after")
+    def _gain_matches_unit(self) -> Self:
+        if (self.unit == "V") != (self.gain_N_per_V is not None):
+            cure = "give the force per volt" if self.unit == "V" else 'leave it out, or set unit = "V"'
+            raise ValueError(f'gain_N_per_V: belongs to unit = "V" and only there; {cure}')
+        if self.gain_N_per_V == 0:
+            raise ValueError("gain_N_per_V: 0 would mean that the drive does nothing")
+        return self
+
+
+class Device(Section):
+    """The oscillator as its data sheet describes it, which is also the observer's first guess."""
+
+    name: str
+    """what the device is called in reports"""
+    axes: Literal[1, 2] = 2
+    """2: gyro (x and y); 1: single oscillator"""
+    mass_kg: Positive
+    """proof mass"""
+    stiffness_N_per_m: Numbers
+    """[kxx, kyy, kxy] for two axes, [k] for one"""
+    damping_N_s_per_m: Numbers
+    """[dxx, dyy, dxy] for two axes, [d] for one"""
+    amplitude_m: Positive
+    """nominal amplitude of the vibration"""
+    sample_rate_Hz: Positive
+    """rate of the sense samples; must be the board's"""
+    normalised: bool = True
+    """report parameters per unit mass (1/s², 1/s); false: in N/m and N·s/m"""
+    sense: Sense
+    """table [device.sense]"""
+    drive: Drive
+    """table [device.drive]"""
+
+    @model_validator(mode="after")
+    def _axes_agree(self) -> Self:
+        check_matrix("stiffness_N_per_m", "k", self.stiffness_N_per_m, self.axes)
+        check_matrix("damping_N_s_per_m", "d", self.damping_N_s_per_m, self.axes)
+        if len(self.sense.gain_V_per_m) not in (1, self.axes) or 0 in self.sense.gain_V_per_m:
+            raise ValueError(
+                f"[device.sense] gain_V_per_m: expected one number or {self.axes}, none of them 0"
+            )
+        if min(self.stiffness_N_per_m[: self.axes]) <= 0:
+            raise ValueError("stiffness_N_per_m: the diagonal must be positive, or nothing oscillates")
+        if not self.drive.gain_known and self.axes != 1:
+            raise ValueError(
+                "[device.drive] gain_known: a drive gain is estimated for axes = 1 only; set it to true"
+            )
+        if self.sample_rate_Hz < 4 * self.resonance_Hz:
+            raise ValueError(
+                f"sample_rate_Hz: {self.sample_rate_Hz:g} gives fewer than 4 samples per cycle "
+                f"of {self.resonance_Hz:.4g} Hz"
+            )
+        return self
+
+    @property
+    def resonance_Hz(self) -> float:
+        """The higher of the axes' declared resonances."""
+        return math.sqrt(max(self.stiffness_N_per_m[: self.axes]) / self.mass_kg) / (2 * math.pi)
+
+    @property
+    def stiffness_per_s2(self) -> tuple[float, ...]:
+        """Declared stiffness per unit mass, 1/s², in the order of the file."""
+        return tuple(k / self.mass_kg for k in self.stiffness_N_per_m)
+
+    @property
+    def damping_per_s(self) -> tuple[float, ...]:
+        """Declared damping per unit mass, 1/s, in the order of the file."""
+        return tuple(d / self.mass_kg for d in self.damping_N_s_per_m)
+
+    @property
+    def sense_gains_V_per_m(self) -> tuple[float, ...]:
+        """One sense gain per axis."""
+        gains = self.sense.gain_V_per_m
+        return gains if len(gains) == self.axes else gains * self.axes
+
+    @property
+    def drive_mps2_per_unit(self) -> float:
+        """Force per mass for a drive value of one `unit`."""
+        if self.drive.unit == "mps2":
+            return 1.0
+        return (1.0 if self.drive.gain_N_per_V is None else self.drive.gain_N_per_V) / self.mass_kg

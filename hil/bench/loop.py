@@ -1,0 +1,83 @@
+"""The run itself: the link, the clock, the control law and the limits it is judged by."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from hil.bench.section import Fraction, NotNegative, Positive, Section
+
+
+class Link(Section):
+    """How the board is reached and how long either side waits for the other."""
+
+    url: str | None = None
+    """where the board is, when `hil run` has no --link: serial:PORT, pty:SCENARIO or inproc:SCENARIO"""
+    watchdog_s: Positive = 0.02
+    """silence after which the board drops the drive and goes SAFE, in bench time"""
+    timeout_s: Positive = 2.0
+    """how long the host waits for an answer to a command"""
+
+
+class Loop(Section):
+    """The run: whose clock, how long, and from when on it counts."""
+
+    clock: Literal["lockstep", "paced", "real"] = "paced"
+    """lockstep: the board waits for each answer; paced: emulated board on wall time; real: hardware"""
+    mode: Literal["force"] = "force"
+    """force: the host answers every sample with a drive"""
+    duration_s: Positive = 30.0
+    """length of the run in bench time"""
+    settle_s: NotNegative = 5.0
+    """start of the scored window"""
+    seed: Annotated[int, Field(ge=0)] | None = None
+    """seed of the dither and of an emulated board's noise; without it the scenario's own"""
+    estimate_every: Annotated[int, Field(ge=1)] = 8
+    """every how many samples the estimates are recorded"""
+    name: str = Field(default="run", pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    """last part of the run folder's name"""
+
+    @model_validator(mode="after")
+    def _something_to_score(self) -> Self:
+        if self.settle_s >= self.duration_s:
+            raise ValueError(
+                f"settle_s: {self.settle_s:g} s leaves nothing to score of duration_s = {self.duration_s:g} s"
+            )
+        return self
+
+
+class Controller(Section):
+    """The control law that makes the mass an isotropic undamped oscillator, and what is added to it."""
+
+    enabled: bool = True
+    """false: the drive stays at zero"""
+    target_stiffness_N_per_m: Positive | None = None
+    """stiffness of the controlled oscillator; without it the mean of kxx and kyy"""
+    energy_gain: NotNegative = 0.02
+    """energy hold, in units of the target frequency"""
+    quadrature_gain: NotNegative = 0.01
+    """quadrature hold, in units of the target frequency"""
+    virtual_rotation_rad_s: float = 0.0
+    """imposed rotation of the pattern, subtracted from the angle"""
+    dither_mps2: NotNegative = 0.0
+    """rms of the random force that keeps every parameter excited"""
+    amplitude_modulation: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """modulation of the held amplitude, as a fraction"""
+    modulation_Hz: Positive = 1.0
+    """frequency of that modulation"""
+    force_limit_mps2: Positive | None = None
+    """largest commanded force per mass; without it the drive's full scale"""
+
+
+class Limits(Section):
+    """What the verdict and the exit code of a run are judged by."""
+
+    innovation_ratio: Positive = 1.5
+    """largest rms innovation, in units of the noise floor"""
+    energy_error: Positive = 0.05
+    """largest deviation of the energy from its target, as a fraction"""
+    quadrature: Fraction = 0.05
+    """largest quadrature, as a fraction of the energy"""
+    late_fraction: Annotated[float, Field(ge=0, le=1)] = 0.02
+    """largest share of late answers"""
+    residual_safe: Positive = 100.0
+    """innovation, in units of the noise, above which the host sends SAFE"""

@@ -1,0 +1,77 @@
+"""What is estimated, from which first guess, and how much may wander."""
+
+from typing import Literal
+
+from hil.bench.section import NotNegative, Numbers, Positive, Section
+
+
+class InitialSd(Section):
+    """Standard deviations of the first guess."""
+
+    position: Positive = 1.0
+    """of the amplitude"""
+    velocity: Positive = 1.0
+    """of amplitude times target frequency"""
+    offset_V: NotNegative | None = None
+    """sense offset; without it [device.sense] offset_sd_V"""
+    rate_rad_s: Positive = 2.0
+    """rotation rate"""
+    stiffness: Positive = 0.05
+    """of the target stiffness"""
+    damping: Positive = 1.0
+    """of the declared damping"""
+    drive_gain: Positive = 0.2
+    """of the declared drive gain (gain_known = false)"""
+
+
+class Initial(Section):
+    """First guesses where they differ from the data sheet's."""
+
+    position_m: Numbers | None = None
+    """one number per axis; without it 0"""
+    velocity_mps: Numbers | None = None
+    """one number per axis; without it 0"""
+    offset_V: Numbers | None = None
+    """one number per axis; without it 0"""
+    rate_rad_s: float = 0.0
+    """rotation rate"""
+    stiffness_N_per_m: Numbers | None = None
+    """without it that of [device]"""
+    damping_N_s_per_m: Numbers | None = None
+    """without it that of [device]"""
+
+
+class ProcessNoise(Section):
+    """How fast the states that the model holds constant may wander, and the force noise on the mass."""
+
+    force_mps2_per_rtHz: NotNegative = 0.0
+    """one-sided density of the force noise per mass (Brownian: √(4 kB T d)/m); the drive's is added to it"""
+    rate_rad_s_per_rts: NotNegative = 0.0
+    """random walk of the rate, rad/s per √s"""
+    offset_V_per_rts: NotNegative = 0.0
+    """random walk of the offset, V per √s"""
+    stiffness_per_rts: NotNegative = 0.0
+    """random walk of the stiffness, fraction of the target stiffness per √s"""
+    damping_per_rts: NotNegative = 0.0
+    """random walk of the damping, fraction of the declared damping per √s"""
+
+
+class Observer(Section):
+    """Which states are estimated, by which gain, from which first guess."""
+
+    variant: Literal["full", "gyro", "sense"] = "full"
+    """full: 13 states; gyro: 11, no sense offsets; sense: 7, parameters taken from [device]"""
+    gain: Literal["fading", "ekf", "stationary"] = "fading"
+    """fading: EKF with fading memory; ekf: without; stationary: one gain, by phase of vibration"""
+    memory_s: Positive = 1.0
+    """time constant of the fading memory"""
+    acquisition_s: NotNegative = 0.0
+    """time before the control law is switched on"""
+    backend: Literal["numba", "numpy", "filterpy"] = "numba"
+    """numba: compiled; numpy, filterpy: slow oracles of the same model"""
+    initial_sd: InitialSd = InitialSd()
+    """table [observer.initial_sd]"""
+    initial: Initial = Initial()
+    """table [observer.initial]"""
+    process_noise: ProcessNoise = ProcessNoise()
+    """table [observer.process_noise]"""

@@ -1,0 +1,63 @@
+"""The command line: one verb per module; this file turns what goes wrong into one line and an exit code.
+
+Exit codes: 0 good, 1 the verdict failed, 2 bad input, 130 interrupted.  Verb modules import nothing heavy at
+the top, so that ``hil --help`` answers at once.
+"""
+
+import signal
+import sys
+from types import FrameType
+from typing import Any
+
+INTERRUPTED = 130
+_PACKAGES = ("hil", "estimator", "device_emulator")
+
+
+def main() -> None:
+    """Entry point of ``hil``; SIGTERM is taken like Ctrl-C: a board is told to go SAFE in both cases."""
+    signal.signal(signal.SIGTERM, _as_ctrl_c)
+    sys.exit(execute(sys.argv[1:]))
+
+
+def execute(arguments: list[str]) -> int:
+    """Run one command line and return its exit code; a user's mistake becomes one line on standard error."""
+    import typer
+
+    from hil.cli.app import app
+
+    try:
+        code = app(args=arguments or ["--help"], prog_name="hil", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    except Exception as error:
+        if (sentence := _sentence(error)) is None:
+            raise
+        _say(sentence)
+        return 2
+    if code == INTERRUPTED:  # newer typers return it, older ones raise
+        _say("interrupted")
+    return int(code or 0)
+
+
+def _sentence(error: Exception) -> str | None:
+    """What a user has to know about ``error``, or None when the fault is ours and the traceback is due."""
+    import typer
+
+    usage: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+    if isinstance(error, usage):
+        return f"{error.format_message()} (see hil --help)"
+    if type(error).__module__.partition(".")[0] in _PACKAGES:  # an emulator's too, which nothing here imports
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+    return None
+
+
+def _say(sentence: str) -> None:
+    """One line on standard error, red where that is a terminal."""
+    line = "hil: " + " ".join(sentence.split())
+    print(f"\033[31m{line}\033[0m" if sys.stderr.isatty() else line, file=sys.stderr)
+
+
+def _as_ctrl_c(_signal: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,24 @@
+"""The table of verbs."""
+
+import typer
+
+from hil.cli.demo import demo
+from hil.cli.emulate import emulate
+from hil.cli.export import export
+from hil.cli.import_ import import_
+from hil.cli.init import init
+from hil.cli.replay import replay
+from hil.cli.run import run
+from hil.cli.score import score
+
+app = typer.Typer(
+    help="Hardware-in-the-loop bench for angle-measuring gyros: close the loop with a board, real or "
+    "emulated, record everything, and judge the angle.",
+    epilog="Start with: hil demo",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for verb in (demo, run, emulate, init, replay, score, import_, export):
+    app.command(verb.__name__.rstrip("_"))(verb)

@@ -1,0 +1,28 @@
+"""Consent to arming: what is on the other end of a wire may move, so a person says yes to it once per run."""
+
+import sys
+from typing import TYPE_CHECKING
+
+from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from hil.bench import Bench
+
+
+def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
+    """Return when arming is allowed: ``given`` by --arm or by a yes at the terminal; else `InputError`."""
+    if given:
+        return
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise InputError(f"{link}: arming a board needs --arm (--dry-run looks without arming)")
+    if open_loop:
+        force = "the drive held at zero"
+    else:
+        force = f"up to {bench.device.drive.full_scale:g} {_UNITS[bench.device.drive.unit]} of drive"
+    print(f"{link} will be armed for {bench.loop.duration_s:g} s with {force}.", file=sys.stderr)
+    print("Arm it? [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise InputError(f"{link}: not armed, as you wished")
+
+
+_UNITS = {"mps2": "m/s²", "N": "N", "V": "V"}

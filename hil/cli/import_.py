@@ -1,0 +1,69 @@
+"""``hil import``: a text record from elsewhere becomes a capture."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from hil.cli.options import Json
+
+Source = Annotated[
+    Path, typer.Argument(metavar="CSV", help="Text file with a header line, plain or gzipped.")
+]
+Target = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Capture to write.  [default: the CSV's name with .arrow]"),
+]
+Map = Annotated[
+    str | None,
+    typer.Option(
+        "--map", "-m", help="Map of columns, units and rate for other layouts; a file or an example."
+    ),
+]
+Hold = Annotated[
+    Literal["zoh", "foh", "bandlimited"] | None,
+    typer.Option("--hold", help="What the drive did between samples.  [default: the map's, or zoh]"),
+]
+Nonuniform = Annotated[
+    bool, typer.Option("--nonuniform", help="Accept uneven time; each step has its length.")
+]
+
+
+def import_(
+    csv: Source,
+    out: Target = None,
+    map_name: Map = None,
+    hold: Hold = None,
+    nonuniform: Nonuniform = False,
+    json: Json = False,
+) -> None:
+    """Turn a CSV file into a capture that `hil replay` can run over.
+
+    The header is t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N), and optionally rate_rad_s, temp_C;
+    single-axis records leave out y. Files that look different come with a map.
+
+    Examples:
+
+    \b
+      hil import ride.csv
+      hil import SNLS80mV.csv.gz --map silverbox -o silverbox.arrow
+    """
+    from hil.cli.files import fresh
+    from hil.cli.show import print_json, say
+    from hil.examples import find
+    from hil.interchange.importer import import_record
+
+    target = fresh(out or Path(csv.name.removesuffix(".gz").removesuffix(".csv") + ".arrow"))
+    map_file = None if map_name is None else find("map", map_name)
+    capture = import_record(csv, target, map_file=map_file, hold=hold, nonuniform=nonuniform)
+    if json:
+        figures = {
+            "capture": str(target),
+            "samples": len(capture),
+            "axes": capture.axes,
+            "hold": capture.hold,
+        }
+        print_json({**figures, "tick_rate_Hz": capture.tick_rate_Hz, "segments": capture.segments})
+    else:
+        axes = "one axis" if capture.axes == 1 else "two axes"
+        say(f"{target}: {len(capture)} samples at {capture.tick_rate_Hz:g} Hz, {axes}, {capture.hold}")

@@ -1,0 +1,61 @@
+"""Progress on standard error: a moving bar on a terminal, a line per stage elsewhere."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from hil.progress import Progress, Watcher
+
+
+@contextmanager
+def watching(title: str) -> Iterator[Watcher]:
+    """A watcher that draws what it is told for the length of the block."""
+    if sys.stderr.isatty():
+        with _bar(title) as watch:
+            yield watch
+    else:
+        yield _StageLines()
+
+
+class _StageLines:
+    """For pipes and log files: the name of each stage once."""
+
+    def __init__(self) -> None:
+        self._stage = ""
+
+    def __call__(self, progress: Progress) -> None:
+        if progress.stage != self._stage:
+            self._stage = progress.stage
+            print(progress.stage, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Watcher]:
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn(title, style="dim"),
+        TextColumn("[bold]{task.description}"),
+        BarColumn(),
+        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[note]}", style="dim", markup=False),
+    )
+    with Bars(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
+        shown: dict[str, TaskID] = {}  # the stage at hand: a new bar each, since a total once set would stay
+
+        def watch(progress: Progress) -> None:
+            if progress.stage not in shown:
+                for past in shown.values():
+                    bars.remove_task(past)
+                shown.clear()
+                shown[progress.stage] = bars.add_task(progress.stage, total=None, note="")
+            bars.update(
+                shown[progress.stage],
+                completed=progress.done,
+                total=progress.total or None,
+                note=progress.note,
+            )
+
+        yield watch

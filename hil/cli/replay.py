@@ -1,0 +1,47 @@
+"""``hil replay``: today's estimator on yesterday's record."""
+
+from typing import Annotated, Literal
+
+import typer
+
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out
+
+Backend = Annotated[
+    Literal["numba", "numpy", "filterpy"] | None,
+    typer.Option("--backend", help="Compiled, or one of the slow oracles.  [default: the bench's]"),
+]
+
+
+def replay(
+    capture: CaptureArgument,
+    bench: BenchOption,
+    out: Out = RUNS,
+    name: Name = None,
+    backend: Backend = None,
+    json: Json = False,
+) -> None:
+    """Run the observer of a bench file over a record.
+
+    The record is an imported one or that of an earlier run; the outcome is a new run folder.
+
+    Examples:
+
+    \b
+      hil replay runs/first --bench s-slow
+      hil replay silverbox.arrow --bench silverbox
+      hil replay runs/first --bench s-slow --backend numpy --json
+    """
+    from hil.bench import load_bench, override
+    from hil.cli.files import capture_in
+    from hil.cli.progress import watching
+    from hil.cli.show import finish
+    from hil.examples import find
+    from hil.replay import replay as replay_record
+
+    path = find("bench", bench)
+    declared = load_bench(path)
+    declared = override(declared, {"loop": {"name": name or f"{declared.loop.name}-replay"}}, str(path))
+    with watching("replay") as watch:
+        done = replay_record(capture_in(capture), declared, out, backend=backend, progress=watch)
+    assert done.folder is not None  # only a dry run leaves none
+    finish(done.folder, as_json=json)

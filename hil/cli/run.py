@@ -1,0 +1,94 @@
+"""``hil run``: the loop against a board, real or emulated."""
+
+from typing import Annotated, Literal
+
+import typer
+
+from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Out, Seed, Truth
+
+Clock = Annotated[
+    Literal["lockstep", "paced", "real"] | None,
+    typer.Option("--clock", help="Whose clock the run follows.  [default: the bench's]"),
+]
+Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
+Arm = Annotated[
+    bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")
+]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Connect and compare board and bench; do not arm.")]
+OpenLoop = Annotated[
+    bool, typer.Option("--open-loop", help="Hold the drive at zero: ring-down, noise floor.")
+]
+
+
+def run(
+    bench: BenchArgument,
+    link: Link = None,
+    out: Out = RUNS,
+    name: Name = None,
+    duration: Duration = None,
+    clock: Clock = None,
+    seed: Seed = None,
+    note: Note = None,
+    truth: Truth = None,
+    arm: Arm = False,
+    dry_run: DryRun = False,
+    open_loop: OpenLoop = False,
+    json: Json = False,
+) -> None:
+    """Connect to a board, arm it, close the loop, record, and report.
+
+    Without --link the bench file's [link] url is used. pty:SCENARIO and inproc:SCENARIO start an emulated
+    board. Any other link may lead to something that moves: it is armed with --arm, or after a yes at the
+    terminal. Ctrl-C, a lost link, or a residual out of bounds send SAFE.
+
+    Examples:
+
+    \b
+      hil run s-slow
+      hil run s-slow --link inproc:s-slow --clock lockstep --duration 20
+      hil run my.bench.toml --link serial:/dev/ttyACM0 --dry-run
+      hil run my.bench.toml --link serial:/dev/ttyACM0 --arm --note "after rework"
+    """
+    from hil.bench import load_bench, override
+    from hil.cli import consent
+    from hil.cli.progress import watching
+    from hil.cli.show import finish, say, show_identity
+    from hil.emulation import is_emulated, located
+    from hil.errors import InputError
+    from hil.examples import find
+
+    path = find("bench", bench)
+    changes = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
+    given = {key: value for key, value in changes.items() if value is not None}
+    control = {"enabled": False} if open_loop else {}
+    declared = override(
+        load_bench(path), {"loop": given, "controller": control}, f"{path} with the options given"
+    )
+    if (place := link or declared.link.url) is None:
+        raise InputError(f"{path}: [link] url: missing; give it there or as --link")
+    url = located(place, beside=path)
+    if truth is not None and not is_emulated(url):
+        raise InputError(f"--truth: {url} is not started here; give --truth to its hil emulate")
+    if not dry_run and not is_emulated(url):
+        consent.require(url, declared, given=arm, open_loop=open_loop)
+    from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it
+
+    try:
+        with watching(declared.loop.name) as watch:
+            done = run_loop(
+                declared,
+                url,
+                out,
+                open_loop=open_loop,
+                dry_run=dry_run,
+                truth=truth,
+                note=note,
+                progress=watch,
+            )
+    except KeyboardInterrupt:
+        say("the board was told to go SAFE, and the record closed")
+        raise
+    if done.folder is None:
+        show_identity(url, done.identity, as_json=json)
+    else:
+        finish(done.folder, as_json=json)

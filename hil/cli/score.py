@@ -1,0 +1,31 @@
+"""``hil score``: estimates beside the truth."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.cli.options import Json
+
+Run = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")]
+TruthFile = Annotated[Path, typer.Option("--truth", help="File the emulated board wrote (hil run --truth).")]
+
+
+def score(run: Run, truth: TruthFile, json: Json = False) -> None:
+    """Compare a run with the truth of its emulated board.
+
+    Adds the figures to result.json and writes the report anew.
+
+    Examples:
+
+    \b
+      hil run s-slow --truth truth.arrow
+      hil score runs/20250314T092653-s-slow --truth truth.arrow
+    """
+    from hil.cli.show import finish
+    from hil.report.page import write_report
+    from hil.score import score as compare
+
+    compare(run, truth)
+    write_report(run, truth)
+    finish(run, as_json=json)

@@ -1,0 +1,117 @@
+"""What a run came to, on standard output: one JSON object, or a table to read at a glance."""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hil.records.result import Result
+
+_VERDICT_STYLE = {"good": "green", "failed": "red", "interrupted": "yellow"}
+
+
+def say(sentence: str) -> None:
+    """A remark to the user, on standard error."""
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def print_json(figures: Mapping[str, Any]) -> None:
+    """One JSON object on standard output."""
+    print(json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def finish(folder: Path, *, as_json: bool) -> NoReturn:
+    """Print the figures of the run in ``folder`` and leave: exit code 0 unless the verdict is against it."""
+    from hil.records.result import load_result
+    from hil.records.runfolder import RunFolder
+
+    run = RunFolder(folder)
+    result = load_result(run.result_path)
+    if as_json:
+        print(run.result_path.read_text(encoding="utf-8"), end="")
+    else:
+        _print_tables(result, run.report_path)
+    raise typer.Exit(0 if result.verdict in (None, "good") else 1)
+
+
+def show_identity(link: str, identity: Mapping[str, Any], *, as_json: bool) -> None:
+    """Who answered at ``link``, after a dry run in which bench file and board agreed."""
+    if as_json:
+        print_json({"link": link, "identity": identity})
+        return
+    print(f"{link} answers and agrees with the bench file; not armed")
+    for name, value in identity.items():
+        print(f"  {name:<18}{value}")
+
+
+def _print_tables(result: "Result", report: Path) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"[bold]{result.run}[/bold]\n")
+    for label, value in _figures(result):
+        console.print(f"{label:<34}{value}", markup=False)
+    if result.parameters:
+        console.print()
+        console.print(_parameters(result))
+    console.print()
+    if result.verdict is not None:
+        style = _VERDICT_STYLE[result.verdict]
+        console.print(f"verdict  [{style}]{result.verdict}[/{style}]")
+        for reason in result.reasons:
+            console.print(f"         {reason}", markup=False)
+    if report.exists():
+        console.print(f"report   {report}", markup=False)
+
+
+def _figures(result: "Result") -> Iterator[tuple[str, str]]:
+    from hil.emulation import is_emulated
+
+    if result.link is not None:
+        kind, _, place = result.link.partition(":")
+        yield (
+            "link, clock",
+            f"{kind}:{Path(place).name if is_emulated(result.link) else place}, {result.clock}",
+        )
+    yield "length", f"{result.seconds:.3f} s, {result.samples} samples"
+    late = f"{result.late} ({result.late / result.samples:.2%})" if result.samples else str(result.late)
+    yield "lost, late", f"{result.lost}, {late}"
+    if result.turnaround_us is not None:
+        times = result.turnaround_us
+        yield "turnaround p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+    if result.bare_turnaround_us is not None:
+        times = result.bare_turnaround_us
+        yield "the same of a bare read and write", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+    if result.innovation_rms is not None:
+        floor = "" if result.noise_floor is None else f"; noise floor {_volts(result.noise_floor)}"
+        yield "residual, rms", f"{_volts(result.innovation_rms)}{floor}"
+    if result.angle_error_rms_rad is not None:
+        yield "angle error, rms", f"{result.angle_error_rms_rad:.3g} rad"
+    if result.score is not None and result.score.angle_per_rotation is not None:
+        yield "angle per rotation", f"{result.score.angle_per_rotation:.6f}"
+    if result.rate_error_rms_rad_s is not None:
+        yield "rate error, rms", f"{result.rate_error_rms_rad_s:.3g} rad/s"
+
+
+def _parameters(result: "Result") -> "Table":
+    from rich.table import Table
+
+    table = Table("parameter", box=None, pad_edge=False, header_style="dim")
+    for heading in ("estimate", "95 % interval", "", "truth"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for name, parameter in result.parameters.items():
+        value, *interval = (f"{number:.7g}" for number in (parameter.value, *parameter.ci95))
+        truth = "" if parameter.truth is None else f"{parameter.truth:.7g}"
+        table.add_row(name, value, *interval, truth, parameter.unit)
+    return table
+
+
+def _volts(value: float) -> str:
+    return f"{1e6 * value:.3g} µV" if value < 1e-3 else f"{1e3 * value:.3g} mV"

@@ -1,0 +1,133 @@
+"""Emulated boards: started for a run, stopped after it, and their last words passed on when they die.
+
+`hil` never imports the emulator: a board on a pty is the process ``python -m device_emulator``.  (A board
+inside the host's process comes through an entry point; see `hil.wire.inproc`.)
+"""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from hil import examples
+from hil.errors import InputError
+
+_READY = "ready "
+_START_S = 120.0  # the first start on a machine compiles the plant
+_STOP_S = 10.0
+
+
+class Emulator:
+    """A running emulator process; ``url`` is the link it serves, once `started` has returned it."""
+
+    def __init__(self, process: subprocess.Popen[bytes], said: IO[bytes]) -> None:
+        self.process = process
+        self.url = ""
+        self._said = said
+
+    @property
+    def failed(self) -> bool:
+        """True once the process has ended by itself, other than well."""
+        return self.process.poll() not in (None, 0)
+
+    def last_words(self) -> str:
+        """The last line the emulator wrote to its standard error."""
+        self._said.seek(0)
+        lines = self._said.read().decode("utf-8", "replace").strip().splitlines()
+        if not lines:
+            return f"ended with code {self.process.returncode} and no message"
+        return lines[-1].removeprefix("device_emulator: ").removeprefix("error: ")
+
+    def wait_ready(self) -> None:
+        """Block until ``ready URL`` is there; `InputError` with the emulator's message if it ends first."""
+        assert self.process.stdout is not None
+        output, heard, deadline = self.process.stdout.fileno(), b"", time.monotonic() + _START_S
+        while b"\n" not in heard:
+            readable, _, _ = select.select([output], [], [], max(0.0, deadline - time.monotonic()))
+            if not readable:
+                raise InputError(f"emulated board: not ready after {_START_S:.0f} s")
+            if not (more := os.read(output, 4096)):
+                self.process.wait()
+                raise InputError(f"emulated board: {self.last_words()}")
+            heard += more
+        line = heard.split(b"\n", 1)[0].decode("utf-8", "replace")
+        if not line.startswith(_READY):
+            raise InputError(f"emulated board: expected a line 'ready URL', got {line[:60]!r}")
+        self.url = line.removeprefix(_READY).strip()
+
+    def wait(self) -> None:
+        """Block until the process ends by itself; `InputError` with its last words if it did not end well."""
+        self.process.wait()
+        if self.failed:
+            raise InputError(f"emulated board: {self.last_words()}")
+
+    def stop(self) -> None:
+        """Ask the process to end, so that it closes its truth file; insist after a while."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+@contextmanager
+def emulator(
+    scenario: Path, *, link: str = "pty", truth: Path | None = None, seed: int | None = None
+) -> Iterator[Emulator]:
+    """Serve ``scenario`` for the length of the block.
+
+    It runs in a session of its own: Ctrl-C belongs to the host, which sends SAFE before the board goes.
+    `InputError` when the emulator cannot start, or died inside the block and so spoilt what the block did.
+    """
+    command = [sys.executable, "-m", "device_emulator", str(scenario), "--link", link]
+    if truth is not None:
+        command += ["--truth", str(truth)]
+    if seed is not None:
+        command += ["--seed", str(seed)]
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=said, start_new_session=True
+        )
+        board = Emulator(process, said)
+        try:
+            board.wait_ready()
+            yield board
+        except (ValueError, OSError) as error:
+            if board.url and board.failed:
+                raise InputError(f"emulated board died: {board.last_words()}") from error
+            raise
+        finally:
+            board.stop()
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+def is_emulated(link: str) -> bool:
+    """True for links that start their own board, where nothing real can be driven."""
+    return link.partition(":")[0] in ("pty", "inproc")
+
+
+@contextmanager
+def served(link: str, *, truth: Path | None = None, seed: int | None = None) -> Iterator[str]:
+    """``link`` as a URL to open; behind ``pty:SCENARIO`` a board serves for the length of the block."""
+    kind, _, place = link.partition(":")
+    if kind == "pty":
+        with emulator(Path(place), truth=truth, seed=seed) as board:
+            yield board.url
+    else:
+        yield link
+
+
+def located(link: str, *, beside: Path | None = None) -> str:
+    """``link`` with the scenario of an emulated board as a path; `InputError` where there is none."""
+    kind, _, place = link.partition(":")
+    return f"{kind}:{examples.find('scenario', place, beside=beside)}" if is_emulated(link) else link

@@ -1,0 +1,78 @@
+"""`hil export`: a capture as interchange CSV or Parquet, in SI units."""
+
+import json
+from pathlib import Path
+from typing import Any, BinaryIO, Literal, get_args
+
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.records.atomic import replacing
+from hil.records.capture import Capture, read_capture
+from hil.records.layout import HEADER_KEY
+
+Format = Literal["csv", "parquet"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+_CHUNK_ROWS = 65_536
+
+
+def export_record(capture: Path, target: Path, to: Format) -> int:
+    """Write the capture at `capture` to `target`, whole or not at all; returns the number of rows.
+
+    CSV carries the interchange columns and reads back with `hil import`; Parquet adds `tick` and `flags`, and
+    keeps hold, rate and segments in its metadata. Raises InputError for a format that is not known.
+    """
+    if to not in FORMATS:
+        raise InputError(f"--to {to}: not a known format; known are {', '.join(FORMATS)}")
+    record = read_capture(capture)
+    with replacing(target) as temporary:
+        if to == "csv":
+            with temporary.open("wb") as file:
+                _write_csv(record, file)
+        else:
+            _write_parquet(record, temporary)
+    return len(record)
+
+
+def channels(capture: Capture) -> dict[str, npt.NDArray[Any]]:
+    """The interchange columns of a capture, in SI units and in the order of the file."""
+    axes = "xy"[: capture.axes]
+    columns: dict[str, npt.NDArray[Any]] = {"t_s": capture.t_s}
+    columns |= {f"v{axis}_V": capture.sense_V[:, index] for index, axis in enumerate(axes)}
+    if capture.has_drive:
+        columns |= {f"u{axis}_{capture.drive_unit}": capture.drive[:, index] for index, axis in enumerate(axes)}
+    for name, values in (("rate_rad_s", capture.rate_rad_s), ("temp_C", capture.temp_C)):
+        if values is not None:
+            columns[name] = values
+    return columns
+
+
+def _write_csv(capture: Capture, file: BinaryIO) -> None:
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
+
+    columns = channels(capture)
+    file.write((",".join(columns) + "\n").encode())
+    options = pa_csv.WriteOptions(include_header=False)
+    for start in range(0, len(capture), _CHUNK_ROWS):
+        part = {name: values[start : start + _CHUNK_ROWS] for name, values in columns.items()}
+        pa_csv.write_csv(pa.table(part), file, options)
+
+
+def _write_parquet(capture: Capture, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    about = {
+        "kind": "capture",
+        "tick_rate_Hz": capture.tick_rate_Hz,
+        "hold": capture.hold,
+        "latency_ticks": capture.latency_ticks,
+        "segments": capture.segments,
+        "complete": capture.complete,
+        "identity": capture.header.get("identity"),
+    }
+    columns = {"tick": capture.tick, **channels(capture), "flags": capture.flags}
+    table = pa.table(columns).replace_schema_metadata({HEADER_KEY: json.dumps(about)})
+    pq.write_table(table, path)

@@ -1,0 +1,135 @@
+"""`hil import`: a text record becomes a capture, whole or not at all."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.interchange.channels import CHANNELS, fault_in
+from hil.interchange.mapping import RecordMap, locate, read_map
+from hil.interchange.table import Table, read_columns, read_header
+from hil.interchange.uniformity import first_not_increasing, spacing
+from hil.records.atomic import replacing
+from hil.records.capture import Capture, Hold, import_layout, read_capture
+from hil.records.stream import BlockWriter
+
+
+class _Record(NamedTuple):
+    """Channels in SI by name, still with the lines they stood on, and what the map said of them."""
+
+    channels: dict[str, npt.NDArray[np.float64]]
+    lines: npt.NDArray[np.int64]
+    rate_Hz: float | None
+    hold: Hold
+    segments: Mapping[str, tuple[int, int]]
+
+
+def import_record(
+    source: Path,
+    target: Path,
+    *,
+    map_file: Path | None = None,
+    hold: Hold | None = None,
+    nonuniform: bool = False,
+) -> Capture:
+    """Turn the text record `source` (CSV, plain or gzipped) into the capture `target`, and return it read
+    back.
+
+    Without `map_file` the header must be the interchange one: t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N),
+    and optionally rate_rad_s, temp_C; a single-axis record leaves out y. `hold` says what the drive did
+    between
+    samples: by default what the map says, or zoh. Time must increase, and be even unless `nonuniform`.
+
+    Raises InputError with file, line or column, and the cure; `target` is then left as it was.
+    """
+    record = _read_plain(source) if map_file is None else _read_mapped(source, read_map(map_file))
+    rate_Hz, uniform = _time_base(source, record, nonuniform)
+    channels = dict(record.channels)
+    count = record.lines.size
+    if "t_s" not in channels:
+        channels["t_s"] = np.arange(count) / rate_Hz
+    names = [name for name in CHANNELS if name in channels]
+    layout = import_layout(
+        names,
+        tick_rate_Hz=rate_Hz,
+        uniform=uniform,
+        hold=hold or record.hold,
+        segments=record.segments,
+    )
+    rows = np.empty(count, layout.dtype)
+    rows["tick"] = np.arange(count)
+    for name in names:
+        rows[name] = channels[name]
+    with replacing(target) as temporary, BlockWriter(temporary, layout) as writer:
+        writer.push(rows)
+        writer.close()
+    return read_capture(target)
+
+
+def _read_plain(source: Path) -> _Record:
+    header = read_header(source)
+    fault = fault_in(header, needs_time=True)
+    if fault:
+        raise InputError(f"{source}:1: {fault}")
+    table = read_columns(source, range(len(header)), header)
+    channels = {name: table.values[:, index] for index, name in enumerate(header)}
+    return _Record(channels, table.lines, None, "zoh", {})
+
+
+def _read_mapped(source: Path, mapping: RecordMap) -> _Record:
+    header = read_header(source, mapping.delimiter, mapping.skip_lines)
+    sources = mapping.columns.given()
+    table = read_columns(
+        source,
+        locate(mapping, header, source),
+        [f"{entry.column} ({channel})" for channel, entry in sources.items()],
+        delimiter=mapping.delimiter,
+        skip_lines=mapping.skip_lines,
+        header=mapping.header,
+        rows=mapping.rows,
+    )
+    channels: dict[str, npt.NDArray[np.float64]] = {}
+    for index, (channel, entry) in enumerate(sources.items()):
+        factor, addition = entry.factor_and_addition(channel)
+        channels[channel] = factor * table.values[:, index] + addition
+    segments = _segments(source, mapping, table)
+    return _Record(channels, table.lines, mapping.sampling_rate_Hz, mapping.hold, segments)
+
+
+def _segments(source: Path, mapping: RecordMap, table: Table) -> dict[str, tuple[int, int]]:
+    """Segments counted from the first kept row; the map counts from the first row of the file."""
+    first, stop = mapping.rows or (0, table.lines.size)
+    last = first + table.lines.size
+    if stop > last:
+        raise InputError(f"{source}: ends at data row {last}, before the map's rows end ({stop}); correct `rows`")
+    for name, (_, end) in mapping.segments.items():
+        if end > last:
+            raise InputError(f"{source}: ends at data row {last}, before segment {name} ({end}); correct the map")
+    return {name: (start - first, end - first) for name, (start, end) in mapping.segments.items()}
+
+
+def _time_base(source: Path, record: _Record, nonuniform: bool) -> tuple[float, bool]:
+    """Sampling rate, and whether samples are evenly spaced."""
+    if record.lines.size < 2:
+        raise InputError(f"{source}: one row only; a record needs at least two")
+    if record.rate_Hz is not None:
+        return record.rate_Hz, True
+    t_s = record.channels["t_s"]
+    row = first_not_increasing(t_s)
+    if row is not None:
+        later, earlier = t_s[row], t_s[row - 1]
+        raise InputError(
+            f"{source}:{record.lines[row]}: column t_s: {later:.9g} s is not later than {earlier:.9g} s "
+            "on the row before; sort or mend the time column"
+        )
+    rate_Hz, off = spacing(t_s)
+    if off is not None and not nonuniform:
+        usual = float(np.median(np.diff(t_s)))
+        raise InputError(
+            f"{source}:{record.lines[off]}: column t_s: step of {t_s[off] - t_s[off - 1]:.6g} s where "
+            f"{usual:.6g} s is usual; give --nonuniform if the record is meant so"
+        )
+    return rate_Hz, off is None

@@ -1,0 +1,223 @@
+"""`capture.arrow`: what the sensors said and what the drives did, sample by sample, in bench time only.
+
+A capture is either recorded from a board (integer codes with their scales) or imported (SI values). Readers
+see no difference: volts, drive in its unit, seconds. Row m carries the sense values at t_m and, for hold
+`zoh`, the drive that acted over the interval that ends at t_m; for `foh` and `bandlimited`, the drive's
+value at t_m.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.stream import read_blocks
+from hil.records.units import unit_of
+
+Floats = npt.NDArray[np.float64]
+Hold = Literal["zoh", "foh", "bandlimited"]
+DriveUnit = Literal["mps2", "N", "V"]
+
+DRIVE_UNITS: tuple[DriveUnit, ...] = get_args(DriveUnit)
+_AXES = ("x", "y")
+
+
+class RowFlag(IntFlag):
+    """Bits of a capture's `flags` column."""
+
+    LATE_ANSWER_HELD = 1
+    ADC_CLIPPED = 2
+    DRIVE_SATURATED = 4
+    GAP_BEFORE = 8
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One record, read. `complete` is False when it was interrupted (its end marker is missing)."""
+
+    columns: Mapping[str, npt.NDArray[Any]]
+    header: Mapping[str, Any]
+    complete: bool
+
+    def __len__(self) -> int:
+        return self.tick.size
+
+    @property
+    def axes(self) -> int:
+        """Number of sense axes, 1 or 2."""
+        return int(self.header["axes"])
+
+    @property
+    def tick_rate_Hz(self) -> float:
+        """Samples per second; for a non-uniform record the mean."""
+        return float(self.header["tick_rate_Hz"])
+
+    @property
+    def uniform(self) -> bool:
+        """Whether samples are 1/tick_rate_Hz apart (gaps in `tick` excepted)."""
+        return bool(self.header.get("uniform", True))
+
+    @property
+    def hold(self) -> Hold:
+        """What the drive does between samples."""
+        hold: Hold = self.header["hold"]
+        return hold
+
+    @property
+    def latency_ticks(self) -> int:
+        """A drive computed from row m first acts at tick m + latency."""
+        return int(self.header["latency_ticks"])
+
+    @property
+    def segments(self) -> dict[str, tuple[int, int]]:
+        """Named parts of the record as row ranges [start, stop), e.g. train and test."""
+        return {name: (start, stop) for name, (start, stop) in self.header.get("segments", {}).items()}
+
+    @property
+    def tick(self) -> npt.NDArray[np.int64]:
+        """Sample counter (n,), unwrapped to 64 bits."""
+        return self.columns["tick"]
+
+    @cached_property
+    def t_s(self) -> Floats:
+        """Time of each row (n,) in seconds of bench time."""
+        return self.columns["t_s"] if "t_s" in self.columns else self.tick / self.tick_rate_Hz
+
+    @cached_property
+    def sense_V(self) -> Floats:
+        """Sensed voltages (n, axes)."""
+        return self._stack([self._pick(f"v{axis}_") for axis in _AXES[: self.axes]])
+
+    @cached_property
+    def drive(self) -> Floats:
+        """Drive (n, axes) in `drive_unit`; zero for a free response recorded without a drive channel."""
+        return self._stack([self._pick(f"u{axis}_") for axis in _AXES[: self.axes]])
+
+    @property
+    def has_drive(self) -> bool:
+        """Whether the record has a drive channel at all."""
+        return self._pick("ux_") is not None
+
+    @property
+    def drive_unit(self) -> DriveUnit:
+        """Unit of `drive`: `mps2`, `N` or `V`."""
+        name = self._pick("ux_")
+        unit: DriveUnit = "mps2" if name is None else self.header["columns"][name]["unit"]
+        return unit
+
+    @cached_property
+    def flags(self) -> npt.NDArray[np.uint8]:
+        """`RowFlag` bits of each row (n,); a jump in `tick` is flagged whoever caused it."""
+        stored = self.columns.get("flags")
+        flags = np.zeros(len(self), np.uint8) if stored is None else stored.copy()
+        flags[1:][np.diff(self.tick) != 1] |= np.uint8(RowFlag.GAP_BEFORE)
+        return flags
+
+    @property
+    def rate_rad_s(self) -> Floats | None:
+        """Reference rate (n,), when the record has one."""
+        return self.columns.get("rate_rad_s")
+
+    @property
+    def temp_C(self) -> Floats | None:
+        """Temperature (n,), when the record has one."""
+        return self.columns.get("temp_C")
+
+    def part(self, start: int, stop: int) -> "Capture":
+        """Rows [start, stop) as a capture of their own; ticks and times stay as they are, segments go."""
+        header = {key: value for key, value in self.header.items() if key != "segments"}
+        columns = {name: values[start:stop] for name, values in self.columns.items()}
+        return Capture(columns, header, self.complete)
+
+    def segment(self, name: str) -> "Capture":
+        """The part called `name`. Raises InputError with the names there are."""
+        if name not in self.segments:
+            known = ", ".join(self.segments) or "none"
+            raise InputError(f"segment {name!r}: not in this capture; it has: {known}")
+        return self.part(*self.segments[name])
+
+    def _pick(self, prefix: str) -> str | None:
+        return next((name for name in self.columns if name.startswith(prefix)), None)
+
+    def _stack(self, names: Sequence[str | None]) -> Floats:
+        scales = self.header["columns"]
+        values = np.zeros((len(self), len(names)))
+        for axis, name in enumerate(names):
+            if name is not None:
+                np.multiply(self.columns[name], scales[name]["scale"], out=values[:, axis])
+        return values
+
+
+def read_capture(path: Path) -> Capture:
+    """Read a capture, whole or cut; see `read_blocks` for what is refused."""
+    blocks = read_blocks(path, "capture")
+    if "tick" not in blocks.columns or not any(name.startswith("vx_") for name in blocks.columns):
+        raise InputError(f"{path}: a capture without tick or vx column; record or import it again")
+    return Capture(blocks.columns, blocks.header, blocks.complete)
+
+
+def board_layout(
+    *,
+    tick_rate_Hz: float,
+    axes: int,
+    latency_ticks: int,
+    sense_scale_V: float,
+    drive_scale: float,
+    drive_unit: DriveUnit = "mps2",
+    hold: Hold = "zoh",
+    identity: Mapping[str, Any] | None = None,
+) -> Layout:
+    """Layout of a capture recorded from a board: tick, codes (`vx_code`, …, `uy_code`), flags.
+
+    `sense_scale_V` is volts per code, `drive_scale` is `drive_unit` per code; `identity` (JSON values) is
+    what the board said of itself.
+    """
+    names = _AXES[:axes]
+    columns = (
+        Column("tick", "i8"),
+        *(Column(f"v{axis}_code", "i4", "V", sense_scale_V) for axis in names),
+        *(Column(f"u{axis}_code", "i4", drive_unit, drive_scale) for axis in names),
+        Column("flags", "u1"),
+    )
+    header = {
+        "tick_rate_Hz": tick_rate_Hz,
+        "axes": axes,
+        "hold": hold,
+        "latency_ticks": latency_ticks,
+        "identity": dict(identity) if identity is not None else None,
+    }
+    return Layout("capture", columns, block_rows_for(tick_rate_Hz), header)
+
+
+def import_layout(
+    names: Sequence[str],
+    *,
+    tick_rate_Hz: float,
+    uniform: bool,
+    hold: Hold,
+    segments: Mapping[str, tuple[int, int]],
+) -> Layout:
+    """Layout of an imported capture: tick, then SI columns named as in the interchange CSV (`t_s`, `vx_V`,
+    …).
+    """
+    columns = [Column("tick", "i8")]
+    for name in names:
+        drive = name.startswith(("ux_", "uy_"))
+        columns.append(Column(name, "f8", name.split("_", 1)[1] if drive else unit_of(name)))
+    header = {
+        "tick_rate_Hz": tick_rate_Hz,
+        "axes": 2 if "vy_V" in names else 1,
+        "hold": hold,
+        "latency_ticks": 0,
+        "uniform": uniform,
+        "segments": {name: list(rows) for name, rows in segments.items()},
+        "identity": None,
+    }
+    return Layout("capture", tuple(columns), block_rows_for(tick_rate_Hz), header)

@@ -1,0 +1,119 @@
+"""`estimates.arrow`: the observer's state with its standard deviations, and the angle, every few samples."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.stream import read_blocks
+from hil.records.units import unit_of
+
+Floats = npt.NDArray[np.float64]
+
+ANGLE_COLUMNS = (
+    "angle_rad",
+    "angle_pattern_rad",
+    "angle_plain_rad",
+    "angle_rate_integral_rad",
+    "energy_ratio",
+    "quadrature_ratio",
+)
+"""What a two-axis model adds to its state: reported angle φ, φ from the pattern with only the virtual
+rotation taken off, φ by the plain formula (11), ∫Ω̂ dt, energy
+over its set point, and quadrature normalised by energy.
+"""
+
+
+def estimates_layout(
+    states: Sequence[str],
+    *,
+    tick_rate_Hz: float,
+    every: int,
+    angle: bool,
+    units: Mapping[str, str] | None = None,
+    header: Mapping[str, Any] | None = None,
+) -> Layout:
+    """Columns tick, the `states`, `sd_` of each, then (with `angle`) `ANGLE_COLUMNS` and the flag `valid`.
+
+    One row per `every` samples. Units are read from the names, except for those in `units` (no SI suffix).
+    `header` adds JSON values, e.g. `target_stiffness_per_s2` and `virtual_rotation_rad_s`, which the score
+    uses.
+    """
+    known = dict(units or {})
+    columns = [Column("tick", "i8")]
+    for prefix in ("", "sd_"):
+        columns += [Column(prefix + name, "f8", known.get(name, unit_of(name))) for name in states]
+    if angle:
+        columns += [Column(name, "f8", unit_of(name)) for name in ANGLE_COLUMNS]
+        columns.append(Column("valid", "u1"))
+    full_header = {"tick_rate_Hz": tick_rate_Hz, "every": every, "states": list(states), **(header or {})}
+    return Layout("estimates", tuple(columns), block_rows_for(tick_rate_Hz / every), full_header)
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Estimates of a run, read. Which states there are depends on the model: see `states`."""
+
+    columns: Mapping[str, npt.NDArray[Any]]
+    header: Mapping[str, Any]
+    complete: bool
+
+    def __len__(self) -> int:
+        return self.tick.size
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        return self.columns[name]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state columns, with their units, e.g. `kxx_per_s2`."""
+        return tuple(self.header["states"])
+
+    @property
+    def tick(self) -> npt.NDArray[np.int64]:
+        """Sample counter (n,) of the rows."""
+        return self.columns["tick"]
+
+    @property
+    def tick_rate_Hz(self) -> float:
+        """Ticks per second of bench time."""
+        return float(self.header["tick_rate_Hz"])
+
+    @cached_property
+    def t_s(self) -> Floats:
+        """Bench time (n,) in seconds."""
+        return self.tick / self.tick_rate_Hz
+
+    @cached_property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """Whether the ellipse was slender enough for its angle to mean something (n,)."""
+        return np.asarray(self.columns.get("valid", np.ones(len(self)))).astype(bool)
+
+    def sd(self, name: str) -> Floats:
+        """Standard deviation (n,) of the state `name`."""
+        return self.columns[f"sd_{name}"]
+
+    def unit(self, name: str) -> str:
+        """Unit of a column."""
+        return str(self.header["columns"][name]["unit"])
+
+
+def read_estimates(path: Path) -> Estimates:
+    """Read an estimates file, whole or cut. Raises InputError when its columns do not match its list of
+    states.
+    """
+    blocks = read_blocks(path, "estimates")
+    states = blocks.header.get("states", [])
+    missing = [name for state in states for name in (state, f"sd_{state}") if name not in blocks.columns]
+    if missing or not states:
+        raise InputError(f"{path}: lacks {', '.join(missing) or 'its list of states'}; run or replay again")
+    return Estimates(blocks.columns, blocks.header, blocks.complete)

@@ -1,0 +1,75 @@
+"""`innovation.arrow`: measured minus predicted voltage at every sample, and how large it should have been."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.stream import read_blocks
+
+_AXES = ("x", "y")
+
+
+def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
+    """Columns tick, nu_x_V (nu_y_V), s_x_V (s_y_V), the latter the predicted standard deviations."""
+    names = _AXES[:axes]
+    columns = (
+        Column("tick", "i8"),
+        *(Column(f"nu_{axis}_V", "f4", "V") for axis in names),
+        *(Column(f"s_{axis}_V", "f4", "V") for axis in names),
+    )
+    header = {"tick_rate_Hz": tick_rate_Hz, "axes": axes}
+    return Layout("innovation", columns, block_rows_for(tick_rate_Hz), header)
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """Innovation of a run, read."""
+
+    columns: Mapping[str, npt.NDArray[Any]]
+    header: Mapping[str, Any]
+    complete: bool
+
+    @property
+    def axes(self) -> int:
+        """Number of sense axes."""
+        return int(self.header["axes"])
+
+    @property
+    def tick_rate_Hz(self) -> float:
+        """Samples per second of bench time."""
+        return float(self.header["tick_rate_Hz"])
+
+    @property
+    def tick(self) -> npt.NDArray[np.int64]:
+        """Sample counter (n,)."""
+        return self.columns["tick"]
+
+    @cached_property
+    def t_s(self) -> npt.NDArray[np.float64]:
+        """Bench time (n,) in seconds."""
+        return self.tick / self.tick_rate_Hz
+
+    @cached_property
+    def nu_V(self) -> npt.NDArray[np.float64]:
+        """Innovation (n, axes) in volts."""
+        return self._stack("nu")
+
+    @cached_property
+    def sd_V(self) -> npt.NDArray[np.float64]:
+        """Its predicted standard deviation (n, axes) in volts."""
+        return self._stack("s")
+
+    def _stack(self, prefix: str) -> npt.NDArray[np.float64]:
+        return np.stack([self.columns[f"{prefix}_{axis}_V"] for axis in _AXES[: self.axes]], 1).astype(float)
+
+
+def read_innovation(path: Path) -> Innovation:
+    """Read an innovation file, whole or cut."""
+    blocks = read_blocks(path, "innovation")
+    return Innovation(blocks.columns, blocks.header, blocks.complete)

@@ -1,0 +1,115 @@
+"""`result.json`: the figures of a run. Its JSON Schema is published in docs/reference/result.schema.json."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hil.errors import InputError
+from hil.records.atomic import write_text
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+NonNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Percentiles(_Model):
+    """Percentiles of a time, in µs."""
+
+    p50: NonNegative
+    p99: NonNegative
+    p999: NonNegative
+
+
+class Parameter(_Model):
+    """An estimated constant at the end of the run."""
+
+    value: float
+    ci95: tuple[float, float] = Field(description="95 % interval, [low, high]")
+    unit: str
+    truth: float | None = None
+
+
+class Score(_Model):
+    """Estimates beside the truth, over the scored window."""
+
+    window_s: tuple[float, float] = Field(description="First and last scored instant, bench time")
+    rows: Count = Field(description="Instants compared")
+    turns: NonNegative = Field(description="True rotation over the window, back and forth added up, in turns")
+    angle_per_rotation: float | None = Field(
+        default=None, description="Slope of the reported angle over the true angle; null below half a radian"
+    )
+    angle_error_max_rad: NonNegative | None = None
+    rate_error_max_rad_s: NonNegative | None = None
+    pattern_angle_error_rms_rad: NonNegative | None = Field(
+        default=None,
+        description="Estimated pattern angle, less the virtual rotation only, minus the true rotation",
+    )
+    angle_estimation_error_rms_rad: NonNegative | None = Field(
+        default=None, description="Of it, pattern angle of the estimated state minus that of the true state"
+    )
+    control_imperfection_rms_rad: NonNegative | None = Field(
+        default=None, description="The rest: the true pattern does not turn exactly with the rotation"
+    )
+    coverage: dict[str, Fraction] = Field(
+        default_factory=dict,
+        description="Per state, the fraction of instants whose 95 % interval holds the truth",
+    )
+
+
+class Result(_Model):
+    """Figures of one run. Null: not measured, or no reference to measure against."""
+
+    version: Literal[1] = 1
+    run: str = Field(description="Name of the run folder")
+    link: str | None = None
+    clock: Literal["lockstep", "paced", "real"] | None = Field(default=None, description="Null for a replay")
+    seconds: NonNegative = Field(description="Length of the record in bench time")
+    samples: Count
+    lost: Count = Field(default=0, description="Samples missing between the first and the last")
+    late: Count = Field(default=0, description="Samples before which the board held its last drive")
+    angle_error_rms_rad: NonNegative | None = Field(
+        default=None, description="Reported angle minus true rotation, zero at the start of the scored window"
+    )
+    rate_error_rms_rad_s: NonNegative | None = None
+    parameters: dict[str, Parameter] = Field(default_factory=dict)
+    innovation_rms: NonNegative | None = Field(default=None, description="V, over the scored window and all axes")
+    noise_floor: NonNegative | None = Field(
+        default=None,
+        description="V, the innovation's rms as the observer predicts it, the model being complete",
+    )
+    turnaround_us: Percentiles | None = None
+    bare_turnaround_us: Percentiles | None = Field(
+        default=None, description="A bare read and write, paced alike in the same run"
+    )
+    diagnosis: dict[str, Any] | None = None
+    verdict: Literal["good", "failed", "interrupted"] | None = None
+    reasons: tuple[str, ...] = Field(default=(), description="One line per limit that was not kept")
+    score: Score | None = None
+    counters: dict[str, int] = Field(default_factory=dict)
+    versions: dict[str, str] = Field(default_factory=dict)
+    serial_number: str | None = None
+    operator_note: str | None = None
+    complete: bool = Field(description="False when the capture lacks its end marker")
+
+
+def save_result(path: Path, result: Result) -> None:
+    """Write result.json, whole or not at all."""
+    write_text(path, result.model_dump_json(indent=2) + "\n")
+
+
+def load_result(path: Path) -> Result:
+    """Read result.json. Raises InputError naming the file and the key that is wrong."""
+    try:
+        return Result.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the folder of a run") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the whole file"
+        raise InputError(f"{path}: {key}: {first['msg']}; replay the capture to write it anew") from None

@@ -1,0 +1,113 @@
+"""The folder a run leaves, and what is in it."""
+
+import tomllib
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hil.errors import InputError
+from hil.records.capture import Capture, read_capture
+from hil.records.estimates import Estimates, read_estimates
+from hil.records.innovation import Innovation, read_innovation
+from hil.records.result import Result, load_result
+from hil.records.timing import Timing, read_timing
+
+_Record = TypeVar("_Record")
+
+
+class RunFolder:
+    """A run folder `<time>-<name>/`. Its parts are read when asked for; an absent part is None."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def open(cls, path: Path) -> "RunFolder":
+        """The run at `path`. Raises InputError when that is no folder with a record in it."""
+        folder = cls(path)
+        if not any(part.exists() for part in (folder.capture_path, folder.estimates_path)):
+            raise InputError(f"{path}: no run folder (no capture.arrow or estimates.arrow); give one made by hil run")
+        return folder
+
+    @property
+    def bench_path(self) -> Path:
+        """The bench file as run."""
+        return self.path / "bench.toml"
+
+    @property
+    def capture_path(self) -> Path:
+        """Codes of every sample."""
+        return self.path / "capture.arrow"
+
+    @property
+    def estimates_path(self) -> Path:
+        """States and angle, decimated."""
+        return self.path / "estimates.arrow"
+
+    @property
+    def innovation_path(self) -> Path:
+        """Innovation of every sample."""
+        return self.path / "innovation.arrow"
+
+    @property
+    def timing_path(self) -> Path:
+        """Wall times."""
+        return self.path / "timing.arrow"
+
+    @property
+    def result_path(self) -> Path:
+        """Figures of the run."""
+        return self.path / "result.json"
+
+    @property
+    def report_path(self) -> Path:
+        """The page for people."""
+        return self.path / "report.html"
+
+    @cached_property
+    def bench_text(self) -> str:
+        """The bench file as run, "" when there is none."""
+        return self.bench_path.read_text(encoding="utf-8") if self.bench_path.exists() else ""
+
+    @cached_property
+    def bench(self) -> dict[str, Any]:
+        """The bench file as plain tables: old runs stay readable when the bench file's rules change."""
+        try:
+            return tomllib.loads(self.bench_text)
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{self.bench_path}: not TOML ({error}); restore the file as run") from None
+
+    @cached_property
+    def capture(self) -> Capture | None:
+        """The capture, or None."""
+        return _read_if_there(self.capture_path, read_capture)
+
+    @cached_property
+    def estimates(self) -> Estimates | None:
+        """The estimates, or None."""
+        return _read_if_there(self.estimates_path, read_estimates)
+
+    @cached_property
+    def innovation(self) -> Innovation | None:
+        """The innovation, or None."""
+        return _read_if_there(self.innovation_path, read_innovation)
+
+    @cached_property
+    def timing(self) -> Timing | None:
+        """The wall times, or None."""
+        return _read_if_there(self.timing_path, read_timing)
+
+    @cached_property
+    def result(self) -> Result | None:
+        """The figures written when the run ended or was scored, or None."""
+        return _read_if_there(self.result_path, load_result)
+
+    @property
+    def settle_s(self) -> float:
+        """Start of the scored window (bench file, `[loop] settle_s`), 0 when not stated."""
+        return float(self.bench.get("loop", {}).get("settle_s", 0.0))
+
+
+def _read_if_there(path: Path, read: Callable[[Path], _Record]) -> _Record | None:
+    return read(path) if path.exists() else None

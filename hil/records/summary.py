@@ -1,0 +1,124 @@
+"""The figures that a run folder's records give by themselves, without any truth."""
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.records.capture import Capture, RowFlag
+from hil.records.estimates import Estimates
+from hil.records.innovation import Innovation
+from hil.records.result import Parameter, Percentiles, Result
+from hil.records.runfolder import RunFolder
+from hil.records.truth import Truth
+from hil.records.units import symbol_of
+
+SD_95 = 1.959964
+"""Half width of a 95 % interval in standard deviations of a normal variable."""
+
+_MOVING = ("x_m", "vx_mps", "y_m", "vy_mps", "rate_rad_s")
+_PER_MASS = {"1/s²": "N/m", "1/s": "N·s/m"}
+
+
+def summarise(folder: RunFolder) -> Result:
+    """Figures of a run from its files: counts, parameters at the end, innovation, turnaround.
+
+    Whatever file is missing leaves its figures null. An existing result.json is not looked at.
+    """
+    capture, estimates, innovation, timing = (
+        folder.capture,
+        folder.estimates,
+        folder.innovation,
+        folder.timing,
+    )
+    return Result(
+        run=folder.path.resolve().name,
+        seconds=_seconds(capture, estimates),
+        samples=0 if capture is None else len(capture),
+        lost=0 if capture is None else lost_samples(capture),
+        late=0 if capture is None else int(np.count_nonzero(capture.flags & RowFlag.LATE_ANSWER_HELD)),
+        parameters={} if estimates is None else parameters(estimates, mass_kg=reporting_mass_kg(folder)),
+        innovation_rms=None if innovation is None else innovation_rms(innovation, folder.settle_s),
+        noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
+        turnaround_us=None if timing is None else percentiles(timing.turnaround_us),
+        complete=capture is not None and capture.complete,
+    )
+
+
+def lost_samples(capture: Capture) -> int:
+    """Samples missing between the first and the last row."""
+    return int(capture.tick[-1] - capture.tick[0]) + 1 - len(capture) if len(capture) else 0
+
+
+def parameters(
+    estimates: Estimates, *, mass_kg: float | None = None, truth: Truth | None = None
+) -> dict[str, Parameter]:
+    """Constants and offsets at the last estimate, with value ± 1.96 standard deviations.
+
+    An estimate that diverged (not finite) is left out. Per unit mass, or with `mass_kg` in N/m and N·s/m.
+    The truth of an offset is its value at the last common instant, since offsets may drift.
+    """
+    if not len(estimates):
+        return {}
+    table: dict[str, Parameter] = {}
+    for name in estimates.states:
+        if name in _MOVING:
+            continue
+        unit = estimates.unit(name)
+        factor = mass_kg if mass_kg is not None and unit in _PER_MASS else 1.0
+        value, spread = float(estimates[name][-1]), SD_95 * float(estimates.sd(name)[-1])
+        if not np.isfinite([value, spread]).all():
+            continue
+        true = None if truth is None else _true_value(name, estimates, truth)
+        table[symbol_of(name)] = Parameter(
+            value=factor * value,
+            ci95=(factor * (value - spread), factor * (value + spread)),
+            unit=unit if factor is not mass_kg else _PER_MASS[unit],
+            truth=None if true is None else factor * true,
+        )
+    return table
+
+
+def innovation_rms(innovation: Innovation, settle_s: float) -> float | None:
+    """Root mean square in volts over all axes from `settle_s` on; None when there is nothing after it."""
+    scored = innovation.nu_V[innovation.t_s >= settle_s]
+    return rms(scored)
+
+
+def predicted_rms(innovation: Innovation, settle_s: float) -> float | None:
+    """What `innovation_rms` would be for a complete model: the predicted standard deviation, as the median,
+    since after a gap in the record the prediction is wide for a few samples and that is no noise floor.
+    """
+    scored = innovation.sd_V[innovation.t_s >= settle_s]
+    return float(np.sqrt(np.mean(np.median(scored, axis=0) ** 2))) if scored.size else None
+
+
+def rms(values: npt.NDArray[np.float64]) -> float | None:
+    """Root mean square of all elements; None when there are none, or one is not finite."""
+    return float(np.sqrt(np.mean(values**2))) if values.size and np.isfinite(values).all() else None
+
+
+def percentiles(times_us: npt.NDArray[np.float64]) -> Percentiles | None:
+    """p50, p99 and p99.9 of a set of times; None of an empty one."""
+    if not times_us.size:
+        return None
+    p50, p99, p999 = (float(value) for value in np.percentile(times_us, (50.0, 99.0, 99.9)))
+    return Percentiles(p50=p50, p99=p99, p999=p999)
+
+
+def reporting_mass_kg(folder: RunFolder) -> float | None:
+    """The mass to multiply by, when the bench file asks for unnormalised parameters; else None."""
+    device = folder.bench.get("device", {})
+    return float(device["mass_kg"]) if device.get("normalised") is False and "mass_kg" in device else None
+
+
+def _seconds(capture: Capture | None, estimates: Estimates | None) -> float:
+    times = capture.t_s if capture is not None else estimates.t_s if estimates is not None else np.empty(0)
+    return float(times[-1] - times[0]) if times.size else 0.0
+
+
+def _true_value(name: str, estimates: Estimates, truth: Truth) -> float | None:
+    if name in truth.constants:
+        return truth.constants[name]
+    if name not in truth.columns:
+        return None
+    _, ours = truth.at(estimates.tick)
+    return float(truth[name][ours[-1]]) if ours.size else None

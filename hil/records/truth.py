@@ -1,0 +1,54 @@
+"""The truth an emulated board wrote about itself. Opened by the score only, after the run."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.records.stream import read_blocks
+
+Floats = npt.NDArray[np.float64]
+
+_REQUIRED = ("tick", "x_m", "vx_mps", "phi_x_V", "rate_rad_s", "angle_rad")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True state at sampling instants: columns (n,) named as in the estimates, and `angle_rad` = ∫Ω dt."""
+
+    columns: Mapping[str, npt.NDArray[Any]]
+    header: Mapping[str, Any]
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        return self.columns[name]
+
+    @property
+    def tick(self) -> npt.NDArray[np.int64]:
+        """Sample counter (n,)."""
+        return self.columns["tick"]
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Stiffness and damping per unit mass, by the name of the estimate they belong to."""
+        stiffness = zip(("kxx_per_s2", "kyy_per_s2", "kxy_per_s2"), self.header["stiffness_per_s2"], strict=False)
+        damping = zip(("dxx_per_s", "dyy_per_s", "dxy_per_s"), self.header["damping_per_s"], strict=False)
+        return {name: float(value) for name, value in (*stiffness, *damping)}
+
+    def at(self, tick: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Indices (into `tick`, into this truth) of the ticks both have, ascending."""
+        _, theirs, ours = np.intersect1d(tick, self.tick, assume_unique=True, return_indices=True)
+        return theirs, ours
+
+
+def read_truth(path: Path) -> Truth:
+    """Read a truth file. Raises InputError when it is not one, or lacks a column."""
+    blocks = read_blocks(path, "truth", numbered=False)
+    missing = [name for name in _REQUIRED if name not in blocks.columns]
+    missing += [key for key in ("stiffness_per_s2", "damping_per_s", "sample_rate_Hz") if key not in blocks.header]
+    if missing:
+        raise InputError(f"{path}: a truth file without {', '.join(missing)}; have the emulator write it again")
+    return Truth(blocks.columns, blocks.header)

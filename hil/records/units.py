@@ -1,0 +1,28 @@
+"""Column names carry their unit (`kxx_per_s2`, `angle_rad`); this is the one place that reads it."""
+
+_BY_SUFFIX = {
+    "_mps2": "m/s²",
+    "_mps": "m/s",
+    "_m": "m",
+    "_V": "V",
+    "_N": "N",
+    "_rad_s": "rad/s",
+    "_rad": "rad",
+    "_per_s2": "1/s²",
+    "_per_s": "1/s",
+    "_ns": "ns",
+    "_s": "s",
+    "_C": "°C",
+    "_ratio": "1",
+}
+_LONGEST_FIRST = sorted(_BY_SUFFIX, key=len, reverse=True)
+
+
+def unit_of(column: str) -> str:
+    """Unit of a column by its suffix, "" when the name has none (flags, codes, counts)."""
+    return next((_BY_SUFFIX[suffix] for suffix in _LONGEST_FIRST if column.endswith(suffix)), "")
+
+
+def symbol_of(column: str) -> str:
+    """The column's name without its unit: `kxx_per_s2` → `kxx`."""
+    return next((column.removesuffix(suffix) for suffix in _LONGEST_FIRST if column.endswith(suffix)), column)

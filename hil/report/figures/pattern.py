@@ -1,0 +1,79 @@
+"""The vibration ellipse in the plane as it turns, with energy and quadrature beside it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.report.figures.drawing import Drawing
+from hil.report.material import Floats, Material
+from hil.report.numbers import prefix_for, relative
+from hil.report.theme import FIRST, INK, MUTED, SECOND, fit_to, new_figure, span_time, trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_ELLIPSES = 13
+_PLANE = ("x_m", "vx_mps", "y_m", "vy_mps")
+
+
+def draw(material: Material) -> Drawing | None:
+    """Ellipses at a few instants of the scored window; the later, the darker."""
+    estimates, stiffness = material.estimates, material.stiffness_per_s2
+    if estimates is None or stiffness is None or not all(name in estimates for name in _PLANE):
+        return None
+    t = estimates.t_s
+    scored = material.scored(t)
+    chosen = np.flatnonzero(scored & np.isfinite([estimates[name] for name in _PLANE]).all(axis=0))
+    if not chosen.size:
+        return None
+    chosen = chosen[np.linspace(0, chosen.size - 1, min(_ELLIPSES, chosen.size)).astype(int)]
+    figure = new_figure(3.3)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.25))
+    plane, energy = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
+    quadrature = figure.add_subplot(grid[1, 1], sharex=energy)
+    paths = [ellipse(np.array([estimates[name][row] for name in _PLANE]), stiffness) for row in chosen]
+    reach = max(float(np.abs(path).max()) for path in paths)
+    factor, prefix = prefix_for(reach)
+    _draw_plane(plane, [path * factor for path in paths], t[chosen], reach * factor, prefix)
+    for ax, name, colour in ((energy, "energy_ratio", FIRST), (quadrature, "quadrature_ratio", SECOND)):
+        if name in estimates:
+            trace(ax, t, estimates[name], colour)
+            fit_to(ax, estimates[name][scored])
+        ax.locator_params(axis="y", nbins=5)
+    span_time([energy, quadrature], t, material.settle_s)
+    energy.set_title("energy over its set point")
+    energy.tick_params(labelbottom=False)
+    quadrature.set_title("quadrature over energy")
+    quadrature.set_xlabel("time / s")
+    caption = (
+        f"Left, the ellipse at {chosen.size} instants from {t[chosen[0]]:.3g} s to {t[chosen[-1]]:.3g} s, "
+        "from pale to full colour. Right, how well energy and quadrature were held."
+    )
+    if "energy_ratio" in estimates:
+        off = float(np.sqrt(np.mean((estimates["energy_ratio"][scored] - 1) ** 2)))
+        caption += f" Energy error {relative(off).lstrip('+')} rms."
+    return Drawing(figure, "Pattern in the plane", caption, f"Vibration ellipses in the plane. {caption}")
+
+
+def ellipse(state: Floats, stiffness_per_s2: float, points: int = 121) -> Floats:
+    """The path (2, points) an isotropic oscillator would take from `state` = x, ẋ, y, ẏ."""
+    x, vx, y, vy = state
+    phase, omega = np.linspace(0, 2 * np.pi, points), np.sqrt(stiffness_per_s2)
+    cosine, sine = np.cos(phase), np.sin(phase)
+    return np.stack([x * cosine + vx / omega * sine, y * cosine + vy / omega * sine])
+
+
+def _draw_plane(ax: "Axes", paths: list[Floats], t_s: Floats, reach: float, prefix: str) -> None:
+    ages = np.linspace(0.18, 1.0, len(paths)) if len(paths) > 1 else [1.0]
+    for path, age in zip(paths, ages, strict=True):
+        ax.plot(path[0], path[1], color=FIRST, alpha=float(age), linewidth=1.0)
+    for path, t, colour in ((paths[0], t_s[0], MUTED), (paths[-1], t_s[-1], INK)):
+        tip = path[:, np.argmax(np.hypot(*path))]
+        x, y = 1.1 * (tip if tip[1] >= 0 else -tip)
+        ax.annotate(f"{t:.3g} s", (x, y), color=colour, ha="center", va="center", fontsize=8)
+    ax.set_aspect("equal")
+    ax.set_xlim(-1.25 * reach, 1.25 * reach)
+    ax.set_ylim(-1.25 * reach, 1.25 * reach)
+    ax.locator_params(nbins=5)
+    ax.set_xlabel(f"x / {prefix}m")
+    ax.set_ylabel(f"y / {prefix}m")

@@ -1,0 +1,97 @@
+"""Spectrum of the innovation: what the model has not explained stands above the noise floor."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.report.figures.drawing import Drawing
+from hil.report.material import Floats, Material
+from hil.report.numbers import prefix_for, quantity
+from hil.report.theme import AXIS_COLOURS, INK, MUTED, legend, new_figure, plain_log_ticks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_LONGEST_SEGMENT, _SHORTEST_SEGMENT = 4096, 64
+_MOST_LINES = 8
+_STANDS_OUT = 2.0
+
+
+def draw(material: Material) -> Drawing | None:
+    """Amplitude spectral density by Welch's method, with the noise floor and multiples of the resonance."""
+    innovation = material.innovation
+    if innovation is None:
+        return None
+    scored = material.scored(innovation.t_s)
+    nu, sd, rate_Hz = innovation.nu_V[scored], innovation.sd_V[scored], innovation.tick_rate_Hz
+    if nu.shape[0] < _SHORTEST_SEGMENT or not np.isfinite(nu + sd).all() or not (nu.any() and sd.any()):
+        return None
+    frequency, density = amplitude_density(nu, rate_Hz)
+    floor = float(np.sqrt(np.mean(sd**2) * 2 / rate_Hz))
+    factor, prefix = prefix_for(float(np.median(density)))
+    figure = new_figure(2.7)
+    ax = figure.subplots()
+    for axis, colour in zip(range(innovation.axes), AXIS_COLOURS, strict=False):
+        ax.semilogy(frequency, density[:, axis] * factor, color=colour, linewidth=0.9, label=f"ν{'xy'[axis]}")
+    ax.axhline(floor * factor, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
+    caption = f"Amplitude spectral density of the scored window (Welch, {_segment(nu)} samples a segment)."
+    if material.resonance_Hz is not None:
+        marked = _mark(ax, material.resonance_Hz, rate_Hz / 2)
+        high = [n for n in marked if _peak(frequency, density, n * material.resonance_Hz) > _STANDS_OUT * floor]
+        where = f"At {', '.join(_multiple(n) for n in high)}" if high else "At none of them"
+        stands = "the innovation stands" if high else "does the innovation stand"
+        caption += f" Marked: multiples of the resonance f₀ = {quantity(material.resonance_Hz, 'Hz', 4)}."
+        caption += f" {where} {stands} above twice the noise floor."
+    _scale(ax, density * factor, floor * factor)
+    ax.set_xlim(0, rate_Hz / 2)
+    ax.set_xlabel("frequency / Hz")
+    ax.set_ylabel(f"density / ({prefix}V/√Hz)")
+    legend(ax)
+    ratio = float(np.median(density)) / floor
+    alt = f"Density from 0 to {rate_Hz / 2:g} hertz; its median is {ratio:.2f} times the floor. {caption}"
+    return Drawing(figure, "Innovation spectrum", caption, alt)
+
+
+def amplitude_density(values: Floats, rate_Hz: float) -> tuple[Floats, Floats]:
+    """Frequencies (m,) and one-sided amplitude density (m, axes) per √Hz; white noise s gives s·√(2/rate)."""
+    from scipy.signal import welch
+
+    frequency, power = welch(values, rate_Hz, nperseg=_segment(values), axis=0)
+    return frequency[1:], np.sqrt(power[1:])  # the bin at 0 has the mean taken out of it
+
+
+def _segment(values: Floats) -> int:
+    """A quarter of the record at most, so that averaging steadies the curve enough to read a line in it."""
+    quarter = max(values.shape[0] // 4, _SHORTEST_SEGMENT)
+    return int(min(_LONGEST_SEGMENT, 2 ** int(np.log2(quarter))))
+
+
+def _mark(ax: "Axes", resonance_Hz: float, highest_Hz: float) -> list[int]:
+    """Dotted lines at the multiples below `highest_Hz`; returns which."""
+    multiples = [n for n in range(1, _MOST_LINES + 1) if n * resonance_Hz < highest_Hz]
+    for n in multiples:
+        ax.axvline(n * resonance_Hz, color=MUTED, linewidth=0.7, dashes=(1, 2))
+        ax.annotate(
+            _multiple(n),
+            (n * resonance_Hz, 1.0),
+            xycoords=ax.get_xaxis_transform(),
+            xytext=(2, -8),
+            textcoords="offset points",
+            color=MUTED,
+            fontsize=8,
+        )
+    return multiples
+
+
+def _scale(ax: "Axes", density: Floats, floor: float) -> None:
+    ax.set_ylim(min(density.min(), floor) / 1.5, max(density.max(), floor) * 2.2)
+    plain_log_ticks(ax.yaxis)
+
+
+def _multiple(n: int) -> str:
+    return "f₀" if n == 1 else f"{n} f₀"
+
+
+def _peak(frequency: Floats, density: Floats, at_Hz: float) -> float:
+    near = np.argsort(np.abs(frequency - at_Hz))[:3]
+    return float(density[near].max())

@@ -1,0 +1,74 @@
+"""Turnaround of every answered sample, on logarithmic scales: the tail is what matters."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.records.result import Percentiles
+from hil.records.summary import percentiles
+from hil.report.figures.drawing import Drawing
+from hil.report.material import Material
+from hil.report.numbers import count, percent
+from hil.report.theme import BAD, FIRST, MUTED, new_figure, plain_log_ticks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def draw(material: Material) -> Drawing | None:
+    """Histogram of the turnaround, with percentiles, the deadline, and a bare answer's percentiles if
+    known."""
+    timing = material.timing
+    if timing is None:
+        return None
+    turnaround = timing.turnaround_us[timing.turnaround_us > 0]
+    found = percentiles(turnaround)
+    if found is None:
+        return None
+    bare, deadline = material.result.bare_turnaround_us, timing.deadline_us
+    marks = [found.p50, found.p99, found.p999, float(turnaround.max()), float(turnaround.min())]
+    marks += [deadline] if deadline else []
+    marks += [bare.p50, bare.p999] if bare else []
+    low, high = min(marks) / 1.3, max(marks) * 1.5
+    figure = new_figure(2.5)
+    ax = figure.subplots()
+    ax.hist(turnaround, bins=np.geomspace(low, high, 90).tolist(), color=FIRST, alpha=0.55, linewidth=0, log=True)
+    ax.set_xscale("log")
+    ax.set_xlim(low, high)
+    for value, name in ((found.p50, "p50"), (found.p99, "p99"), (found.p999, "p99.9")):
+        _mark(ax, value, name, FIRST, 0)
+    if bare is not None:
+        for value, name in ((bare.p50, "bare p50"), (bare.p99, "bare p99"), (bare.p999, "bare p99.9")):
+            _mark(ax, value, name, MUTED, 1)
+    caption = f"Turnaround of {count(turnaround.size)} answers: {_listed(found)}."
+    if deadline:
+        _mark(ax, deadline, "deadline", BAD, 2 if bare is not None else 1)
+        caption += f" Deadline {deadline:.4g} µs: {percent(float(np.mean(turnaround > deadline)), 2)} beyond it."
+    if bare is not None:
+        caption += f" A bare read and write paced alike: {_listed(bare)}."
+    plain_log_ticks(ax.xaxis)
+    ax.yaxis.set_major_formatter(lambda value, _: count(round(value)))
+    ax.set_xlabel("from sample received to answer sent / µs")
+    ax.set_ylabel("answers")
+    return Drawing(figure, "Turnaround", caption, f"Histogram on logarithmic scales. {caption}")
+
+
+def _listed(times: Percentiles) -> str:
+    return f"p50 {times.p50:.3g}, p99 {times.p99:.3g}, p99.9 {times.p999:.3g} µs"
+
+
+def _mark(ax: "Axes", value_us: float, name: str, colour: str, row: int) -> None:
+    """A vertical line with its name above the panel, in rows so that near lines do not write over each
+    other.
+    """
+    ax.axvline(value_us, color=colour, linewidth=0.9, dashes=(1, 2) if colour == MUTED else (4, 3))
+    ax.annotate(
+        name,
+        (value_us, 1.0),
+        xycoords=ax.get_xaxis_transform(),
+        xytext=(0, 2 + 10 * row),
+        textcoords="offset points",
+        color=colour,
+        fontsize=8,
+        ha="center",
+    )

@@ -1,0 +1,61 @@
+"""The few pieces of HTML that the page is made of. Every text that comes from outside is escaped here."""
+
+from collections.abc import Collection, Iterable, Sequence
+from html import escape
+
+Row = Sequence[str]
+
+
+def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int] = ()) -> str:
+    """A table with header cells; columns in `numbers` are set flush right."""
+    heading = "".join(
+        f'<th scope="col"{_figure(index, numbers)}>{escape(cell)}</th>' for index, cell in enumerate(head)
+    )
+    body = "".join(f"<tr>{_cells(row, numbers)}</tr>" for row in rows)
+    return (
+        f'<div class="wide"><table><caption>{escape(caption)}</caption>'
+        f"<thead><tr>{heading}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def figure(number: int, title: str, caption: str, svg: str) -> str:
+    """A numbered figure with its caption."""
+    return (
+        f'<figure id="figure-{number}">{svg}<figcaption><b>Figure {number}. {escape(title)}.</b> '
+        f"{escape(caption)}</figcaption></figure>"
+    )
+
+
+def key_figures(entries: Iterable[tuple[str, str, str]]) -> str:
+    """The row of headline numbers: (what, number, remark)."""
+    cells = "".join(
+        f"<div><dt>{escape(what)}</dt><dd>{escape(number)}<small>{escape(remark)}</small></dd></div>"
+        for what, number, remark in entries
+    )
+    return f'<dl class="key">{cells}</dl>'
+
+
+def section(key: str, title: str, *parts: str) -> str:
+    """A section with its heading; an empty one leaves no trace."""
+    content = "".join(parts)
+    return f'<section aria-labelledby="{key}"><h2 id="{key}">{escape(title)}</h2>{content}</section>' if content else ""
+
+
+def paragraph(text: str) -> str:
+    """A paragraph of plain text."""
+    return f"<p>{escape(text)}</p>"
+
+
+def listing(text: str) -> str:
+    """A file as it is, in fixed pitch."""
+    return f'<pre tabindex="0"><code>{escape(text)}</code></pre>'
+
+
+def _cells(row: Row, numbers: Collection[int]) -> str:
+    first, *rest = row
+    cells = "".join(f"<td{_figure(index, numbers)}>{escape(cell)}</td>" for index, cell in enumerate(rest, 1))
+    return f'<th scope="row">{escape(first)}</th>{cells}'
+
+
+def _figure(index: int, numbers: Collection[int]) -> str:
+    return ' class="n"' if index in numbers else ""

@@ -1,0 +1,152 @@
+"""The tables of the page."""
+
+import math
+
+from hil.records.result import Parameter
+from hil.records.units import symbol_of
+from hil.report.markup import table
+from hil.report.material import Material
+from hil.report.names import rank, shown, shown_unit
+from hil.report.numbers import count, percent, plus_minus, prefix_for, quantity, relative, significant
+
+_COUNTED = {
+    "samples": "rows of the capture",
+    "lost": "samples missing between the first and the last",
+    "late": "samples before which the board held its last drive",
+    "held": "the same, as the loop saw it",
+    "clipped": "samples with the converter at its end",
+    "saturated": "samples with the drive at its limit",
+    "rearmed": "times the board was armed again after a SAFE",
+    "residual_safe": "times the innovation left its bounds and the host sent SAFE",
+    "board_late": "drives that reached the board after their tick",
+    "board_held": "ticks at which the board held its last drive",
+    "board_bad_frames": "frames the board dropped: framing, checksum, length or type",
+    "board_lost_seq": "frames the board missed in the host's sequence",
+    "board_saturated": "drive codes the board had to limit",
+    "board_watchdog_trips": "times its watchdog brought the board to SAFE",
+}
+
+
+def angle(material: Material) -> str:
+    """Where the errors of angle and rate come from, when the run has been scored."""
+    result, score = material.result, material.result.score
+    if score is None:
+        return ""
+    entries = [
+        ("reported angle minus true rotation", result.angle_error_rms_rad, score.angle_error_max_rad, "rad"),
+        ("pattern angle less the virtual rotation", score.pattern_angle_error_rms_rad, None, "rad"),
+        ("of it, estimation error", score.angle_estimation_error_rms_rad, None, "rad"),
+        ("of it, control imperfection", score.control_imperfection_rms_rad, None, "rad"),
+        ("rate", result.rate_error_rms_rad_s, score.rate_error_max_rad_s, "rad/s"),
+    ]
+    rows = [
+        (
+            name,
+            *_both(rms, unit),
+            "" if largest is None else quantity(math.degrees(largest), unit.replace("rad", "deg")),
+        )
+        for name, rms, largest, unit in entries
+        if rms is not None
+    ]
+    start, stop = score.window_s
+    caption = (
+        f"Errors over {count(score.rows)} instants from {significant(start)} to {significant(stop)} s, "
+        f"{significant(score.turns)} turns"
+    )
+    return table(caption, ("error", "rms", "", "largest"), rows, (1, 2, 3)) if rows else ""
+
+
+def parameters(material: Material) -> str:
+    """Constants at the end of the run beside truth, or else beside the bench file's values."""
+    entries = material.result.parameters
+    if not entries:
+        return ""
+    scored = any(entry.truth is not None for entry in entries.values())
+    head = ["parameter", "estimate", "unit", "truth" if scored else "declared", "deviation"]
+    if scored:  # what a data sheet declares need not lie in the interval
+        head.append("inside interval")
+    rows = [_parameter_row(material, symbol, entries[symbol])[: len(head)] for symbol in sorted(entries, key=rank)]
+    return table("Constants at the end of the run, ± half of the 95 % interval", head, rows, (1, 3, 4))
+
+
+def coverage(material: Material) -> str:
+    """How often the claimed intervals held the truth."""
+    score = material.result.score
+    if score is None or not score.coverage:
+        return ""
+    names = [shown(symbol_of(name)) for name in score.coverage]
+    held = [percent(fraction) for fraction in score.coverage.values()]
+    caption = "Share of instants whose 95 % interval held the truth (instants of one run are correlated)"
+    half = -(-len(names) // 2)
+    rows = [
+        (
+            names[row],
+            held[row],
+            *((names[row + half], held[row + half]) if row + half < len(names) else ("", "")),
+        )
+        for row in range(half)
+    ]
+    return table(caption, ("state", "held", "state", "held"), rows)
+
+
+def counters(material: Material) -> str:
+    """Everything that was counted."""
+    result = material.result
+    entries = {"samples": result.samples, "lost": result.lost, "late": result.late, **result.counters}
+    rows = [(name.replace("_", " "), count(value), _COUNTED.get(name, "")) for name, value in entries.items()]
+    return table("What was counted", ("counter", "count", "meaning"), rows, (1,))
+
+
+def provenance(material: Material) -> str:
+    """What ran, on what, with which versions."""
+    result = material.result
+    entries: list[tuple[str, str]] = [("run", result.run)]
+    for name, value in (
+        ("serial number", result.serial_number),
+        ("operator's note", result.operator_note),
+        ("link", result.link),
+        ("clock", result.clock),
+    ):
+        if value:
+            entries.append((name, value))
+    entries.append(("length", f"{significant(result.seconds, 4)} s of bench time"))
+    entries.append(("record", "complete" if result.complete else "interrupted: no end marker"))
+    entries += list(result.versions.items())
+    return table("What ran, and with which versions", ("item", "value"), entries)
+
+
+def _parameter_row(material: Material, symbol: str, entry: Parameter) -> tuple[str, ...]:
+    low, high = entry.ci95
+    factor, prefix = prefix_for(entry.value) if entry.unit == "V" else (1.0, "")
+    value, half = entry.value * factor, (high - low) / 2 * factor
+    start = (shown(symbol), plus_minus(value, half), prefix + shown_unit(entry.unit))
+    reference = entry.truth if entry.truth is not None else _declared(material, symbol, entry.unit)
+    if reference is None:
+        return *start, "", "", ""
+    deviation = entry.value - reference
+    return (
+        *start,
+        plus_minus(value, half, beside=reference * factor),
+        relative(deviation / abs(reference)) if reference else "–",
+        _inside(abs(deviation), (high - low) / 2),
+    )
+
+
+def _inside(deviation: float, half: float) -> str:
+    if half == 0:
+        return "no interval"
+    return "yes" if deviation <= half else f"no, {significant(deviation / half, 2)} × half"
+
+
+def _declared(material: Material, symbol: str, unit: str) -> float | None:
+    """The bench file's value in the unit of the table."""
+    device = material.folder.bench.get("device", {})
+    for suffix in ("_per_s2", "_per_s"):
+        known = material.constant(symbol + suffix)
+        if known is not None:
+            return known[0] * (float(device["mass_kg"]) if unit.startswith("N") else 1.0)
+    return None
+
+
+def _both(rms_rad: float, unit: str) -> tuple[str, str]:
+    return quantity(math.degrees(rms_rad), unit.replace("rad", "deg")), quantity(rms_rad, unit)

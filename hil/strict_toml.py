@@ -1,0 +1,137 @@
+"""Read a TOML file into a pydantic model; every mistake is one line that names file, key and cure.
+
+pydantic reports several errors at once, each as a paragraph.  A user mends one key at a time, so only the
+first is shown, with a count of the others: ``file: [section] key: what is wrong; what was expected``.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from hil.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": "a list of numbers",
+    "model_type": "a table",
+    "dict_type": "a table",
+    "finite_number": "a finite number",
+}
+
+
+def read_toml(path: Path, model: type[Model]) -> Model:
+    """The file at ``path`` as an instance of ``model``; `InputError` names the place and the cure."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {(error.strerror or 'cannot be read').lower()}") from None
+    try:
+        table = tomllib.loads(raw.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; a TOML file is UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not TOML: {error}") from None
+    return parse_table(table, model, str(path))
+
+
+def parse_table(table: Mapping[str, Any], model: type[Model], source: str) -> Model:
+    """``table`` checked against ``model``; ``source`` is the name that stands before each error."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        raise InputError(f"{source}: {one_line(error, model)}") from None
+
+
+def one_line(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first mistake of ``error`` as one line, unknown keys first: they explain missing ones."""
+    mistakes = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    text = _sentence(mistakes[0], model)
+    others = len(mistakes) - 1
+    return f"{text} (and {others} more)" if others else text
+
+
+def suggestion(word: str, known: Sequence[str]) -> str:
+    """``did you mean …?`` for a near miss, otherwise the list of what is known."""
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {near[0]}?"
+    return f"known: {', '.join(known)}" if known else "none is known"
+
+
+def _sentence(mistake: Any, model: type[BaseModel]) -> str:
+    """One pydantic error as ``[section] key: message``."""
+    *parents, last = mistake["loc"] or ("",)
+    kind, value, context = mistake["type"], mistake["input"], mistake.get("ctx", {})
+    table = _model_at(model, parents)
+    place = _place(model, mistake["loc"])
+    if (
+        kind == "value_error"
+    ):  # a validator of ours: its message already begins with the key, or with [section] key
+        message = str(context["error"])
+        return message if message.startswith("[") else place + message
+    if kind == "extra_forbidden":
+        known = [] if table is None else list(table.model_fields)
+        section = isinstance(value, dict)
+        return f"{place}unknown {'section' if section else 'key'}; {suggestion(str(last), known)}"
+    if kind == "missing":
+        field = table.model_fields.get(str(last)) if table is not None else None
+        meaning = f"; expected: {field.description}" if field is not None and field.description else ""
+        return f"{place}missing{meaning}"
+    if kind == "literal_error":
+        choices = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
+        return f"{place}{_shown(value)} is not one of {', '.join(choices)}{_near(value, choices)}"
+    if kind in _EXPECTED:
+        return f"{place}expected {_EXPECTED[kind]}, not {_shown(value)}"
+    return f"{place}{_shown(value)} {str(mistake['msg']).removeprefix('Input ').removeprefix('String ')}"
+
+
+def _near(value: Any, choices: Sequence[str]) -> str:
+    near = difflib.get_close_matches(value, choices, n=1) if isinstance(value, str) else []
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _shown(value: Any) -> str:
+    """A value as the user may have typed it, cut to what fits a line."""
+    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _place(model: type[BaseModel], loc: Sequence[str | int]) -> str:
+    """``[device.sense] noise_V: `` from a pydantic location; list positions as ``key[1]``."""
+    sections: list[str] = []
+    key = ""
+    for part in loc:
+        if isinstance(part, int):
+            key += f"[{part}]"
+        elif not key and _model_at(model, [*sections, part]) is not None:
+            sections.append(part)
+        else:
+            key = f"{key}.{part}" if key else part
+    head = f"[{'.'.join(sections)}]" if sections else ""
+    if not key:
+        return f"{head} " if head else ""
+    if not head and "." not in key:
+        return f"[{key}]: "
+    return f"{head} {key}: ".lstrip()
+
+
+def _model_at(model: type[BaseModel], loc: Sequence[str | int]) -> type[BaseModel] | None:
+    """The nested model class that a location leads to, or None where it leaves the models."""
+    for part in loc:
+        field = model.model_fields.get(str(part))
+        if field is None or not (
+            isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
+        ):
+            return None
+        model = field.annotation
+    return model

@@ -1,0 +1,94 @@
+"""The command line as its tests drive it: in this process where that does, as a process where not."""
+
+import contextlib
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hil import cli, examples
+
+Hil = Callable[..., tuple[int, str, str]]
+Start = Callable[..., "subprocess.Popen[str]"]
+
+WAIT_S = 120.0
+"""How long a process may take before a test gives up on it; none of them needs a tenth of it."""
+
+
+@pytest.fixture
+def hil(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Hil:
+    """`hil("verb", …)` in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = cli.execute(list(arguments))
+        captured = capfd.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """`start("verb", …)` as a process in an empty folder, its output piped; killed if left behind."""
+    processes: list[subprocess.Popen[str]] = []
+
+    def launch(*arguments: str) -> "subprocess.Popen[str]":
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hil", *arguments],
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        processes.append(process)
+        return process
+
+    yield launch
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def short_bench(tmp_path: Path) -> str:
+    """A bench file in the test's folder: S-slow for three seconds in lockstep, the last one scored."""
+    return write_short_bench(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the short bench file, one run of it in `runs`, and the board's truth in `truth.arrow`."""
+    place = tmp_path_factory.mktemp("recorded")
+    with contextlib.chdir(place):
+        bench = write_short_bench(place)
+        code = cli.execute(["run", bench, "--link", "inproc:s-slow", "--truth", "truth.arrow", "--note", "n"])
+    assert code == 0
+    return place
+
+
+@pytest.fixture
+def recorded(recorded_once: Path, tmp_path: Path, hil: Hil) -> Path:
+    """The folder of a short run, in the test's folder with all that belongs to it."""
+    shutil.copytree(recorded_once, tmp_path, dirs_exist_ok=True)
+    (folder,) = (tmp_path / "runs").iterdir()
+    return folder
+
+
+def write_short_bench(folder: Path) -> str:
+    """Write the short bench file into ``folder``; its name."""
+    text = examples.find("bench", "s-slow").read_text(encoding="utf-8")
+    for old, new in (
+        ('clock = "paced"', 'clock = "lockstep"'),
+        ("duration_s = 30.0", "duration_s = 3.0"),
+        ("settle_s = 8.0", "settle_s = 2.0"),
+        ('name = "s-slow"', 'name = "short"'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "short.bench.toml").write_text(text, encoding="utf-8")
+    return "short.bench.toml"

@@ -1,0 +1,62 @@
+"""Arming a board that was not started here takes a yes."""
+
+import io
+import sys
+
+import pytest
+
+from hil import examples
+from hil.bench import Bench, load_bench
+from hil.cli import consent
+from hil.errors import InputError
+
+LINK = "serial:/dev/ttyACM0"
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return load_bench(examples.find("bench", "s-slow"))
+
+
+def at_terminal(monkeypatch: pytest.MonkeyPatch, answer: str) -> Terminal:
+    """Put somebody at the terminal who types ``answer``; what is written there."""
+    written = Terminal()
+    monkeypatch.setattr(sys, "stderr", written)
+    monkeypatch.setattr(sys, "stdin", Terminal(answer))
+    return written
+
+
+@pytest.mark.parametrize("answer", ["y\n", "Yes\n", " y "])
+def test_yes_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch, answer: str) -> None:
+    written = at_terminal(monkeypatch, answer)
+    consent.require(LINK, bench, given=False, open_loop=False)
+    assert written.getvalue() == (
+        f"{LINK} will be armed for 30 s with up to 10 m/s² of drive.\nArm it? [y/N] "
+    )
+
+
+@pytest.mark.parametrize("answer", ["n\n", "\n", "", "yeah\n"])
+def test_anything_else_is_a_no(bench: Bench, monkeypatch: pytest.MonkeyPatch, answer: str) -> None:
+    written = at_terminal(monkeypatch, answer)
+    with pytest.raises(InputError, match="not armed, as you wished"):
+        consent.require(LINK, bench, given=False, open_loop=True)
+    assert "with the drive held at zero" in written.getvalue()
+
+
+def test_flag_asks_nothing(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = at_terminal(monkeypatch, "n\n")
+    consent.require(LINK, bench, given=True, open_loop=False)
+    assert written.getvalue() == ""
+
+
+def test_without_a_terminal_nothing_is_asked(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
+    with pytest.raises(InputError, match="needs --arm"):
+        consent.require(LINK, bench, given=False, open_loop=False)

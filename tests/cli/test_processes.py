@@ -1,0 +1,119 @@
+"""The command line as processes: two of them over a pty, interrupted, terminated, left behind."""
+
+import json
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from hil import examples
+from hil.emulation import emulator
+from hil.errors import InputError
+from hil.records.capture import read_capture
+from hil.records.truth import read_truth
+from tests.cli.conftest import WAIT_S, Start
+
+
+def finished(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
+    """Exit code and both outputs of a process that ends by itself."""
+    out, err = process.communicate(timeout=WAIT_S)
+    return process.returncode, out, err
+
+
+def line_of(process: "subprocess.Popen[str]", stream: str) -> str:
+    """The next line a running process prints."""
+    pipe = getattr(process, stream)
+    line: str = pipe.readline()
+    return line.rstrip("\n")
+
+
+def wait_for(process: "subprocess.Popen[str]", stage: str) -> None:
+    """Read standard error up to the line that names a stage of the run."""
+    while line_of(process, "stderr") != stage:
+        assert process.poll() is None
+
+
+def children_of(parent: int) -> list[int]:
+    """Process numbers of the children of a process."""
+    return [int(word) for word in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+
+
+@pytest.mark.slow
+def test_two_terminals(start: Start, short_bench: str) -> None:
+    board = start("emulate", "s-slow", "--json")
+    url = json.loads(line_of(board, "stdout"))["ready"]
+    assert url.startswith("serial:/dev/pts/")
+    code, out, err = finished(start("run", short_bench, "--link", url, "--arm", "--json"))
+    assert code == 0, err
+    assert json.loads(out)["samples"] == 12000
+    assert finished(board)[0] == 0  # its lockstep host has hung up
+
+
+@pytest.mark.slow
+def test_busy_port_is_one_line(start: Start, short_bench: str) -> None:
+    board = start("emulate", "s-slow")
+    url = line_of(board, "stdout").removeprefix("ready ")
+    host = start("run", short_bench, "--link", url, "--arm", "--clock", "paced", "--duration", "60")
+    wait_for(host, "run")
+    code, out, err = finished(start("run", short_bench, "--link", url, "--dry-run"))
+    assert (code, out) == (2, "")
+    assert url.removeprefix("serial:") in err.splitlines()[-1]
+    host.send_signal(signal.SIGINT)
+    assert finished(host)[0] == 130
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_run_goes_safe_and_closes_its_record(
+    start: Start, tmp_path: Path, number: signal.Signals
+) -> None:
+    host = start("run", "s-slow", "--truth", "truth.arrow")
+    wait_for(host, "run")
+    (folder,) = (tmp_path / "runs").iterdir()
+    while not (folder / "capture.arrow").stat().st_size:
+        assert host.poll() is None
+    host.send_signal(number)
+    code, out, err = finished(host)
+    assert (code, out) == (130, "")
+    assert "SAFE" in err
+    assert err.splitlines()[-1] == "hil: interrupted"
+    assert read_capture(folder / "capture.arrow").complete
+    assert json.loads((folder / "result.json").read_text(encoding="utf-8"))["verdict"] == "interrupted"
+    assert (folder / "report.html").stat().st_size > 0
+
+
+def test_terminated_emulator_is_gone(start: Start, tmp_path: Path) -> None:
+    board = start("emulate", "s-slow", "--truth", "truth.arrow")
+    assert line_of(board, "stdout").startswith("ready serial:/dev/pts/")
+    (child,) = children_of(board.pid)
+    board.send_signal(signal.SIGTERM)
+    assert finished(board) == (130, "", "hil: interrupted\n")
+    assert not Path(f"/proc/{child}").exists()
+    assert read_truth(tmp_path / "truth.arrow").tick.size == 0
+
+
+def test_emulator_that_dies_in_use_is_the_error() -> None:
+    def use_it() -> None:
+        with emulator(examples.find("scenario", "s-slow")) as board:
+            board.process.kill()
+            board.process.wait()
+            raise InputError("the link is gone")
+
+    with pytest.raises(InputError, match=r"emulated board died: ended with code -9"):
+        use_it()
+
+
+@pytest.mark.slow
+def test_demo_in_real_time(start: Start, tmp_path: Path) -> None:
+    code, out, err = finished(start("demo", "--duration", "10", "--name", "short", "--json"))
+    result = json.loads(out)
+    assert code == {"good": 0, "failed": 1}[result["verdict"]], err
+    assert result["clock"] == "paced"
+    assert result["samples"] + result["lost"] == 40000
+    assert result["parameters"]["kxx"]["truth"] == pytest.approx(1610719.4)
+    assert result["angle_error_rms_rad"] is not None
+    assert result["turnaround_us"]["p50"] > 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert folder.name == result["run"]
+    assert not (folder / "truth.arrow").exists()

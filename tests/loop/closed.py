@@ -1,0 +1,130 @@
+"""The loop closed in this process: the real loop, codecs and board, with a link that a test can meddle with.
+
+A `HandPaced` board is one on wall time whose clock is turned by the host's own waiting: each wait that finds
+nothing lets one tick pass. So everything that happens between a host and a board that does not wait for it
+(lost samples, lost answers, a host that was stopped) happens here at chosen ticks, the same every time.
+"""
+
+from collections.abc import Callable, Container, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from device_emulator.board import Board
+from device_emulator.device import Device
+from device_emulator.scenario import load
+from device_emulator.truth import TruthFile, truth_metadata
+from estimator.observer import Observer
+from hil.bench import Bench
+from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
+from hil.loop.force import Counters, ForceLoop
+from hil.loop.tracks import run_layouts
+from hil.loop.worker import configure
+from hil.records.recorder import record_here
+from hil.records.runfolder import RunFolder
+from hil.records.truth import read_truth
+from hil.wire import client
+from hil.wire.endpoint import Endpoint
+from hil.wire.inproc import InprocLink
+from hil.wire.link import Link
+from hil.wire.messages import ClockMode, SafeReason
+
+
+class HandPaced:
+    """Link to a board in this process that goes on whether it is answered or not.
+
+    `lost`: ticks whose SENSE never arrives. `unheard`: ticks whose answer never arrives. `stops`: from that
+    tick on so many ticks pass before the host gets to read again.
+    """
+
+    name = "hand-paced"
+
+    def __init__(
+        self,
+        board: Board,
+        *,
+        lost: Container[int] = (),
+        unheard: Container[int] = (),
+        stops: Mapping[int, int] | None = None,
+    ) -> None:
+        self.board = board
+        self._lost, self._unheard, self._stops = lost, unheard, dict(stops or {})
+        self._pending = b""
+
+    def fileno(self) -> None:
+        return
+
+    def send(self, data: bytes) -> None:
+        if not (self.board.streaming and self.board.tick in self._unheard):
+            self._pending += self.board.exchange(data)
+
+    def receive(self, timeout_s: float | None) -> bytes:
+        if not self._pending:
+            for _ in range(self._stops.pop(self.board.rows, 1)):
+                self._tick()
+        data, self._pending = self._pending[:4096], self._pending[4096:]
+        return data
+
+    def close(self) -> None:
+        self.board.close()
+
+    def _tick(self) -> None:
+        if self.board.streaming:
+            tick = self.board.rows
+            said = self.board.block()
+            if tick not in self._lost:
+                self._pending += said
+        else:
+            self.board.coast(1)
+
+
+def board(scenario: Path, clock: ClockMode = ClockMode.LOCKSTEP, truth: Path | None = None) -> Board:
+    """An emulated board in this process; close it to finish its truth file."""
+    what = load(scenario)
+    if truth is None:
+        return Board(what, Device(what), (clock,))
+    file = TruthFile(truth, truth_metadata(what, None))
+
+    class Closing(Device):
+        def close(self) -> None:
+            super().close()
+            file.close()
+
+    return Board(what, Closing(what, None, file.add), (clock,))
+
+
+def close_loop(
+    link: Link, bench: Bench, folder: Path, meddle: Callable[[Observer], None] = lambda _: None
+) -> tuple[RunFolder, Counters]:
+    """Run `bench` against the board behind `link`, as the worker does; `meddle` gets the observer first."""
+    endpoint = Endpoint(link)
+    identity = client.connect(endpoint)
+    observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+    configure(endpoint, identity, bench)
+    samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
+    folder.mkdir()
+    with record_here(folder, run_layouts(observer, bench, identity)) as recording:
+        loop = ForceLoop(endpoint, identity, bench, observer, recording.tracks)
+        meddle(observer)
+        client.arm(endpoint)
+        loop.run(samples, lambda _: None, samples)
+        loop.finish(SafeReason.HOST_REQUEST)
+    endpoint.close()
+    return RunFolder(folder), loop.counters
+
+
+def waiting(scenario: Path, truth: Path | None = None) -> InprocLink:
+    """A board in lockstep: it waits for every answer."""
+    return InprocLink(board(scenario, truth=truth))
+
+
+def angle_errors(run: RunFolder, truth: Path, from_s: float) -> NDArray[np.float64]:
+    """Reported minus true angle from `from_s` on, zero at its start."""
+    estimates = run.estimates
+    assert estimates is not None
+    true = read_truth(truth)
+    ours, theirs = true.at(estimates.tick)
+    scored = estimates.t_s[ours] >= from_s
+    error = (estimates["angle_rad"][ours] - true["angle_rad"][theirs])[scored]
+    return error - error[0]

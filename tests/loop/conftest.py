@@ -1,0 +1,21 @@
+"""What all tests of the loop share."""
+
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _strict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Warnings are errors in the processes that tests start, too."""
+    monkeypatch.setenv("PYTHONWARNINGS", "error")
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the page for people, which costs more than the short run it tells of."""
+
+    def written(_: Path) -> None:
+        pass
+
+    monkeypatch.setattr("hil.report.write_report", written)

@@ -1,0 +1,235 @@
+"""Force mode, sample by sample: timing of the answers, gaps, a board that trips, falls silent or forgets."""
+
+import math
+from collections.abc import Container, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from device_emulator.board import Board
+from estimator.observer import Observer
+from hil.records.capture import RowFlag
+from hil.records.runfolder import RunFolder
+from hil.wire.errors import ProtocolError
+from hil.wire.inproc import InprocLink
+from hil.wire.messages import ClockMode
+from hil.wire.stream import Receiver
+from tests.loop import gyro
+from tests.loop.closed import HandPaced, angle_errors, board, close_loop, waiting
+from tests.wire.board import SmallBoard
+
+WATCHDOG_TICKS = 80  # of S-slow's bench: 0.02 s
+SETTLED_S = 0.5
+ANGLE_RAD = 5e-3  # of error after that, with or without gaps
+
+
+def innovation_ratio(run: RunFolder) -> float:
+    """Innovation over what the observer predicts of it, after settling."""
+    innovation = run.innovation
+    assert innovation is not None
+    scored = innovation.t_s >= SETTLED_S
+    return float(np.sqrt(np.mean(innovation.nu_V[scored] ** 2) / np.mean(innovation.sd_V[scored] ** 2)))
+
+
+class Overheard(InprocLink):
+    """Notes every drive the host sends: (ux, uy, effective tick)."""
+
+    def __init__(self, board: Board) -> None:
+        super().__init__(board)
+        self.drives: list[tuple[int, int, int]] = []
+        self._rx = Receiver()
+
+    def send(self, data: bytes) -> None:
+        drive = self._rx.take_drive(data)
+        if drive is None:
+            self._rx.feed(data)
+        else:
+            self.drives.append(drive)
+        super().send(data)
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_a_drive_acts_latency_ticks_after_its_sample(tmp_path: Path, latency: int) -> None:
+    """And the loop holds the pattern at each latency, because the observer counts with it."""
+    truth = tmp_path / "truth.arrow"
+    scenario = gyro.scenario(tmp_path / "board.toml", drive={"latency_samples": latency})
+    link = Overheard(board(scenario, truth=truth))
+    run, counters = close_loop(link, gyro.bench(1.0), tmp_path / "run")
+    capture = run.capture
+    assert capture is not None
+    assert (counters.samples, counters.lost, counters.held) == (4000, 0, 0)
+    echoed = {
+        int(tick): (int(ux), int(uy))
+        for tick, ux, uy in zip(capture.tick, capture.columns["ux_code"], capture.columns["uy_code"], strict=True)
+    }
+    commanded = [(ux, uy, tick) for ux, uy, tick in link.drives if tick + 1 in echoed]
+    assert len(commanded) == 4000 - 1 - latency
+    assert all(echoed[tick + 1] == (ux, uy) for ux, uy, tick in commanded)
+    assert sum(ux != 0 for ux, _, _ in commanded) > 3000
+    assert capture.latency_ticks == latency
+    assert np.abs(angle_errors(run, truth, SETTLED_S)).max() < ANGLE_RAD
+    assert innovation_ratio(run) == pytest.approx(1.0, abs=0.1)
+
+
+def paced(
+    tmp_path: Path,
+    *,
+    lost: Container[int] = (),
+    unheard: Container[int] = (),
+    stops: Mapping[int, int] | None = None,
+    watchdog_s: float = 0.02,
+) -> tuple[RunFolder, dict[str, int], dict[str, int]]:
+    """A second of S-slow against a board that does not wait: the run, the host's counters, the board's.
+
+    Whatever happened on the way, the angle is right afterwards and the observer knows how well it does.
+    """
+    truth = tmp_path / "truth.arrow"
+    link = HandPaced(
+        board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED, truth),
+        lost=lost,
+        unheard=unheard,
+        stops=stops,
+    )
+    declared = gyro.bench(1.0, "paced", link={"watchdog_s": watchdog_s, "timeout_s": 0.5})
+    run, counters = close_loop(link, declared, tmp_path / "run")
+    assert np.abs(angle_errors(run, truth, SETTLED_S)).max() < ANGLE_RAD
+    assert innovation_ratio(run) < 1.2
+    seen = vars(counters).copy()
+    return run, seen, seen.pop("board")
+
+
+def gaps(run: RunFolder) -> list[tuple[int, int]]:
+    """(first tick missing, how many) of each gap in the record, all of them flagged."""
+    capture = run.capture
+    assert capture is not None
+    after = np.flatnonzero(np.diff(capture.tick) != 1) + 1
+    assert np.array_equal(np.flatnonzero(capture.flags & RowFlag.GAP_BEFORE), after)
+    first = capture.tick[after - 1] + 1
+    return list(zip(first.tolist(), (capture.tick[after] - first).tolist(), strict=True))
+
+
+def test_lost_samples_are_bridged_and_counted(tmp_path: Path) -> None:
+    lost = range(100, 3900, 17)  # from before the loop is closed, too
+    run, host, device = paced(tmp_path, lost=lost)
+    assert gaps(run) == [(tick, 1) for tick in lost]
+    assert (host["lost"], host["samples"]) == (len(lost), 4000 - len(lost))
+    assert device["held"] == host["held"] == len(lost)  # a sample not seen is an answer not given
+    assert host["rearmed"] == 0
+
+
+def test_a_burst_of_lost_samples_is_bridged(tmp_path: Path) -> None:
+    run, host, device = paced(tmp_path, lost=range(1000, 1050))
+    assert gaps(run) == [(1000, 50)]
+    assert (host["lost"], host["rearmed"], device["held"]) == (50, 0, 50)
+
+
+def test_after_a_long_silence_the_motion_is_found_anew(tmp_path: Path) -> None:
+    run, host, _ = paced(tmp_path, lost=range(1000, 1700), watchdog_s=0.5)
+    assert gaps(run) == [(1000, 700)]
+    assert (host["lost"], host["rearmed"]) == (700, 0)
+
+
+def test_lost_answers_are_counted_by_the_board(tmp_path: Path) -> None:
+    unheard = range(500, 3900, 17)
+    run, host, device = paced(tmp_path, unheard=unheard)
+    capture = run.capture
+    assert capture is not None
+    held = capture.tick[(capture.flags & RowFlag.LATE_ANSWER_HELD) != 0]
+    # the answer to row m would have acted from m + 1, which row m + 2 tells of
+    assert held.tolist() == [tick + 2 for tick in unheard]
+    assert device["held"] == device["lost_seq"] == host["held"] == len(unheard)
+
+
+def test_a_host_stopped_for_less_than_the_watchdog_goes_on(tmp_path: Path) -> None:
+    run, host, device = paced(tmp_path, stops={1500: 60})
+    assert gaps(run) == []
+    assert host["held"] == device["held"] == 59
+    assert (host["rearmed"], device["watchdog_trips"]) == (0, 0)
+    timing, capture = run.timing, run.capture
+    assert timing is not None
+    assert capture is not None
+    unanswered = np.setdiff1d(capture.tick, timing.tick)  # seen too late to be answered
+    assert unanswered.tolist() == list(range(1500, 1559))
+    assert timing.turnaround_us.min() > 0.0
+
+
+def test_a_host_stopped_for_longer_arms_the_board_again(tmp_path: Path) -> None:
+    run, host, device = paced(tmp_path, stops={1500: 300})
+    ((first, missing),) = gaps(run)
+    assert first + missing == 1500 + 300 + 1  # one tick passes before the host arms it again
+    assert (host["rearmed"], host["lost"]) == (1, missing)
+    assert device["watchdog_trips"] == 1
+    capture = run.capture
+    assert capture is not None
+    driven = capture.tick[(capture.tick < first) & capture.drive.any(axis=1)]
+    # row 1499 was the last to be answered: the drive is held for as long as the watchdog allows, no longer
+    assert driven[-1] == 1499 + WATCHDOG_TICKS
+    assert first > driven[-1]
+    assert capture.drive[capture.tick > 2000].any()
+
+
+def test_it_is_armed_again_when_the_news_was_lost_as_well(tmp_path: Path) -> None:
+    """The line loses what the board says as it trips; then its refusal of the next drive tells."""
+    run, host, device = paced(tmp_path, stops={1500: 300}, lost=range(1550, 1600))
+    assert (host["rearmed"], device["watchdog_trips"]) == (1, 1)
+    assert [first for first, _ in gaps(run)] == [1550]
+
+
+def test_stopped_again_and_again(tmp_path: Path) -> None:
+    run, host, device = paced(tmp_path, stops=dict.fromkeys(range(1000, 2600, 400), 200))
+    assert host["rearmed"] == device["watchdog_trips"] == 4
+    assert len(gaps(run)) == 4
+
+
+def test_a_wild_record_stops_the_run(tmp_path: Path) -> None:
+    """One axis declared with the wrong sign: closing the loop drives it apart, and soon it is opened again."""
+    declared = gyro.bench(2.0, device={"sense": {"gain_V_per_m": (885.42, -885.42)}})
+    link = waiting(gyro.scenario(tmp_path / "board.toml"))
+    _, counters = close_loop(link, declared, tmp_path / "run")
+    assert counters.residual_safe == 1
+    assert counters.samples < 2000
+
+
+def test_not_a_number_stops_the_run(tmp_path: Path) -> None:
+    def spoil(observer: Observer) -> None:
+        observer.x[:] = math.nan
+
+    link = waiting(gyro.scenario(tmp_path / "board.toml"))
+    run, counters = close_loop(link, gyro.bench(1.0), tmp_path / "run", spoil)
+    assert counters.residual_safe == 1
+    assert counters.samples < 1000
+    assert run.capture is not None
+    assert not run.capture.drive.any()
+
+
+class Mute(SmallBoard):
+    """Has nothing more to say after 50 samples."""
+
+    def exchange(self, data: bytes) -> bytes:
+        return super().exchange(data) if self.tick < 50 else b""
+
+
+class Forgetful(SmallBoard):
+    """Starts to count anew after 50 samples."""
+
+    def exchange(self, data: bytes) -> bytes:
+        self.tick = self.tick % 50
+        return super().exchange(data)
+
+
+@pytest.mark.parametrize(
+    ("board", "message"),
+    [
+        (Mute(), "inproc: the board fell silent for 0.05 s; check its supply and the cable"),
+        (Forgetful(), "inproc: the board's tick went back from 49 to 0; did it restart?"),
+    ],
+)
+def test_a_board_that_is_not_itself_ends_the_run(tmp_path: Path, board: SmallBoard, message: str) -> None:
+    declared = gyro.bench(link={"timeout_s": 0.05})
+    with pytest.raises(ProtocolError) as caught:
+        close_loop(InprocLink(board), declared, tmp_path / "run")
+    assert str(caught.value) == message
+    run = RunFolder(tmp_path / "run")
+    assert run.capture is not None
+    assert (len(run.capture), run.capture.complete) == (50, False)

@@ -1,0 +1,129 @@
+"""The recorder: the same files from the loop's process and from its own, whoever is killed."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.records.capture import board_layout, read_capture
+from hil.records.recorder import record_apart, record_here
+from hil.records.timing import read_timing, timing_layout
+
+ROOT = Path(__file__).parents[2]
+LAYOUTS = {
+    "capture": board_layout(tick_rate_Hz=1000.0, axes=2, latency_ticks=1, sense_scale_V=1e-5, drive_scale=1e-3),
+    "timing": timing_layout(tick_rate_Hz=1000.0),
+}
+
+
+def fill(recording, count):
+    for tick in range(count):
+        recording["capture"].put(tick, tick % 100, -tick % 90, 5, -5, 0)
+        if tick % 2:
+            recording["timing"].put(tick, 10**6 * tick, 10**6 * tick + 4000, 0)
+
+
+def children_of(process):
+    return [int(child) for child in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+
+
+def rings_left():
+    return {path.name for path in Path("/dev/shm").glob(f"gyrohil-{os.getpid()}-*")}
+
+
+def test_a_process_of_its_own_writes_the_same_bytes(tmp_path):
+    for folder, start in (("here", record_here), ("apart", record_apart)):
+        (tmp_path / folder).mkdir()
+        with start(tmp_path / folder, LAYOUTS) as recording:
+            fill(recording, 3000)
+        assert recording.dropped == {"capture": 0, "timing": 0}
+    for name in ("capture.arrow", "timing.arrow"):
+        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "apart" / name).read_bytes()
+    assert read_capture(tmp_path / "apart" / "capture.arrow").complete
+    assert not rings_left()
+
+
+def test_a_loop_that_may_wait_loses_nothing_in_a_small_ring(tmp_path):
+    with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=128) as recording:
+        fill(recording, 2000)
+    capture = read_capture(tmp_path / "capture.arrow")
+    np.testing.assert_array_equal(capture.tick, np.arange(2000))
+
+
+def test_a_loop_that_may_not_wait_leaves_a_flagged_gap(tmp_path):
+    with record_apart(tmp_path, {"capture": LAYOUTS["capture"]}, ring_rows=16) as recording:
+        rows = np.zeros(50, LAYOUTS["capture"].dtype)
+        rows["tick"] = np.arange(50)
+        recording["capture"].push(rows)
+        dropped = recording.dropped["capture"]
+        recording["capture"].while_full = lambda: True
+        rows["tick"] = np.arange(50, 100)
+        recording["capture"].push(rows)
+    capture = read_capture(tmp_path / "capture.arrow")
+    assert dropped == 34
+    np.testing.assert_array_equal(capture.tick, [*range(16), *range(50, 100)])
+    np.testing.assert_array_equal(np.flatnonzero(capture.flags), [16])
+
+
+@pytest.mark.parametrize("start", [record_here, record_apart])
+def test_a_body_that_raises_leaves_interrupted_files(tmp_path, start):
+    def interrupted():
+        with start(tmp_path, LAYOUTS) as recording:
+            fill(recording, 700)
+            raise RuntimeError("the plug was pulled")
+
+    with pytest.raises(RuntimeError, match="pulled"):
+        interrupted()
+    capture = read_capture(tmp_path / "capture.arrow")
+    assert (len(capture), capture.complete) == (700, False)
+
+
+LOOP = """
+import sys, time
+from pathlib import Path
+from hil.records.recorder import record_apart
+from tests.records.test_recorder import LAYOUTS, fill
+with record_apart(Path(sys.argv[1]), LAYOUTS) as recording:
+    fill(recording, 1500)
+    print("filled", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_killed_loop_keeps_everything_it_had_pushed(tmp_path):
+    loop = subprocess.Popen([sys.executable, "-c", LOOP, tmp_path], stdout=subprocess.PIPE, cwd=ROOT)
+    with loop:
+        assert loop.stdout.readline() == b"filled\n"
+        watched = [os.pidfd_open(child) for child in children_of(loop.pid)]
+        loop.send_signal(signal.SIGKILL)
+    for descriptor in watched:  # readable once the recorder has ended by itself
+        with os.fdopen(descriptor) as ended:
+            assert select.select([ended], [], [], 20)[0]
+    capture, timing = read_capture(tmp_path / "capture.arrow"), read_timing(tmp_path / "timing.arrow")
+    assert (len(capture), capture.complete) == (1500, False)
+    assert (timing.tick.size, timing.complete) == (750, False)
+
+
+def test_a_dead_recorder_is_told_of_and_holds_nobody_up(tmp_path):
+    def abandoned():
+        with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=64) as recording:
+            for child in children_of(os.getpid()):
+                if b"hil.records.recorder" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    os.kill(child, signal.SIGKILL)
+            fill(recording, 5000)
+            assert recording.dropped["capture"] > 0
+
+    with pytest.raises(OSError, match="the recorder failed"):
+        abandoned()
+    assert not rings_left()
+
+
+def test_a_folder_that_is_not_there_is_told_at_the_start(tmp_path):
+    with pytest.raises(OSError, match="the recorder did not start"):
+        record_apart(tmp_path / "gone", LAYOUTS)
+    assert not rings_left()

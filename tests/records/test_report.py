@@ -1,0 +1,286 @@
+"""The report: one file, whole, readable by people and machines, with whatever records there are."""
+
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from hil.errors import InputError
+from hil.interchange.importer import import_record
+from hil.records.estimates import read_estimates
+from hil.records.result import load_result, save_result
+from hil.report import write_report
+from hil.report.figures.spectrum import amplitude_density
+from hil.score import score
+
+EVERYTHING = [
+    "Angle",
+    "Rate",
+    "Parameters",
+    "Pattern in the plane",
+    "Signals",
+    "Innovation in time",
+    "Innovation spectrum",
+    "Turnaround",
+]
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave out the drawing, which is nearly all of the time, where only words are looked at."""
+
+    def empty(figure, key, title, alt):
+        return f'<svg role="img" aria-label="{key}"></svg>'
+
+    monkeypatch.setattr("hil.report.page.inline_svg", empty)
+
+
+def figures(page):
+    """Titles of the figures in their order, checked to be numbered from 1."""
+    found = re.findall(r"<b>Figure (\d+)\. ([^<]+)\.</b>", page)
+    assert [int(number) for number, _ in found] == list(range(1, len(found) + 1))
+    return [title for _, title in found]
+
+
+class Structure(HTMLParser):
+    """Fails on a tag that closes what was not opened; collects ids, references and outside addresses."""
+
+    VOID = ("meta", "link", "br", "img", "hr")
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.references, self.outside, self.headers, self.cells = [], [], [], [], 0, 0
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self._look(tag, dict(attrs))
+
+    def handle_startendtag(self, tag, attrs):
+        self._look(tag, dict(attrs))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def _look(self, tag, attrs):
+        self.headers += tag == "th" and "scope" in attrs
+        self.cells += tag in ("th", "td")
+        assert tag not in ("script", "iframe", "object", "img", "link", "base")
+        if "id" in attrs:
+            self.ids.append(attrs["id"])
+        for name in ("href", "xlink:href", "src"):
+            if name in attrs:
+                (self.references if attrs[name].startswith("#") else self.outside).append(attrs[name].lstrip("#"))
+        for name in ("clip-path", "fill", "style"):
+            self.references += re.findall(r"url\(#([^)]+)\)", attrs.get(name) or "")
+        self.references += (attrs.get("aria-labelledby") or "").split()
+
+
+def checked(page):
+    structure = Structure()
+    structure.feed(page)
+    assert structure.open == []
+    assert len(structure.ids) == len(set(structure.ids))
+    assert set(structure.references) <= set(structure.ids)
+    assert structure.outside == []
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+    return structure
+
+
+def written(folder, truth=None):
+    return write_report(folder, truth).read_text(encoding="utf-8")
+
+
+def test_a_scored_run_has_every_figure_and_table(make_run):
+    folder, truth = make_run(line_V=3e-5)
+    score(folder, truth)
+    page = written(folder, truth)
+    assert figures(page) == EVERYTHING
+    assert checked(page).headers > 40
+    assert "<strong>Good.</strong> <span>Angle within" in page
+    assert "minus truth" in page
+    assert "of it, control imperfection" in page
+    assert "At 3 f₀ the innovation stands above twice the noise floor" in page
+    assert "deadline" in page
+    assert "bare p99.9" in page
+    assert "memory_s = 2.0" in page
+
+
+def test_every_figure_can_be_read_aloud_and_parsed(make_run):
+    folder, truth = make_run()
+    for svg in re.findall(r"<svg.*?</svg>", written(folder, truth), flags=re.DOTALL):
+        root = ElementTree.fromstring(svg.replace("xlink:href", "href"))
+        title, description = root[0], root[1]
+        assert (title.tag, description.tag) == ("title", "desc")
+        assert root.get("role") == "img"
+        assert root.get("aria-labelledby") == f"{title.get('id')} {description.get('id')}"
+        assert len(description.text) > 40
+        assert not re.search(r"\bnan\b", description.text)
+
+
+def test_figures_take_the_colours_of_the_page(make_run):
+    folder, _ = make_run()
+    page = written(folder)
+    drawn = set(re.findall(r"#[0-9a-f]{6}", "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))))
+    assert drawn <= {"#000000", "#ffffff"}
+    used = set(re.findall(r"var\(--(\w+)\)", page))
+    for scheme in (r":root \{(.*?)\}", r"dark\) \{\s*:root \{(.*?)\}", r"print \{\s*:root \{(.*?)\}"):
+        defined = re.search(scheme, page, flags=re.DOTALL).group(1)
+        assert used - {"text", "plain", "fixed"} <= set(re.findall(r"--(\w+):", defined))
+
+
+@pytest.mark.slow
+def test_equal_records_give_equal_pages(make_run):
+    folder, truth = make_run()
+    assert written(folder, truth) == written(folder, truth)
+
+
+def test_without_truth_the_angle_stands_beside_its_rivals(undrawn, make_run):
+    folder, _ = make_run()
+    page = written(folder)
+    assert figures(page) == EVERYTHING
+    assert "difference from φ" in page
+    assert "truth" not in page.replace("truthful", "")
+    assert "declared" in page
+
+
+@pytest.mark.parametrize(
+    ("missing", "expected"),
+    [
+        (["timing"], EVERYTHING[:-1]),
+        (["innovation"], [name for name in EVERYTHING if not name.startswith("Innovation")]),
+        (["capture"], [name for name in EVERYTHING if name != "Signals"]),
+        (["estimates"], EVERYTHING[4:]),
+        (["estimates", "innovation", "timing"], ["Signals"]),
+    ],
+)
+def test_what_was_not_recorded_is_left_out(undrawn, make_run, missing, expected):
+    folder, _ = make_run()
+    for name in missing:
+        (folder / f"{name}.arrow").unlink()
+    page = written(folder)
+    checked(page)
+    assert figures(page) == expected
+
+
+def test_a_killed_run_says_so(undrawn, make_run):
+    folder, _ = make_run(interrupted=True, result=False)
+    (folder / "bench.toml").unlink()
+    page = written(folder)
+    assert 'class="verdict bad"><strong>Interrupted.</strong>' in page
+    assert "no end marker" in page
+    assert "Bench file as run" not in page
+    assert figures(page) == EVERYTHING
+
+
+def test_one_axis(make_run):
+    folder, _ = make_run(axes=1)
+    page = written(folder)
+    checked(page)
+    assert figures(page) == [name for name in EVERYTHING if name not in ("Angle", "Rate", "Pattern in the plane")]
+    assert "drive gain x" in page
+
+
+def test_a_failed_run_gives_its_reasons(undrawn, make_run):
+    folder, _ = make_run()
+    result = load_result(folder / "result.json")
+    reasons = ("innovation 3.1 × the noise floor", "5 % of answers late")
+    save_result(folder / "result.json", result.model_copy(update={"verdict": "failed", "reasons": reasons}))
+    page = written(folder)
+    assert 'class="verdict bad"><strong>Failed.</strong>' in page
+    assert "Innovation 3.1 × the noise floor; 5 % of answers late" in page
+
+
+def test_a_rate_channel_is_a_reference(undrawn, make_run, tmp_path):
+    folder, _ = make_run()
+    (folder / "capture.arrow").unlink()
+    t = np.arange(8000) / 4000
+    rate = 1.57 + 0.6 * np.sin(np.pi * t)
+    channels = np.stack([t, 0.1 * np.sin(t), 0 * t, rate], 1).tolist()
+    lines = [",".join(map(repr, row)) for row in channels]
+    (tmp_path / "ride.csv").write_text("t_s,vx_V,vy_V,rate_rad_s\n" + "\n".join(lines))
+    import_record(tmp_path / "ride.csv", folder / "capture.arrow")
+    page = written(folder)
+    assert "difference from rate reference" in page
+    error = float(re.search(r"reported angle φ ([\d.]+)\u00a0mdeg rms", page).group(1))
+    assert error == pytest.approx(np.degrees(2e-4) * 1e3, rel=0.5)
+
+
+def test_words_from_outside_cannot_become_markup(undrawn, make_run):
+    folder, _ = make_run()
+    evil = '</script><img src="http://example.org/x.png" onerror=alert(1)> & "quotes"'
+    result = load_result(folder / "result.json")
+    update = {"operator_note": evil, "verdict": "failed", "reasons": (evil,), "counters": {evil: 1}}
+    save_result(folder / "result.json", result.model_copy(update=update))
+    (folder / "bench.toml").write_text(f"# {evil}\n[loop]\nsettle_s = 0.5\n")
+    page = written(folder)
+    checked(page)
+    assert evil not in page
+    assert "&lt;/script&gt;" in page
+
+
+def test_a_run_that_diverged_still_has_a_page(make_run):
+    folder, _ = make_run(result=False)
+    estimates = read_estimates(folder / "estimates.arrow")
+    broken = {name: values.copy() for name, values in estimates.columns.items()}
+    for values in broken.values():
+        if values.dtype == float:
+            values[values.size // 3 :] = np.nan
+    from hil.records.estimates import estimates_layout
+    from hil.records.stream import BlockWriter
+
+    layout = estimates_layout(estimates.states, tick_rate_Hz=4000.0, every=10, angle=True)
+    rows = np.zeros(len(estimates), layout.dtype)
+    for name, values in broken.items():
+        rows[name] = values
+    with BlockWriter(folder / "estimates.arrow", layout) as writer:
+        writer.push(rows)
+    page = written(folder)
+    checked(page)
+    assert "Angle" in figures(page)
+
+
+def test_a_record_of_a_few_samples_still_has_a_page(make_run):
+    folder, truth = make_run(seconds=0.005, settle_s=1.0)
+    page = written(folder, truth)
+    checked(page)
+    assert "20 samples" in page
+
+
+def test_a_record_without_a_row_still_has_a_page(make_run):
+    folder, truth = make_run(seconds=0.0, result=False)
+    page = written(folder, truth)
+    checked(page)
+    assert figures(page) == []
+
+
+@pytest.mark.slow
+def test_half_a_minute_at_4_kHz_stays_under_3_MB(make_run):
+    folder, truth = make_run(seconds=30.0)
+    assert write_report(folder, truth).stat().st_size < 3e6
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no run folder"):
+        write_report(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_white_noise_has_the_density_the_floor_is_drawn_at():
+    noise = 3.0 * np.random.default_rng(5).standard_normal((200_000, 2))
+    frequency, density = amplitude_density(noise, 4000.0)
+    assert frequency[-1] == 2000.0
+    np.testing.assert_allclose(np.sqrt(np.mean(density**2, axis=0)), 3.0 * np.sqrt(2 / 4000), rtol=0.02)
+
+
+def test_importing_the_report_does_not_import_matplotlib():
+    program = (
+        "import sys, hil.report, hil.score\n"
+        "print(sorted({'matplotlib', 'scipy'} & {name.split('.')[0] for name in sys.modules}))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout == b"[]\n"

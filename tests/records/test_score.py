@@ -1,0 +1,217 @@
+"""The score against runs whose errors are known by construction."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from hil.errors import InputError
+from hil.records.estimates import read_estimates
+from hil.records.result import load_result
+from hil.records.truth import read_truth
+from hil.score import (
+    angle_error_rad,
+    estimation_error_rad,
+    pattern_angle_rad,
+    score,
+    scored_window,
+)
+from tests.records.synthetic_run import MASS_KG, TRUE, D, K
+
+
+def test_a_good_run(make_run):
+    folder, truth = make_run(virtual_rotation_rad_s=5.0)
+    result = score(folder, truth)
+    assert result == load_result(folder / "result.json")
+    assert result.angle_error_rms_rad == pytest.approx(2e-4, rel=0.5)
+    assert result.rate_error_rms_rad_s == pytest.approx(0.2 * 4e-3, rel=0.15)
+    figures = result.score
+    assert figures.window_s == pytest.approx((0.5, 1.9975))
+    assert figures.rows == 600
+    assert figures.turns == pytest.approx(
+        (1.57 * 1.4975 + 0.6 / np.pi * (np.cos(np.pi * 0.5) - np.cos(np.pi * 1.9975))) / 2 / np.pi, rel=1e-6
+    )
+    assert figures.angle_per_rotation == pytest.approx(1.0, abs=5e-5)
+    for name in ("x_m", "vx_mps", "y_m", "vy_mps", "phi_x_V", "phi_y_V", "rate_rad_s"):
+        assert figures.coverage[name] == pytest.approx(0.95, abs=0.04)
+    assert figures.coverage.keys() == {
+        *TRUE,
+        "x_m",
+        "vx_mps",
+        "y_m",
+        "vy_mps",
+        "phi_x_V",
+        "phi_y_V",
+        "rate_rad_s",
+    }
+
+
+def test_parameters_stand_beside_their_truth(make_run):
+    folder, truth = make_run()
+    parameters = score(folder, truth).parameters
+    assert list(parameters) == ["phi_x", "phi_y", "kxx", "kyy", "kxy", "dxx", "dyy", "dxy"]
+    assert parameters["kxx"].truth == pytest.approx(1.02 * K)
+    assert parameters["dxy"].truth == pytest.approx(0.02 * D)
+    assert parameters["phi_y"].truth == pytest.approx(-6e-3)
+    assert parameters["kyy"].unit == "1/s²"
+    for entry in parameters.values():
+        low, high = entry.ci95
+        assert low < entry.value < high
+
+
+def test_unnormalised_parameters_carry_the_mass(make_run):
+    folder, truth = make_run(normalised=False)
+    parameters = score(folder, truth).parameters
+    assert parameters["kxx"].truth == pytest.approx(1.02 * K * MASS_KG)
+    assert parameters["kxx"].value == pytest.approx(1.02 * K * MASS_KG, rel=1e-3)
+    assert (parameters["kxx"].unit, parameters["dxx"].unit, parameters["phi_x"].unit) == ("N/m", "N·s/m", "V")
+
+
+def test_a_pattern_that_drifts_is_control_imperfection_not_estimation_error(make_run):
+    drift = 0.02
+    folder, truth = make_run(angle_drift=drift)
+    result = score(folder, truth)
+    length = 1.5
+    expected = drift * length / np.sqrt(3)
+    assert result.angle_error_rms_rad == pytest.approx(expected, rel=0.05)
+    assert result.score.control_imperfection_rms_rad == pytest.approx(expected, rel=0.1)
+    assert result.score.angle_estimation_error_rms_rad < 0.1 * expected
+    rotation = result.score.turns * 2 * np.pi
+    assert result.score.angle_per_rotation - 1 == pytest.approx(drift * length / rotation, rel=0.2)
+
+
+def test_the_angle_error_is_zero_where_scoring_starts_and_signed(make_run):
+    folder, truth_file = make_run(angle_drift=0.05)
+    estimates, truth = read_estimates(folder / "estimates.arrow"), read_truth(truth_file)
+    window = scored_window(estimates, truth, 1.0)
+    error = angle_error_rad(estimates, truth, window)
+    assert window.t_s[0] == 1.0
+    assert error[0] == 0.0
+    assert error[-1] == pytest.approx(0.05 * (window.t_s[-1] - 1.0), abs=2e-3)
+
+
+def test_an_estimate_turned_one_way_is_an_error_of_the_other_sign_in_phi(make_run):
+    folder, truth_file = make_run()
+    estimates, truth = read_estimates(folder / "estimates.arrow"), read_truth(truth_file)
+    window = scored_window(estimates, truth, 1.0)
+    turn = 0.01
+    columns = dict(estimates.columns)
+    x, y, vx, vy = (truth[name][window.true] for name in ("x_m", "y_m", "vx_mps", "vy_mps"))
+    for names, (first, second) in ((("x_m", "y_m"), (x, y)), (("vx_mps", "vy_mps"), (vx, vy))):
+        turned = (np.cos(turn) * first - np.sin(turn) * second, np.sin(turn) * first + np.cos(turn) * second)
+        for name, values in zip(names, turned, strict=True):
+            columns[name] = columns[name].copy()
+            columns[name][window.estimated] = values
+    turned_estimates = type(estimates)(columns, estimates.header, True)
+    error = estimation_error_rad(turned_estimates, truth, window)
+    np.testing.assert_allclose(error, -turn, rtol=1e-6)
+
+
+@pytest.mark.parametrize("angle", [-1.2, -0.3, 0.0, 0.7, 1.5])
+def test_the_pattern_formula_finds_a_slender_ellipse(angle):
+    phase = np.linspace(0, 6, 50)
+    along, across = np.cos(phase), 0.1 * np.sin(phase)
+    along_dot, across_dot = -3 * np.sin(phase), 0.3 * np.cos(phase)
+    c, s = np.cos(angle), np.sin(angle)
+    state = np.stack(
+        [
+            c * along - s * across,
+            c * along_dot - s * across_dot,
+            s * along + c * across,
+            s * along_dot + c * across_dot,
+        ]
+    )
+    np.testing.assert_allclose(pattern_angle_rad(state, 9.0, np.zeros(50)), angle, atol=1e-12)
+
+
+def test_a_killed_run_is_scored_too(make_run):
+    folder, truth = make_run(interrupted=True, result=False)
+    result = score(folder, truth)
+    assert not result.complete
+    assert result.samples == 8000
+    assert result.angle_error_rms_rad == pytest.approx(2e-4, rel=0.5)
+    assert load_result(folder / "result.json") == result
+
+
+def test_figures_of_the_run_are_kept(make_run):
+    folder, truth = make_run()
+    before = load_result(folder / "result.json")
+    after = score(folder, truth)
+    changed = {"angle_error_rms_rad", "rate_error_rms_rad_s", "parameters", "score"}
+    assert after.model_dump(exclude=changed) == before.model_dump(exclude=changed)
+
+
+def test_a_single_axis_has_no_angle(make_run):
+    folder, truth = make_run(axes=1)
+    result = score(folder, truth)
+    assert result.angle_error_rms_rad is None
+    assert result.score.angle_per_rotation is None
+    assert result.parameters["kxx"].truth == pytest.approx(1.02 * K)
+    assert result.parameters["drive_gain_x"].truth is None
+
+
+def test_a_truth_of_every_tenth_sample_is_enough(make_run, tmp_path):
+    folder, truth_file = make_run()
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        table = stream.read_all()
+    sparse = tmp_path / "sparse.arrow"
+    with pa.ipc.new_stream(str(sparse), table.schema) as stream:
+        stream.write_table(table.take(list(range(0, table.num_rows, 25))))
+    assert score(folder, sparse).score.rows == 120  # every 25th and every 10th sample meet every 50
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"tick": np.arange(8000) + 10**6}, "fewer than two instants in common"),
+        ({"angle_rad": None}, "a truth file without angle_rad"),
+        ({"stiffness_per_s2": None}, "a truth file without stiffness_per_s2"),
+    ],
+)
+def test_a_truth_that_does_not_fit_is_refused_and_changes_nothing(make_run, tmp_path, change, complaint):
+    folder, truth_file = make_run()
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        table = stream.read_all()
+    about = json.loads(table.schema.metadata[b"gyrohil"])
+    columns = {name: table[name] for name in table.column_names}
+    for name, values in change.items():
+        if values is None:
+            columns.pop(name, None)
+            about.pop(name, None)
+        else:
+            columns[name] = pa.array(values)
+    changed = pa.table(columns).replace_schema_metadata({b"gyrohil": json.dumps(about)})
+    other = tmp_path / "other.arrow"
+    with pa.ipc.new_stream(str(other), changed.schema) as stream:
+        stream.write_table(changed)
+    before = (folder / "result.json").read_bytes()
+    with pytest.raises(InputError, match=complaint):
+        score(folder, other)
+    assert (folder / "result.json").read_bytes() == before
+
+
+def test_a_folder_without_records_is_refused(tmp_path, make_run):
+    _, truth = make_run()
+    with pytest.raises(InputError, match="no run folder"):
+        score(tmp_path, truth)
+
+
+def test_a_capture_is_no_truth(make_run):
+    folder, _ = make_run()
+    with pytest.raises(InputError, match="holds 'capture', not 'truth'"):
+        score(folder, folder / "capture.arrow")
+
+
+def test_rotation_back_and_forth_is_added_up(make_run, tmp_path):
+    folder, truth_file = make_run()
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        table = stream.read_all()
+    swing = 0.5 * np.cos(2 * np.pi * table["tick"].to_numpy() / 4000)
+    index = table.column_names.index("angle_rad")
+    other = tmp_path / "swing.arrow"
+    with pa.ipc.new_stream(str(other), table.schema) as stream:
+        stream.write_table(
+            table.set_column(index, "angle_rad", pa.array(swing)).replace_schema_metadata(table.schema.metadata)
+        )
+    assert score(folder, other).score.turns == pytest.approx(3 * 1.0 / (2 * np.pi), rel=1e-3)

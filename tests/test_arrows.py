@@ -1,0 +1,55 @@
+"""Who may load whom, seen in a fresh interpreter: import contracts do not see what an `__init__` drags in."""
+
+import subprocess
+import sys
+
+HEAVY = {"numpy", "numba", "scipy", "sympy", "matplotlib", "pyarrow", "filterpy", "pydantic", "can"}
+
+
+def loaded_after(statement: str) -> set[str]:
+    """Names in `sys.modules` of a new interpreter that has run `statement`."""
+    program = f"{statement}\nimport sys\nprint(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def loaded_after_all_of(package: str) -> set[str]:
+    """The same after importing a package and every module below it, but for programs (`__main__`)."""
+    return loaded_after(
+        f"import importlib, pkgutil, {package} as top\n"
+        "for found in pkgutil.walk_packages(top.__path__, top.__name__ + '.'):\n"
+        "    if not found.name.endswith('__main__'):\n"
+        "        importlib.import_module(found.name)"
+    )
+
+
+def rooms(modules: set[str]) -> set[str]:
+    """Which of the house's packages are among the modules."""
+    return {name.partition(".")[0] for name in modules} & {"hil", "estimator", "device_emulator"}
+
+
+def test_estimator_imports_neither_bench_nor_emulator() -> None:
+    assert rooms(loaded_after_all_of("estimator")) == {"estimator"}
+
+
+def test_emulator_loads_no_estimator_and_of_the_bench_the_wire_only() -> None:
+    modules = loaded_after_all_of("device_emulator")
+    assert rooms(modules) == {"device_emulator", "hil"}
+    assert {name for name in modules if name.startswith("hil.")} == {
+        name for name in modules if name == "hil.wire" or name.startswith("hil.wire.")
+    }
+
+
+def test_wire_imports_nothing_else_of_the_bench() -> None:
+    modules = loaded_after_all_of("hil.wire")
+    assert rooms(modules) == {"hil"}
+    assert not [name for name in modules if name.startswith("hil.") and not name.startswith("hil.wire")]
+
+
+def test_bench_does_not_import_the_emulator() -> None:
+    assert "device_emulator" not in rooms(loaded_after_all_of("hil"))
+
+
+def test_help_loads_nothing_heavy() -> None:
+    assert not loaded_after("import hil.cli\nassert hil.cli.execute(['--help']) == 0") & HEAVY
