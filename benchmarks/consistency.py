@@ -16,6 +16,7 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from benchmarks.lockstep import ClosedLoop, Floats, bench_of, close_loop, scenario_of
+from benchmarks.row import Row, Say
 from device_emulator.device import Device
 from device_emulator.scenario import Scenario
 from estimator.observer import Observer
@@ -190,4 +191,13 @@ def study(name: str, seeds: int, progress: Callable[[int], None]) -> dict[str, f
         ratio, low, high = bootstrap(errors, bounds)
         figures[f"{what} error / bound"] = ratio
         figures[f"{what} error / bound low"], figures[f"{what} error / bound high"] = low, high
+    return figures
+
+
+def rows(say: Say) -> list[Row]:
+    """All figures of both scenarios."""
+    figures = []
+    for name in SCENARIOS:
+        found = study(name, SEEDS, lambda n, name=name: say(f"{name}: {n} records") if n % 100 == 0 else None)
+        figures += [Row(f"{name}, {what}", value, "1") for what, value in found.items()]
     return figures

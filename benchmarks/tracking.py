@@ -5,15 +5,16 @@ The same at 60 dB, where the lag is not hidden by noise.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from benchmarks.lockstep import ClosedLoop, Floats, bench_of, close_loop, rms, scenario_of
+from benchmarks.row import Row, Say
 
 REST, STEP, SINE = 0.3, 0.3, 0.4  # s
 STEP_RATE, SINE_HZ = 5.0, 30.0
 QUIET = 1_000_000
+NOISE_60_DB = 8.8542e-5
 EVERY = 16
 
 
@@ -53,10 +54,9 @@ def lag(run: ClosedLoop, start: float, stop: float) -> tuple[float, float]:
     return abs(ratio), -math.atan2(ratio.imag, ratio.real) / angular
 
 
-def study(noise_V: float | None, quiet: int, progress: Callable[[str], None]) -> dict[str, float]:
+def study(noise_V: float | None, quiet: int) -> dict[str, float]:
     """All figures of one noise level."""
     run = tracked(noise_V, quiet)
-    progress("run")
     t = run.tick / run.sample_rate_Hz
     error = run.estimates["rate_rad_s"] - run.at("rate_rad_s")
     angle = run.estimates["angle_rad"] - run.at("angle_rad")
@@ -67,18 +67,29 @@ def study(noise_V: float | None, quiet: int, progress: Callable[[str], None]) ->
     late = t >= REST + STEP + SINE + 0.1
     deviation = run.estimates["sd_kxx_per_s2"] / run.observer.device.target
     return {
-        "step: 90 % reached after (s)": float(t[reached[0]] - REST) if reached.size else math.nan,
-        "step: mean rate error (rad/s)": float(error[step].mean()),
+        "step: 90 % reached after  / s": float(t[reached[0]] - REST) if reached.size else math.nan,
+        "step: mean rate error  / rad/s": float(error[step].mean()),
         "sine: amplitude ratio": gain,
-        "sine: delay (s)": delay,
-        "sine: rate error rms (rad/s)": rms(error[sine]),
-        "sine: angle error rms (rad)": float(np.std(angle[sine])),
-        "quiet: rate error rms (rad/s)": rms(error[late]),
-        "quiet: largest rate error (rad/s)": float(np.abs(error[late]).max()),
-        "quiet: angle drift (rad)": float(np.ptp(angle[late])),
+        "sine: delay  / s": delay,
+        "sine: rate error rms  / rad/s": rms(error[sine]),
+        "sine: angle error rms  / rad": float(np.std(angle[sine])),
+        "quiet: rate error rms  / rad/s": rms(error[late]),
+        "quiet: largest rate error  / rad/s": float(np.abs(error[late]).max()),
+        "quiet: angle drift  / rad": float(np.ptp(angle[late])),
         "quiet: energy, largest deviation": float(np.abs(run.estimates["energy_ratio"][late] - 1.0).max()),
         "quiet: largest stiffness deviation over the first": float(deviation[late].max() / deviation[late][0]),
         "quiet: innovation over its predicted deviation": rms(
             (run.innovation_V / run.innovation_sd_V)[-quiet // 2 :].ravel()
         ),
     }
+
+
+def rows(say: Say) -> list[Row]:
+    """Both noise levels."""
+    figures = []
+    for label, noise_V in (("amplitude/noise 20", None), ("amplitude/noise 1000", NOISE_60_DB)):
+        for what, value in study(noise_V, QUIET).items():
+            name, _, unit = what.partition(" / ")
+            figures.append(Row(f"{label}, {name}", value, unit or "1"))
+        say(label)
+    return figures

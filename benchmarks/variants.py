@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.lockstep import bench_of, close_loop, rms, scenario_of, slope
+from benchmarks.row import Row, Say
 
 RATE = math.pi / 2
 NO_OFFSET: dict[str, Any] = {"mismatch_m": (0.0, 0.0), "opamp_offset_V": (0.0, 0.0)}
@@ -48,3 +49,16 @@ def eleven_states(offsets: bool, seed: int) -> dict[str, float]:
         "innovation over its predicted deviation": rms((run.innovation_V / run.innovation_sd_V)[20_000:].ravel()),
         "samples": float(len(run.capture)),
     }
+
+
+def rows(say: Say) -> list[Row]:
+    """Ring-downs with each gain, closed loops without and with offsets."""
+    figures = []
+    for gain in ("stationary", "ekf", "fading"):
+        worst = max(ring_down(gain, seed) for seed in range(5))
+        figures.append(Row(f"7 states, {gain}, ring-down, largest error of ∫Ω̂ dt in 5 records", worst, "rad"))
+    say("ring-downs done")
+    for offsets in (False, True):
+        for what, value in eleven_states(offsets, 1).items():
+            figures.append(Row(f"11 states, {'offsets of 10 %' if offsets else 'no offsets'}, {what}", value, "1"))
+    return figures

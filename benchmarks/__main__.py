@@ -1,0 +1,59 @@
+"""`python -m benchmarks [NAME …]`: measure figures and keep them in runs/bench.json.
+
+Without names all of them run, about a quarter of an hour on two cores.  Each NAME replaces its own rows in the file and
+leaves the others; the rows are printed as a table.
+"""
+
+import argparse
+import importlib
+import json
+import sys
+import time
+from pathlib import Path
+
+from hil.records.atomic import write_text
+
+BENCHMARKS = {
+    "angle_slope": "angle per rotation in lockstep, latency 0, 1 and 3",
+    "consistency": "coverage, NEES and Cramér–Rao ratio over 400 seeds of S-slow and S-classic",
+    "tracking": "rate steps, a 30 Hz sine, then a million samples of nothing",
+    "variants": "the observers of 7 and 11 states",
+    "soak": "ten million samples in lockstep",
+    "force_mode": "paced force mode at 4 kHz beside a bare read and write",
+}
+TARGET = Path("runs/bench.json")
+
+
+def main() -> int:
+    """Run what was asked for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    names = "\n".join(f"{name}: {what}" for name, what in BENCHMARKS.items())
+    parser.add_argument("name", nargs="*", help=f"one of {', '.join(BENCHMARKS)}; default all. {names}")
+    parser.add_argument("--out", type=Path, default=TARGET, help=f"default {TARGET}")
+    options = parser.parse_args()
+    unknown = set(options.name) - set(BENCHMARKS)
+    if unknown:
+        parser.error(f"no benchmark {', '.join(sorted(unknown))}; known: {', '.join(BENCHMARKS)}")
+    for name in options.name or BENCHMARKS:
+        begin = time.monotonic()
+        print(f"{name}: {BENCHMARKS[name]}", file=sys.stderr, flush=True)
+        module = importlib.import_module(f"benchmarks.{name}")
+        rows = module.rows(lambda line: print(f"  {line}", file=sys.stderr, flush=True))
+        keep(options.out, name, [{**row._asdict(), "name": f"{name}: {row.name}"} for row in rows])
+        for row in rows:
+            beside = "" if row.ratio is None else f"   {row.ratio:.3g} × {row.peer}"
+            print(f"{name}: {row.name:<56} {row.value:>14.7g} {row.unit}{beside}", flush=True)
+        print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
+    return 0
+
+
+def keep(path: Path, name: str, rows: list[dict[str, object]]) -> None:
+    """Replace the rows of one benchmark in the file."""
+    old = json.loads(path.read_text()) if path.exists() else []
+    others = [row for row in old if not row["name"].startswith(f"{name}: ")]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, json.dumps(others + rows, indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
