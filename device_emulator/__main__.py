@@ -18,9 +18,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="what the board really is (TOML)")
     parser.add_argument("--link", choices=["pty"], default="pty", help="how the host reaches it")
     parser.add_argument("--truth", type=Path, metavar="FILE", help="write the true states here (Arrow)")
-    parser.add_argument(
-        "--truth-every", type=_positive, default=1, metavar="N", help="one row in N (default 1)"
-    )
+    parser.add_argument("--truth-every", type=_positive, default=1, metavar="N", help="one row in N (default 1)")
     parser.add_argument("--seed", type=_seed, metavar="N", help="instead of the scenario's")
     options = parser.parse_args(arguments)
     from device_emulator.section import ScenarioError

@@ -175,9 +175,7 @@ def _advance(
         normals = noise[row, 2 * plant.substeps :]
         wander(sense, state.sense, normals[2:], begins)
         piece = pieces[state.piece]
-        vx, vy = effects.voltage(
-            hidden, t, drive_codes[row, 0] * drive.lsb_mps2, drive_codes[row, 1] * drive.lsb_mps2
-        )
+        vx, vy = effects.voltage(hidden, t, drive_codes[row, 0] * drive.lsb_mps2, drive_codes[row, 1] * drive.lsb_mps2)
         seen = effects.displacement(hidden, motion)
         for axis in range(2):
             shown, added = (seen[0], vx) if axis == 0 else (seen[2], vy)

@@ -72,9 +72,7 @@ DECLARATIONS: dict[Kind, Declaration] = {
         "-Fx tanh(x'/v0), -Fy tanh(y'/v0)", (*_per_axis("F", "m/s^2"), Coefficient("v0", "m/s", None))
     ),
     Kind.CONSTANT_FORCE: Declaration("+gx, +gy", _per_axis("g", "m/s^2")),
-    Kind.BASE_VIBRATION: Declaration(
-        "+ax sin(2 pi f t + psi_x), +ay sin(...)", (*_per_axis("a", "m/s^2"), *_LINE)
-    ),
+    Kind.BASE_VIBRATION: Declaration("+ax sin(2 pi f t + psi_x), +ay sin(...)", (*_per_axis("a", "m/s^2"), *_LINE)),
     Kind.DRIVE_GAIN: Declaration("ux -> (1 + gx) ux, uy -> (1 + gy) uy", _per_axis("g", "1")),
     Kind.DRIVE_MISALIGNMENT: Declaration(
         "ux -> ux + exy uy, uy -> uy + eyx ux", (Coefficient("exy", "1"), Coefficient("eyx", "1"))
@@ -121,9 +119,7 @@ def parse(entry: Any) -> HiddenEffect:
     missing = [symbol for symbol, default in declared.items() if default is None and symbol not in given]
     if missing or not given:
         raise ValueError(f"{name} needs {', '.join(missing or declared)}")
-    return HiddenEffect(
-        kinds[name], {s: float(given.get(s, default or 0)) for s, default in declared.items()}
-    )
+    return HiddenEffect(kinds[name], {s: float(given.get(s, default or 0)) for s, default in declared.items()})
 
 
 def table(effects: Iterable[HiddenEffect]) -> NDArray[Any]:

@@ -45,9 +45,7 @@ class Truth(Section):
         for name in ("stiffness_N_per_m", "damping_N_s_per_m"):
             xx, yy, xy = getattr(self, name)
             if xy * xy > xx * yy:
-                raise ValueError(
-                    f"{name}: expected a matrix [xx, yy, xy] that holds energy back, xy² ≤ xx yy"
-                )
+                raise ValueError(f"{name}: expected a matrix [xx, yy, xy] that holds energy back, xy² ≤ xx yy")
         return self
 
 
@@ -159,9 +157,7 @@ def _one_line(error: ValidationError) -> str:
     if "error" in context:  # one of our own validators
         return ": ".join(filter(None, (place, str(context["error"]))))
     expected = _EXPECTED.get(kind) or mistake["msg"].removeprefix("Input should be ")
-    return f"{place}: expected {expected}" + (
-        "" if isinstance(value, dict | list | tuple) else f", got {value!r}"
-    )
+    return f"{place}: expected {expected}" + ("" if isinstance(value, dict | list | tuple) else f", got {value!r}")
 
 
 def _place(location: tuple[int | str, ...]) -> tuple[str, list[str]]:

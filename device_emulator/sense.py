@@ -108,9 +108,7 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
         c["high_pass"][axis] = _first_order(c["leak_per_s"][axis], substep_s)
         c["low_pass"][axis] = _first_order(2.0 * math.pi * s.low_pass_Hz[axis], substep_s)
     c["delay_substeps"] = np.array(effects.delay_s(scenario.effect, effects.Kind.SENSE_DELAY)) / substep_s
-    c["tracked"] = bool(
-        np.isfinite([*s.feedback_ohm, *s.low_pass_Hz]).any() or (c["delay_substeps"] > 0.0).any()
-    )
+    c["tracked"] = bool(np.isfinite([*s.feedback_ohm, *s.low_pass_Hz]).any() or (c["delay_substeps"] > 0.0).any())
     return constants
 
 

@@ -112,29 +112,29 @@ class Observer:
     def _spreads(self) -> tuple[Array, Array]:
         """Scaled initial deviations over [states, active constants], and random-walk deviations over all constants."""
         spread, noise, scaling = self.settings.spread, self.settings.process_noise, self.scaling
-        damping = sum(self.device.damping[: self.device.axes]) / self.device.axes / scaling.omega0
-        volts = abs(scaling.sense(0))
-        root = math.sqrt(scaling.omega0)  # per √s → per √(scaled time)
+        damping = sum(self.device.damping[: self.device.axes]) / self.device.axes
+        one = np.abs(self.factors[self.states :])
         constants = self._per_constant(
             {
-                Quantity.OFFSET: spread.offset / volts,
-                Quantity.RATE: spread.rate / scaling.omega0,
-                Quantity.STIFFNESS: spread.stiffness,
+                Quantity.OFFSET: spread.offset,
+                Quantity.RATE: spread.rate,
+                Quantity.STIFFNESS: spread.stiffness * scaling.omega0**2,
                 Quantity.DAMPING: spread.damping * damping,
-                Quantity.DRIVE_GAIN: spread.drive_gain,
+                Quantity.DRIVE_GAIN: spread.drive_gain * scaling.drive_gain,
             }
         )
         walk = self._per_constant(
             {
-                Quantity.OFFSET: noise.offset / volts / root,
-                Quantity.RATE: noise.rate / scaling.omega0 / root,
-                Quantity.STIFFNESS: noise.stiffness / root,
-                Quantity.DAMPING: noise.damping * damping / root,
-                Quantity.DRIVE_GAIN: noise.drive_gain / root,
+                Quantity.OFFSET: noise.offset,
+                Quantity.RATE: noise.rate,
+                Quantity.STIFFNESS: noise.stiffness * scaling.omega0**2,
+                Quantity.DAMPING: noise.damping * damping,
+                Quantity.DRIVE_GAIN: noise.drive_gain * scaling.drive_gain,
             }
         )
         states = np.tile([spread.position, spread.velocity], self.device.axes)
-        return np.concatenate([states, constants[self.active]]), walk
+        root = math.sqrt(scaling.omega0)  # per √s → per √(scaled time)
+        return np.concatenate([states, (constants / one)[self.active]]), walk / one / root
 
     def _initial(self) -> Array:
         nominal = dict(zip(("kxx", "kyy", "kxy"), self.device.stiffness, strict=False))
@@ -263,6 +263,12 @@ class Observer:
         deviation[self.estimated_index] = np.sqrt(np.diagonal(actual))
         return (self.x * self.factors).tolist(), (deviation * np.abs(self.factors)).tolist()
 
+    @staticmethod
+    def _require_rows(rows: int, **arrays: Array | None) -> None:
+        for name, array in arrays.items():
+            if array is not None and len(array) != rows:
+                raise ModelError(f"{name} has {len(array)} rows, sense has {rows}; give each sample its own")
+
     def run(
         self,
         sense: Array,
@@ -278,7 +284,10 @@ class Observer:
         drive[m] acted over the interval that ends at sample m, as a constant or as polynomial coefficients in
         normalised time (`estimator.hold`); step (n,) [s] gives each interval its own length; truth (n, states +
         constants) SI replaces the state before each step (for the Cramér–Rao recursion, `estimator.bound`).
+
+        Raises ModelError for arrays of unequal length and for an interval too long for the flow.
         """
+        self._require_rows(len(sense), drive=drive, step=step, truth=truth)
         n = len(sense)
         axes = self.device.axes
         z = np.ascontiguousarray(sense, dtype=float) / [self.scaling.sense(axis) for axis in range(axes)]

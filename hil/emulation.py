@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from hil import examples
 from hil.errors import InputError
@@ -116,15 +116,27 @@ def is_emulated(link: str) -> bool:
     return link.partition(":")[0] in ("pty", "inproc")
 
 
+class Served(NamedTuple):
+    """A link to open, and the emulated board behind it where one was started for it."""
+
+    url: str
+    board: Emulator | None = None
+
+    @property
+    def last_words(self) -> str:
+        """What the board said when it died, "" while it lives or where none was started."""
+        return self.board.last_words() if self.board is not None and self.board.failed else ""
+
+
 @contextmanager
-def served(link: str, *, truth: Path | None = None, seed: int | None = None) -> Iterator[str]:
-    """``link`` as a URL to open; behind ``pty:SCENARIO`` a board serves for the length of the block."""
+def served(link: str, *, truth: Path | None = None, seed: int | None = None) -> Iterator[Served]:
+    """``link`` as something to open; behind ``pty:SCENARIO`` a board serves for the length of the block."""
     kind, _, place = link.partition(":")
     if kind == "pty":
         with emulator(Path(place), truth=truth, seed=seed) as board:
-            yield board.url
+            yield Served(board.url, board)
     else:
-        yield link
+        yield Served(link)
 
 
 def located(link: str, *, beside: Path | None = None) -> str:

@@ -38,20 +38,19 @@ def judge(folder: RunFolder, result: Result, bench: Bench, stopped: str = "") ->
 
 
 def _pattern(folder: RunFolder, bench: Bench) -> list[str]:
-    """Energy and quadrature over the scored window."""
-    estimates = folder.estimates
+    """Share of the scored window at which energy and quadrature were outside their limits."""
+    estimates, limits = folder.estimates, bench.limits
     if estimates is None or "energy_ratio" not in estimates or not bench.controller.enabled:
         return []
     scored = estimates.t_s >= bench.loop.settle_s
     if not scored.any():
         return []
-    reasons = []
-    energy = float(np.abs(estimates["energy_ratio"][scored] - 1.0).max())
-    if not energy <= bench.limits.energy_error:  # so that NaN is not good either
-        reasons.append(f"energy off by {energy:.2%}, [limits] energy_error is {bench.limits.energy_error:.2%}")
-    quadrature = float(np.abs(estimates["quadrature_ratio"][scored]).max())
-    if not quadrature <= bench.limits.quadrature:
-        reasons.append(
-            f"quadrature {quadrature:.2%} of the energy, [limits] quadrature is {bench.limits.quadrature:.2%}"
-        )
-    return reasons
+    held = np.abs(estimates["energy_ratio"][scored] - 1.0) <= limits.energy_error  # NaN is not held either
+    slender = np.abs(estimates["quadrature_ratio"][scored]) <= limits.quadrature
+    invalid = 1.0 - float(np.mean(held & slender))
+    if invalid <= limits.invalid_fraction:
+        return []
+    return [
+        f"the angle was not valid {invalid:.2%} of the time (energy off target {1.0 - float(held.mean()):.2%}, quadrature "
+        f"too large {1.0 - float(slender.mean()):.2%}), [limits] invalid_fraction is {limits.invalid_fraction:.2%}"
+    ]

@@ -57,6 +57,7 @@ class NumpyObserver(Observer):
         truth: Array | None = None,
     ) -> Estimates:
         """As `Observer.run`."""
+        self._require_rows(len(sense), drive=drive, step=step, truth=truth)
         n, axes = len(sense), self.device.axes
         volts = np.array([self.scaling.sense(axis) for axis in range(axes)])
         z = np.asarray(sense, dtype=float) / volts
@@ -110,7 +111,7 @@ class NumpyObserver(Observer):
             self._correct(self._tabulated_gain()[:, seen], h_seen, r_seen, innovation[seen])
             return innovation, variance
         s_seen = h_seen @ self.p @ h_seen.T + r_seen
-        surprise = innovation[seen] @ np.linalg.solve(s_seen, innovation[seen]) / len(z)
+        surprise = float(innovation[seen] @ np.linalg.solve(s_seen, innovation[seen])) / len(z)
         self._surprise += ATTENTION * (surprise - self._surprise)
         self._update(z[seen], lambda x: self._measure(x)[seen], h_seen, r_seen)
         if self._fading:
@@ -136,7 +137,7 @@ class NumpyObserver(Observer):
         """Kalman update of x and P, and of C by the same gain, with a measurement z = measure(x) + noise of
         covariance r.
         """
-        gain = np.linalg.solve(h @ self.p @ h.T + r, h @ self.p).T
+        gain = np.asarray(np.linalg.solve(h @ self.p @ h.T + r, h @ self.p).T, dtype=float)
         self.p[:] = _joseph(self.p, gain, h, r)
         self._correct(gain, h, r, z - measure(self.x))
 

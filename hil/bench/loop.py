@@ -74,9 +74,11 @@ class Limits(Section):
     innovation_ratio: Positive = 1.5
     """largest rms innovation, in units of the noise floor"""
     energy_error: Positive = 0.05
-    """largest deviation of the energy from its target, as a fraction"""
+    """deviation of the energy from its target, as a fraction, up to which the angle counts as valid"""
     quadrature: Fraction = 0.05
-    """largest quadrature, as a fraction of the energy"""
+    """quadrature, as a fraction of the energy, up to which the angle counts as valid"""
+    invalid_fraction: Annotated[float, Field(ge=0, le=1)] = 0.05
+    """largest share of the scored window at which the angle is not valid"""
     late_fraction: Annotated[float, Field(ge=0, le=1)] = 0.02
     """largest share of late answers"""
     residual_safe: Positive = 100.0

@@ -9,8 +9,9 @@ import sys
 from types import FrameType
 from typing import Any
 
+from hil.errors import told_to_user
+
 INTERRUPTED = 130
-_PACKAGES = ("hil", "estimator", "device_emulator")
 
 
 def main() -> None:
@@ -46,11 +47,7 @@ def _sentence(error: Exception) -> str | None:
     usage: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
     if isinstance(error, usage):
         return f"{error.format_message()} (see hil --help)"
-    if type(error).__module__.partition(".")[0] in _PACKAGES:  # an emulator's too, which nothing here imports
-        return str(error)
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
-    return None
+    return told_to_user(error)
 
 
 def _say(sentence: str) -> None:

@@ -66,6 +66,8 @@ def _print_tables(result: "Result", report: Path) -> None:
         console.print(f"verdict  [{style}]{result.verdict}[/{style}]")
         for reason in result.reasons:
             console.print(f"         {reason}", markup=False)
+    for remark in result.remarks:
+        console.print(f"remark   {remark}", markup=False)
     if report.exists():
         console.print(f"report   {report}", markup=False)
 

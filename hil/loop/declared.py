@@ -104,8 +104,8 @@ def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]]]:
     """Ask the board at `link` who it is: (a heading for a bench file, the values it declares by section)."""
     from hil.emulation import served
 
-    with served(link) as url:
-        endpoint = Endpoint(open_link(url))
+    with served(link) as board:
+        endpoint = Endpoint(open_link(board.url))
         try:
             identity = client.connect(endpoint)
         finally:

@@ -69,9 +69,8 @@ class ForceLoop:
         self._patient = bench.loop.clock == "lockstep" and endpoint.link.fileno() is not None
         self._quadrature_limit = bench.limits.quadrature
         self._energy_limit = bench.limits.energy_error
-        volts = [abs(observer.scaling.sense(axis)) for axis in range(2)]
-        self._volts = volts
-        self._noise = [bench.device.sense.noise_V / volt for volt in volts]
+        self._volts = [observer.scaling.sense(axis) for axis in range(2)]
+        self._noise = [bench.device.sense.noise_V / abs(volts) for volts in self._volts]
         # Views of the row that every tick fills: picking a field out of a record costs a microsecond.
         self._row = observer.rows[0]
         self._nu, self._s = self._row["nu"], self._row["s"]
@@ -138,7 +137,9 @@ class ForceLoop:
         nu_x, nu_y = self._nu.tolist()
         s_x, s_y = self._s.tolist()
         x_volts, y_volts = self._volts
-        self._innovation.put(tick, nu_x * x_volts, nu_y * y_volts, math.sqrt(s_x) * x_volts, math.sqrt(s_y) * y_volts)
+        self._innovation.put(
+            tick, nu_x * x_volts, nu_y * y_volts, math.sqrt(s_x) * abs(x_volts), math.sqrt(s_y) * abs(y_volts)
+        )
         since = tick - first
         if since % self._every == self._every - 1:
             state, deviation = self._observer.reading()

@@ -54,11 +54,11 @@ def run(
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})
-    with served(link, truth=truth, seed=bench.loop.seed) as url:
+    with served(link, truth=truth, seed=bench.loop.seed) as board:
         folder = out if dry_run else new_folder(out, bench)
         order = Order(
             bench.model_dump_json(),
-            url,
+            board.url,
             str(folder),
             dry_run,
             None if truth is None else str(truth),
@@ -66,6 +66,8 @@ def run(
         interrupted = False
         try:
             outcome, interrupted = _work(order, progress)
+            if outcome.get("stopped") and (words := board.last_words):
+                outcome["stopped"] = f"the emulated board died: {words}"
         finally:
             recorded = not dry_run and _keep_if_recorded(folder)
     if recorded:
@@ -125,6 +127,7 @@ def conclude(
             "versions": {name: version(name) for name in _VERSIONS},
             "serial_number": f"{identity['unique_id']:016x}" if identity else None,
             "operator_note": note,
+            "remarks": tuple(outcome.get("refused", ())),
         }
     )
     save_result(run_folder.result_path, result)

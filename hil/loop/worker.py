@@ -19,7 +19,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from hil.bench import Bench
-from hil.errors import InputError
+from hil.errors import InputError, told_to_user
 from hil.loop import realtime
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -185,8 +185,10 @@ def main() -> int:
     order = Order.read()
     try:
         outcome = work(order)
-    except (WireError, ValueError, OSError) as error:
-        tell(error=type(error).__name__, message=str(error))
+    except Exception as error:
+        if (message := told_to_user(error)) is None:
+            raise
+        tell(error=type(error).__name__, message=message)
         return 2
     tell(outcome=outcome)
     return 0

@@ -120,8 +120,15 @@ def record_apart(
 def _start_child(folder: Path, layouts: Mapping[str, Layout], names: Mapping[str, str]) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "hil.records.recorder"]
     pipe = subprocess.PIPE
-    # a session of its own: Ctrl-C at the terminal is for the loop, which then closes the record properly
-    child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True)
+    # Who reads our standard output up to its end, after we were killed, has thereby waited for the files as well.
+    output = os.dup(1)
+    try:
+        # a session of its own: Ctrl-C at the terminal is for the loop, which then closes the record properly
+        child = subprocess.Popen(
+            command, stdin=pipe, stdout=pipe, stderr=pipe, pass_fds=(output,), start_new_session=True
+        )
+    finally:
+        os.close(output)
     assert child.stdin is not None
     assert child.stdout is not None
     order = {stem: [names[stem], str(folder / f"{stem}.arrow"), layouts[stem].to_json()] for stem in layouts}

@@ -130,9 +130,9 @@ def close_loop(
 ) -> Record:
     """Run observer and plant against each other in lockstep.
 
-    Control comes on after `acquire` samples; rate [rad/s] constant or (samples + 1,), linear between samples; shares `lost`
-    of the samples do not arrive, `late` of the commands come late (the board holds the last); in the samples `safe` the
-    board applies no force.
+    Control comes on after `acquire` samples; rate [rad/s] constant or (samples + 1,), linear between samples; shares
+    `lost` of the samples do not arrive, `late` of the commands come late (the board holds the last); in the samples
+    `safe` the board applies no force.
     """
     rng = np.random.default_rng(seed)
     n, h, p = samples, 1.0 / truth.sample_rate, truth.parameters

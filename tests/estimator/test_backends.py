@@ -75,6 +75,21 @@ def test_equal_on_one_axis(record: Record, backend: Backend, gain: Gain, hold: H
     assert apart < EQUAL, where
 
 
+@pytest.mark.parametrize("backend", ORACLES)
+def test_equal_while_the_memory_shortens_and_the_prior_is_recalled(backend: Backend) -> None:
+    """A jump of the rate, a stiffness further off than its spread: forgetting in haste, up to the initial spread."""
+    jump = np.where(np.arange(601) < 300, 1.5, 31.5)
+    made = close_loop(observer_of(TRUTH, ObserverSettings(memory=1.0)), TRUTH, 600, jump, acquire=200)
+    settings = ObserverSettings(memory=1.0, spread=Spread(stiffness=0.01))
+    device = TRUTH.device(stiffness=1.03)
+    one, other = (make_observer(name, device, settings, TRUTH.controller()) for name in ("numba", backend))
+    found = one.run(made.sense, made.drive)
+    agreement = disagreement(found, other.run(made.sense, made.drive))
+    assert max(agreement.values()) < EQUAL, agreement
+    hurried = found.deviation[:, found.names.index("rate")]
+    assert np.max(hurried[300:400]) > 1.5 * hurried[299]
+
+
 @pytest.mark.parametrize("variant", list(Variant))
 def test_a_stationary_gain_is_looked_up_alike(record: Record, variant: Variant) -> None:
     settings = ObserverSettings(variant=variant, gain=Gain.STATIONARY, memory=0.1, process_noise=NOISE)
@@ -195,7 +210,9 @@ def test_agreement_sees_a_difference_in_every_quantity() -> None:
 @pytest.mark.parametrize("backend", ORACLES)
 def test_oracles_only_replay(backend: Backend) -> None:
     observer = make_observer(backend, TRUTH.device(), ObserverSettings(), TRUTH.controller())
-    with pytest.raises(ModelError, match=f"backend '{backend}' only replays records; close the loop with backend 'numba'"):
+    with pytest.raises(
+        ModelError, match=f"backend '{backend}' only replays records; close the loop with backend 'numba'"
+    ):
         observer.tick(0.0, 0.0, 0.0, 0.0)
 
 

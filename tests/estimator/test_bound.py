@@ -142,7 +142,8 @@ def test_the_gain_asked_for_changes_no_bound() -> None:
     device, settings, truth = two_axes(1.0, Spread(rate=1.0))
     drive = np.zeros((SAMPLES, 2))
     fading, ekf = (
-        posterior_bound(device, replace(settings, gain=gain), truth, drive, every=500) for gain in (Gain.FADING, Gain.EKF)
+        posterior_bound(device, replace(settings, gain=gain), truth, drive, every=500)
+        for gain in (Gain.FADING, Gain.EKF)
     )
     np.testing.assert_array_equal(fading.deviation, ekf.deviation)
 

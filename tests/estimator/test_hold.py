@@ -1,5 +1,7 @@
 """What the drive did between its samples, against an integrator that is given the continuous drive."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -43,7 +45,7 @@ def test_bandlimited_pieces_follow_the_signal_between_its_samples(band: float, i
 def test_pieces_join_without_a_step_in_value_and_three_derivatives() -> None:
     u = bandlimited_noise(0.8, 200, seed=2)[::OVERSAMPLED, None]
     pieces = [np.polynomial.Polynomial(c) for c in drive_polynomials(u, "bandlimited")[:, 0]]
-    for left, right in zip(pieces[:-1], pieces[1:], strict=True):
+    for left, right in itertools.pairwise(pieces):
         for order in range(4):
             a, b = (p.deriv(order) if order else p for p in (left, right))
             assert a(1.0) == pytest.approx(b(0.0), abs=1e-9)

@@ -1,8 +1,8 @@
 """The closed loop and its traps (PHYSICS.md §3): each cure works, and without it the trap is there.
 
-Scaled numbers throughout: ±2 % stiffness mismatch, Q ≈ 1000, 20 samples a cycle, noise 1e-3 of the amplitude, Ω = 1e-3 ω0.
-`angle_pattern` takes only the virtual rotation off the pattern's angle and so shows how well the control is done; `angle`
-takes every known force off and so shows how well the observer does even when the control does not.
+Throughout: ±2 % stiffness mismatch, Q ≈ 1000, 20 samples a cycle, noise 1e-3 of the amplitude, Ω = 1e-3 ω0.
+`angle_pattern` takes only the virtual rotation off the pattern's angle and so shows how well the control is done;
+`angle` takes off every known force and so shows how well the observer does even when the control does not.
 """
 
 from dataclasses import replace
@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.kernel.controller import control_law
+from estimator.kernel.pattern import pattern
 from estimator.settings import Gain, ObserverSettings, Spread
 from tests.estimator.gyro_loop import Array, Record, Truth, close_loop, observer_of, slope, true_angle
 
@@ -23,6 +25,29 @@ SETTLED = 6000
 def apart(angle: Array, record: Record, begin: int = SETTLED) -> float:
     """Peak to peak of angle − ∫Ω dt after it has settled [rad]."""
     return float(np.ptp((angle - record.turned)[begin:]))
+
+
+def test_control_law_is_formula_9_with_velocities_and_the_additions_around_it() -> None:
+    """Scaled; (9) prints positions where its damping terms need velocities."""
+    s = np.array([0.6, -0.3, 0.5, 0.2])
+    phi, rate, k, d = [0.0, 0.0], 1e-3, (1.1, 0.9, 0.05), (2e-3, 3e-3, 5e-4)
+    c, out = np.array([*phi, rate, *k, *d]), np.zeros(2)
+    observer = observer_of(TRUTH, SETTINGS, energy_gain=0.0, quadrature_gain=0.0, virtual_rotation=0.0)
+    stiffness = np.array([[k[0], k[2]], [k[2], k[1]]]) - np.eye(2)
+    damping = np.array([[d[0], d[2]], [d[2], d[1]]])
+    position, velocity = s[[0, 2]], s[[1, 3]]
+    formula = damping @ velocity + stiffness @ position
+    control_law(observer.record[0], observer.memory[0], s, c, out)
+    np.testing.assert_allclose(out, formula, rtol=1e-14)
+    virtual = 5e-3
+    observer.record["virtual_rate"] = virtual
+    control_law(observer.record[0], observer.memory[0], s, c, out)
+    np.testing.assert_allclose(out - formula, 2.0 * virtual * np.array([velocity[1], -velocity[0]]), rtol=1e-12)
+    observer.record["virtual_rate"], observer.record["energy_gain"] = 0.0, 0.01
+    control_law(observer.record[0], observer.memory[0], s, c, out)
+    _, energy, _ = pattern(s, 1.0, rate, rate)
+    seen = velocity + rate * np.array([-position[1], position[0]])
+    np.testing.assert_allclose(out - formula, 0.01 * (0.5 - energy) / 0.5 * seen, rtol=1e-12)
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
@@ -94,7 +119,10 @@ def test_virtual_rotation_excites_what_a_tuned_device_at_rest_hides() -> None:
 
 def test_parameters_are_right_on_more_than_one_excitation() -> None:
     """A white innovation and a right angle do not prove the parameters unbiased: they are held against the truth."""
-    for excitation in ({"virtual_rotation": 5e-3 * TRUTH.omega0}, {"virtual_rotation": -2e-3 * TRUTH.omega0, "dither": 0.3}):
+    for excitation in (
+        {"virtual_rotation": 5e-3 * TRUTH.omega0},
+        {"virtual_rotation": -2e-3 * TRUTH.omega0, "dither": 0.3},
+    ):
         observer = observer_of(TRUTH, replace(SETTINGS, gain=Gain.EKF), **excitation)
         record = close_loop(observer, TRUTH, 25_000, RATE)
         truth = np.concatenate([TRUTH.offset, [RATE], TRUTH.parameters])
@@ -116,6 +144,22 @@ def test_a_board_in_safe_is_known_to_apply_no_rotation() -> None:
     assert np.min(record.energy) < 0.5
     assert apart(record.angle, record) < 0.02
     assert apart(record.angle_pattern, record) > 0.5
+
+
+def test_the_echo_tells_which_virtual_rotation_was_applied() -> None:
+    """The commanded drive: its own; zero: none, a board in SAFE; any other: the one before, held over a late answer."""
+    observer = observer_of(TRUTH, SETTINGS)
+    close_loop(observer, TRUTH, 600, RATE)
+    virtual = float(observer.record["virtual_rate"][0])
+    for echo, expected in (
+        (observer.expected_drive(), virtual),
+        ((0.0, 0.0), 0.0),
+        ((7.0, -9.0), 0.0),
+        (None, virtual),
+        ((7.0, -9.0), virtual),
+    ):
+        observer.tick(np.nan, np.nan, *(observer.expected_drive() if echo is None else echo))
+        assert observer.memory["virtual_applied"][0] == expected
 
 
 def test_commands_stay_within_the_limit_and_a_lost_state_commands_nothing() -> None:

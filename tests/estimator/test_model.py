@@ -172,7 +172,12 @@ def test_no_model_for_three_axes() -> None:
 
 def test_too_few_samples_a_cycle_are_refused_with_the_rate_that_would_do() -> None:
     device = Device(
-        sample_rate=700.0, stiffness=((2 * np.pi * 200) ** 2,), damping=(1.0,), amplitude=1e-4, sense_gain=(1.0,), noise=(1e-3,)
-    )  # fmt: skip
+        sample_rate=700.0,
+        stiffness=((2 * np.pi * 200) ** 2,),
+        damping=(1.0,),
+        amplitude=1e-4,
+        sense_gain=(1.0,),
+        noise=(1e-3,),
+    )
     with pytest.raises(ModelError, match=r"3.5 samples a cycle are too few; sample at 800 Hz or faster"):
         Observer(device, ObserverSettings())

@@ -76,7 +76,8 @@ def test_the_complex_form_says_the_same(s: list[float], w: float, rate: float) -
     double, energy, momentum = pattern(np.array(s), 1.0, w, rate)
     other, other_energy, other_momentum = (x[0] for x in complex_pattern(np.array([s]), 1.0, w, rate))
     turning = complex(s[1], s[3]) + 1j * w * complex(s[0], s[2])
-    slender = abs((1.0 + w * w - rate * rate) * complex(s[0], s[2]) ** 2 + turning**2)  # 0 for a circle, which has no angle
+    stiffness = 1.0 + w * w - rate * rate
+    slender = abs(stiffness * complex(s[0], s[2]) ** 2 + turning**2)  # 0 for a circle, which has no angle
     assert abs(np.exp(1j * double) - np.exp(1j * other)) * slender < 1e-12
     assert energy == pytest.approx(other_energy, abs=1e-12)
     assert momentum == pytest.approx(other_momentum, abs=1e-12)

@@ -6,9 +6,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from hil.bench import Bench
 from hil.records.capture import Capture, read_capture
@@ -19,7 +20,10 @@ PATIENCE_S = 120.0
 
 
 class Host:
-    """One `hil run` in a session, and so a process group, of its own; its record goes below `place`."""
+    """One `hil run` in a session, and so a process group, of its own; its record goes below `place`.
+
+    As a context manager it leaves no process behind, whatever was done to it.
+    """
 
     def __init__(self, place: Path, declared: Bench, link: str) -> None:
         place.mkdir(exist_ok=True)
@@ -35,6 +39,17 @@ class Host:
             start_new_session=True,
         )
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        family = [self.process.pid] if alive(self.process.pid) else []
+        for member in family:  # which grows as it is walked
+            family += children(member)
+        for member in family:
+            os.kill(member, signal.SIGKILL)
+        self.process.communicate()
+
     def await_stage(self, stage: str) -> None:
         """Wait until standard error names a stage; `run` comes with the first samples."""
         assert self.process.stderr is not None
@@ -43,10 +58,10 @@ class Host:
             assert line, f"ended before {stage!r}: {''.join(heard)}"
             heard.append(line)
 
-    def await_record(self) -> None:
-        """Wait until a block of samples is on disk."""
+    def await_record(self, samples: int = 1) -> None:
+        """Wait until so many samples are on disk, a block at a time."""
         self.await_stage("run")
-        until(lambda: len(self.capture) > 0)
+        until(lambda: len(self.capture) >= samples)
 
     def child(self, module: str) -> int:
         """Process number of the child that runs a module."""
@@ -114,8 +129,12 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def stop_for(process: int, seconds: float) -> None:
-    """Stop a process as a debugger does, and let it go on."""
+@contextmanager
+def stopped(process: int, seconds: float) -> Iterator[None]:
+    """Stop a process for a while, as a debugger does; the block runs while it stands still."""
     os.kill(process, signal.SIGSTOP)
-    time.sleep(seconds)
-    os.kill(process, signal.SIGCONT)
+    try:
+        yield
+        time.sleep(seconds)
+    finally:
+        os.kill(process, signal.SIGCONT)

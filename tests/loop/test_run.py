@@ -18,9 +18,9 @@ from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError
 from hil.wire.links import open_link
-from hil.wire.messages import ClockMode, SafeReason
+from hil.wire.messages import SafeReason
 from hil.wire.pty_link import open_pty
-from hil.wire.spec import SPEC, FieldEntry
+from hil.wire.spec import SPEC
 from tests.loop import gyro
 from tests.wire.board import SmallBoard
 
@@ -31,8 +31,8 @@ def quietly(_: Progress) -> None:
     """Watch nothing."""
 
 
-def go(declared: Bench, link: str, out: Path, **options: bool) -> RunResult:
-    return run(declared, link, out, progress=quietly, **options)  # type: ignore[arg-type]
+def go(declared: Bench, link: str, out: Path, *, open_loop: bool = False, dry_run: bool = False) -> RunResult:
+    return run(declared, link, out, open_loop=open_loop, dry_run=dry_run, progress=quietly)
 
 
 @contextmanager
@@ -166,7 +166,9 @@ def test_no_board_behind_the_port(tmp_path: Path) -> None:
 
 def test_a_wild_record_brings_the_board_to_safe(tmp_path: Path) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
-    declared = gyro.unhurried_bench(10.0, device={"sense": {"gain_V_per_m": (885.42, -885.42)}})
+    declared = gyro.unhurried_bench(
+        10.0, device={"sense": {"gain_V_per_m": (885.42, -885.42)}}, limits={"residual_safe": 100.0}
+    )
     with emulator(scenario) as board:
         done = go(declared, board.url, tmp_path / "runs")
         endpoint = Endpoint(open_link(board.url))

@@ -1,0 +1,65 @@
+"""Lockstep: a run is what its seed makes it, however it reached the board and whatever stood still meanwhile."""
+
+from pathlib import Path
+
+import pytest
+
+from hil.bench import Bench, override
+from hil.loop.run import run
+from hil.records.runfolder import RunFolder
+from tests.loop import gyro
+from tests.loop.processes import Host, alive, children, stopped, until
+
+pytestmark = pytest.mark.usefixtures("no_report")
+
+# Patience of the host with a board, far below the time for which one is stopped here.
+PATIENCE = {"timeout_s": 0.5}
+STOP_S = 1.5
+
+
+def captured(declared: Bench, link: str, out: Path) -> bytes:
+    """The record of a run, byte by byte."""
+    folder = run(declared, link, out, progress=lambda _: None).folder
+    assert folder is not None
+    return RunFolder(folder).capture_path.read_bytes()
+
+
+def test_one_seed_is_one_record_on_any_link(tmp_path: Path) -> None:
+    scenario = gyro.scenario(tmp_path / "board.toml")
+    declared = gyro.bench(1.0)
+    first, again, far = (
+        captured(declared, f"{kind}:{scenario}", tmp_path / "runs") for kind in ("inproc", "inproc", "pty")
+    )
+    assert again == first
+    assert far == first
+    other = override(declared, {"loop": {"seed": 8}}, "test")
+    assert captured(other, f"inproc:{scenario}", tmp_path / "runs") != first
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("standing", ["device_emulator", "hil.loop.worker", "hil"])
+def test_stopping_a_process_changes_nothing(tmp_path: Path, standing: str) -> None:
+    """The board, the loop, or the command itself, stopped for longer than a host is patient in real time."""
+    scenario = gyro.scenario(tmp_path / "board.toml")
+    declared = gyro.bench(4.0, link=PATIENCE)
+    with Host(tmp_path / "host", declared, f"pty:{scenario}") as host:
+        host.await_stage("run")
+        with stopped(host.process.pid if standing == "hil" else host.child(standing), STOP_S):
+            assert not host.capture.complete
+        code, said = host.ends()
+        assert code in (0, 1), said
+        undisturbed = captured(declared, f"inproc:{scenario}", tmp_path / "runs")
+        assert host.folder.capture_path.read_bytes() == undisturbed
+
+
+@pytest.mark.slow
+def test_all_ends_when_the_host_is_killed(tmp_path: Path) -> None:
+    scenario = gyro.scenario(tmp_path / "board.toml")
+    with Host(tmp_path / "host", gyro.bench(60.0), f"pty:{scenario}") as host:
+        host.await_record()
+        others = children(host.process.pid)
+        assert len(others) == 2  # the loop and the board
+        host.process.kill()
+        until(lambda: not any(map(alive, others)))
+        assert len(host.capture) > 0
+        assert not host.capture.complete
