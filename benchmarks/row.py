@@ -7,7 +7,7 @@ Say = Callable[[str], None]
 
 
 class Row(NamedTuple):
-    """`value` in `unit`; where something else was measured in the same run, `peer` names it, `ratio` is value over it."""
+    """`value` in `unit`; where another was measured in the same run, `peer` names it and `ratio` is value over it."""
 
     name: str
     value: float

@@ -207,7 +207,7 @@ class ForceLoop:
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters."""
         try:
-            status = client.make_safe(self._endpoint, reason)
+            status = client.make_safe(self._endpoint, reason, self._silence_s)
         except WireError:  # a board that no longer answers goes SAFE by its own watchdog
             return
         names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips")

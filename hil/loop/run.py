@@ -1,7 +1,6 @@
 """A run as a whole: the board served, the worker started and watched, figures and report written."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -148,24 +147,26 @@ def _work(order: Order, progress: Watcher) -> tuple[dict[str, Any], bool]:
     interrupted = False
     outcome: dict[str, Any] | None = None
     error: tuple[str, str] | None = None
-    while True:
-        try:
-            line = worker.stdout.readline()
-            if not line:
-                break
-            said = json.loads(line)
-            if "outcome" in said:
-                outcome = said["outcome"]
-            elif "error" in said:
-                error = said["error"], said["message"]
-            else:
-                progress(Progress(**said))
-        except KeyboardInterrupt:
-            interrupted = True
-            os.kill(worker.pid, signal.SIGTERM)
-    worker.stdin.close()
-    worker.stdout.close()
-    code = worker.wait()
+    with worker:
+        while True:
+            try:
+                line = worker.stdout.readline()
+                if not line:
+                    break
+                said = json.loads(line)
+                if "outcome" in said:
+                    outcome = said["outcome"]
+                elif "error" in said:
+                    error = said["error"], said["message"]
+                else:
+                    progress(Progress(**said))
+            except KeyboardInterrupt:
+                interrupted = True
+                worker.terminate()
+            except BaseException:  # of whoever watches: the board must not stay driven for that
+                worker.terminate()
+                raise
+    code = worker.returncode
     if error is not None:
         kind, message = error
         raise _ERRORS.get(kind, InputError)(message)

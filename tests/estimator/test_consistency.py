@@ -14,7 +14,7 @@ from tests.estimator.gyro_loop import Array, Record, Truth, close_loop, observer
 
 TRUTH = Truth()
 RATE = 1.5
-SEEDS = 300
+SEEDS = 200
 SPREAD = Spread(offset=0.01, rate=2.0, stiffness=0.02, damping=0.5)
 CONSTANTS = np.concatenate([TRUTH.offset, [RATE], TRUTH.parameters])
 SCALE = TRUTH.amplitude * np.array([1.0, TRUTH.omega0, 1.0, TRUTH.omega0])

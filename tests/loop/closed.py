@@ -127,4 +127,4 @@ def angle_errors(run: RunFolder, truth: Path, from_s: float) -> NDArray[np.float
     ours, theirs = true.at(estimates.tick)
     scored = estimates.t_s[ours] >= from_s
     error = (estimates["angle_rad"][ours] - true["angle_rad"][theirs])[scored]
-    return error - error[0]
+    return np.asarray(error - error[0])

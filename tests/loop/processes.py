@@ -14,6 +14,10 @@ from typing import Any, Self
 from hil.bench import Bench
 from hil.records.capture import Capture, read_capture
 from hil.records.runfolder import RunFolder
+from hil.wire import client
+from hil.wire.endpoint import Endpoint
+from hil.wire.links import open_link
+from hil.wire.messages import SafeReason, State
 from tests.loop.gyro import bench_file
 
 PATIENCE_S = 120.0
@@ -53,7 +57,7 @@ class Host:
     def await_stage(self, stage: str) -> None:
         """Wait until standard error names a stage; `run` comes with the first samples."""
         assert self.process.stderr is not None
-        heard = []
+        heard: list[str] = []
         while (line := self.process.stderr.readline()) != f"{stage}\n":
             assert line, f"ended before {stage!r}: {''.join(heard)}"
             heard.append(line)
@@ -138,3 +142,13 @@ def stopped(process: int, seconds: float) -> Iterator[None]:
         time.sleep(seconds)
     finally:
         os.kill(process, signal.SIGCONT)
+
+
+def safe_reason(url: str) -> SafeReason:
+    """What a fresh host hears of why the board is in SAFE."""
+    endpoint = Endpoint(open_link(url))
+    client.connect(endpoint, 10.0)
+    status = client.make_safe(endpoint, SafeReason.HOST_REQUEST)
+    endpoint.close()
+    assert status.state == State.SAFE
+    return SafeReason(status.reason)

@@ -10,21 +10,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from hil.emulation import emulator
 from hil.records.capture import RowFlag
 from hil.records.truth import Truth, read_truth
-from hil.wire import client
-from hil.wire.endpoint import Endpoint
-from hil.wire.links import open_link
-from hil.wire.messages import SafeReason, State
+from hil.wire.messages import SafeReason
 from tests.loop import gyro
 from tests.loop.closed import angle_errors
 from tests.loop.gyro import WATCHDOG_TICKS
-from tests.loop.processes import Host, alive, children, stopped, until
+from tests.loop.processes import Host, alive, children, safe_reason, stopped, until
 
 pytestmark = pytest.mark.slow
+
+Ticks = NDArray[np.int64]
 
 LATENCY = 1
 DRIVEN = 640  # samples after which the loop has been closed for a while
@@ -32,7 +32,7 @@ FORCE_MPS2 = 1e-5  # what the truth shows of force where there is none: errors o
 ANGLE_RAD = 0.02  # of error after everything that is done to the loop here; a tick of error is 0.3 rad
 
 
-def driven(truth: Truth, rate_rad_s: float = 0.1) -> np.ndarray:
+def driven(truth: Truth, rate_rad_s: float = 0.1) -> Ticks:
     """Ticks at which an interval begins over which a force acted."""
     kxx, kyy, kxy = truth.header["stiffness_per_s2"]
     dxx, dyy, dxy = truth.header["damping_per_s"]
@@ -46,17 +46,7 @@ def driven(truth: Truth, rate_rad_s: float = 0.1) -> np.ndarray:
     step_s = 1.0 / truth.header["sample_rate_Hz"]
     state = np.column_stack([truth[name] for name in ("x_m", "vx_mps", "y_m", "vy_mps")])
     kick = state[1:] - state[:-1] @ expm(np.array(free) * step_s).T
-    return truth.tick[:-1][(np.abs(kick[:, [1, 3]]) > FORCE_MPS2 * step_s).any(axis=1)]
-
-
-def safe_reason(url: str) -> SafeReason:
-    """What a fresh host hears of why the board is in SAFE."""
-    endpoint = Endpoint(open_link(url))
-    client.connect(endpoint, 10.0)
-    status = client.make_safe(endpoint, SafeReason.HOST_REQUEST)
-    endpoint.close()
-    assert status.state == State.SAFE
-    return SafeReason(status.reason)
+    return np.asarray(truth.tick[:-1][(np.abs(kick[:, [1, 3]]) > FORCE_MPS2 * step_s).any(axis=1)])
 
 
 @pytest.mark.parametrize("victim", ["loop", "host"])
@@ -141,7 +131,7 @@ def test_stopped_for_longer_than_the_watchdog(tmp_path: Path) -> None:
     assert np.abs(angle_errors(folder, truth, 6.0)).max() < ANGLE_RAD
 
 
-def host_lost(tick: np.ndarray) -> int:
+def host_lost(tick: Ticks) -> int:
     """Ticks missing from a record."""
     return int(tick[-1] - tick[0]) + 1 - len(tick)
 

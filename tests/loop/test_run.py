@@ -12,16 +12,15 @@ from hil.emulation import emulator
 from hil.errors import InputError
 from hil.loop.run import RunResult, run
 from hil.progress import Progress
+from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
-from hil.wire import client
-from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError
-from hil.wire.links import open_link
 from hil.wire.messages import SafeReason
 from hil.wire.pty_link import open_pty
 from hil.wire.spec import SPEC
 from tests.loop import gyro
+from tests.loop.processes import safe_reason
 from tests.wire.board import SmallBoard
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -65,7 +64,7 @@ def refused(kind: type[Exception], declared: Bench, link: str, out: Path) -> str
 
 
 def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
-    stages = []
+    stages: list[Progress] = []
     scenario = gyro.scenario(tmp_path / "board.toml")
     declared = gyro.bench(3.0, loop={"name": "first"})
     done = run(declared, f"inproc:{scenario}", tmp_path / "runs", note="by hand", progress=stages.append)
@@ -107,6 +106,19 @@ def test_a_dry_run_does_not_arm(tmp_path: Path) -> None:
     assert done.identity["tick_rate_Hz"] == gyro.RATE_HZ
     assert not (tmp_path / "runs").exists()
     assert read_truth(truth).tick.size == 0  # not one tick has passed on the board
+
+
+def test_a_watcher_that_fails_leaves_no_board_driven(tmp_path: Path) -> None:
+    def fail(progress: Progress) -> None:
+        if progress.done > 600:
+            raise ZeroDivisionError
+
+    with emulator(gyro.unhurried_scenario(tmp_path / "board.toml")) as board:
+        with pytest.raises(ZeroDivisionError):
+            run(gyro.unhurried_bench(60.0), board.url, tmp_path / "runs", progress=fail)
+        assert safe_reason(board.url) == SafeReason.INTERRUPTED
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert read_capture(folder / "capture.arrow").complete
 
 
 def test_another_protocol_is_refused(tmp_path: Path) -> None:
@@ -171,10 +183,7 @@ def test_a_wild_record_brings_the_board_to_safe(tmp_path: Path) -> None:
     )
     with emulator(scenario) as board:
         done = go(declared, board.url, tmp_path / "runs")
-        endpoint = Endpoint(open_link(board.url))
-        client.connect(endpoint)
-        assert client.make_safe(endpoint, SafeReason.HOST_REQUEST).reason == SafeReason.RESIDUAL
-        endpoint.close()
+        assert safe_reason(board.url) == SafeReason.RESIDUAL
     assert done.folder is not None
     result = RunFolder(done.folder).result
     assert result is not None
