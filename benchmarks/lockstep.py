@@ -21,7 +21,7 @@ from hil.bench import Bench, load_bench, override
 from hil.examples import find
 from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.force import Counters, ForceLoop
-from hil.loop.tracks import COLUMNS
+from hil.loop.tracks import column_of
 from hil.loop.worker import configure
 from hil.records.estimates import ANGLE_COLUMNS
 from hil.wire import client
@@ -110,7 +110,7 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
     endpoint = Endpoint(InprocLink(board))
     identity = client.connect(endpoint)
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
-    states = len(observer.model.names)
+    states = len(observer.names)
     tracks = {
         "capture": Rows(6),
         "innovation": Rows(5),
@@ -124,7 +124,7 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
     loop.finish(SafeReason.HOST_REQUEST)
     endpoint.close()
     truth = np.concatenate(pages)
-    names = [COLUMNS[name] for name in observer.model.names]
+    names = [column_of(name) for name in observer.names]
     columns = ["tick", *names, *(f"sd_{name}" for name in names), *ANGLE_COLUMNS, "valid"]
     estimates = tracks["estimates"].array
     innovation = tracks["innovation"].array

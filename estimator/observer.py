@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.kernel import block
 from estimator.kernel.flow import taylor_order
-from estimator.kernel.layout import MAX_LATENCY, MEMORY, OUTPUT, SETTINGS
+from estimator.kernel.layout import MAX_EFFECTS, MAX_LATENCY, MEMORY, OUTPUT, SETTINGS
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
@@ -70,7 +71,12 @@ class Observer:
         self.settings = settings
         self.number, self.model = model_for(device.axes)
         self.scaling = Scaling(math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain)
-        self.factors = self.scaling.state(self.model)
+        self.effects = tuple(effect_for(name, device.axes) for name in settings.effects)
+        coefficients = [coefficient for _, effect in self.effects for coefficient in effect.coefficients]
+        self.names = (*self.model.names, *(coefficient.name for coefficient in coefficients))
+        self.factors = np.concatenate(
+            [self.scaling.state(self.model), [self.scaling.coefficient(c) for c in coefficients]]
+        )
         self.h = self.scaling.omega0 / device.sample_rate
         if self.h > 0.5 * math.pi:
             raise ModelError(
@@ -78,7 +84,10 @@ class Observer:
                 f"sample at {2 / math.pi * self.scaling.omega0:.3g} Hz or faster"
             )
         self.states = len(self.model.states)
-        self.active = active_constants(self.model, settings.variant)
+        base = len(self.model.constants)
+        self.active = np.concatenate(
+            [active_constants(self.model, settings.variant), np.arange(base, base + len(coefficients))]
+        )
         self.estimated_index = np.concatenate([np.arange(self.states), self.states + self.active])
         spread, walk = self._spreads()
         self.x = self._initial()
@@ -113,7 +122,7 @@ class Observer:
         """Scaled initial deviations over [states, active constants], and random-walk deviations over all constants."""
         spread, noise, scaling = self.settings.spread, self.settings.process_noise, self.scaling
         damping = sum(self.device.damping[: self.device.axes]) / self.device.axes
-        one = np.abs(self.factors[self.states :])
+        one = np.abs(self.factors[self.states : len(self.model.names)])
         constants = self._per_constant(
             {
                 Quantity.OFFSET: spread.offset,
@@ -134,7 +143,11 @@ class Observer:
         )
         states = np.tile([spread.position, spread.velocity], self.device.axes)
         root = math.sqrt(scaling.omega0)  # per √s → per √(scaled time)
-        return np.concatenate([states, (constants / one)[self.active]]), walk / one / root
+        plausible = [coefficient.plausible for _, effect in self.effects for coefficient in effect.coefficients]
+        constants = np.concatenate([constants / one, plausible])
+        return np.concatenate([states, constants[self.active]]), np.concatenate(
+            [walk / one / root, np.zeros(len(plausible))]
+        )
 
     def _initial(self) -> Array:
         nominal = dict(zip(("kxx", "kyy", "kxy"), self.device.stiffness, strict=False))
@@ -146,7 +159,15 @@ class Observer:
             raise ModelError(
                 f"no state or constant named {', '.join(sorted(unknown))}; known: {', '.join(self.model.names)}"
             )
-        return np.array([nominal.get(name, 0.0) for name in self.model.names]) / self.factors
+        for _, effect in self.effects:
+            given = self.settings.effects[effect.name]
+            known = [coefficient.name for coefficient in effect.coefficients]
+            if strange := set(given) - set(known):
+                raise ModelError(
+                    f"effect {effect.name}: no coefficient {', '.join(sorted(strange))}; known: {', '.join(known)}"
+                )
+            nominal |= given
+        return np.asarray([nominal.get(name, 0.0) for name in self.names] / self.factors)
 
     def _record(self, controller: ControllerSettings | None) -> NDArray[np.void]:
         scaling, device, settings = self.scaling, self.device, self.settings
@@ -154,7 +175,14 @@ class Observer:
         record["model"] = self.number
         record["states"] = self.states
         record["sense_constants"] = len(self.model.sense_constants)
-        record["flow_constants"] = len(self.model.flow_constants)
+        record["flow_constants"] = len(self.names) - self.states - len(self.model.sense_constants)
+        if len(self.effects) > MAX_EFFECTS:
+            raise ModelError(f"{len(self.effects)} effects at once; {MAX_EFFECTS} are supported")
+        first = len(self.model.constants)
+        for index, (number, effect) in enumerate(self.effects):
+            record["effects"][0, index] = number, first
+            first += len(effect.coefficients)
+        record["effect_count"] = len(self.effects)
         record["axes"] = device.axes
         record["h"] = self.h
         record["order"] = taylor_order(self.h)
@@ -209,9 +237,14 @@ class Observer:
         return np.asarray(actual * np.outer(scale, scale))
 
     @property
+    def coefficient_units(self) -> dict[str, str]:
+        """SI unit of each effect's coefficient, by name."""
+        return {c.name: c.unit for _, effect in self.effects for c in effect.coefficients}
+
+    @property
     def estimated(self) -> tuple[str, ...]:
         """Names behind the rows of `covariance`."""
-        return tuple(self.model.names[i] for i in self.estimated_index)
+        return tuple(self.names[i] for i in self.estimated_index)
 
     # -- advancing ---------------------------------------------------------------------------------------------------
 
@@ -308,7 +341,7 @@ class Observer:
         volts = np.array([abs(self.scaling.sense(axis)) for axis in range(axes)])
         sign = np.sign([self.scaling.sense(axis) for axis in range(axes)])
         return Estimates(
-            names=self.model.names,
+            names=self.names,
             index=np.arange(every - 1, n, every),
             state=states * self.factors,
             deviation=deviations * np.abs(self.factors),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.effects.declaration import Coefficient
 from estimator.model.declaration import Model, Quantity
 
 Array = NDArray[np.float64]
@@ -34,6 +35,10 @@ class Scaling:
     def sense(self, axis: int) -> float:
         """Volts per scaled unit of position."""
         return self.sense_gain[axis] * self.length
+
+    def coefficient(self, coefficient: Coefficient) -> float:
+        """SI value of one scaled unit of an effect's coefficient."""
+        return self.length**coefficient.length * self.omega0**-coefficient.time
 
     def state(self, model: Model) -> Array:
         """SI value of one scaled unit of each entry of the state vector, (states + constants,)."""

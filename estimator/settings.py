@@ -2,6 +2,7 @@
 holds.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -90,6 +91,9 @@ class ProcessNoise:
 class ObserverSettings:
     """Variant, gain, memory [s] of the fading, initial guesses by name in SI (the rest from the device), spread, noise.
 
+    effects: what the base model lacks and this observer carries, by name (`estimator.effects`), each with first
+    guesses of its coefficients in SI (0 where not given); they are estimated with the rest.
+
     A stationary gain takes over after `acquisition` seconds of EKF with fading memory; until then it could not catch
     on.
     """
@@ -101,6 +105,7 @@ class ObserverSettings:
     initial: dict[str, float] = field(default_factory=dict)
     spread: Spread = field(default_factory=Spread)
     process_noise: ProcessNoise = field(default_factory=ProcessNoise)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.memory <= 0.0:

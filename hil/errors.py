@@ -19,7 +19,8 @@ _PACKAGES = ("hil", "estimator", "device_emulator")
 def told_to_user(error: BaseException) -> str | None:
     """What a user has to know about ``error``, or None when the fault is ours and the traceback is due.
 
-    Known by the package of its class: an emulator's errors come through an entry point, and nothing here may import them.
+    Known by the package of its class: an emulator's errors come through an entry point, and nothing here may import
+    them.
     """
     if type(error).__module__.partition(".")[0] in _PACKAGES:
         return str(error)

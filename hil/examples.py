@@ -39,6 +39,4 @@ def find(kind: str, name: str, *, beside: Path | None = None) -> Path:
         if place.is_file():
             return place
     bare = Path(name).name.removesuffix(f".{kind}.toml")
-    raise InputError(
-        f"{name}: no such {kind} file, and no example of that name; {suggestion(bare, names(kind))}"
-    )
+    raise InputError(f"{name}: no such {kind} file, and no example of that name; {suggestion(bare, names(kind))}")

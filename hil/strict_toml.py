@@ -74,9 +74,7 @@ def _sentence(mistake: Any, model: type[BaseModel]) -> str:
     kind, value, context = mistake["type"], mistake["input"], mistake.get("ctx", {})
     table = _model_at(model, parents)
     place = _place(model, mistake["loc"])
-    if (
-        kind == "value_error"
-    ):  # a validator of ours: its message already begins with the key, or with [section] key
+    if kind == "value_error":  # a validator of ours: its message already begins with the key, or with [section] key
         message = str(context["error"])
         return message if message.startswith("[") else place + message
     if kind == "extra_forbidden":
@@ -129,9 +127,7 @@ def _model_at(model: type[BaseModel], loc: Sequence[str | int]) -> type[BaseMode
     """The nested model class that a location leads to, or None where it leaves the models."""
     for part in loc:
         field = model.model_fields.get(str(part))
-        if field is None or not (
-            isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
-        ):
+        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
             return None
         model = field.annotation
     return model

@@ -50,7 +50,8 @@ def _pattern(folder: RunFolder, bench: Bench) -> list[str]:
     invalid = 1.0 - float(np.mean(held & slender))
     if invalid <= limits.invalid_fraction:
         return []
+    off, oval = 1.0 - float(held.mean()), 1.0 - float(slender.mean())
     return [
-        f"the angle was not valid {invalid:.2%} of the time (energy off target {1.0 - float(held.mean()):.2%}, quadrature "
-        f"too large {1.0 - float(slender.mean()):.2%}), [limits] invalid_fraction is {limits.invalid_fraction:.2%}"
+        f"the angle was not valid {invalid:.2%} of the time (energy off target {off:.2%}, quadrature too large "
+        f"{oval:.2%}), [limits] invalid_fraction is {limits.invalid_fraction:.2%}"
     ]

@@ -38,7 +38,7 @@ def advance(
     predict(settings, active, walk, x, p, c, memory, u, h, work)
     if settings.axes == 2:
         note_forced_rotation(settings, memory, x, h)
-    correct(settings, active, prior, spread, guess, table, x, p, c, memory, z, work, nu, variance)
+    correct(settings, active, prior, spread, guess, table, x, p, c, memory, z, u, work, nu, variance)
     memory.time += h
     for axis in range(settings.axes):
         row.nu[axis] = nu[axis]
@@ -226,4 +226,4 @@ def tick(
         variance,
         rows[0],
     )
-    command(settings, memory, x, work[:3], codes)
+    command(settings, memory, x, work, codes)

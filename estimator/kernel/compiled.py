@@ -35,7 +35,8 @@ def _cache_root() -> Path:
 def kernel_cache() -> Path:
     """Folder of this very version of the kernels; made if absent."""
     digest = hashlib.sha256(f"{sys.version} {numba.__version__} {version('sympy')}".encode())
-    for source in sorted([*(_ESTIMATOR / "model").glob("*.py"), *(_ESTIMATOR / "kernel").glob("*.py")]):
+    rooms = ("model", "effects", "kernel")
+    for source in sorted(path for room in rooms for path in (_ESTIMATOR / room).glob("*.py")):
         digest.update(source.name.encode() + b"\0" + source.read_bytes())
     folder = _cache_root() / digest.hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
@@ -69,11 +70,12 @@ def generated() -> ModuleType:
     """The module generated from the declarations, written on the first use of this version and loaded ever after."""
     path = kernel_cache() / f"{_GENERATED}.py"
     if not path.exists():
+        from estimator.effects.catalogue import EFFECTS
         from estimator.model.catalogue import MODELS
         from estimator.model.codegen import generate
 
         scratch = path.with_suffix(f".{os.getpid()}.tmp")
-        scratch.write_text(generate(MODELS))
+        scratch.write_text(generate(MODELS, EFFECTS))
         scratch.replace(path)
     spec = importlib.util.spec_from_file_location(_GENERATED, path)
     if spec is None or spec.loader is None:

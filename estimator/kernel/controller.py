@@ -9,9 +9,11 @@ a sinusoid.
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.flow import flow
+from estimator.kernel.flow import effect_forces, flow, taylor
 from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, RATE, Floats, Record
 from estimator.kernel.pattern import pattern
+
+_INVERSIONS = 5
 
 
 @compiled
@@ -56,13 +58,28 @@ def control_law(settings: Record, memory: Record, s: Floats, c: Floats, out: Flo
 
 
 @compiled
-def command(settings: Record, memory: Record, x: Floats, scratch: Floats, out: Floats) -> None:
+def undo_effects(settings: Record, c: Floats, s: Floats, push: tuple[Floats, ...], force: Floats) -> None:
+    """Change the force so that with the effects' own it is what it was: what depends on the state is cancelled, what
+    depends on the drive (its gain, its misalignment) inverted by iteration, which converges as the gain error's powers.
+    """
+    extra, by_states, by_constants, drive = push
+    wanted = force.copy()
+    for _ in range(_INVERSIONS):
+        drive[:] = force
+        effect_forces(settings, c, s, drive, extra, by_states, by_constants)
+        for axis in range(2):
+            force[axis] = wanted[axis] - extra[axis]
+
+
+@compiled
+def command(settings: Record, memory: Record, x: Floats, work: tuple[Floats, ...], out: Floats) -> None:
     """Drive codes (out, 2) for the interval `latency` samples ahead, and their place in the queue.
 
     x is the state vector after the update with the newest sample.  The queue holds what was commanded for the intervals
     that begin at this sample and later.
     """
-    a, b, ahead = scratch
+    a, b, ahead = work[:3]
+    push = work[12:16]
     states = settings.states
     latency = settings.latency
     s = x[:states].copy()
@@ -74,7 +91,7 @@ def command(settings: Record, memory: Record, x: Floats, scratch: Floats, out: F
         for j in range(latency):
             u[0, 0] = memory.queue[j, 0]
             u[1, 0] = memory.queue[j, 1]
-            flow(settings.model, c, s, u, settings.h, settings.order, 1, a, b, ahead)
+            flow(settings, c, s, u, settings.h, 1, a, b, ahead, push)
             for i in range(states):
                 s[i] = ahead[i, 0]
         target = c.copy()
@@ -87,10 +104,14 @@ def command(settings: Record, memory: Record, x: Floats, scratch: Floats, out: F
         target[DXY] = 0.0
         u[0, 0] = 0.0
         u[1, 0] = 0.0
-        flow(settings.model, target, s, u, 0.5 * settings.h, settings.order, 1, a, b, ahead)
+        for i in range(states):
+            ahead[i, 0] = s[i]
+        taylor(settings.model, target, u, 0.5 * settings.h, settings.order, 1, a, b, ahead)
         for i in range(states):
             s[i] = ahead[i, 0]
         control_law(settings, memory, s, c, force)
+        if settings.effect_count > 0:
+            undo_effects(settings, c, s, push, force)
         virtual = settings.virtual_rate
     for axis in range(2):
         value = force[axis] / settings.hold

@@ -15,6 +15,7 @@ Record = Any  # one row of a dtype below, as Numba sees it: fields are attribute
 
 MAX_LATENCY = 15
 MAX_AXES = 2
+MAX_EFFECTS = 16
 
 # Order of the constants in the gyro's state vector; tests hold it equal to the declaration.
 PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
@@ -26,6 +27,12 @@ SETTINGS = np.dtype(
         ("sense_constants", "i8"),
         ("flow_constants", "i8"),
         ("axes", "i8"),
+        ("effect_count", "i8"),
+        (
+            "effects",
+            "i8",
+            (MAX_EFFECTS, 2),
+        ),  # number of each, and the index of its first coefficient among the constants
         ("h", "f8"),  # sample interval
         ("order", "i8"),  # of the Taylor flow
         ("fade", "f8"),  # factor on the predicted covariance, 1 without fading

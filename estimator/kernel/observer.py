@@ -16,6 +16,7 @@ from estimator.kernel.pattern import phase_and_angle
 
 _sense = generated().sense
 _jump = generated().jump
+_effect_sense = generated().effect_sense
 
 # The smoothed normalised innovation is 1 ± 0.16 when the covariance is right: 3 is never reached by chance.
 _SURPRISED = 3.0
@@ -252,7 +253,7 @@ def runs_riccati(settings: Record, memory: Record) -> bool:
 @compiled
 def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
     """Scratch of one observer, made once per block: flow a, b, out; g, scratch; jacobian, full; gain, ph; kick,
-    predicted, noise.
+    predicted, noise; the effects' force, its derivatives by states and constants, drive.
 
     n counts states and active constants, total states and all constants.
     """
@@ -271,6 +272,10 @@ def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
         np.zeros(states),
         np.zeros(2),
         np.zeros(2),
+        np.zeros(2),
+        np.zeros((2, states)),
+        np.zeros((2, total - states)),
+        np.zeros(2),
     )
 
 
@@ -279,7 +284,7 @@ def predict_state(settings: Record, active: Ints, x: Floats, u: Floats, h: float
     """Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]."""
     states = settings.states
     a, b, out, g = work[:4]
-    flow(settings.model, x[states:], x[:states], u, h, settings.order, out.shape[1], a, b, out)
+    flow(settings, x[states:], x[:states], u, h, out.shape[1], a, b, out, work[12:16])
     for i in range(states):
         x[i] = out[i, 0]
         for j in range(states):
@@ -291,7 +296,14 @@ def predict_state(settings: Record, active: Ints, x: Floats, u: Floats, h: float
 
 @compiled
 def predict_measurement(
-    settings: Record, active: Ints, x: Floats, z: Floats, work: tuple[Floats, ...], nu: Floats, variance: Floats
+    settings: Record,
+    active: Ints,
+    x: Floats,
+    z: Floats,
+    u: Floats,
+    work: tuple[Floats, ...],
+    nu: Floats,
+    variance: Floats,
 ) -> bool:
     """Innovation nu (0 where z is NaN), measurement Jacobian over [states, active constants] in work, noise in
     variance; False if z is all NaN.
@@ -300,7 +312,23 @@ def predict_measurement(
     jacobian = work[5]
     full = work[6]
     predicted = work[10]
+    drive = work[15]
+    full[:] = 0.0
     _sense(settings.model, x[states:], x[:states], predicted, full)
+    for axis in range(settings.axes):
+        drive[axis] = u[axis].sum()  # at the end of the interval
+    for e in range(settings.effect_count):
+        _effect_sense(
+            settings.effects[e, 0],
+            settings.model,
+            x[states:],
+            x[:states],
+            drive,
+            settings.effects[e, 1],
+            predicted,
+            full[:, :states],
+            full[:, states:],
+        )
     measured = False
     for channel in range(settings.axes):
         usable = np.isfinite(z[channel])
@@ -328,7 +356,7 @@ def predict(
     work: tuple[Floats, ...],
 ) -> None:
     """Advance state and covariances over h with the drive u (axes, degree + 1) that acted."""
-    _, _, _, g, scratch, _, _, _, _, kick, _, _ = work
+    g, scratch, kick = work[3], work[4], work[9]
     s = x[: settings.states]
     predict_state(settings, active, x, u, h, work)
     if settings.twin == 1:
@@ -352,6 +380,7 @@ def correct(
     c: Floats,
     memory: Record,
     z: Floats,
+    u: Floats,
     work: tuple[Floats, ...],
     nu: Floats,
     variance: Floats,
@@ -362,8 +391,8 @@ def correct(
     states = settings.states
     channels = settings.axes
     n = p.shape[0]
-    _, _, _, _, _, jacobian, _, gain, ph, _, _, noise = work
-    measured = predict_measurement(settings, active, x, z, work, nu, noise)
+    jacobian, gain, ph, noise = work[5], work[7], work[8], work[11]
+    measured = predict_measurement(settings, active, x, z, u, work, nu, noise)
     actual = c if settings.twin == 1 else p
     for channel in range(channels):
         variance[channel] = noise[channel]

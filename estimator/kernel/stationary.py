@@ -43,7 +43,7 @@ def gather_gains(
     n = p.shape[0]
     x = np.zeros(states + settings.sense_constants + settings.flow_constants)
     work = workspace(settings, n, x.shape[0])
-    _, _, _, g, scratch, jacobian, _, gain, ph, kick, _, noise = work
+    g, scratch, jacobian, gain, ph, kick, noise = work[3], work[4], work[5], work[7], work[8], work[9], work[11]
     nu = np.zeros(2)
     z = np.zeros(2)
     u = np.zeros((2, 1))
@@ -58,7 +58,7 @@ def gather_gains(
         s = x[:states]
         propagate(p, g, scratch, settings.fade)
         add_process_noise(p, settings, h, s, active, walk, kick)
-        predict_measurement(settings, active, x, z, work, nu, noise)
+        predict_measurement(settings, active, x, z, u, work, nu, noise)
         kalman_gain(p, jacobian, noise, settings.axes, nu, gain)
         if m >= settle:
             theta, phase = phase_and_angle(s, 1.0)

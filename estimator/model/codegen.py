@@ -11,11 +11,14 @@ from collections.abc import Iterable, Sequence
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
+from estimator.effects.declaration import Effect
 from estimator.model.declaration import Model
 
-_PRINTER = PythonCodePrinter({"fully_qualified_modules": False})
+_PRINTER = PythonCodePrinter({"fully_qualified_modules": True})
 
 _HEADER = '''"""Generated from the model declarations; not to be edited."""
+
+import math
 
 from estimator.kernel.compiled import compiled
 
@@ -107,6 +110,50 @@ def _jumps(model: Model) -> str:
     return "\n".join(lines)
 
 
+def _effect(model: Model, effect: Effect) -> str:
+    """`<model>_<effect>_force` and `_sense`: add force or sensed displacement and its derivatives to what is there.
+
+    Arguments: constants c, states s, drive u, index of the first coefficient among the constants, then what to add to:
+    values (axes,), derivatives by states (axes, states) and by constants (axes, constants).
+    """
+    states = [state.symbol for state in model.states]
+    coefficients = [coefficient.symbol for coefficient in effect.coefficients]
+    parts = []
+    for what, expressions in (("force", effect.force), ("sense", effect.sense)):
+        pairs: list[tuple[str, sp.Expr]] = []
+        for axis, expression in enumerate(expressions[: model.axes]):
+            pairs.append((f"value[{axis}]", expression))
+            pairs += [(f"by_states[{axis}, {j}]", sp.diff(expression, s)) for j, s in enumerate(states)]
+            pairs += [
+                (f"by_constants[{axis}, first + {j}]", sp.diff(expression, c)) for j, c in enumerate(coefficients)
+            ]
+        pairs = [(name, sp.sympify(e)) for name, e in pairs if e != 0]
+        used = _free(e for _, e in pairs)
+        lines = ["@compiled", f"def {model.name}_{effect.name}_{what}(c, s, u, first, value, by_states, by_constants):"]
+        lines += _unpack(coefficients, "c[first + {i}]", used) + _unpack(states, "s[{i}]", used)
+        lines += _unpack(model.inputs, "u[{i}]", used)
+        lines += [line.replace("] = ", "] += ", 1) for line in _assignments(pairs, "w", "    ")]
+        if not pairs:
+            lines.append("    return")
+        parts.append("\n".join(lines))
+    return "\n\n\n".join(parts)
+
+
+def _dispatch_effects(models: Sequence[Model], effects: Sequence[Effect], what: str) -> str:
+    arguments = "c, s, u, first, value, by_states, by_constants"
+    lines = ["@compiled", f"def effect_{what}(effect, model, {arguments}):"]
+    branch = "if"
+    for number, effect in enumerate(effects):
+        for index, model in enumerate(models):
+            if effect.on(model.axes) is not None:
+                lines += [
+                    f"    {branch} effect == {number} and model == {index}:",
+                    f"        {model.name}_{effect.name}_{what}({arguments})",
+                ]
+                branch = "elif"
+    return "\n".join(lines)
+
+
 def _dispatch(models: Sequence[Model], stem: str, arguments: str) -> str:
     lines = ["@compiled", f"def {stem}(model, {arguments}):"]
     for number, model in enumerate(models):
@@ -117,9 +164,16 @@ def _dispatch(models: Sequence[Model], stem: str, arguments: str) -> str:
     return "\n".join(lines)
 
 
-def generate(models: Sequence[Model]) -> str:
-    """Source of the module that holds every model's functions and the dispatchers over them."""
+def generate(models: Sequence[Model], effects: Sequence[Effect]) -> str:
+    """Source of the module that holds every model's and effect's functions and the dispatchers over them."""
     parts = [build(model) for model in models for build in (_field_columns, _sense, _jumps)]
+    parts += [
+        _effect(model, present)
+        for effect in effects
+        for model in models
+        if (present := effect.on(model.axes)) is not None
+    ]
+    parts += [_dispatch_effects(models, effects, what) for what in ("force", "sense")]
     parts += [
         _dispatch(models, "field_columns", "c, a, u, out, columns"),
         _dispatch(models, "sense", "c, s, z, jacobian"),

@@ -28,6 +28,8 @@ class NumpyObserver(Observer):
         self, device: Device, settings: ObserverSettings, controller: ControllerSettings | None = None
     ) -> None:
         super().__init__(device, settings, controller)
+        if self.effects:
+            raise ModelError(f"backend '{self.backend}' runs the base model; take [effects] out or use backend 'numba'")
         self._model = evaluated(self.number)
         self._fading = settings.gain is not Gain.EKF
         self._fade = math.exp(1.0 / (settings.memory * device.sample_rate)) if self._fading else 1.0

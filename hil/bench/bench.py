@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from hil.bench.device import Device
 from hil.bench.loop import Controller, Limits, Link, Loop
@@ -28,32 +28,25 @@ class Bench(Section):
     """table [controller]"""
     limits: Limits = Limits()
     """table [limits]"""
+    effects: dict[str, dict[str, float]] = Field(default_factory=dict)
+    """What the base model lacks and the observer is to carry: one table per effect with first guesses of its
+    coefficients, in SI per unit mass (0 where not given). The effects and their coefficients stand in effects.md."""
 
     @model_validator(mode="after")
     def _sections_agree(self) -> Self:
         axes, initial = self.device.axes, self.observer.initial
         if axes == 1 and self.controller.enabled:
-            raise ValueError(
-                "[controller] enabled: a single axis has no pattern to control; set enabled = false"
-            )
+            raise ValueError("[controller] enabled: a single axis has no pattern to control; set enabled = false")
         if axes == 1 and self.observer.variant == "gyro":
-            raise ValueError(
-                '[observer] variant: "gyro" needs axes = 2; a single axis runs "full" or "sense"'
-            )
+            raise ValueError('[observer] variant: "gyro" needs axes = 2; a single axis runs "full" or "sense"')
         for key in ("stiffness_N_per_m", "damping_N_s_per_m"):
             if (given := getattr(initial, key)) is not None:
-                check_matrix(
-                    f"[observer.initial] {key}", "k" if key.startswith("stiffness") else "d", given, axes
-                )
+                check_matrix(f"[observer.initial] {key}", "k" if key.startswith("stiffness") else "d", given, axes)
         for key in ("position_m", "velocity_mps", "offset_V"):
             if (given := getattr(initial, key)) is not None and len(given) != axes:
-                raise ValueError(
-                    f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}"
-                )
+                raise ValueError(f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}")
         if self.link.watchdog_s * self.device.sample_rate_Hz < 2:
-            raise ValueError(
-                f"[link] watchdog_s: shorter than two samples ({2 / self.device.sample_rate_Hz:g} s)"
-            )
+            raise ValueError(f"[link] watchdog_s: shorter than two samples ({2 / self.device.sample_rate_Hz:g} s)")
         if self.controller.modulation_Hz > self.device.resonance_Hz / 10:
             raise ValueError(
                 f"[controller] modulation_Hz: must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"

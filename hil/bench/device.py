@@ -74,15 +74,11 @@ class Device(Section):
         check_matrix("stiffness_N_per_m", "k", self.stiffness_N_per_m, self.axes)
         check_matrix("damping_N_s_per_m", "d", self.damping_N_s_per_m, self.axes)
         if len(self.sense.gain_V_per_m) not in (1, self.axes) or 0 in self.sense.gain_V_per_m:
-            raise ValueError(
-                f"[device.sense] gain_V_per_m: expected one number or {self.axes}, none of them 0"
-            )
+            raise ValueError(f"[device.sense] gain_V_per_m: expected one number or {self.axes}, none of them 0")
         if min(self.stiffness_N_per_m[: self.axes]) <= 0:
             raise ValueError("stiffness_N_per_m: the diagonal must be positive, or nothing oscillates")
         if not self.drive.gain_known and self.axes != 1:
-            raise ValueError(
-                "[device.drive] gain_known: a drive gain is estimated for axes = 1 only; set it to true"
-            )
+            raise ValueError("[device.drive] gain_known: a drive gain is estimated for axes = 1 only; set it to true")
         if self.sample_rate_Hz < 4 * self.resonance_Hz:
             raise ValueError(
                 f"sample_rate_Hz: {self.sample_rate_Hz:g} gives fewer than 4 samples per cycle "

@@ -8,6 +8,7 @@ from hil.bench.text import keys, meaning, sections, toml_value
 
 Values = Mapping[str, Mapping[str, Any]]
 
+EFFECTS = "effects"
 _COLUMN = 44  # where the remarks begin
 
 
@@ -28,6 +29,9 @@ def template(known: Values, heading: str) -> str:
             else:
                 default = "" if field.default is None else f" {toml_value(field.default)}"
                 lines.append(_remarked(f"# {key} ={default}", meaning(field)))
+    for name, coefficients in known.get(EFFECTS, {}).items():
+        lines += ["", f"[{EFFECTS}.{name}]"]
+        lines += [f"{key} = {toml_value(value)}" for key, value in coefficients.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -53,6 +57,7 @@ def values_of(bench: Bench) -> dict[str, dict[str, Any]]:
             table = getattr(table, part)
         given = {key: getattr(table, key) for key, _ in keys(model)}
         said[path] = {key: value for key, value in given.items() if value is not None}
+    said[EFFECTS] = dict(bench.effects)
     return said
 
 

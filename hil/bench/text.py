@@ -50,6 +50,8 @@ def reference() -> str:
         schema = definitions[model.__name__]["properties"]
         for key, field in keys(model):
             parts.append(f"| `{key}` | {_kind(schema[key])} | {_default(field)} | {meaning(field)} |\n")
+    effects = " ".join((Bench.model_fields["effects"].description or "").split())
+    parts.append(f"\n## [effects.NAME]\n\n{effects}\n")
     return "".join(parts)
 
 

@@ -3,9 +3,7 @@
 from hil.cli.options import RUNS, Duration, Json, Name, Out, Seed
 
 
-def demo(
-    out: Out = RUNS, name: Name = None, duration: Duration = None, seed: Seed = None, json: Json = False
-) -> None:
+def demo(out: Out = RUNS, name: Name = None, duration: Duration = None, seed: Seed = None, json: Json = False) -> None:
     """Close the loop with an emulated board in real time.
 
     Starts the board S-slow as a process of its own on a pty, runs observer and controller against it, scores

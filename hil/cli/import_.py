@@ -7,26 +7,20 @@ import typer
 
 from hil.cli.options import Json
 
-Source = Annotated[
-    Path, typer.Argument(metavar="CSV", help="Text file with a header line, plain or gzipped.")
-]
+Source = Annotated[Path, typer.Argument(metavar="CSV", help="Text file with a header line, plain or gzipped.")]
 Target = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Capture to write.  [default: the CSV's name with .arrow]"),
 ]
 Map = Annotated[
     str | None,
-    typer.Option(
-        "--map", "-m", help="Map of columns, units and rate for other layouts; a file or an example."
-    ),
+    typer.Option("--map", "-m", help="Map of columns, units and rate for other layouts; a file or an example."),
 ]
 Hold = Annotated[
     Literal["zoh", "foh", "bandlimited"] | None,
     typer.Option("--hold", help="What the drive did between samples.  [default: the map's, or zoh]"),
 ]
-Nonuniform = Annotated[
-    bool, typer.Option("--nonuniform", help="Accept uneven time; each step has its length.")
-]
+Nonuniform = Annotated[bool, typer.Option("--nonuniform", help="Accept uneven time; each step has its length.")]
 
 
 def import_(

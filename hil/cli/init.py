@@ -7,9 +7,7 @@ import typer
 
 from hil.cli.options import Json, Link
 
-FromBoard = Annotated[
-    bool, typer.Option("--from-board", help="Ask the board at --link for what it declares.")
-]
+FromBoard = Annotated[bool, typer.Option("--from-board", help="Ask the board at --link for what it declares.")]
 Like = Annotated[
     str | None,
     typer.Option("--like", help="Bench file or example that fills in what the board does not say."),

@@ -5,35 +5,23 @@ from typing import Annotated
 
 import typer
 
-BenchArgument = Annotated[
-    str, typer.Argument(metavar="BENCH", help="Bench file, or the name of an example (s-slow).")
-]
-BenchOption = Annotated[
-    str, typer.Option("--bench", "-b", help="Bench file, or the name of an example (silverbox).")
-]
+BenchArgument = Annotated[str, typer.Argument(metavar="BENCH", help="Bench file, or the name of an example (s-slow).")]
+BenchOption = Annotated[str, typer.Option("--bench", "-b", help="Bench file, or the name of an example (silverbox).")]
 CaptureArgument = Annotated[
     Path, typer.Argument(metavar="CAPTURE", help="A capture.arrow, or the run folder it is in.")
 ]
 Duration = Annotated[float | None, typer.Option("--duration", help="Length of the run in bench seconds.")]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print the result as one JSON object, alone on standard output.")
-]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, alone on standard output.")]
 Link = Annotated[
     str | None,
     typer.Option("--link", "-l", help="Where the board is: serial:PORT, pty:SCENARIO or inproc:SCENARIO."),
 ]
-Name = Annotated[
-    str | None, typer.Option("--name", help="Last part of the run folder's name.  [default: the bench's]")
-]
+Name = Annotated[str | None, typer.Option("--name", help="Last part of the run folder's name.  [default: the bench's]")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder in which the run folder TIME-NAME is made.")]
-Seed = Annotated[
-    int | None, typer.Option("--seed", min=0, help="Seed of the dither and of an emulated board's noise.")
-]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the dither and of an emulated board's noise.")]
 Truth = Annotated[
     Path | None,
-    typer.Option(
-        "--truth", help="File into which an emulated board writes its true states, for `hil score`."
-    ),
+    typer.Option("--truth", help="File into which an emulated board writes its true states, for `hil score`."),
 ]
 
 RUNS = Path("runs")

@@ -11,13 +11,9 @@ Clock = Annotated[
     typer.Option("--clock", help="Whose clock the run follows.  [default: the bench's]"),
 ]
 Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
-Arm = Annotated[
-    bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")
-]
+Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Connect and compare board and bench; do not arm.")]
-OpenLoop = Annotated[
-    bool, typer.Option("--open-loop", help="Hold the drive at zero: ring-down, noise floor.")
-]
+OpenLoop = Annotated[bool, typer.Option("--open-loop", help="Hold the drive at zero: ring-down, noise floor.")]
 
 
 def run(
@@ -61,9 +57,7 @@ def run(
     changes = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
     given = {key: value for key, value in changes.items() if value is not None}
     control = {"enabled": False} if open_loop else {}
-    declared = override(
-        load_bench(path), {"loop": given, "controller": control}, f"{path} with the options given"
-    )
+    declared = override(load_bench(path), {"loop": given, "controller": control}, f"{path} with the options given")
     if (place := link or declared.link.url) is None:
         raise InputError(f"{path}: [link] url: missing; give it there or as --link")
     url = located(place, beside=path)

@@ -44,6 +44,7 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
         initial |= {name: value / unit for name, value in zip(names, values or (), strict=False)}
     drive_noise = bench.device.drive.noise_mps2_per_rtHz
     return settings.ObserverSettings(
+        effects=bench.effects,
         variant=settings.Variant(observer.variant),
         gain=settings.Gain(observer.gain),
         memory=observer.memory_s,

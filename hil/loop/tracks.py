@@ -50,16 +50,21 @@ def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[st
     }
 
 
+def column_of(name: str) -> str:
+    """Column of an entry of the state vector; an effect's coefficient keeps its name, its unit stands in the header."""
+    return COLUMNS.get(name, name)
+
+
 def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
     """Layouts of `estimates.arrow` and `innovation.arrow`, by stem."""
     rate = bench.device.sample_rate_Hz
     return {
         "estimates": estimates_layout(
-            [COLUMNS[name] for name in observer.model.names],
+            [column_of(name) for name in observer.names],
             tick_rate_Hz=rate,
             every=bench.loop.estimate_every,
             angle=observer.device.axes == 2,
-            units={"drive_gain_x": "1"},
+            units={"drive_gain_x": "1", **observer.coefficient_units},
             header={
                 "target_stiffness_per_s2": observer.device.target,
                 "virtual_rotation_rad_s": bench.controller.virtual_rotation_rad_s,
@@ -88,8 +93,8 @@ def estimate_rows(
     rows = np.zeros(len(index), layout.dtype)
     rows["tick"] = tick[index]
     for column, name in enumerate(estimates.names):
-        rows[COLUMNS[name]] = estimates.state[:, column]
-        rows[f"sd_{COLUMNS[name]}"] = estimates.deviation[:, column]
+        rows[column_of(name)] = estimates.state[:, column]
+        rows[f"sd_{column_of(name)}"] = estimates.deviation[:, column]
     if estimates.innovation.shape[1] == 2:
         rows["angle_rad"] = estimates.angle[index]
         rows["angle_pattern_rad"] = estimates.angle_pattern[index]

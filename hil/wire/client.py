@@ -55,9 +55,7 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
         if payload is not None:
             break
         if time.monotonic() >= deadline or endpoint.link.fileno() is None:
-            raise LinkError(
-                f"{endpoint.link.name}: no answer to HELLO; is it a gyro board, on, at this baud rate?"
-            )
+            raise LinkError(f"{endpoint.link.name}: no answer to HELLO; is it a gyro board, on, at this baud rate?")
     if len(payload) < _IDENTITY_START.size:
         raise ProtocolError(f"{endpoint.link.name}: IDENTITY of {len(payload)} bytes; is it a gyro board?")
     protocol, spec_hash = _IDENTITY_START.unpack_from(payload)
@@ -152,17 +150,13 @@ def request(
             found = item.message
             if isinstance(found, Nack) and found.of_seq == seq and found.of_type == type_of(message):
                 endpoint.keep(items[:k] + items[k + 1 :])
-                raise ProtocolError(
-                    f"{endpoint.link.name}: the board refused {name}: {_reason(found.reason)}"
-                )
+                raise ProtocolError(f"{endpoint.link.name}: the board refused {name}: {_reason(found.reason)}")
             if isinstance(found, answer) and accept(found):
                 endpoint.keep(items[:k] + items[k + 1 :])
                 return found
         endpoint.keep(items)
         if time.monotonic() >= deadline or (not items and endpoint.link.fileno() is None):
-            raise LinkError(
-                f"{endpoint.link.name}: no answer to {name} within {timeout_s:g} s; is the board still on?"
-            )
+            raise LinkError(f"{endpoint.link.name}: no answer to {name} within {timeout_s:g} s; is the board still on?")
 
 
 def _await_identity(endpoint: Endpoint, deadline: float) -> bytes | None:

@@ -117,9 +117,7 @@ def _registers() -> str:
         for r in SPEC.registers.values()
     ]
     note = "Live registers may be written in any state, the others only while the board is IDLE or SAFE."
-    return f"## Registers\n\n{note}\n\n" + _table(
-        ("id", "name", "access", "range", "default", "unit", ""), rows
-    )
+    return f"## Registers\n\n{note}\n\n" + _table(("id", "name", "access", "range", "default", "unit", ""), rows)
 
 
 def _enumeration(enum: Enumeration) -> str:

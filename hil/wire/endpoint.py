@@ -95,9 +95,7 @@ class Endpoint:
             message = item.message
             if isinstance(message, Sense):
                 flags = message.flags
-                rows += [
-                    (tick, *codes, flags) for tick, codes in enumerate(message.codes.tolist(), item.tick)
-                ]
+                rows += [(tick, *codes, flags) for tick, codes in enumerate(message.codes.tolist(), item.tick)]
             else:
                 self._inbox.append(item)
         return rows

@@ -114,10 +114,7 @@ class Decoder:
 
     def feed(self, data: bytes) -> list[Frame]:
         """The intact frames that `data` completes, in order."""
-        return [
-            Frame._make((*HEADER.unpack_from(body), body[HEADER.size : -CRC_SIZE]))
-            for body in self._bodies(data)
-        ]
+        return [Frame._make((*HEADER.unpack_from(body), body[HEADER.size : -CRC_SIZE])) for body in self._bodies(data)]
 
     def _bodies(self, data: bytes) -> list[bytes]:
         """Header, payload and checksum of every intact frame that `data` completes."""

@@ -81,8 +81,7 @@ def _rejected() -> Iterator[tuple[str, str, bytes]]:
 
 def _fields(message: Message) -> dict[str, Any]:
     return {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in message._asdict().items()
+        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in message._asdict().items()
     }
 
 

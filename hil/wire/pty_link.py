@@ -72,9 +72,7 @@ def open_pty() -> PtyLink:
     try:
         master, slave = os.openpty()
     except OSError as error:
-        raise LinkError(
-            f"pty: {error.strerror}; is /dev/pts mounted, and is kernel.pty.max reached?"
-        ) from None
+        raise LinkError(f"pty: {error.strerror}; is /dev/pts mounted, and is kernel.pty.max reached?") from None
     tty.setraw(master)
     tty.setraw(slave)
     return PtyLink(master, slave)

@@ -124,8 +124,8 @@ def split_row_body(body: bytes) -> tuple[int, int, int, int, int, int, int] | No
         _, seq, tick, count, width, flags, vx, vy, ux, uy = _ROW_16.unpack_from(body)
         return (seq, tick, vx, vy, ux, uy, flags) if count == 1 and width == 2 else None
     if len(body) == _BODY_24:
-        _, seq, tick, count, width, flags, vx, vx_high, vy, vy_high, ux, ux_high, uy, uy_high = (
-            _ROW_24.unpack_from(body)
+        _, seq, tick, count, width, flags, vx, vx_high, vy, vy_high, ux, ux_high, uy, uy_high = _ROW_24.unpack_from(
+            body
         )
         if count != 1 or width != 3:
             return None

@@ -80,9 +80,7 @@ def test_drive_per_unit(tmp_path: Path, unit: str, more: str, expected: float) -
 def test_offset_deviation_comes_from_the_data_sheet_unless_overridden(tmp_path: Path) -> None:
     sheet = MINIMAL.replace("noise_V = 1e-4", "noise_V = 1e-4\noffset_sd_V = 0.01")
     assert load_bench(bench_file(tmp_path, sheet)).offset_sd_V == 0.01
-    assert (
-        load_bench(bench_file(tmp_path, sheet + "[observer.initial_sd]\noffset_V = 0.02")).offset_sd_V == 0.02
-    )
+    assert load_bench(bench_file(tmp_path, sheet + "[observer.initial_sd]\noffset_V = 0.02")).offset_sd_V == 0.02
 
 
 @pytest.mark.parametrize(

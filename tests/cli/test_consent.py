@@ -37,9 +37,7 @@ def at_terminal(monkeypatch: pytest.MonkeyPatch, answer: str) -> Terminal:
 def test_yes_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch, answer: str) -> None:
     written = at_terminal(monkeypatch, answer)
     consent.require(LINK, bench, given=False, open_loop=False)
-    assert written.getvalue() == (
-        f"{LINK} will be armed for 30 s with up to 10 m/s² of drive.\nArm it? [y/N] "
-    )
+    assert written.getvalue() == (f"{LINK} will be armed for 30 s with up to 10 m/s² of drive.\nArm it? [y/N] ")
 
 
 @pytest.mark.parametrize("answer", ["n\n", "\n", "", "yeah\n"])

@@ -65,9 +65,7 @@ def test_busy_port_is_one_line(start: Start, short_bench: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_run_goes_safe_and_closes_its_record(
-    start: Start, tmp_path: Path, number: signal.Signals
-) -> None:
+def test_interrupted_run_goes_safe_and_closes_its_record(start: Start, tmp_path: Path, number: signal.Signals) -> None:
     host = start("run", "s-slow", "--truth", "truth.arrow")
     wait_for(host, "run")
     (folder,) = (tmp_path / "runs").iterdir()

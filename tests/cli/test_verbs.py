@@ -90,9 +90,7 @@ def test_init_from_board_fills_in_what_it_says(hil: Hil, tmp_path: Path) -> None
     code, out, _ = hil("init", "--from-board", "--link", "inproc:s-slow", "--json")
     assert code == 0
     assert "[device] mass_kg" in json.loads(out)["missing"]
-    code, out, _ = hil(
-        "init", "--from-board", "--link", "pty:s-slow", "--like", "s-slow", "-o", "b.toml", "--json"
-    )
+    code, out, _ = hil("init", "--from-board", "--link", "pty:s-slow", "--like", "s-slow", "-o", "b.toml", "--json")
     assert (code, json.loads(out)["missing"]) == (0, [])
     bench = load_bench(tmp_path / "b.toml")
     assert bench.link.url == "pty:s-slow"

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from estimator.errors import ModelError
 from estimator.kernel import layout
-from estimator.kernel.flow import flow, taylor_order
+from estimator.kernel.flow import taylor, taylor_order
 from estimator.model.catalogue import MODELS, model_for
 from estimator.observer import Observer
 from estimator.oracle.evaluation import evaluated
@@ -50,7 +50,9 @@ def kernel_flow(number: int, c: Array, s: Array, u: Array, h: float) -> Array:
     """[state | ∂/∂s | ∂/∂flow constants] after one step of the compiled flow."""
     columns = 1 + len(s) + len(MODELS[number].flow_constants)
     a, b, out = (np.zeros((len(s), columns)) for _ in range(3))
-    flow(number, c, s, u, h, taylor_order(h) + u.shape[1] - 1, columns, a, b, out)
+    out[:, 0] = s
+    out[:, 1 : 1 + len(s)] = np.eye(len(s))
+    taylor(number, c, u, h, taylor_order(h) + u.shape[1] - 1, columns, a, b, out)
     return out
 
 

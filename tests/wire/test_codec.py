@@ -40,10 +40,7 @@ def values(field):
 
 
 plain_messages = st.one_of(
-    [
-        st.builds(cls, *[values(field) for field in SPEC.messages[name].fields])
-        for name, cls in CLASSES.items()
-    ]
+    [st.builds(cls, *[values(field) for field in SPEC.messages[name].fields]) for name, cls in CLASSES.items()]
 )
 
 
@@ -71,18 +68,14 @@ def test_any_payload_is_a_message_or_a_protocol_error(type_, payload):
     except ProtocolError as error:
         found = str(error)
     assert (
-        found == type_
-        or ("\n" not in found and "payload" in found)
-        or found == f"unknown message type 0x{type_:02x}"
+        found == type_ or ("\n" not in found and "payload" in found) or found == f"unknown message type 0x{type_:02x}"
     )
 
 
 @pytest.mark.parametrize("name", [name for name, layout in SPEC.messages.items() if not layout.open_ended])
 def test_wrong_lengths_are_refused(name):
     layout = SPEC.messages[name]
-    with pytest.raises(
-        ProtocolError, match=f"{name}: payload of {layout.size + 1} bytes; expected {layout.size}"
-    ):
+    with pytest.raises(ProtocolError, match=f"{name}: payload of {layout.size + 1} bytes; expected {layout.size}"):
         unpack(layout.type, bytes(layout.size + 1))
     if layout.size:
         with pytest.raises(ProtocolError, match=f"expected {layout.size}"):
@@ -127,9 +120,7 @@ def test_text_that_is_not_utf8_is_shown_not_refused():
 def test_field_table_line_by_line():
     assert field_value(1) == FieldValue(1, len(SPEC.table), "frame\ttype\tu8\t1")
     for line in (-1, len(SPEC.table)):
-        with pytest.raises(
-            ProtocolError, match=rf"FIELD_READ.line: {line}; the table has {len(SPEC.table)} lines"
-        ):
+        with pytest.raises(ProtocolError, match=rf"FIELD_READ.line: {line}; the table has {len(SPEC.table)} lines"):
             field_value(line)
 
 

@@ -24,9 +24,7 @@ def test_outcome(stream, size):
     data = content(stream)
     decoder = Decoder()
     frames = [frame for k in range(0, len(data), size) for frame in decoder.feed(data[k : k + size])]
-    assert {name: getattr(decoder, name) for name in COUNTERS} == {
-        name: stream.get(name, 0) for name in COUNTERS
-    }
+    assert {name: getattr(decoder, name) for name in COUNTERS} == {name: stream.get(name, 0) for name in COUNTERS}
     assert frames == [(1, 8, 100, b"\x02")] * decoder.frames
     assert decoder.bytes == len(data)
 

@@ -150,9 +150,7 @@ def test_a_second_host_finds_the_board_where_it_is():
 
 def test_other_protocol_is_refused():
     endpoint, _ = pair(protocol=SPEC.protocol + 1)
-    with pytest.raises(
-        ProtocolError, match="inproc: the board speaks protocol 2, this host 1; update the host"
-    ):
+    with pytest.raises(ProtocolError, match="inproc: the board speaks protocol 2, this host 1; update the host"):
         connect(endpoint)
     endpoint, _ = pair(protocol=0)
     with pytest.raises(ProtocolError, match="update the firmware"):
@@ -161,9 +159,7 @@ def test_other_protocol_is_refused():
 
 def test_other_spec_is_refused_by_its_first_difference():
     endpoint, board = pair()
-    other = parse_spec(
-        TEXT.replace('name = "bad_frames",     type = "u32"', 'name = "bad_frames",     type = "u16"')
-    )
+    other = parse_spec(TEXT.replace('name = "bad_frames",     type = "u32"', 'name = "bad_frames",     type = "u16"'))
     board.table = other.table
     board.identity = board.identity._replace(spec_hash=other.hash)
     with pytest.raises(ProtocolError) as caught:
@@ -209,9 +205,7 @@ def test_an_identity_that_is_none_is_refused():
 @pytest.mark.parametrize("waits", [False, True])
 def test_silence_is_explained(waits):
     link = Script(waits=waits)
-    with pytest.raises(
-        LinkError, match="script: no answer to HELLO; is it a gyro board, on, at this baud rate"
-    ):
+    with pytest.raises(LinkError, match="script: no answer to HELLO; is it a gyro board, on, at this baud rate"):
         connect(Endpoint(link), timeout_s=0.01)
     assert link.sent
     with pytest.raises(LinkError, match=r"script: no answer to ARM within 0.01 s; is the board still on"):
@@ -237,9 +231,7 @@ def test_hello_is_repeated_while_the_board_starts():
 
 def test_a_refusal_names_request_and_reason():
     endpoint, _ = pair()
-    with pytest.raises(
-        ProtocolError, match=r"inproc: the board refused REGISTER_WRITE BLOCK = 0: OUT_OF_RANGE"
-    ):
+    with pytest.raises(ProtocolError, match=r"inproc: the board refused REGISTER_WRITE BLOCK = 0: OUT_OF_RANGE"):
         write_register(endpoint, "BLOCK", 0)
 
 
@@ -272,9 +264,7 @@ def test_what_arrives_beside_an_answer_is_kept():
 def test_unknown_register_lists_the_known():
     endpoint, _ = pair()
     for attempt in (lambda: read_register(endpoint, "BLOK"), lambda: write_register(endpoint, "BLOK", 1)):
-        with pytest.raises(
-            ProtocolError, match="register 'BLOK': unknown; known are CLOCK_MODE, LOOP_MODE, BLOCK,"
-        ):
+        with pytest.raises(ProtocolError, match="register 'BLOK': unknown; known are CLOCK_MODE, LOOP_MODE, BLOCK,"):
             attempt()
 
 

@@ -51,9 +51,7 @@ def test_crc_check_value():
 def test_a_frame_is_what_its_definition_says(frame):
     wire = encode_frame(*frame)
     assert wire.count(0) == 2
-    head = (
-        frame.type.to_bytes(1, "little") + frame.seq.to_bytes(2, "little") + frame.tick.to_bytes(4, "little")
-    )
+    head = frame.type.to_bytes(1, "little") + frame.seq.to_bytes(2, "little") + frame.tick.to_bytes(4, "little")
     assert open_frame(wire) == head + frame.payload
 
 

@@ -48,9 +48,7 @@ def test_crc_check_value():
 def test_fields_to_bytes(vector):
     message = message_of(vector)
     assert pack(message).hex() == vector["payload"]
-    assert (
-        encode_frame(type_of(message), vector["seq"], vector["tick"], pack(message)).hex() == vector["frame"]
-    )
+    assert encode_frame(type_of(message), vector["seq"], vector["tick"], pack(message)).hex() == vector["frame"]
 
 
 @frames

@@ -240,9 +240,7 @@ def test_no_pty_left(monkeypatch):
 
 def test_a_port_has_one_user(board):
     host = open_link(f"serial:{board.path}")
-    with pytest.raises(
-        LinkError, match=f"serial:{board.path}: the port is in use by another program; close it there"
-    ):
+    with pytest.raises(LinkError, match=f"serial:{board.path}: the port is in use by another program; close it there"):
         open_link(f"serial:{board.path}")
     host.close()
     open_link(f"serial:{board.path}?baud=115200").close()

@@ -46,9 +46,7 @@ def test_one_row_is_a_block_of_one(data, width, flags, seq, tick):
 def test_codes_are_little_endian_twos_complement(width):
     row = (1, -1, 256, -(1 << 8 * width - 1))
     payload = encode_sense(Sense(np.array([row], np.int32), width, 0))
-    assert payload == bytes([1, 0, width, 0]) + b"".join(
-        code.to_bytes(width, "little", signed=True) for code in row
-    )
+    assert payload == bytes([1, 0, width, 0]) + b"".join(code.to_bytes(width, "little", signed=True) for code in row)
 
 
 @pytest.mark.parametrize("width", [2, 3])

@@ -1,0 +1,1 @@
+"""What the base model lacks: effects declared once, carried by observer, controller and angle alike."""

@@ -1,0 +1,31 @@
+"""Damping that is not proportional to the velocity."""
+
+import sympy as sp
+
+from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.model.gyro import vx, vy, x, y
+
+d3x, d3y, d3, fx, fy = sp.symbols("d3x d3y d3 fx fy")
+SMOOTHING = sp.Float(0.01)  # of A ω0: below this velocity friction turns over smoothly
+
+NONLINEAR_DAMPING = Effect(
+    name="nonlinear_damping",
+    title="Damping that grows with the displacement",
+    coefficients=(Coefficient(d3x, "d3x", 0.01, -2, -1), Coefficient(d3y, "d3y", 0.01, -2, -1)),
+    force=(-d3x * x**2 * vx, -d3y * y**2 * vy),
+    source="Van der Pol term; squeeze film at large displacement; Nayfeh & Mook 1979",
+    signature="ring-down that is not exponential, fast at first",
+    undone=Undone.CANCEL,
+    look_alikes={"dry_friction": "steps of amplitude"},
+)
+
+DRY_FRICTION = Effect(
+    name="dry_friction",
+    title="Dry friction",
+    coefficients=(Coefficient(fx, "fx", 0.01, 1, -2), Coefficient(fy, "fy", 0.01, 1, -2)),
+    force=(-fx * sp.tanh(vx / SMOOTHING), -fy * sp.tanh(vy / SMOOTHING)),
+    source="Coulomb's law, smoothed over 1 % of the nominal velocity",
+    signature="ring-down that is linear in time and ends",
+    undone=Undone.CANCEL,
+    look_alikes={"nonlinear_damping": "steps of amplitude"},
+)

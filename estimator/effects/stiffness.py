@@ -1,0 +1,51 @@
+"""Stiffness that is not a constant symmetric matrix."""
+
+import sympy as sp
+
+from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.model.gyro import x, y
+
+k3x, k3y, k3, k2x, k2y, kn = sp.symbols("k3x k3y k3 k2x k2y kn")
+
+CUBIC_STIFFNESS = Effect(
+    name="cubic_stiffness",
+    title="Cubic stiffness of each axis",
+    coefficients=(Coefficient(k3x, "k3x", 0.05, -2, -2), Coefficient(k3y, "k3y", 0.05, -2, -2)),
+    force=(-k3x * x**3, -k3y * y**3),
+    source="Duffing oscillator; Nayfeh & Mook, Nonlinear Oscillations, 1979, ch. 4",
+    signature="frequency pulled by 3/8 k3 A²/k, a line at 3ω, quadrature growing with sin 4θ",
+    undone=Undone.CANCEL,
+    look_alikes={"sense_cubic": "pulls no frequency"},
+)
+
+CUBIC_ISOTROPIC = Effect(
+    name="cubic_isotropic",
+    title="Cubic stiffness along the radius",
+    coefficients=(Coefficient(k3, "k3", 0.05, -2, -2),),
+    force=(-k3 * (x**2 + y**2) * x, -k3 * (x**2 + y**2) * y),
+    source="Lynch, Coriolis angular velocity sensors, IEEE Std 1431 annex B",
+    signature="frequency pulled with the amplitude; a rate bias −k3 a b/4ω with quadrature",
+    undone=Undone.CANCEL,
+)
+
+QUADRATIC_STIFFNESS = Effect(
+    name="quadratic_stiffness",
+    title="Quadratic stiffness of each axis",
+    coefficients=(Coefficient(k2x, "k2x", 0.05, -1, -2), Coefficient(k2y, "k2y", 0.05, -1, -2)),
+    force=(-k2x * x**2, -k2y * y**2),
+    source="asymmetric electrostatic spring; Senturia, Microsystem Design, 2001, ch. 6",
+    signature="a shift and a line at 2ω",
+    undone=Undone.CANCEL,
+    look_alikes={"sense_quadratic": "moves with the bias, not with the drive"},
+)
+
+NONRECIPROCAL_STIFFNESS = Effect(
+    name="nonreciprocal_stiffness",
+    title="Stiffness that is not symmetric, kxy ≠ kyx",
+    coefficients=(Coefficient(kn, "kn", 0.01, 0, -2),),
+    force=(-kn * y, kn * x),
+    source="antisymmetric part of the stiffness matrix, as from a drive misaligned by feedback",
+    signature="quadrature of one sign at every angle",
+    undone=Undone.CANCEL,
+    look_alikes={"rotation (Euler term)": "vanishes at a constant rate"},
+)
