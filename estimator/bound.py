@@ -59,7 +59,7 @@ def posterior_bound(
     observer = Observer(device, replace(settings, gain=Gain.EKF))
     n, axes = len(drive), device.axes
     if np.shape(truth) != (n, len(observer.x)):
-        raise ModelError(f"truth has shape {np.shape(truth)}; {n} rows of {', '.join(observer.model.names)} are needed")
+        raise ModelError(f"truth has shape {np.shape(truth)}; {n} rows of {', '.join(observer.names)} are needed")
     polynomials = np.asarray(drive, dtype=float).reshape(n, axes, -1)
     h = np.full(n, 1.0 / device.sample_rate) if step is None else np.asarray(step, dtype=float)
     before = np.concatenate([_one_earlier(observer, truth[0], polynomials[0], h[0])[None], truth[:-1]])
@@ -74,15 +74,18 @@ def posterior_bound(
         deviation[row, observer.estimated_index] = np.sqrt(np.diag(covariance))
         if axes == 2:
             angle[row] = _angle_deviation(observer, covariance, truth[last], virtual_rotation)
-    return Bound(observer.model.names, index, deviation, angle)
+    return Bound(observer.names, index, deviation, angle)
 
 
 def _one_earlier(observer: Observer, truth: Array, drive: Array, step: float) -> Array:
-    """The true state vector one interval before the first sample, by the flow backwards."""
+    """The true state vector one interval before the first sample, by the base model's flow backwards: where an effect
+    acts, the first step alone is linearised that little beside the truth.
+    """
     x = truth / observer.factors
     states = observer.states
     u, h = drive / observer.scaling.drive, step * observer.scaling.omega0
-    x[:states] = backward(evaluated(observer.number), x[states:], x[:states], u, h)
+    constants = x[states : len(observer.model.names)]
+    x[:states] = backward(evaluated(observer.number), constants, x[:states], u, h)
     return np.asarray(x * observer.factors)
 
 

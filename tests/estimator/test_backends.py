@@ -48,6 +48,7 @@ def worst(one: Observer, other: Observer, sense: Array, drive: Array, **how: obj
     return max((value, name) for name, value in found.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variant", "gain", "hold"),
     [
@@ -67,6 +68,7 @@ def test_equal_on_a_closed_loop_record(
     assert apart < EQUAL, where
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "hold"), [(Gain.EKF, "bandlimited"), (Gain.FADING, "zoh")])
 @pytest.mark.parametrize("backend", ORACLES)
 def test_equal_on_one_axis(record: Record, backend: Backend, gain: Gain, hold: Hold) -> None:

@@ -129,6 +129,23 @@ def test_kernel_and_information_recursion_agree_on_a_closed_loop(variant: Varian
     np.testing.assert_allclose(decimated.angle, bound.angle[6::7], rtol=1e-12)
 
 
+def test_an_effect_that_is_estimated_too_costs_certainty_about_the_rest() -> None:
+    """The bound of a model that carries an effect: its coefficient has one, and no other bound gets smaller."""
+    truth = Truth()
+    record = close_loop(observer_of(truth, ObserverSettings()), truth, 400, 1.5, acquire=100)
+    constants = np.tile([*truth.offset, 1.5, *truth.parameters], (400, 1))
+    states = np.column_stack([record.motion, constants])
+    base = posterior_bound(truth.device(), ObserverSettings(), states, record.drive, every=400)
+    name = "cubic_stiffness"
+    settings = ObserverSettings(effects={name: {}})
+    extra = len(Observer(truth.device(), settings).names) - 13
+    wider = np.column_stack([states, np.zeros((400, extra))])
+    bound = posterior_bound(truth.device(), settings, wider, record.drive, every=400)
+    assert np.all(bound.deviation[0, 13:] > 0.0)
+    assert np.all(bound.deviation[0, :13] >= base.deviation[0] * (1.0 - 1e-9))
+    assert bound.of("kxx")[0] > 1.5 * base.of("kxx")[0]
+
+
 def test_lost_samples_carry_no_information() -> None:
     device, settings, truth = two_axes(1.0, Spread(rate=1.0))
     lost = np.zeros((SAMPLES, 2), dtype=bool)

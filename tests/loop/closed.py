@@ -35,7 +35,7 @@ class HandPaced:
     """Link to a board in this process that goes on whether it is answered or not.
 
     `lost`: ticks whose SENSE never arrives. `unheard`: ticks whose answer never arrives. `stops`: from that
-    tick on so many ticks pass before the host gets to read again.
+    tick on so many ticks pass before the host gets to read again. `chunk`: bytes that it gets at a time.
     """
 
     name = "hand-paced"
@@ -47,13 +47,15 @@ class HandPaced:
         lost: Container[int] = (),
         unheard: Container[int] = (),
         stops: Mapping[int, int] | None = None,
+        chunk: int = 4096,
     ) -> None:
         self.board = board
         self._lost, self._unheard, self._stops = lost, unheard, dict(stops or {})
+        self._chunk = chunk
         self._pending = b""
 
-    def fileno(self) -> None:
-        return
+    def fileno(self) -> int:
+        return -1  # something will come, if only one waits
 
     def send(self, data: bytes) -> None:
         if not (self.board.streaming and self.board.tick in self._unheard):
@@ -63,7 +65,7 @@ class HandPaced:
         if not self._pending:
             for _ in range(self._stops.pop(self.board.rows, 1)):
                 self._tick()
-        data, self._pending = self._pending[:4096], self._pending[4096:]
+        data, self._pending = self._pending[: self._chunk], self._pending[self._chunk :]
         return data
 
     def close(self) -> None:

@@ -78,6 +78,7 @@ def paced(
     lost: Container[int] = (),
     unheard: Container[int] = (),
     stops: Mapping[int, int] | None = None,
+    chunk: int = 4096,
     watchdog_s: float = 0.02,
 ) -> tuple[RunFolder, dict[str, int], dict[str, int]]:
     """A second of S-slow against a board that does not wait: the run, the host's counters, the board's.
@@ -90,6 +91,7 @@ def paced(
         lost=lost,
         unheard=unheard,
         stops=stops,
+        chunk=chunk,
     )
     declared = gyro.bench(1.0, "paced", link={"watchdog_s": watchdog_s, "timeout_s": 0.5})
     run, counters = close_loop(link, declared, tmp_path / "run")
@@ -109,6 +111,14 @@ def gaps(run: RunFolder) -> list[tuple[int, int]]:
     return list(zip(first.tolist(), (capture.tick[after] - first).tolist(), strict=True))
 
 
+def surprise_after(run: RunFolder, gap: int) -> float:
+    """Innovation over its deviation at the first sample after a gap, the worse of both axes."""
+    innovation = run.innovation
+    assert innovation is not None
+    row = np.searchsorted(innovation.tick, gap)
+    return float(np.abs(innovation.nu_V[row] / innovation.sd_V[row]).max())
+
+
 def test_lost_samples_are_bridged_and_counted(tmp_path: Path) -> None:
     lost = range(100, 3900, 17)  # from before the loop is closed, too
     run, host, device = paced(tmp_path, lost=lost)
@@ -122,6 +132,7 @@ def test_a_burst_of_lost_samples_is_bridged(tmp_path: Path) -> None:
     run, host, device = paced(tmp_path, lost=range(1000, 1050))
     assert gaps(run) == [(1000, 50)]
     assert (host["lost"], host["rearmed"], device["held"]) == (50, 0, 50)
+    assert surprise_after(run, 1000) < 4.0  # the drive that the board held all the while was taken into account
 
 
 def test_after_a_long_silence_the_motion_is_found_anew(tmp_path: Path) -> None:
@@ -174,6 +185,12 @@ def test_it_is_armed_again_when_the_news_was_lost_as_well(tmp_path: Path) -> Non
     run, host, device = paced(tmp_path, stops={1500: 300}, lost=range(1550, 1600))
     assert (host["rearmed"], device["watchdog_trips"]) == (1, 1)
     assert [first for first, _ in gaps(run)] == [1550]
+
+
+def test_late_refusals_do_not_arm_it_twice(tmp_path: Path) -> None:
+    """A line that gives less than a sample at a time: each is answered, and refused, before the host knows why."""
+    _, host, device = paced(tmp_path, stops={1500: 300}, chunk=20)
+    assert (host["rearmed"], device["watchdog_trips"]) == (1, 1)
 
 
 def test_stopped_again_and_again(tmp_path: Path) -> None:

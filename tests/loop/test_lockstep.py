@@ -8,6 +8,7 @@ from hil.bench import Bench, override
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
 from tests.loop import gyro
+from tests.loop.closed import close_loop, waiting
 from tests.loop.processes import Host, alive, children, stopped, until
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -24,6 +25,14 @@ def captured(declared: Bench, link: str, out: Path) -> bytes:
     return RunFolder(folder).capture_path.read_bytes()
 
 
+def test_the_same_again_is_the_same_record(tmp_path: Path) -> None:
+    scenario = gyro.scenario(tmp_path / "board.toml")
+    first, again = (close_loop(waiting(scenario), gyro.bench(), tmp_path / name)[0] for name in ("first", "again"))
+    for path in (first.capture_path, first.estimates_path, first.innovation_path):
+        assert path.read_bytes() == (again.path / path.name).read_bytes()
+
+
+@pytest.mark.slow
 def test_one_seed_is_one_record_on_any_link(tmp_path: Path) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     declared = gyro.bench(1.0)

@@ -108,6 +108,7 @@ def test_a_dry_run_does_not_arm(tmp_path: Path) -> None:
     assert read_truth(truth).tick.size == 0  # not one tick has passed on the board
 
 
+@pytest.mark.slow
 def test_a_watcher_that_fails_leaves_no_board_driven(tmp_path: Path) -> None:
     def fail(progress: Progress) -> None:
         if progress.done > 600:
@@ -176,6 +177,7 @@ def test_no_board_behind_the_port(tmp_path: Path) -> None:
     assert message.startswith(f"serial:{link.path}: no answer to HELLO")
 
 
+@pytest.mark.slow
 def test_a_wild_record_brings_the_board_to_safe(tmp_path: Path) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
     declared = gyro.unhurried_bench(
