@@ -16,7 +16,7 @@ from estimator.oracle.evaluation import evaluated
 from estimator.oracle.flow import backward
 from estimator.oracle.pattern import pattern_gradient
 from estimator.scaling import Array
-from estimator.settings import Device, Gain, ObserverSettings
+from estimator.settings import Device, Gain, ObserverSettings, Variant
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,10 @@ def posterior_bound(
 
     Raises ModelError when truth and drive are of unequal length or truth has another number of columns than the model.
     """
-    observer = Observer(device, replace(settings, gain=Gain.EKF))
+    spread = settings.spread
+    if settings.variant is Variant.GYRO:
+        spread = replace(spread, offset=0.0)  # the bound is that of a board on which the variant's assumption holds
+    observer = Observer(device, replace(settings, gain=Gain.EKF, spread=spread))
     n, axes = len(drive), device.axes
     if np.shape(truth) != (n, len(observer.x)):
         raise ModelError(f"truth has shape {np.shape(truth)}; {n} rows of {', '.join(observer.names)} are needed")

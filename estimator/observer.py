@@ -190,9 +190,12 @@ class Observer:
         record["fade"] = math.exp(1.0 / (settings.memory * device.sample_rate)) if fading else 1.0
         record["stationary"] = settings.gain is Gain.STATIONARY
         record["acquisition"] = settings.acquisition * scaling.omega0
-        record["twin"] = settings.gain is not Gain.EKF
+        # An offset that is not estimated is a disturbance of the measurement: the gain must not take it for motion.
+        ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
+        record["twin"] = fading or ignored > 0.0
         for axis in range(device.axes):
             record["noise"][0, axis] = (device.noise[axis] / scaling.sense(axis)) ** 2
+            record["ignored"][0, axis] = (ignored / scaling.sense(axis)) ** 2
             # One-sided density a² [(m/s²)²/Hz] is a velocity variance of a²/2 per second.
             density = settings.process_noise.force**2 / 2.0
             record["force_noise"][0, axis] = density / (device.amplitude**2 * scaling.omega0**3)

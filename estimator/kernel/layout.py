@@ -40,6 +40,7 @@ SETTINGS = np.dtype(
         ("stationary", "i8"),  # 1: gains from the table, no Riccati recursion after acquisition
         ("acquisition", "f8"),  # time until the table takes over
         ("noise", "f8", (MAX_AXES,)),  # variance of the measurement
+        ("ignored", "f8", (MAX_AXES,)),  # variance of what may be in it and is not estimated
         ("force_noise", "f8", (MAX_AXES,)),  # velocity variance per unit of time
         # controller
         ("control", "i8"),

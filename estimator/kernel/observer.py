@@ -253,7 +253,8 @@ def runs_riccati(settings: Record, memory: Record) -> bool:
 @compiled
 def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
     """Scratch of one observer, made once per block: flow a, b, out; g, scratch; jacobian, full; gain, ph; kick,
-    predicted, noise; the effects' force, its derivatives by states and constants, drive.
+    predicted, noise; the effects' force, its derivatives by states and constants, drive; assumed
+    noise.
 
     n counts states and active constants, total states and all constants.
     """
@@ -275,6 +276,7 @@ def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
         np.zeros(2),
         np.zeros((2, states)),
         np.zeros((2, total - states)),
+        np.zeros(2),
         np.zeros(2),
     )
 
@@ -391,11 +393,12 @@ def correct(
     states = settings.states
     channels = settings.axes
     n = p.shape[0]
-    jacobian, gain, ph, noise = work[5], work[7], work[8], work[11]
+    jacobian, gain, ph, noise, assumed = work[5], work[7], work[8], work[11], work[16]
     measured = predict_measurement(settings, active, x, z, u, work, nu, noise)
     actual = c if settings.twin == 1 else p
     for channel in range(channels):
         variance[channel] = noise[channel]
+        assumed[channel] = noise[channel] + settings.ignored[channel]
         for i in range(n):
             if jacobian[channel, i] != 0.0:
                 for j in range(n):
@@ -404,7 +407,7 @@ def correct(
         return
     riccati = runs_riccati(settings, memory)
     if riccati:
-        surprise = kalman_gain(p, jacobian, noise, channels, nu, gain)
+        surprise = kalman_gain(p, jacobian, assumed, channels, nu, gain)
         memory.surprise += (surprise - memory.surprise) * _ATTENTION
     else:
         tabulated_gain(table, x[:states], gain)
@@ -419,6 +422,6 @@ def correct(
     if settings.twin == 1:
         joseph(c, jacobian, noise, channels, gain, ph)
     if riccati:
-        joseph(p, jacobian, noise, channels, gain, ph)
+        joseph(p, jacobian, assumed, channels, gain, ph)
         if settings.fade > 1.0 and active.shape[0] > 0:
             remember_prior(settings, active, prior, spread, guess, x, p, c, memory)

@@ -44,6 +44,7 @@ def gather_gains(
     x = np.zeros(states + settings.sense_constants + settings.flow_constants)
     work = workspace(settings, n, x.shape[0])
     g, scratch, jacobian, gain, ph, kick, noise = work[3], work[4], work[5], work[7], work[8], work[9], work[11]
+    assumed = work[16]
     nu = np.zeros(2)
     z = np.zeros(2)
     u = np.zeros((2, 1))
@@ -59,7 +60,9 @@ def gather_gains(
         propagate(p, g, scratch, settings.fade)
         add_process_noise(p, settings, h, s, active, walk, kick)
         predict_measurement(settings, active, x, z, u, work, nu, noise)
-        kalman_gain(p, jacobian, noise, settings.axes, nu, gain)
+        for axis in range(settings.axes):
+            assumed[axis] = noise[axis] + settings.ignored[axis]
+        kalman_gain(p, jacobian, assumed, settings.axes, nu, gain)
         if m >= settle:
             theta, phase = phase_and_angle(s, 1.0)
             cell = math.floor((theta + 0.5 * math.pi) / math.pi * angles + 0.5)
@@ -72,7 +75,7 @@ def gather_gains(
             for i in range(n):
                 for a in range(settings.axes):
                     total[cell, column, i, a] += gain[i, a]
-        joseph(p, jacobian, noise, settings.axes, gain, ph)
+        joseph(p, jacobian, assumed, settings.axes, gain, ph)
         if active.shape[0] > 0:
             cursor = (cursor + 1) % active.shape[0]
             row = states + cursor

@@ -51,7 +51,7 @@ class FilterpyObserver(NumpyObserver):
         self._filter.predict()
         self._store()
 
-    def _update(self, z: Array, measure: Callable[[Array], Array], h: Array, r: Array) -> None:
+    def _update(self, z: Array, measure: Callable[[Array], Array], h: Array, assumed: Array, declared: Array) -> None:
         self._load()
 
         def predicted(column: Array) -> Array:
@@ -59,6 +59,6 @@ class FilterpyObserver(NumpyObserver):
             x[self.estimated_index] = column[:, 0]
             return measure(x)[:, None]
 
-        self._filter.update(z[:, None], HJacobian=lambda _: h, Hx=predicted, R=r)
-        self._correct(self._filter.K, h, r, np.zeros(len(z)))  # C by the same gain; x comes from the filter
+        self._filter.update(z[:, None], HJacobian=lambda _: h, Hx=predicted, R=assumed)
+        self._correct(self._filter.K, h, declared, np.zeros(len(z)))  # C by the same gain; x comes from the filter
         self._store()

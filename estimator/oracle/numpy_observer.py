@@ -11,7 +11,7 @@ from estimator.oracle.evaluation import evaluated
 from estimator.oracle.flow import flow
 from estimator.oracle.pattern import PatternAngle, pattern
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
 
 SURPRISED, ATTENTION, FASTEST = 3.0, 0.05, 0.1
 
@@ -35,6 +35,9 @@ class NumpyObserver(Observer):
         self._fade = math.exp(1.0 / (settings.memory * device.sample_rate)) if self._fading else 1.0
         volts = [self.scaling.sense(axis) for axis in range(device.axes)]
         self._noise = np.diag((np.array(device.noise) / volts) ** 2)
+        ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
+        self._assumed = self._noise + np.diag((ignored / np.array(volts)) ** 2)
+        self._twin = self._fading or ignored > 0.0
         force = settings.process_noise.force**2 / 2.0 / (device.amplitude**2 * self.scaling.omega0**3)
         self._force = np.full(device.axes, force)
         self._virtual = 0.0 if controller is None else controller.virtual_rotation / self.scaling.omega0
@@ -76,7 +79,7 @@ class NumpyObserver(Observer):
             innovation[m], variance[m] = self._correct_with(z[m])
             self._time += h[m]
             states[m] = self.x
-            deviations[m, self.estimated_index] = np.sqrt(np.diag(self.c if self._fading else self.p))
+            deviations[m, self.estimated_index] = np.sqrt(np.diag(self.c if self._twin else self.p))
         index = np.arange(every - 1, n, every)
         angles = self._angles(predicted, states, u, h) if axes == 2 else np.zeros((6, n))
         return Estimates(
@@ -103,19 +106,20 @@ class NumpyObserver(Observer):
         seen = np.isfinite(z)
         jacobian = self._model.jacobian(self.x[: self.states], self.x[self.states :])[:, self.estimated_index]
         innovation = np.where(seen, z - self._measure(self.x), 0.0)
-        actual = self.c if self._fading else self.p
+        actual = self.c if self._twin else self.p
         predicted = jacobian @ actual @ jacobian.T
         variance = np.diag(self._noise) + np.where(seen, np.diag(predicted), 0.0)
         if not seen.any():
             return innovation, variance
         h_seen, r_seen = jacobian[seen], self._noise[np.ix_(seen, seen)]
+        assumed = self._assumed[np.ix_(seen, seen)]
         if not self._propagates:
             self._correct(self._tabulated_gain()[:, seen], h_seen, r_seen, innovation[seen])
             return innovation, variance
-        s_seen = h_seen @ self.p @ h_seen.T + r_seen
+        s_seen = h_seen @ self.p @ h_seen.T + assumed
         surprise = float(innovation[seen] @ np.linalg.solve(s_seen, innovation[seen])) / len(z)
         self._surprise += ATTENTION * (surprise - self._surprise)
-        self._update(z[seen], lambda x: self._measure(x)[seen], h_seen, r_seen)
+        self._update(z[seen], lambda x: self._measure(x)[seen], h_seen, assumed, r_seen)
         if self._fading:
             self._remember_prior()
         return innovation, variance
@@ -135,13 +139,13 @@ class NumpyObserver(Observer):
         if self._propagates:
             self.p[:] = self._fading_factor() * (f @ self.p @ f.T) + q
 
-    def _update(self, z: Array, measure: Callable[[Array], Array], h: Array, r: Array) -> None:
-        """Kalman update of x and P, and of C by the same gain, with a measurement z = measure(x) + noise of
-        covariance r.
+    def _update(self, z: Array, measure: Callable[[Array], Array], h: Array, assumed: Array, declared: Array) -> None:
+        """Kalman update of x and P with a measurement z = measure(x) + noise of covariance `assumed`, and of C by the
+        same gain with the noise declared.
         """
-        gain = np.asarray(np.linalg.solve(h @ self.p @ h.T + r, h @ self.p).T, dtype=float)
-        self.p[:] = _joseph(self.p, gain, h, r)
-        self._correct(gain, h, r, z - measure(self.x))
+        gain = np.asarray(np.linalg.solve(h @ self.p @ h.T + assumed, h @ self.p).T, dtype=float)
+        self.p[:] = _joseph(self.p, gain, h, assumed)
+        self._correct(gain, h, declared, z - measure(self.x))
 
     def _correct(self, gain: Array, h: Array, r: Array, innovation: Array) -> None:
         self.x[self.estimated_index] += gain @ innovation
@@ -180,7 +184,8 @@ class NumpyObserver(Observer):
         row = self.states + index
         entry = int(self.estimated_index[row])
         unit = np.eye(len(self.estimated_index))[[row]]
-        self._update(self.guess[[index]], lambda x: x[[entry]], unit, np.array([[noise]]))
+        variance = np.array([[noise]])
+        self._update(self.guess[[index]], lambda x: x[[entry]], unit, variance, variance)
 
     def _tabulated_gain(self) -> Array:
         """Stationary gain (n, axes), bilinear between the table's entries at pattern angle and vibration phase."""

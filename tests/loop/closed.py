@@ -52,10 +52,11 @@ class HandPaced:
         self.board = board
         self._lost, self._unheard, self._stops = lost, unheard, dict(stops or {})
         self._chunk = chunk
+        self._always = Path("/dev/null").open("rb")  # ready whenever someone waits for it
         self._pending = b""
 
     def fileno(self) -> int:
-        return -1  # something will come, if only one waits
+        return self._always.fileno()
 
     def send(self, data: bytes) -> None:
         if not (self.board.streaming and self.board.tick in self._unheard):
@@ -69,6 +70,7 @@ class HandPaced:
         return data
 
     def close(self) -> None:
+        self._always.close()
         self.board.close()
 
     def _tick(self) -> None:
