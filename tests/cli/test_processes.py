@@ -14,6 +14,8 @@ from hil.records.capture import read_capture
 from hil.records.truth import read_truth
 from tests.cli.conftest import WAIT_S, Start
 
+pytestmark = pytest.mark.slow  # whole processes
+
 
 def finished(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
     """Exit code and both outputs of a process that ends by itself."""

@@ -8,6 +8,8 @@ import pytest
 from hil.bench import load_bench
 from tests.cli.conftest import Hil
 
+pytestmark = pytest.mark.slow  # whole processes
+
 DEMO_KEYS = {
     "run", "link", "clock", "seconds", "samples", "lost", "late", "angle_error_rms_rad",
     "rate_error_rms_rad_s", "parameters", "innovation_rms", "noise_floor", "turnaround_us", "diagnosis",

@@ -20,6 +20,8 @@ from hil.wire.links import open_link
 from hil.wire.messages import ClockMode, SafeReason, State, Status
 from tests.emulator.gyro import EXAMPLES
 
+pytestmark = pytest.mark.slow  # whole processes
+
 SLOW = str(EXAMPLES / "s-slow.scenario.toml")
 PATIENCE_S = 60.0
 

@@ -10,6 +10,8 @@ from hil.loop.run import run
 from hil.records.result import Result
 from hil.score import score
 
+pytestmark = pytest.mark.slow  # whole runs
+
 
 def scored(tmp_path: Path, effect: str, declared: dict[str, dict[str, float]], excited: bool = True) -> Result:
     """A lockstep run of S-slow with one hidden effect, 20 s, scored over its second half."""
@@ -30,7 +32,6 @@ def scored(tmp_path: Path, effect: str, declared: dict[str, dict[str, float]], e
     return score(done.folder, truth)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "name", "symbol", "true", "gain"),
     [

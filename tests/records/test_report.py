@@ -17,6 +17,8 @@ from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
 from hil.score import score
 
+pytestmark = pytest.mark.slow  # whole pages
+
 EVERYTHING = [
     "Angle",
     "Rate",
