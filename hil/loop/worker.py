@@ -185,6 +185,8 @@ def main() -> int:
     order = Order.read()
     try:
         outcome = work(order)
+    except InterruptedError:  # nobody is left to be told
+        return 1
     except Exception as error:
         if (message := told_to_user(error)) is None:
             raise

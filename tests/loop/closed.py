@@ -5,6 +5,7 @@ nothing lets one tick pass. So everything that happens between a host and a boar
 (lost samples, lost answers, a host that was stopped) happens here at chosen ticks, the same every time.
 """
 
+import os
 from collections.abc import Callable, Container, Mapping
 from pathlib import Path
 
@@ -52,11 +53,11 @@ class HandPaced:
         self.board = board
         self._lost, self._unheard, self._stops = lost, unheard, dict(stops or {})
         self._chunk = chunk
-        self._always = Path("/dev/null").open("rb")  # ready whenever someone waits for it
+        self._always = os.open(os.devnull, os.O_RDONLY)  # ready whenever someone waits for it
         self._pending = b""
 
     def fileno(self) -> int:
-        return self._always.fileno()
+        return self._always
 
     def send(self, data: bytes) -> None:
         if not (self.board.streaming and self.board.tick in self._unheard):
@@ -70,7 +71,7 @@ class HandPaced:
         return data
 
     def close(self) -> None:
-        self._always.close()
+        os.close(self._always)
         self.board.close()
 
     def _tick(self) -> None:

@@ -61,6 +61,7 @@ def test_killed(tmp_path: Path, victim: str) -> None:
             os.kill(host.worker if victim == "loop" else host.process.pid, signal.SIGKILL)
             code, said = host.ends()
             until(lambda: not any(map(alive, processes)))  # loop and recorder; the record is as it will be
+            assert not any("Traceback" in line for line in said)
             first = host.capture
             assert not first.complete
             if victim == "loop":
