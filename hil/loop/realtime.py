@@ -7,6 +7,7 @@ import signal
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+_AWAKE = "/dev/cpu_dma_latency"
 PRIORITY = 41
 
 
@@ -22,6 +23,10 @@ def prepare() -> list[str]:
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) != 0:
         refused.append(f"memory is not locked: {os.strerror(ctypes.get_errno())}")
     libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    try:
+        _keep_awake()
+    except OSError as error:
+        refused.append(f"processors may sleep between samples: {_AWAKE}: {error.strerror}")
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -30,3 +35,10 @@ def prepare() -> list[str]:
     except OSError as error:
         refused.append(f"no real-time scheduling: {error.strerror}")
     return refused
+
+
+def _keep_awake() -> None:
+    """Ask that no processor sleeps so deep that waking takes time; it holds while the file is open, that is, until the
+    process ends.  Here it halved the round trip over a pty.
+    """
+    os.write(os.open(_AWAKE, os.O_WRONLY), bytes(4))  # a 32-bit latency of 0 µs
