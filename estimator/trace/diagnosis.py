@@ -1,0 +1,127 @@
+"""What tracing answers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from estimator.scaling import Array
+
+
+class Verdict(Enum):
+    """What the record says of the model."""
+
+    ADEQUATE = "adequate"
+    EXPLAINED = "explained"
+    UNEXPLAINED = "unexplained"
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with its 95 % interval, SI; `unit` as the report prints it."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect that the model lacks; `evidence` is twice the gain of log-likelihood on the fitting part."""
+
+    name: str
+    title: str
+    equation: tuple[str, ...]
+    coefficients: Mapping[str, Interval]
+    evidence: float
+    undone: str
+
+
+@dataclass(frozen=True)
+class Confusable:
+    """Two effects that this record cannot tell apart, how alike they are, and the experiment that would separate them.
+
+    `correlation` of their signatures with everything else the observer estimates projected out; `separate_by` an
+    experiment in words, None where nothing separates them; `expected` their correlation in that experiment.
+    """
+
+    effect: str
+    other: str
+    correlation: float
+    separate_by: str | None
+    expected: float | None
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A candidate that was not taken, and why; `bound` an upper bound (95 %) on each coefficient, SI, where there is
+    one.
+    """
+
+    name: str
+    reason: str
+    bound: Mapping[str, Interval] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something seen in the residual: where it is, how large beside what chance would leave, whom it points at.
+
+    kind: "line", "amplitude", "orientation", "rate", "drive", "temperature", "whiteness", "level"; `size` in volts
+    rms of that part of the residual; `significance` in standard deviations.
+    """
+
+    kind: str
+    text: str
+    size: float
+    significance: float
+    points_at: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well a model predicts a part of the record.
+
+    `innovation_rms` and `noise_floor` in volts per channel; `ratio` of the two (1 when nothing is missing);
+    `whiteness_p` of Ljung and Box; `simulation_rmse` of a free run in volts, `angle_error_rms` [rad] and
+    `rate_error_rms` [rad/s] where a reference exists.
+    """
+
+    innovation_rms: tuple[float, ...]
+    noise_floor: tuple[float, ...]
+    ratio: float
+    whiteness_p: float
+    simulation_rmse: float | None = None
+    angle_error_rms: float | None = None
+    rate_error_rms: float | None = None
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The innovations behind a `Fit`, for figures: innovation (n, axes) V of the whole record, and its spectrum.
+
+    frequency (m,) Hz; density (m, axes) V²/Hz, one-sided.
+    """
+
+    innovation: Array
+    frequency: Array
+    density: Array
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest."""
+
+    verdict: Verdict
+    effects: tuple[Found, ...]
+    confusable: tuple[Confusable, ...]
+    rejected: tuple[Rejected, ...]
+    findings: tuple[Finding, ...]
+    before: Fit
+    after: Fit
+    held_out_before: Fit
+    held_out_after: Fit
+    residual_before: Residual
+    residual_after: Residual
+    split: int
+    reasons: tuple[str, ...] = ()

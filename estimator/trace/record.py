@@ -1,0 +1,36 @@
+"""What tracing works on: the samples of one record, as numbers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimator.scaling import Array
+
+
+@dataclass(frozen=True)
+class Record:
+    """Samples of one record, SI; a lost sample has NaN in `sense`.
+
+    sense (n, axes) V; drive (n, axes, degree + 1) polynomials over the interval that ends at each sample
+    (`estimator.hold`); step (n,) s, that interval's length; channels: further measured series (n,), by name:
+    `temperature` [°C], `rate` [rad/s], a reference for the rate that is scored and never given to the observer.
+    """
+
+    sense: Array
+    drive: Array
+    step: Array
+    channels: Mapping[str, Array] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.sense)
+
+    def part(self, rows: slice) -> "Record":
+        """The samples of `rows`."""
+        channels = {name: series[rows] for name, series in self.channels.items()}
+        return Record(self.sense[rows], self.drive[rows], self.step[rows], channels)
+
+    @property
+    def time(self) -> Array:
+        """Time of each sample (n,) from the first one, s."""
+        return np.asarray(np.cumsum(self.step) - self.step[0])
