@@ -69,6 +69,7 @@ class Board:
         self.state = State.BOOT
         self._reason = SafeReason.NONE
         self._greeted = False
+        self.dropped = 0  # SENSE blocks, by whoever sends them
         self._late = self._held = self._saturated = self._trips = 0
         self._due = 0  # next tick that needs a drive, while RUNNING
         self._fed = 0  # tick at which the watchdog was last fed
@@ -192,6 +193,7 @@ class Board:
             lost_seq=self._rx.lost,
             saturated=self._saturated,
             watchdog_trips=self._trips,
+            dropped=self.dropped,
             tick=self.tick & _TICK,
         )
 

@@ -19,17 +19,17 @@ class Registers:
 
     def __init__(self, clocks: tuple[ClockMode, ...]) -> None:
         self._clocks = clocks
-        self._values = {register.id: register.default for register in _BY_ID.values()}
+        self._values: dict[int, float] = {register.id: register.default for register in _BY_ID.values()}
         self._values[SPEC.registers["CLOCK_MODE"].id] = clocks[0]
         self._unpack()
 
-    def read(self, number: int) -> int:
+    def read(self, number: int) -> float:
         """Value of a register. Raises `Refused` when there is none of that number."""
         if number not in _BY_ID:
             raise Refused(NackReason.UNKNOWN_REGISTER)
         return self._values[number]
 
-    def write(self, number: int, value: float, *, settled: bool) -> int:
+    def write(self, number: int, value: float, *, settled: bool) -> float:
         """Set a register; returns the value now in force. A `settled` board neither streams nor boots.
 
         Raises `Refused` if the register is unknown, read-only, not to be touched now, or cannot hold the
@@ -48,14 +48,14 @@ class Registers:
             raise Refused(NackReason.NOT_SUPPORTED)
         if register.name == "LOOP_MODE" and int(value) != LoopMode.FORCE:
             raise Refused(NackReason.NOT_SUPPORTED)
-        self._values[number] = int(value)
+        self._values[number] = value if register.real else int(value)
         self._unpack()
         return self._values[number]
 
     def _unpack(self) -> None:
         value = {register.name: self._values[register.id] for register in _BY_ID.values()}
         self.lockstep = value["CLOCK_MODE"] == ClockMode.LOCKSTEP
-        self.block = value["BLOCK"]
-        self.watchdog = value["WATCHDOG_TICKS"]
-        self.drive_limit = value["DRIVE_LIMIT"]
-        self.status_every = value["STATUS_EVERY"]
+        self.block = int(value["BLOCK"])
+        self.watchdog = int(value["WATCHDOG_TICKS"])
+        self.drive_limit = int(value["DRIVE_LIMIT"])
+        self.status_every = int(value["STATUS_EVERY"])

@@ -226,5 +226,5 @@ class ForceLoop:
             status = client.make_safe(self._endpoint, reason, self._silence_s)
         except WireError:  # a board that no longer answers goes SAFE by its own watchdog
             return
-        names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips")
+        names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
         self.counters.board = {name: getattr(status, name) for name in names}

@@ -24,6 +24,7 @@ _COUNTED = {
     "board_lost_seq": "frames the board missed in the host's sequence",
     "board_saturated": "drive codes the board had to limit",
     "board_watchdog_trips": "times its watchdog brought the board to SAFE",
+    "board_dropped": "blocks of samples the board could not send",
 }
 
 

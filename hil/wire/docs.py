@@ -46,9 +46,9 @@ one closest to the last.
 |---|---|
 | HELLO | IDENTITY |
 | FIELD_READ, line by line, if the spec hashes differ | FIELD_VALUE |
-| REGISTER_WRITE: clock mode, block, watchdog, limits | REGISTER_VALUE |
+| REGISTER_WRITE: clock mode, loop mode, block, watchdog, limits, filter | REGISTER_VALUE |
 | ARM | STATUS (ARMED), then SENSE from the next tick on |
-| DRIVE_FORCE for each row | STATUS (RUNNING) at the first one, SENSE |
+| DRIVE_FORCE for each row, or DRIVE_GAINS for each block | STATUS (RUNNING) at the first one, SENSE |
 | SAFE | STATUS (SAFE) |
 
 A request that arrives intact and is refused is answered by NACK and changes nothing. Without a valid drive
@@ -63,6 +63,31 @@ fields of IDENTITY never change.
 **Timing.** Row m of SENSE carries the codes sampled at tick m, and the drive codes, as quantised and
 limited, that were held over the interval that *ends* at m. With a latency of L ticks, the drive computed
 from row m first acts on the interval that begins at m + L: that is its effective tick.
+
+## Gain mode
+
+With LOOP_MODE = GAIN the board closes the loop itself, and the host sends it the matrix to do that with. At every
+tick m of a streaming board, V[m] being the codes of an axis just sampled, for each axis
+
+    s[m] = A s[m − 1] + B V[m] + C V[m − D]
+
+from s = 0 and V = 0 at ARM (A, B, C, D: registers, the same for both axes), and then for the interval that begins
+at m + L
+
+    u = limited(rounded(G [sx sx' sy sy'] + b + d[m]))
+
+with the newest matrix G and bias b whose effective tick is m or earlier: a drive frame's effective tick is in this
+mode the first tick *computed* with it. Rounding is to the nearest integer; what is not a number counts as 0; limits
+are the converter's and DRIVE_LIMIT. Until the first matrix is in force u = 0. SENSE echoes u as applied, so nothing of
+this has to be repeated exactly by the host; the board computes in single precision or better.
+
+d[m] is dither: ± DITHER_AMPLITUDE for ux and for uy by the next two bits of a shift register of 32 bits that starts
+from DITHER_SEED at ARM and steps twice at every tick after it, used or not: the bit shifted out at the low end is the
+sign (1: +), and where it is 1 the rest is combined with 0xA3000000 by exclusive or (a maximum-length sequence).
+
+Each SENSE names the matrix its last row's drive was computed with. The watchdog counts ticks without DRIVE_GAINS. A
+board in lockstep goes on by one block with each DRIVE_GAINS. DRIVE_FORCE is refused in this mode, DRIVE_GAINS in the
+other (NACK, BAD_STATE).
 """
 
 _LINKS = (
@@ -108,15 +133,18 @@ def _registers() -> str:
         (
             f"`0x{r.id:04x}`",
             r.name,
-            r.access + (", live" if r.live else ""),
-            f"{r.minimum} … {r.maximum}",
-            str(r.default),
+            r.access + ", live" * r.live + ", real" * r.real,
+            f"{r.minimum:.15g} … {r.maximum:.15g}",
+            f"{r.default:.15g}",
             "" if r.unit == "1" else r.unit,
             r.doc,
         )
         for r in SPEC.registers.values()
     ]
-    note = "Live registers may be written in any state, the others only while the board is IDLE or SAFE."
+    note = (
+        "Live registers may be written in any state, the others only while the board is IDLE or SAFE. "
+        "Registers hold whole numbers, real ones any finite number in their range."
+    )
     return f"## Registers\n\n{note}\n\n" + _table(("id", "name", "access", "range", "default", "unit", ""), rows)
 
 

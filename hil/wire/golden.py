@@ -55,18 +55,18 @@ def _messages() -> Iterator[tuple[str, int, int, Message]]:
     yield "", 2, 0, field_value(0)
     yield "", 4, 0, TimeSync(1_000_000_007, 0)
     yield "", 5, 0, Arm()
-    yield "", 3, 0, Status(State.ARMED, SafeReason.NONE, 0, 0, 0, 0, 0, 0, 0)
+    yield "", 3, 0, Status(State.ARMED, SafeReason.NONE, 0, 0, 0, 0, 0, 0, 0, 0)
     yield "one 16-bit row", 4, 0, Sense(np.array([[1000, -2000, 0, 0]], np.int32), 2, 0)
     yield "one 24-bit row", 5, 1, Sense(np.array([[2**23 - 1, -(2**23), -1, 1]], np.int32), 3, 2)
     yield "three 16-bit rows, sequence and tick about to wrap", 0xFFFF, most, Sense(
-        np.array([[0, 0, 0, 0], [32767, -32768, -1, 1], [257, 256, 255, 254]], np.int32), 2, 7
+        np.array([[0, 0, 0, 0], [32767, -32768, -1, 1], [257, 256, 255, 254]], np.int32), 2, 7, 255
     )  # fmt: skip
     yield "", 6, 0, DriveForce(12, -34, 1)
     yield "extremes", 0xFFFF, most, DriveForce(2**31 - 1, -(2**31), most)
     yield "", 7, 9, DriveGains(1, (1.0, -0.5, 0.25, 0.0, -1.0, 0.5, -0.25, 2.0), (3.0, -4.0), 10)
     yield "", 8, 100, Nack(type_of(DriveGains), 7, NackReason.NOT_SUPPORTED)
     yield "", 8, 100, Safe(SafeReason.INTERRUPTED)
-    yield "counters at their end", 9, most, Status(4, 4, most, most, most, most, most, most, most)
+    yield "counters at their end", 9, most, Status(4, 4, most, most, most, most, most, most, most, most)
 
 
 def _rejected() -> Iterator[tuple[str, str, bytes]]:

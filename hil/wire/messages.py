@@ -96,7 +96,8 @@ class DriveForce(NamedTuple):
 
 
 class DriveGains(NamedTuple):
-    """Gain mode: `gain` 2 × 4 row by row (drive codes per sense code), `bias` (ux, uy) in drive codes."""
+    """Gain mode: `gain` 2 × 4 row by row (drive codes per sense code), `bias` (ux, uy) in drive codes, and the first
+    tick computed with them (low 32 bits)."""
 
     matrix_id: int
     gain: tuple[float, ...]
@@ -122,6 +123,7 @@ class Status(NamedTuple):
     lost_seq: int
     saturated: int
     watchdog_trips: int
+    dropped: int
     tick: int
 
 

@@ -40,12 +40,14 @@ class Sense(NamedTuple):
 
     `codes` is (n, 4) int32: vx, vy, ux, uy. Row m: voltage codes sampled at tick m; drive codes, after
     quantisation and saturation, held over the interval that ends at m. `width` is bytes per code on the wire
-    (2 or 3), `flags` are `SenseFlags` of the block. The tick of the first row travels in the frame's header.
+    (2 or 3), `flags` are `SenseFlags` of the block. `matrix_id` names the gain mode's matrix the drive was computed
+    with at the last row, 0 for none. The tick of the first row travels in the frame's header.
     """
 
     codes: Codes
     width: int
     flags: int
+    matrix_id: int = 0
 
 
 def encode_sense(sense: Sense) -> bytes:
@@ -55,7 +57,7 @@ def encode_sense(sense: Sense) -> bytes:
         ProtocolError: width is not 2 or 3, the shape is not (n, 4), there are no or too many rows, or a code
             does not fit.
     """
-    codes, width, flags = sense
+    codes, width, flags, matrix_id = sense
     limit = _LIMIT.get(width)
     if limit is None:
         raise ProtocolError(f"SENSE.width: {width} bytes per code; expected 2 or 3")
@@ -67,9 +69,9 @@ def encode_sense(sense: Sense) -> bytes:
         raise ProtocolError(f"SENSE: a code does not fit into {width} bytes; saturate before sending")
     count = len(codes)
     if width == 2:
-        return _BLOCK.pack(count, width, flags) + codes.astype("<i2").tobytes()
+        return _BLOCK.pack(count, width, flags, matrix_id) + codes.astype("<i2").tobytes()
     padded = np.ascontiguousarray(codes, dtype="<i4").view(np.uint8).reshape(count, len(COLUMNS), 4)
-    return _BLOCK.pack(count, width, flags) + padded[:, :, :3].tobytes()
+    return _BLOCK.pack(count, width, flags, matrix_id) + padded[:, :, :3].tobytes()
 
 
 def decode_sense(payload: bytes) -> Sense:
@@ -80,34 +82,34 @@ def decode_sense(payload: bytes) -> Sense:
     """
     if len(payload) < _BLOCK.size:
         raise ProtocolError(f"SENSE: payload of {len(payload)} bytes; expected at least {_BLOCK.size}")
-    count, width, flags = _BLOCK.unpack_from(payload)
+    count, width, flags, matrix_id = _BLOCK.unpack_from(payload)
     expected = _BLOCK.size + count * width * len(COLUMNS)
     if width not in _LIMIT or count < 1 or len(payload) != expected:
         raise ProtocolError(f"SENSE: n = {count}, width = {width} in a payload of {len(payload)} bytes")
     if width == 2:
         codes = np.frombuffer(payload, "<i2", offset=_BLOCK.size).astype(np.int32)
-        return Sense(codes.reshape(count, len(COLUMNS)), width, flags)
+        return Sense(codes.reshape(count, len(COLUMNS)), width, flags, matrix_id)
     # The three bytes become the upper three of a 32-bit word; the arithmetic shift then brings the sign
     # along.
     words = np.zeros((count * len(COLUMNS), 4), np.uint8)
     words[:, 1:] = np.frombuffer(payload, np.uint8, offset=_BLOCK.size).reshape(-1, 3)
     codes = (words.view("<i4")[:, 0] >> 8).astype(np.int32, copy=False)
-    return Sense(codes.reshape(count, len(COLUMNS)), width, flags)
+    return Sense(codes.reshape(count, len(COLUMNS)), width, flags, matrix_id)
 
 
 def row_body(seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
-    """Header and payload of a SENSE with one row, checksum not yet appended; `seq` u16 and `tick` u32 already
-    wrapped.
+    """Header and payload of force mode's SENSE with one row, checksum not yet appended; `seq` u16 and `tick` u32
+    already wrapped.
 
     Raises:
         ProtocolError: width is not 2 or 3, or a code does not fit.
     """
     try:
         if width == 2:
-            return _ROW_16.pack(SENSE, seq, tick, 1, 2, flags, vx, vy, ux, uy)
+            return _ROW_16.pack(SENSE, seq, tick, 1, 2, flags, 0, vx, vy, ux, uy)
         if width == 3:
             return _ROW_24.pack(
-                SENSE, seq, tick, 1, 3, flags,
+                SENSE, seq, tick, 1, 3, flags, 0,
                 vx & 0xFFFF, vx >> 16, vy & 0xFFFF, vy >> 16, ux & 0xFFFF, ux >> 16, uy & 0xFFFF, uy >> 16,
             )  # fmt: skip
     except struct.error:
@@ -121,10 +123,10 @@ def split_row_body(body: bytes) -> tuple[int, int, int, int, int, int, int] | No
     if body[0] != SENSE:
         return None
     if len(body) == _BODY_16:
-        _, seq, tick, count, width, flags, vx, vy, ux, uy = _ROW_16.unpack_from(body)
+        _, seq, tick, count, width, flags, _, vx, vy, ux, uy = _ROW_16.unpack_from(body)
         return (seq, tick, vx, vy, ux, uy, flags) if count == 1 and width == 2 else None
     if len(body) == _BODY_24:
-        _, seq, tick, count, width, flags, vx, vx_high, vy, vy_high, ux, ux_high, uy, uy_high = _ROW_24.unpack_from(
+        _, seq, tick, count, width, flags, _, vx, vx_high, vy, vy_high, ux, ux_high, uy, uy_high = _ROW_24.unpack_from(
             body
         )
         if count != 1 or width != 3:

@@ -110,14 +110,15 @@ class Register:
     unit: str
     access: Literal["rw", "ro"]
     live: bool
-    default: int
-    minimum: int
-    maximum: int
+    default: float
+    minimum: float
+    maximum: float
     doc: str
+    real: bool = False
 
     def accepts(self, value: float) -> bool:
-        """Whether `value` is whole and in range; NaN and infinities are not."""
-        return self.minimum <= value <= self.maximum and value == int(value)
+        """Whether `value` is in range, and whole unless the register is real; NaN and infinities are not."""
+        return self.minimum <= value <= self.maximum and (self.real or value == int(value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +200,7 @@ def _field_table(
         table += [field.entry(f"{message.name} row") for field in message.rows]
     for register in registers.values():
         limits = f"{register.minimum}..{register.maximum} {register.unit}, default {register.default}"
-        kind = f"0x{register.id:04x} {register.access}{' live' if register.live else ''}"
+        kind = f"0x{register.id:04x} {register.access}{' live' * register.live}{' real' * register.real}"
         table.append(FieldEntry("register", register.name, kind, limits))
     for enum in enums.values():
         table += [FieldEntry(enum.name, name, str(value), "") for name, value in enum.members.items()]

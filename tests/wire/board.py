@@ -50,7 +50,7 @@ class SmallBoard:
         return self.tx.encode(message, self.tick)
 
     def _status(self) -> bytes:
-        return self._frame(Status(self.state, 0, 0, 0, self.rx.bad, self.rx.lost, 0, 0, self.tick))
+        return self._frame(Status(self.state, 0, 0, 0, self.rx.bad, self.rx.lost, 0, 0, 0, self.tick))
 
     def _row(self, ux: int, uy: int) -> bytes:
         row = self.tx.encode_row(self.tick, ux, uy, ux, uy, 0, 2)

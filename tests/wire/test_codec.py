@@ -95,7 +95,7 @@ def test_unknown_type_is_refused():
         RegisterValue(-1, 0.0),
         DriveGains(0, (0.0,) * 7, (0.0,) * 2, 0),
         DriveGains(0, (1e39,) * 8, (0.0,) * 2, 0),
-        Status(0, 0, 2**32, 0, 0, 0, 0, 0, 0),
+        Status(0, 0, 2**32, 0, 0, 0, 0, 0, 0, 0),
     ],
 )
 def test_values_that_do_not_fit_are_refused(message):
@@ -106,7 +106,7 @@ def test_values_that_do_not_fit_are_refused(message):
 
 def test_ticks_of_any_width_travel_by_their_low_bits():
     assert unpack(0x10, pack(DriveForce(1, 2, 2**32 + 5))).effective_tick == 5
-    assert unpack(0x31, pack(Status(0, 0, 0, 0, 0, 0, 0, 0, 2**40 + 7))).tick == 7
+    assert unpack(0x31, pack(Status(0, 0, 0, 0, 0, 0, 0, 0, 0, 2**40 + 7))).tick == 7
 
 
 def test_layout_of_a_drive_by_hand():

@@ -52,7 +52,7 @@ def pair(**identity: object) -> tuple[Endpoint, SmallBoard]:
 def board_frames() -> tuple[bytes, bytes, bytes, bytes]:
     """Status, a row, a block of two rows, status; numbered in this order, ticks 5, 5, 6, 8."""
     tx = Transmitter()
-    status = Status(State.ARMED, 0, 0, 0, 0, 0, 0, 0, 5)
+    status = Status(State.ARMED, 0, 0, 0, 0, 0, 0, 0, 0, 5)
     block = Sense(np.array([[1, 2, 3, 4], [-5, -6, -7, -8]], np.int32), 3, 4)
     return (
         tx.encode(status, 5),
@@ -150,7 +150,7 @@ def test_a_second_host_finds_the_board_where_it_is():
 
 def test_other_protocol_is_refused():
     endpoint, _ = pair(protocol=SPEC.protocol + 1)
-    with pytest.raises(ProtocolError, match="inproc: the board speaks protocol 2, this host 1; update the host"):
+    with pytest.raises(ProtocolError, match="inproc: the board speaks protocol 3, this host 2; update the host"):
         connect(endpoint)
     endpoint, _ = pair(protocol=0)
     with pytest.raises(ProtocolError, match="update the firmware"):
@@ -247,8 +247,8 @@ def test_a_refusal_of_something_else_is_kept():
 
 def test_an_old_answer_is_not_taken_for_a_new_one():
     tx = Transmitter()
-    running, still = (tx.encode(Status(State.RUNNING, 0, 0, 0, 0, 0, 0, 0, tick), tick) for tick in (0, 1))
-    safe = tx.encode(Status(State.SAFE, 1, 0, 0, 0, 0, 0, 0, 2), 2)
+    running, still = (tx.encode(Status(State.RUNNING, 0, 0, 0, 0, 0, 0, 0, 0, tick), tick) for tick in (0, 1))
+    safe = tx.encode(Status(State.SAFE, 1, 0, 0, 0, 0, 0, 0, 0, 2), 2)
     endpoint = Endpoint(Script(running, still, safe))
     endpoint.keep(endpoint.poll(None))
     assert make_safe(endpoint, SafeReason.HOST_REQUEST).tick == 2

@@ -21,15 +21,15 @@ def codes(width: int, rows: st.SearchStrategy[int]) -> st.SearchStrategy[np.ndar
 
 
 @untimed
-@given(st.data(), widths, st.integers(0, 255))
-def test_blocks_come_back(data, width, flags):
+@given(st.data(), widths, st.integers(0, 255), st.integers(0, 255))
+def test_blocks_come_back(data, width, flags, matrix_id):
     block = data.draw(codes(width, st.integers(1, 40)))
-    payload = encode_sense(Sense(block, width, flags))
-    assert len(payload) == 4 + block.size * width
+    payload = encode_sense(Sense(block, width, flags, matrix_id))
+    assert len(payload) == 5 + block.size * width
     back = decode_sense(payload)
     assert back.codes.dtype == np.int32
     assert np.array_equal(back.codes, block)
-    assert back[1:] == (width, flags)
+    assert back[1:] == (width, flags, matrix_id)
 
 
 @untimed
@@ -45,8 +45,8 @@ def test_one_row_is_a_block_of_one(data, width, flags, seq, tick):
 @pytest.mark.parametrize("width", [2, 3])
 def test_codes_are_little_endian_twos_complement(width):
     row = (1, -1, 256, -(1 << 8 * width - 1))
-    payload = encode_sense(Sense(np.array([row], np.int32), width, 0))
-    assert payload == bytes([1, 0, width, 0]) + b"".join(code.to_bytes(width, "little", signed=True) for code in row)
+    payload = encode_sense(Sense(np.array([row], np.int32), width, 0, 9))
+    assert payload == bytes([1, 0, width, 0, 9]) + b"".join(code.to_bytes(width, "little", signed=True) for code in row)
 
 
 @pytest.mark.parametrize("width", [2, 3])
@@ -81,17 +81,24 @@ def test_other_widths_are_refused(width):
 
 @pytest.mark.parametrize(
     "payload",
-    [b"", b"\1\0\2", b"\1\0\2\0" + bytes(7), b"\1\0\2\0" + bytes(9), b"\0\0\2\0", b"\2\0\1\0" + bytes(8)],
+    [
+        b"",
+        b"\1\0\2\0",
+        b"\1\0\2\0\0" + bytes(7),
+        b"\1\0\2\0\0" + bytes(9),
+        b"\0\0\2\0\0",
+        b"\2\0\1\0\0" + bytes(8),
+    ],
 )
 def test_payloads_that_contradict_themselves_are_refused(payload):
     with pytest.raises(ProtocolError, match="SENSE"):
         decode_sense(payload)
 
 
-@pytest.mark.parametrize("start", [b"\2\0\1\0", b"\4\0\1\0"])
+@pytest.mark.parametrize("start", [b"\2\0\1\0\0", b"\4\0\1\0\0"])
 def test_a_row_that_contradicts_itself_is_no_row(start):
     """Two rows of one byte a code would have the length of one row of two."""
     size = 4 * start[0]
     assert split_row_body(HEADER.pack(SENSE, 0, 0) + start + bytes(size + 4)) is None
-    three = HEADER.pack(SENSE, 0, 0) + b"\3\0\1\0" + bytes(12 + 4)
+    three = HEADER.pack(SENSE, 0, 0) + b"\3\0\1\0\0" + bytes(12 + 4)
     assert split_row_body(three) is None
