@@ -1,0 +1,94 @@
+"""The noise that would be left by a complete model, from the record itself where that can be had.
+
+Three sources, best first: repeats of a periodic drive, the innovation's spectrum high above the resonance and away from
+its multiples, and what the observer predicts from the declared noise.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.residual.spectrum import ORDERS, Periodogram, folded
+from estimator.scaling import Array
+
+_FEWEST_BINS = 64
+_AWAY = 0.125  # resonances to stay away from a multiple
+_PERIODIC = 1e-4  # of the drive's rms: a period that comes back is the same to this
+
+
+@dataclass(frozen=True)
+class Floor:
+    """rms (axes,) in volts per sample, its relative standard deviation, and where it is from, in words."""
+
+    rms: Array
+    uncertainty: float
+    source: str
+
+
+def noise_floor(
+    spectrum: Periodogram, predicted: Array, sample_rate: float, resonance: float, repeats: Array | None = None
+) -> Floor:
+    """The floor of the record behind `spectrum`.
+
+    predicted (n, axes): standard deviation of the innovation that the observer expects; repeats (axes,): noise from
+    `repeated_noise`, where there was any.
+    """
+    if repeats is not None:
+        return Floor(repeats, 0.0, "repeats of the drive")
+    quiet = quiet_bins(spectrum.frequency, sample_rate, resonance)
+    count = int(np.sum(quiet))
+    if count < _FEWEST_BINS:
+        return Floor(np.nanmedian(predicted, axis=0), 0.0, "the declared noise")
+    median = np.median(spectrum.density[quiet], axis=0) / math.log(2.0)
+    # Of the median of exponentials, n bins of a Hann window being as good as n/1.94 independent ones.
+    uncertainty = math.sqrt(1.94 / count) / math.log(2.0) / 2.0
+    return Floor(np.sqrt(median * sample_rate / 2.0), uncertainty, "the spectrum away from the resonance")
+
+
+def quiet_bins(frequency: Array, sample_rate: float, resonance: float) -> NDArray[np.bool_]:
+    """Which frequencies (m,) tell the floor: the upper half of the spectrum, without multiples of the resonance.
+
+    With so few samples a cycle that nothing is left, the whole spectrum without them.
+    """
+    away: NDArray[np.bool_] = np.ones(len(frequency), dtype=bool)
+    for order in range(ORDERS + 1):
+        away &= np.abs(frequency - folded(order * resonance, sample_rate)) > _AWAY * resonance
+    upper: NDArray[np.bool_] = away & (frequency > max(sample_rate / 4.0, 1.5 * resonance))
+    return upper if np.sum(upper) >= _FEWEST_BINS else away
+
+
+def repeated_noise(sense: Array, drive: Array) -> Array | None:
+    """Noise (axes,) in volts from periods of the drive that repeat exactly, None where they do not.
+
+    sense (n, axes) V, drive (n, axes).  Two periods of a settled response differ by noise only; the quieter half of the
+    pairs of periods is taken, since the first ones may still be settling.
+    """
+    period = _period(drive)
+    if period is None:
+        return None
+    difference = sense[period:] - sense[:-period]
+    pairs = len(difference) // period
+    if pairs < 1:
+        return None
+    size = np.array([np.nanmean(difference[i * period : (i + 1) * period] ** 2, axis=0) for i in range(pairs)])
+    quieter = np.argsort(np.sum(size, axis=1))[: (pairs + 1) // 2]
+    return np.asarray(np.sqrt(np.mean(size[quieter], axis=0) / 2.0))
+
+
+def _period(drive: Array) -> int | None:
+    """Samples after which the drive comes back exactly, for the rest of the record; None where it does not."""
+    n = len(drive)
+    centred = drive - np.mean(drive, axis=0)
+    power = float(np.mean(centred**2))
+    if power == 0.0:
+        return None
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(centred, size, axis=0)
+    correlation = np.sum(np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: n // 2 + 1], axis=1)
+    share = correlation / (n - np.arange(n // 2 + 1)) / (correlation[0] / n)
+    for lag in np.flatnonzero((share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] > 0.99)) + 1:
+        if np.mean((centred[lag:] - centred[:-lag]) ** 2) < _PERIODIC**2 * power:
+            return int(lag)
+    return None

@@ -1,0 +1,58 @@
+"""Which effects a finding points at.  A pointer, not a proof: it orders the search and words the report.
+
+Sources: the signatures of the effects' own declarations (`estimator.effects`).
+"""
+
+from collections.abc import Mapping
+
+from estimator.effects.catalogue import names
+
+_ODD = (
+    "cubic_stiffness",
+    "cubic_isotropic",
+    "sense_cubic",
+    "dry_friction",
+    "nonlinear_damping",
+    "sense_saturation",
+    "drive_saturation",
+    "drive_dead_band",
+)
+_EVEN = ("quadratic_stiffness", "sense_quadratic", "electrostatic_drive")
+_LINEAR = (
+    "sense_gain",
+    "sense_cross_coupling",
+    "nonreciprocal_stiffness",
+    "drive_gain",
+    "drive_misalignment",
+    "drive_delay",
+    "sense_delay",
+    "cubic_stiffness",
+    "cubic_isotropic",
+)
+
+SUSPECTS: Mapping[str, tuple[str, ...]] = {
+    "line at 0": (*_EVEN, "sense_high_pass", "constant_force"),
+    "line at 1": _LINEAR,
+    "line at 2": _EVEN,
+    "line at 3": _ODD,
+    "line at 4": _EVEN,
+    "line at 5": _ODD,
+    "line elsewhere": ("interference", "base_vibration", "parasitic_mode"),
+    "always": (*_LINEAR, "nonlinear_damping", "dry_friction"),
+    "amplitude": ("cubic_stiffness", "cubic_isotropic", "sense_cubic", "nonlinear_damping", "dry_friction"),
+    "sin 2θ": ("sense_gain", "sense_delay", "drive_gain", "drive_delay", "cubic_stiffness"),
+    "cos 2θ": ("sense_cross_coupling", "drive_misalignment", "nonreciprocal_stiffness"),
+    "sin 4θ": ("cubic_stiffness", "sense_cubic", "nonlinear_damping"),
+    "cos 4θ": ("cubic_stiffness", "sense_cubic", "nonlinear_damping"),
+    "rate": ("sense_delay", "drive_delay", "nonreciprocal_stiffness", "centrifugal", "euler"),
+    "drive": ("drive_feedthrough", "drive_gain", "drive_misalignment", "drive_delay", "parasitic_mode"),
+    "temperature": ("temperature",),
+    "floor": ("drive_feedthrough", "sense_quantisation"),
+}
+"""Sign in the residual → effects, by name."""
+
+
+def suspects(sign: str) -> tuple[str, ...]:
+    """Effects that `sign` points at, as far as the catalogue has them."""
+    known = names()
+    return tuple(name for name in SUSPECTS[sign] if name in known)

@@ -1,0 +1,88 @@
+"""Is a series white?  Portmanteau test of its autocorrelation, and test of its cumulative periodogram.
+
+The first sees short memory, the second a spectrum that is lopsided as a whole.  Both have exact or nearly exact
+chances under white noise, gaps (NaN) included.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, kstwo
+
+from estimator.scaling import Array
+
+_FEWEST, _SHARE = 10, 8
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Probability, under white noise, of a statistic this large or larger."""
+
+    statistic: float
+    p: float
+    log_p: float
+
+
+def sensible_lags(samples: int, samples_per_cycle: float) -> int:
+    """Two cycles of the resonance, at least ten lags, at most an eighth of the record."""
+    return max(1, min(max(_FEWEST, math.ceil(2.0 * samples_per_cycle)), samples // _SHARE))
+
+
+def portmanteau(series: Array, lags: int) -> Whiteness:
+    """Test of Ljung and Box (1978) on series (n,) or (n, axes), in the multivariate form of Hosking (1980).
+
+    Over several axes the correlations between them at lags other than zero count as well; NaN rows are left out.
+    """
+    white, valid = _whitened(series)
+    n, axes = white.shape
+    total = int(np.sum(valid))
+    size = 1 << (2 * n - 1).bit_length()
+    transform = np.fft.rfft(white, size, axis=0)
+    pairs = np.fft.irfft(np.abs(np.fft.rfft(valid.astype(float), size)) ** 2, size)[1 : lags + 1]
+    statistic = 0.0
+    for a in range(axes):
+        for b in range(axes):
+            correlation = np.fft.irfft(transform[:, a] * np.conj(transform[:, b]), size)[1 : lags + 1]
+            present = pairs > 0.5
+            statistic += float(np.sum(correlation[present] ** 2 / pairs[present]))
+    statistic *= (total + 2.0) / total
+    degrees = axes**2 * lags
+    return Whiteness(statistic, float(chi2.sf(statistic, degrees)), _log_chi2(statistic, degrees))
+
+
+def cumulative_periodogram(series: Array) -> Whiteness:
+    """Largest distance of the cumulative periodogram of series (n,) from a straight line (Bartlett 1955).
+
+    Under white noise it is distributed as Kolmogorov's and Smirnov's statistic.
+    """
+    filled = np.nan_to_num(series - np.nanmean(series))
+    power = np.abs(np.fft.rfft(filled)) ** 2
+    power = power[1 : (len(filled) + 1) // 2]  # without the mean and, where there is one, the line at half the rate
+    share = np.cumsum(power)[:-1] / np.sum(power)
+    count = len(share)
+    rank = np.arange(1, count + 1)
+    distance = float(max(np.max(rank / count - share), np.max(share - (rank - 1) / count)))
+    p = float(kstwo.sf(distance, count))
+    log_p = math.log(p) if p > 0.0 else math.log(2.0) - 2.0 * count * distance**2
+    return Whiteness(distance, p, log_p)
+
+
+def _whitened(series: Array) -> tuple[Array, Array]:
+    """The series without mean and correlation at lag zero, 0 where it has a gap; and where it has none (n,)."""
+    columns = np.asarray(series, dtype=float).reshape(len(series), -1)
+    valid = np.all(np.isfinite(columns), axis=1)
+    known = columns[valid] - np.mean(columns[valid], axis=0)
+    root = np.linalg.cholesky(known.T @ known / len(known))
+    white = np.zeros_like(columns)
+    white[valid] = np.linalg.solve(root, known.T).T
+    return white, valid
+
+
+def _log_chi2(statistic: float, degrees: int) -> float:
+    """log of the upper tail; where it underflows, the leading term of its asymptotic series."""
+    log_p = float(chi2.logsf(statistic, degrees))
+    if math.isfinite(log_p):
+        return log_p
+    half, order = statistic / 2.0, degrees / 2.0
+    return (order - 1.0) * math.log(half) - half - math.lgamma(order)
