@@ -12,7 +12,7 @@ from typing import TypeVar
 from hil.wire.codec import type_of, unpack
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, ProtocolError
-from hil.wire.framing import Frame
+from hil.wire.frame_format import Frame
 from hil.wire.messages import (
     Arm,
     FieldRead,

@@ -90,6 +90,36 @@ board in lockstep goes on by one block with each DRIVE_GAINS. DRIVE_FORCE is ref
 other (NACK, BAD_STATE).
 """
 
+_CAN = """\
+## CAN
+
+The same messages travel in CAN frames with 11-bit identifiers:
+
+    {can}
+
+The type comes first, so the most urgent message wins the arbitration; up to {nodes} boards share a bus as nodes
+0 to {last}. Everything goes as CAN FD with bit-rate switching, except SAFE and ARM: these are classic frames, so that
+they arrive wherever the nominal bit rate is right. There is no CRC-32C, as CAN has a checksum of its own. A sender's
+frames must leave in the order of their numbers, whatever their identifiers (one transmit FIFO).
+
+**CAN FD.** {header}
+
+{header_table}
+
+**SENSE.** {sense}
+
+{sense_table}
+
+Rows follow as on a serial line, and zeros up to the next legal length. With 16-bit codes a full frame has 8 + 7 × 8 =
+64 bytes; at 1 Mbit/s and 8 Mbit/s the bus holds close to 70 000 samples a second.
+
+**Classic CAN.** Layouts of their own, of up to 8 bytes.
+
+{classic}
+
+A frame whose length contradicts its content is dropped and counted, and so is a message of which a part is missing.
+Frames of other identifiers are other people's and passed over."""
+
 _LINKS = (
     (
         "`serial:/dev/ttyUSB0?baud=3000000`",
@@ -101,8 +131,25 @@ _LINKS = (
         "host's end of an emulated board's pty",
         "ignores the baud rate; holds 16.9 kB, then the board waits or loses bytes",
     ),
+    (
+        "`can:can0`, `can:vcan0?node=2`",
+        "Linux CAN interface (SocketCAN) with CAN FD, kernel timestamps",
+        "close to 70 kS/s at 1/8 Mbit/s",
+    ),
+    (
+        "`can:pcan:PCAN_USBBUS1?bitrate=1000000&data_bitrate=8000000`",
+        "any adapter python-can knows, by its name and channel, with its options",
+        "a thread of Python on the way of every frame",
+    ),
+    (
+        "`udp:239.0.0.1:4242`",
+        "multicast group; a datagram per frame. The host's go to the port, the board's to the next one",
+        "loses frames when a reader lags; in lockstep a lost one stops both",
+    ),
     ("`inproc:SCENARIO`", "emulated board in the same process, the same bytes", "lockstep only"),
 )
+
+_SENDER = {"host": "host → board", "board": "board → host", "either": "either way"}
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -120,12 +167,31 @@ def _field_rows(fields: Iterable[Field], prefix: str = "") -> Iterator[tuple[str
 def _message(layout: Layout) -> str:
     size = f"{layout.size} byte{'' if layout.size == 1 else 's'}" + (" and more" if layout.open_ended else "")
     frozen = ", *frozen*" if layout.frozen else ""
-    sender = {"host": "host → board", "board": "board → host", "either": "either way"}[layout.sender]
-    parts = [f"### {layout.name}", f"`0x{layout.type:02x}`, {sender}, {size}{frozen}. {layout.doc}"]
+    parts = [f"### {layout.name}", f"`0x{layout.type:02x}`, {_SENDER[layout.sender]}, {size}{frozen}. {layout.doc}"]
     rows = [*_field_rows(layout.fields), *_field_rows(layout.rows, "row: ")]
     if rows:
         parts.append(_table(("field", "type", "unit", ""), rows))
     return "\n\n".join(parts)
+
+
+def _classic(layout: Layout) -> str:
+    name = f"`{layout.name}`, `0x{layout.type:02x}`, {_SENDER[layout.sender]}, {layout.size} bytes. {layout.doc}"
+    return f"{name}\n\n{_table(('field', 'type', 'unit', ''), _field_rows(layout.fields))}"
+
+
+def _can() -> str:
+    can = SPEC.can
+    head = ("field", "type", "unit", "")
+    return _CAN.format(
+        can=can.doc,
+        nodes=can.nodes,
+        last=can.nodes - 1,
+        header=can.header_doc,
+        header_table=_table(head, _field_rows(can.header)),
+        sense=can.sense_doc,
+        sense_table=_table(head, _field_rows(can.sense)),
+        classic="\n\n".join(map(_classic, can.classic.values())),
+    )
 
 
 def _registers() -> str:
@@ -167,7 +233,7 @@ def render() -> str:
     )
     order = "Types are ordered by urgency: on CAN the type goes into the identifier, and the lowest wins."
     parts = [introduction.rstrip(), f"## Messages\n\n{order}", *(_message(m) for m in SPEC.messages.values())]
-    parts += [_registers(), "## Enumerations", *(_enumeration(e) for e in SPEC.enums.values())]
+    parts += [_can(), _registers(), "## Enumerations", *(_enumeration(e) for e in SPEC.enums.values())]
     parts += ["## Links", _table(("name", "what it is", "what it cannot do"), _LINKS)]
     return "\n\n".join(parts) + "\n"
 

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 
-from hil.wire.framing import Frame
+from hil.wire.frame_format import Frame
 from hil.wire.link import Link
 from hil.wire.messages import Message
 from hil.wire.sense import Sense, SenseRow

@@ -7,7 +7,6 @@ residue is constant, so a frame is checked in one call over everything received,
 
 import struct
 from types import BuiltinFunctionType
-from typing import NamedTuple
 
 from cobs.cobs import DecodeError
 from cobs.cobs import decode as cobs_decode
@@ -15,6 +14,7 @@ from cobs.cobs import encode as cobs_encode
 from crc32c import crc32c
 
 from hil.wire.errors import ProtocolError
+from hil.wire.frame_format import Frame
 from hil.wire.spec import SPEC
 
 HEADER = struct.Struct("<" + "".join(field.struct for field in SPEC.frame))
@@ -32,16 +32,6 @@ _RESIDUE = 0x48674BC7  # CRC-32C of any message followed by its own little-endia
 COBS_IN_C = isinstance(cobs_encode, BuiltinFunctionType)
 """Whether the installed `cobs` has its C part (0.1 µs a frame). That is built where a C compiler and Python's
 headers are; elsewhere its Python part does the same in 2–4 µs."""
-
-
-class Frame(NamedTuple):
-    """One frame as it came off the wire: `type` u8, `seq` u16, `tick` u32 (low bits), payload not yet
-    understood."""
-
-    type: int
-    seq: int
-    tick: int
-    payload: bytes
 
 
 def seal(body: bytes) -> bytes:

@@ -13,6 +13,7 @@ import numpy as np
 from cobs import cobs
 from crc32c import crc32c
 
+from hil.wire.can_format import BOARD, FDF, HEAD, HOST, RECORD_SIZE, CanFormat
 from hil.wire.codec import field_value, pack, type_of
 from hil.wire.framing import encode_frame
 from hil.wire.messages import (
@@ -20,6 +21,7 @@ from hil.wire.messages import (
     DriveForce,
     DriveGains,
     FieldRead,
+    FieldValue,
     Hello,
     Identity,
     Message,
@@ -53,11 +55,15 @@ def _messages() -> Iterator[tuple[str, int, int, Message]]:
     yield "", 1, 0, RegisterValue(4, 80.0)
     yield "", 3, 0, FieldRead(0)
     yield "", 2, 0, field_value(0)
+    yield "a payload that fills a CAN FD frame, so that an empty one follows", 2, 0, FieldValue(1, 200, "x" * 52)
     yield "", 4, 0, TimeSync(1_000_000_007, 0)
     yield "", 5, 0, Arm()
     yield "", 3, 0, Status(State.ARMED, SafeReason.NONE, 0, 0, 0, 0, 0, 0, 0, 0)
     yield "one 16-bit row", 4, 0, Sense(np.array([[1000, -2000, 0, 0]], np.int32), 2, 0)
     yield "one 24-bit row", 5, 1, Sense(np.array([[2**23 - 1, -(2**23), -1, 1]], np.int32), 3, 2)
+    yield "eight 16-bit rows, one more than a CAN FD frame holds", 6, 2, Sense(
+        np.arange(-16, 16, dtype=np.int32).reshape(8, 4), 2, 1
+    )  # fmt: skip
     yield "three 16-bit rows, sequence and tick about to wrap", 0xFFFF, most, Sense(
         np.array([[0, 0, 0, 0], [32767, -32768, -1, 1], [257, 256, 255, 254]], np.int32), 2, 7, 255
     )  # fmt: skip
@@ -85,6 +91,17 @@ def _fields(message: Message) -> dict[str, Any]:
     }
 
 
+def _on_can(sender: str, type_: int, seq: int, tick: int, payload: bytes) -> list[dict[str, Any]]:
+    """The CAN frames of a message to or from node 0; the host's where either may send it."""
+    data, _ = CanFormat(0, BOARD if sender == "board" else HOST).encode(type_, seq, tick, payload)
+    frames = []
+    for at in range(0, len(data), RECORD_SIZE):
+        identifier, length, flags = HEAD.unpack_from(data, at)
+        body = data[at + HEAD.size : at + HEAD.size + length]
+        frames.append({"id": f"0x{identifier:03x}", "fd": bool(flags & FDF), "data": body.hex()})
+    return frames
+
+
 def vectors() -> dict[str, Any]:
     """All vectors as plain JSON data; bytes are hex, delimiters of frames included."""
     frames = []
@@ -100,6 +117,7 @@ def vectors() -> dict[str, Any]:
                 "fields": _fields(message),
                 "payload": payload.hex(),
                 "frame": encode_frame(type_of(message), seq, tick, payload).hex(),
+                "can": _on_can(SPEC.messages[name].sender, type_of(message), seq, tick, payload),
             }
         )
     return {

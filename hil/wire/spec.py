@@ -67,6 +67,12 @@ class Field:
         letter = _STRUCT_CODES.get(self.type.partition("[")[0], "")
         return letter if self.count == 1 else f"{self.count}{letter}"
 
+    @property
+    def bits(self) -> int:
+        """Bits of the field; 0 for `text` and `code`."""
+        base = self.type.partition("[")[0]
+        return int(base[1:]) * self.count if base[1:].isdigit() else 0
+
     def entry(self, message: str) -> FieldEntry:
         """The field's line in the field table."""
         scale = self.unit if self.scale == "1" else f"{self.scale} per {self.unit}"
@@ -132,6 +138,31 @@ class Enumeration:
 
 
 @dataclass(frozen=True, slots=True)
+class CanSpec:
+    """How frames travel on CAN.
+
+    `header` precedes a part of the payload in a CAN FD frame; `sense` is the header of SENSE, before whole rows.
+    `classic` are the layouts of classic frames, by name: SAFE, ARM, and what exists on CAN only.  `lengths` are the
+    legal numbers of data bytes, ascending.
+    """
+
+    doc: str
+    header_doc: str
+    sense_doc: str
+    header: tuple[Field, ...]
+    sense: tuple[Field, ...]
+    classic: dict[str, Layout]
+    lengths: tuple[int, ...]
+    type_shift: int
+    node_shift: int
+    nodes: int
+
+    def identifier(self, type_: int, node: int, sender: int) -> int:
+        """11-bit identifier of a message type; `sender` is 0 for the host, 1 for the board."""
+        return type_ << self.type_shift | node << self.node_shift | sender
+
+
+@dataclass(frozen=True, slots=True)
 class Spec:
     """Everything two peers agree on."""
 
@@ -141,6 +172,7 @@ class Spec:
     messages: dict[str, Layout]
     registers: dict[str, Register]
     enums: dict[str, Enumeration]
+    can: CanSpec
     table: tuple[FieldEntry, ...]
     hash: int
 
@@ -161,7 +193,8 @@ def parse_spec(text: str) -> Spec:
     enums = {name: _enumeration(name, body, flags=False) for name, body in raw["enums"].items()}
     enums |= {name: _enumeration(name, body, flags=True) for name, body in raw["flags"].items()}
     frame = tuple(Field(**field) for field in raw["frame"])
-    table = _field_table(raw["max_payload"], frame, messages, registers, enums)
+    can = _can(raw["can"])
+    table = _field_table(raw["max_payload"], frame, messages, can, registers, enums)
     return Spec(
         protocol=raw["protocol"],
         max_payload=raw["max_payload"],
@@ -169,6 +202,7 @@ def parse_spec(text: str) -> Spec:
         messages=messages,
         registers=registers,
         enums=enums,
+        can=can,
         table=table,
         hash=crc32c("\n".join(entry.text for entry in table).encode()),
     )
@@ -177,6 +211,21 @@ def parse_spec(text: str) -> Spec:
 def _layout(name: str, body: dict[str, Any]) -> Layout:
     fields, rows = (tuple(Field(**field) for field in body.pop(key, ())) for key in ("fields", "rows"))
     return Layout(name=name, fields=fields, rows=rows, **body)
+
+
+def _can(raw: dict[str, Any]) -> CanSpec:
+    return CanSpec(
+        doc=raw["doc"],
+        header_doc=raw["fd"]["doc"],
+        sense_doc=raw["sense"]["doc"],
+        header=tuple(Field(**field) for field in raw["fd"]["fields"]),
+        sense=tuple(Field(**field) for field in raw["sense"]["fields"]),
+        classic={name: _layout(name, body) for name, body in raw["classic"].items()},
+        lengths=tuple(raw["lengths"]),
+        type_shift=raw["type_shift"],
+        node_shift=raw["node_shift"],
+        nodes=raw["nodes"],
+    )
 
 
 def _enumeration(name: str, body: dict[str, Any], *, flags: bool) -> Enumeration:
@@ -188,6 +237,7 @@ def _field_table(
     max_payload: int,
     frame: tuple[Field, ...],
     messages: dict[str, Layout],
+    can: CanSpec,
     registers: dict[str, Register],
     enums: dict[str, Enumeration],
 ) -> tuple[FieldEntry, ...]:
@@ -198,6 +248,7 @@ def _field_table(
         table.append(FieldEntry(message.name, "", f"0x{message.type:02x}", message.sender))
         table += [field.entry(message.name) for field in message.fields]
         table += [field.entry(f"{message.name} row") for field in message.rows]
+    table += _can_table(can)
     for register in registers.values():
         limits = f"{register.minimum}..{register.maximum} {register.unit}, default {register.default}"
         kind = f"0x{register.id:04x} {register.access}{' live' * register.live}{' real' * register.real}"
@@ -205,6 +256,18 @@ def _field_table(
     for enum in enums.values():
         table += [FieldEntry(enum.name, name, str(value), "") for name, value in enum.members.items()]
     return tuple(table)
+
+
+def _can_table(can: CanSpec) -> list[FieldEntry]:
+    """The lines about CAN."""
+    shifts = f"type << {can.type_shift} | node << {can.node_shift} | sender"
+    table = [FieldEntry("CAN", "identifier", shifts, "")]
+    table += [field.entry("CAN FD") for field in can.header]
+    table += [field.entry("CAN FD SENSE") for field in can.sense]
+    for layout in can.classic.values():
+        table.append(FieldEntry(f"CAN {layout.name}", "", f"0x{layout.type:02x}", layout.sender))
+        table += [field.entry(f"CAN {layout.name}") for field in layout.fields]
+    return table
 
 
 def first_difference(theirs: tuple[FieldEntry, ...], ours: tuple[FieldEntry, ...]) -> str | None:

@@ -3,20 +3,16 @@
 A board that answers `exchange(data) -> bytes` uses these two directly; `hil.wire.endpoint` adds a link.
 """
 
-import struct
 from typing import NamedTuple
 
 from hil.wire.codec import KNOWN_TYPES, pack, type_of, unpack
 from hil.wire.errors import ProtocolError
-from hil.wire.framing import CRC_SIZE, HEADER, Decoder, Frame, encode_frame, seal
-from hil.wire.messages import DriveForce, Hello, Identity, Message, Nack, NackReason
-from hil.wire.sense import SenseRow, row_body, split_row_body
-from hil.wire.spec import SPEC
+from hil.wire.frame_format import UNSEQUENCED, Frame, FrameFormat
+from hil.wire.messages import Hello, Identity, Message, Nack, NackReason
+from hil.wire.sense import SenseRow
+from hil.wire.serial_format import SERIAL
 
-_DRIVE = type_of(DriveForce)
 _RESTARTS = frozenset((type_of(Hello), type_of(Identity)))
-_DRIVE_BODY = struct.Struct(HEADER.format + SPEC.messages["DRIVE_FORCE"].struct[1:])
-_DRIVE_BODY_SIZE = _DRIVE_BODY.size + CRC_SIZE
 
 REPEAT_WINDOW = 256
 """A sequence number up to this far behind the expected one is a repetition and dropped; further behind, it is
@@ -47,9 +43,10 @@ class Transmitter:
         seq: sequence number of the next frame.
     """
 
-    __slots__ = ("seq",)
+    __slots__ = ("_format", "seq")
 
-    def __init__(self) -> None:
+    def __init__(self, form: FrameFormat = SERIAL) -> None:
+        self._format = form
         self.seq = 0
 
     def encode(self, message: Message, tick: int) -> bytes:
@@ -58,31 +55,28 @@ class Transmitter:
         Raises:
             ProtocolError: a value does not fit its field; no sequence number is spent.
         """
-        frame = encode_frame(type_of(message), self.seq, tick, pack(message))
-        self.seq = (self.seq + 1) & 0xFFFF
-        return frame
+        data, spent = self._format.encode(type_of(message), self.seq, tick, pack(message))
+        self.seq = (self.seq + spent) & 0xFFFF
+        return data
 
     def encode_row(self, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
         """SENSE with one row, the short way. Codes must fit `width` (2 or 3) bytes, else ProtocolError."""
-        body = row_body(self.seq, tick & 0xFFFFFFFF, vx, vy, ux, uy, flags, width)
+        data = self._format.encode_row(self.seq, tick, vx, vy, ux, uy, flags, width)
         self.seq = (self.seq + 1) & 0xFFFF
-        return seal(body)
+        return data
 
     def encode_drive(self, ux: int, uy: int, effective_tick: int, tick: int) -> bytes:
         """DRIVE_FORCE, the short way; ticks of any width. ProtocolError if a code is beyond 32 bits."""
-        try:
-            body = _DRIVE_BODY.pack(_DRIVE, self.seq, tick & 0xFFFFFFFF, ux, uy, effective_tick & 0xFFFFFFFF)
-        except struct.error:
-            raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
+        data = self._format.encode_drive(self.seq, tick, ux, uy, effective_tick)
         self.seq = (self.seq + 1) & 0xFFFF
-        return seal(body)
+        return data
 
 
 class Receiver:
     """Takes bytes, gives messages; follows sequence numbers and ticks.
 
     Attributes:
-        decoder: the framing counters.
+        decoder: the frame decoder with its counters.
         tick: header tick of the last frame, unwrapped to 64 bits; 0 before the first.
         lost: frames missing from the peer's sequence.
         repeated: frames dropped because their number had passed.
@@ -92,8 +86,8 @@ class Receiver:
 
     __slots__ = ("_expected", "decoder", "lost", "refused", "repeated", "tick", "undecodable")
 
-    def __init__(self) -> None:
-        self.decoder = Decoder()
+    def __init__(self, form: FrameFormat = SERIAL) -> None:
+        self.decoder = form.decoder()
         self.tick = 0
         self.lost = 0
         self.repeated = 0
@@ -130,6 +124,9 @@ class Receiver:
         """Frames that `data` completes, repeated ones left out, their ticks unwrapped to 64 bits."""
         frames = []
         for frame in self.decoder.feed(data):
+            if frame.seq == UNSEQUENCED:
+                frames.append(frame._replace(seq=0, tick=self.tick))
+                continue
             if frame.type in _RESTARTS:
                 self._expected = None
             if self._follows(frame.seq):
@@ -140,8 +137,7 @@ class Receiver:
     def take_row(self, data: bytes) -> SenseRow | None:
         """The sample if `data` is exactly one SENSE with one row, next in sequence; otherwise None, nothing
         is counted, and `data` still has to be fed."""
-        body = self.decoder.peek(data)
-        row = None if body is None else split_row_body(body)
+        row = self.decoder.row(data)
         if row is None or row[0] != self._expected:
             return None
         seq, low, vx, vy, ux, uy, flags = row
@@ -151,18 +147,15 @@ class Receiver:
     def take_drive(self, data: bytes) -> tuple[int, int, int] | None:
         """(ux, uy, effective tick, low 32 bits) if `data` is exactly one DRIVE_FORCE, next in sequence;
         otherwise None, nothing is counted, and `data` still has to be fed."""
-        body = self.decoder.peek(data)
-        if body is None or len(body) != _DRIVE_BODY_SIZE or body[0] != _DRIVE:
+        drive = self.decoder.drive(data)
+        if drive is None or drive[0] != self._expected:
             return None
-        _, seq, low, ux, uy, effective = _DRIVE_BODY.unpack_from(body)
-        if seq != self._expected:
-            return None
+        seq, low, ux, uy, effective = drive
         self._took(data, seq, low)
         return ux, uy, effective
 
     def _took(self, data: bytes, seq: int, low: int) -> None:
-        self.decoder.frames += 1
-        self.decoder.bytes += len(data)
+        self.decoder.took(data)
         self._expected = (seq + 1) & 0xFFFF
         self.tick = unwrap(low, self.tick)
 

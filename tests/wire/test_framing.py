@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.wire.errors import ProtocolError
-from hil.wire.framing import COBS_IN_C, MAX_ENCODED, Decoder, Frame, encode_frame, seal
+from hil.wire.frame_format import Frame
+from hil.wire.framing import COBS_IN_C, MAX_ENCODED, Decoder, encode_frame, seal
 from hil.wire.spec import SPEC
 
 from .reference import cobs_decode, crc32c, open_frame

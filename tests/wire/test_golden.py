@@ -9,7 +9,8 @@ import pytest
 
 from hil.wire import golden, messages
 from hil.wire.codec import pack, type_of, unpack
-from hil.wire.framing import Decoder, Frame, encode_frame
+from hil.wire.frame_format import Frame
+from hil.wire.framing import Decoder, encode_frame
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 

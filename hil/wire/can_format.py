@@ -1,0 +1,311 @@
+"""Frames in CAN FD and classic CAN frames, the way `FrameFormat` wants them.
+
+Between a format and its link a frame is a *record*: Linux's `struct canfd_frame`, 72 bytes, in which FDF tells CAN FD
+from classic.  Layouts and identifiers come from the spec; CAN has its own checksum, so frames here have none.
+"""
+
+import struct
+from bisect import bisect_left
+from typing import Literal
+
+from hil.wire.errors import ProtocolError
+from hil.wire.frame_format import UNSEQUENCED, Frame
+from hil.wire.messages import SafeReason
+from hil.wire.sense import COLUMNS
+from hil.wire.spec import SPEC, Field
+
+CAN = SPEC.can
+RECORD_SIZE = 72
+BRS, FDF = 0x01, 0x04
+"""Flags of a record: bit-rate switching; a CAN FD frame."""
+
+HEAD = struct.Struct("=IBBxx")
+"""Start of a record, in the byte order of the machine: identifier, number of data bytes, flags."""
+
+HOST: Literal[0] = 0
+BOARD: Literal[1] = 1
+"""Senders, as in the identifier."""
+
+ROOM = CAN.lengths[-1] - 8
+"""Bytes of payload, or of rows, in one CAN FD frame."""
+
+_LEGAL = tuple(CAN.lengths[bisect_left(CAN.lengths, n)] for n in range(CAN.lengths[-1] + 1))
+
+
+def _struct(fields: tuple[Field, ...]) -> struct.Struct:
+    """Bytes of some fields; bit fields that share a byte are one number."""
+    letters, filled = "<", 0
+    for field in fields:
+        if field.bits < 8:
+            filled += field.bits
+        letters += field.struct
+        if filled == 8:
+            letters, filled = letters + "B", 0
+    return struct.Struct(letters)
+
+
+def _shifts(fields: tuple[Field, ...]) -> dict[str, int]:
+    """Lowest bit of every bit field in its byte."""
+    shifts, filled = {}, 0
+    for field in fields:
+        if field.bits < 8:
+            shifts[field.name] = filled
+            filled = (filled + field.bits) % 8
+    return shifts
+
+
+_TYPE = {name: layout.type for name, layout in (*SPEC.messages.items(), *CAN.classic.items())}
+_SENSE, _DRIVE, _STATUS, _SAFE, _ARM = (_TYPE[name] for name in ("SENSE", "DRIVE_FORCE", "STATUS", "SAFE", "ARM"))
+_BRIEF = _TYPE["STATUS_BRIEF"]
+_PART = _struct(CAN.header)
+_SAFE_BODY, _ARM_BODY, _BRIEF_BODY = (
+    _struct(CAN.classic[name].fields) for name in ("SAFE", "ARM", "STATUS_BRIEF")
+)  # fmt: skip
+_STATUS_BODY = _struct(SPEC.messages["STATUS"].fields)
+_STATUS_FIELDS = [field.name for field in SPEC.messages["STATUS"].fields]
+_BRIEF_FIELDS = [_STATUS_FIELDS.index(field.name) for field in CAN.classic["STATUS_BRIEF"].fields]
+_BRIEF_LIMITS = [(1 << field.bits) - 1 for field in CAN.classic["STATUS_BRIEF"].fields]
+
+# The bit fields n, wide and flags of SENSE share a byte, `shape`.
+_ROWS = _struct(CAN.sense)
+_ROW_16 = struct.Struct(_ROWS.format + "hhhh")
+_ROW_24 = struct.Struct(_ROWS.format + "HbHbHbHb")
+_DRIVE_PART = struct.Struct(_PART.format + SPEC.messages["DRIVE_FORCE"].struct[1:])
+_DRIVE_SIZE = _DRIVE_PART.size - _PART.size
+_BLOCK = struct.Struct(SPEC.messages["SENSE"].struct)
+_ROW_SIZE = {2: 2 * len(COLUMNS), 3: 3 * len(COLUMNS)}
+_SHIFTS = _shifts(CAN.sense)
+_WIDE, _FLAGS_SHIFT = 1 << _SHIFTS["wide"], _SHIFTS["flags"]
+_COUNT_MASK = _WIDE - 1
+_FORM_MASK = (1 << _FLAGS_SHIFT) - 1
+
+
+class CanDecoder:
+    """Takes records apart into frames, joining the parts of long messages; other traffic on the bus is passed over.
+
+    Attributes:
+        bytes: bytes seen, all traffic that reached this end.
+        frames: intact frames.
+        malformed: frames whose length contradicts their content.
+        broken: long messages of which a part is missing.
+    """
+
+    __slots__ = (
+        "_drive", "_parts", "_rest", "_row_16", "_row_24", "_types", "_unfinished",
+        "broken", "bytes", "frames", "malformed",
+    )  # fmt: skip
+
+    def __init__(self, node: int, sender: int) -> None:
+        self._types = {CAN.identifier(type_, node, sender): type_ for type_ in range(1 << 11 - CAN.type_shift)}
+        del self._types[CAN.identifier(_BRIEF, node, sender)]
+        self._row_16, self._row_24, self._drive = (
+            HEAD.pack(CAN.identifier(type_, node, sender), _LEGAL[size], 0)[:5]
+            for type_, size in ((_SENSE, _ROW_16.size), (_SENSE, _ROW_24.size), (_DRIVE, _DRIVE_PART.size))
+        )
+        self._rest = b""
+        self._unfinished: tuple[int, int] | None = None  # type and seq of the message whose parts are being joined
+        self._parts: list[bytes] = []
+        self.bytes = 0
+        self.frames = 0
+        self.malformed = 0
+        self.broken = 0
+
+    @property
+    def bad(self) -> int:
+        """Frames and messages dropped for any reason."""
+        return self.malformed + self.broken
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """As `FrameDecoder.feed`."""
+        self.bytes += len(data)
+        if self._rest:
+            data = self._rest + data
+        whole = len(data) // RECORD_SIZE * RECORD_SIZE
+        self._rest = data[whole:]
+        frames: list[Frame] = []
+        for at in range(0, whole, RECORD_SIZE):
+            identifier, length, _ = HEAD.unpack_from(data, at)
+            type_ = self._types.get(identifier)
+            if type_ is not None:
+                frame = self._open(type_, data[at + HEAD.size : at + HEAD.size + length], length)
+                if frame is not None:
+                    self.frames += 1
+                    frames.append(frame)
+        return frames
+
+    def row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
+        """As `FrameDecoder.row`."""
+        if len(data) != RECORD_SIZE or self._rest or self._unfinished:
+            return None
+        start = data[:5]
+        if start == self._row_16:
+            seq, tick, shape, _, vx, vy, ux, uy = _ROW_16.unpack_from(data, HEAD.size)
+            return (seq, tick, vx, vy, ux, uy, shape >> _FLAGS_SHIFT) if shape & _FORM_MASK == 1 else None
+        if start == self._row_24:
+            seq, tick, shape, _, vx, vx_high, vy, vy_high, ux, ux_high, uy, uy_high = _ROW_24.unpack_from(
+                data, HEAD.size
+            )
+            if shape & _FORM_MASK != 1 | _WIDE:
+                return None
+            return (
+                seq, tick, vx | vx_high << 16, vy | vy_high << 16, ux | ux_high << 16, uy | uy_high << 16,
+                shape >> _FLAGS_SHIFT,
+            )  # fmt: skip
+        return None
+
+    def drive(self, data: bytes) -> tuple[int, int, int, int, int] | None:
+        """As `FrameDecoder.drive`."""
+        if len(data) != RECORD_SIZE or self._rest or self._unfinished or data[:5] != self._drive:
+            return None
+        seq, tick, size, part, ux, uy, effective_tick = _DRIVE_PART.unpack_from(data, HEAD.size)
+        return (seq, tick, ux, uy, effective_tick) if size == _DRIVE_SIZE and part == 0 else None
+
+    def took(self, data: bytes) -> None:
+        """As `FrameDecoder.took`."""
+        self.frames += 1
+        self.bytes += len(data)
+
+    def _open(self, type_: int, data: bytes, length: int) -> Frame | None:
+        """The frame in the data bytes of one CAN frame; None for a part of one, and after counting a bad one."""
+        if type_ == _SENSE:
+            return self._open_rows(data, length)
+        if type_ == _SAFE:
+            if length <= 1:
+                return Frame(type_, UNSEQUENCED, 0, data or bytes([SafeReason.HOST_REQUEST]))
+            if length == _SAFE_BODY.size:
+                reason, seq, tick = _SAFE_BODY.unpack(data)
+                return Frame(type_, seq, tick, bytes([reason]))
+        elif type_ == _ARM:
+            if length == _ARM_BODY.size:
+                seq, tick = _ARM_BODY.unpack(data)
+                return Frame(type_, seq, tick, b"")
+        elif length >= _PART.size:
+            seq, tick, size, part = _PART.unpack_from(data)
+            if size <= ROOM and _LEGAL[_PART.size + size] == length:
+                return self._join(type_, seq, tick, part, data[_PART.size : _PART.size + size])
+        self.malformed += 1
+        return None
+
+    def _open_rows(self, data: bytes, length: int) -> Frame | None:
+        if length >= _ROWS.size:
+            seq, tick, shape, matrix_id = _ROWS.unpack_from(data)
+            count, width = shape & _COUNT_MASK, 3 if shape & _WIDE else 2
+            end = _ROWS.size + count * _ROW_SIZE[width]
+            if count and end <= CAN.lengths[-1] and _LEGAL[end] == length:
+                rows = data[_ROWS.size : end]
+                payload = _BLOCK.pack(count, width, shape >> _FLAGS_SHIFT, matrix_id) + rows
+                return Frame(_SENSE, seq, tick, payload)
+        self.malformed += 1
+        return None
+
+    def _join(self, type_: int, seq: int, tick: int, part: int, payload: bytes) -> Frame | None:
+        """The whole message, once its last part is there."""
+        if self._unfinished is not None:
+            if self._unfinished == (type_, seq):
+                if part == len(self._parts):
+                    self._parts.append(payload)
+                    return self._joined(type_, seq, tick) if len(payload) < ROOM else None
+                if part < len(self._parts) and payload == self._parts[part]:  # repeated
+                    return None
+            self.broken += 1
+            self._unfinished = None
+        if part:
+            return None  # the rest of a message that was counted, or whose loss the sequence shows
+        if len(payload) < ROOM:
+            return Frame(type_, seq, tick, payload)
+        self._unfinished, self._parts = (type_, seq), [payload]
+        return None
+
+    def _joined(self, type_: int, seq: int, tick: int) -> Frame | None:
+        self._unfinished = None
+        payload = b"".join(self._parts)
+        if len(payload) <= SPEC.max_payload:
+            return Frame(type_, seq, tick, payload)
+        self.malformed += 1
+        return None
+
+
+class CanFormat:
+    """Messages as records for one node of the bus, from the host's or from the board's end."""
+
+    def __init__(self, node: int, sender: Literal[0, 1]) -> None:
+        self._node = node
+        self._sender = sender
+        self._row_16, self._row_24 = (self._start(_SENSE, body.size) for body in (_ROW_16, _ROW_24))
+        self._drive = self._start(_DRIVE, _DRIVE_PART.size)
+
+    def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
+        """As `FrameFormat.encode`. SENSE takes a number for every frame it needs."""
+        tick &= 0xFFFFFFFF
+        if type_ == _SENSE:
+            return self._encode_rows(seq, tick, payload)
+        if type_ == _SAFE:
+            return self._record(type_, _SAFE_BODY.pack(payload[0], seq, tick), fd=False), 1
+        if type_ == _ARM:
+            return self._record(type_, _ARM_BODY.pack(seq, tick), fd=False), 1
+        if len(payload) > SPEC.max_payload:
+            raise ProtocolError(
+                f"{SPEC.message_name(type_)}: {len(payload)} bytes; a payload has at most {SPEC.max_payload}"
+            )
+        said = b"".join(
+            self._record(type_, _PART.pack(seq, tick, len(part), k) + part)
+            for k, part in enumerate(payload[at : at + ROOM] for at in range(0, len(payload) + 1, ROOM))
+        )
+        return said + self._brief(payload) if type_ == _STATUS else said, 1
+
+    def encode_row(self, seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
+        """As `FrameFormat.encode_row`."""
+        shape = 1 | flags << _FLAGS_SHIFT
+        try:
+            if width == 2:
+                return self._row_16 + _ROW_16.pack(seq, tick & 0xFFFFFFFF, shape, 0, vx, vy, ux, uy) + _ROW_16_PAD
+            if width == 3:
+                return self._row_24 + _ROW_24.pack(
+                    seq, tick & 0xFFFFFFFF, shape | _WIDE, 0,
+                    vx & 0xFFFF, vx >> 16, vy & 0xFFFF, vy >> 16, ux & 0xFFFF, ux >> 16, uy & 0xFFFF, uy >> 16,
+                ) + _ROW_24_PAD  # fmt: skip
+        except struct.error:
+            raise ProtocolError(f"SENSE: a code of {(vx, vy, ux, uy)} does not fit into {width} bytes") from None
+        raise ProtocolError(f"SENSE.width: {width} bytes per code; expected 2 or 3")
+
+    def encode_drive(self, seq: int, tick: int, ux: int, uy: int, effective_tick: int) -> bytes:
+        """As `FrameFormat.encode_drive`."""
+        try:
+            body = _DRIVE_PART.pack(seq, tick & 0xFFFFFFFF, _DRIVE_SIZE, 0, ux, uy, effective_tick & 0xFFFFFFFF)
+        except struct.error:
+            raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
+        return self._drive + body + _DRIVE_PAD
+
+    def decoder(self) -> CanDecoder:
+        """As `FrameFormat.decoder`."""
+        return CanDecoder(self._node, BOARD - self._sender)
+
+    def _encode_rows(self, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
+        count, width, flags, matrix_id = _BLOCK.unpack_from(payload)
+        size = _ROW_SIZE[width]
+        most = ROOM // size
+        form = (_WIDE if width == 3 else 0) | flags << _FLAGS_SHIFT
+        records: list[bytes] = []
+        for first in range(0, count, most):
+            n = min(most, count - first)
+            at = _BLOCK.size + first * size
+            body = _ROWS.pack((seq + len(records)) & 0xFFFF, (tick + first) & 0xFFFFFFFF, n | form, matrix_id)
+            records.append(self._record(_SENSE, body + payload[at : at + n * size]))
+        return b"".join(records), len(records)
+
+    def _brief(self, status: bytes) -> bytes:
+        """The classic frame beside a STATUS."""
+        values = _STATUS_BODY.unpack(status)
+        brief = (min(values[k], limit) for k, limit in zip(_BRIEF_FIELDS, _BRIEF_LIMITS, strict=True))
+        return self._record(_BRIEF, _BRIEF_BODY.pack(*brief), fd=False)
+
+    def _record(self, type_: int, body: bytes, *, fd: bool = True) -> bytes:
+        return (self._start(type_, len(body), fd=fd) + body).ljust(RECORD_SIZE, b"\0")
+
+    def _start(self, type_: int, size: int, *, fd: bool = True) -> bytes:
+        return HEAD.pack(CAN.identifier(type_, self._node, self._sender), _LEGAL[size], BRS | FDF if fd else 0)
+
+
+_ROW_16_PAD, _ROW_24_PAD, _DRIVE_PAD = (
+    bytes(RECORD_SIZE - HEAD.size - body.size) for body in (_ROW_16, _ROW_24, _DRIVE_PART)
+)  # fmt: skip

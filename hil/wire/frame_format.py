@@ -1,0 +1,66 @@
+"""How messages become bytes on a link: on a byte stream (`serial_format`) or in CAN frames (`can_format`)."""
+
+from typing import NamedTuple, Protocol
+
+UNSEQUENCED = -1
+"""In place of a sequence number: the frame stands outside the sequence, and has no tick."""
+
+
+class Frame(NamedTuple):
+    """One frame as it came off the wire: `type` u8, `seq` u16 or UNSEQUENCED, `tick` u32 (low bits), payload not yet
+    understood."""
+
+    type: int
+    seq: int
+    tick: int
+    payload: bytes
+
+
+class FrameDecoder(Protocol):
+    """Takes what a link delivers apart into frames. Never raises on what it reads, and counts what it drops."""
+
+    @property
+    def bad(self) -> int:
+        """Whatever was dropped as broken."""
+        ...
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The intact frames that `data` completes, in order."""
+        ...
+
+    def row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
+        """(seq, tick, vx, vy, ux, uy, flags) if `data` is exactly one SENSE with one row and nothing is pending, else
+        None; changes nothing. Whoever uses it says so by `took`, whoever does not gives the same data to `feed`."""
+        ...
+
+    def drive(self, data: bytes) -> tuple[int, int, int, int, int] | None:
+        """(seq, tick, ux, uy, effective tick) if `data` is exactly one DRIVE_FORCE; otherwise as `row`."""
+        ...
+
+    def took(self, data: bytes) -> None:
+        """Count the frame that `row` or `drive` gave."""
+        ...
+
+
+class FrameFormat(Protocol):
+    """Makes frames, and decoders for those of the other end. `seq` is u16; ticks may be of any width."""
+
+    def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
+        """Bytes for the link, and how many sequence numbers they take.
+
+        Raises:
+            ProtocolError: the payload is longer than the spec allows.
+        """
+        ...
+
+    def encode_row(self, seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
+        """SENSE with one row, the short way. Codes must fit `width` (2 or 3) bytes, else ProtocolError."""
+        ...
+
+    def encode_drive(self, seq: int, tick: int, ux: int, uy: int, effective_tick: int) -> bytes:
+        """DRIVE_FORCE, the short way. ProtocolError if a code is beyond 32 bits."""
+        ...
+
+    def decoder(self) -> FrameDecoder:
+        """A decoder for what the other end sends."""
+        ...

@@ -1,0 +1,64 @@
+"""Frames on a byte stream, the way `FrameFormat` wants them; `hil.wire.framing` does the work."""
+
+import struct
+
+from hil.wire.errors import ProtocolError
+from hil.wire.framing import CRC_SIZE, HEADER, Decoder, encode_frame, seal
+from hil.wire.sense import row_body, split_row_body
+from hil.wire.spec import SPEC
+
+_DRIVE = SPEC.messages["DRIVE_FORCE"].type
+_DRIVE_BODY = struct.Struct(HEADER.format + SPEC.messages["DRIVE_FORCE"].struct[1:])
+_DRIVE_BODY_SIZE = _DRIVE_BODY.size + CRC_SIZE
+
+
+class SerialDecoder(Decoder):
+    """The decoder of the byte stream, with short ways for the two messages of force mode."""
+
+    __slots__ = ()
+
+    def row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
+        """As `FrameDecoder.row`."""
+        body = self.peek(data)
+        return None if body is None else split_row_body(body)
+
+    def drive(self, data: bytes) -> tuple[int, int, int, int, int] | None:
+        """As `FrameDecoder.drive`."""
+        body = self.peek(data)
+        if body is None or len(body) != _DRIVE_BODY_SIZE or body[0] != _DRIVE:
+            return None
+        _, seq, tick, ux, uy, effective_tick = _DRIVE_BODY.unpack_from(body)
+        return seq, tick, ux, uy, effective_tick
+
+    def took(self, data: bytes) -> None:
+        """As `FrameDecoder.took`."""
+        self.frames += 1
+        self.bytes += len(data)
+
+
+class SerialFormat:
+    """COBS, CRC-32C and delimiters."""
+
+    def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
+        """As `FrameFormat.encode`; one frame, one number."""
+        return encode_frame(type_, seq, tick, payload), 1
+
+    def encode_row(self, seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
+        """As `FrameFormat.encode_row`."""
+        return seal(row_body(seq, tick & 0xFFFFFFFF, vx, vy, ux, uy, flags, width))
+
+    def encode_drive(self, seq: int, tick: int, ux: int, uy: int, effective_tick: int) -> bytes:
+        """As `FrameFormat.encode_drive`."""
+        try:
+            body = _DRIVE_BODY.pack(_DRIVE, seq, tick & 0xFFFFFFFF, ux, uy, effective_tick & 0xFFFFFFFF)
+        except struct.error:
+            raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
+        return seal(body)
+
+    def decoder(self) -> SerialDecoder:
+        """As `FrameFormat.decoder`."""
+        return SerialDecoder()
+
+
+SERIAL = SerialFormat()
+"""The format of every link that carries bytes."""
