@@ -182,7 +182,7 @@ def test_a_line_is_found_where_it_is_and_as_large_as_it_is(axes: int, frequency:
 def test_harmonics_and_their_sidebands_are_told_by_their_order() -> None:
     t = np.arange(20000) / RATE
     series = white(20000, 2, 5)
-    series[:, 0] += 4e-5 * np.sin(2 * np.pi * 3 * RESONANCE * t) * np.cos(3.0 * t)
+    series[:, 0] += 4e-5 * np.sin(2 * np.pi * 3 * RESONANCE * t) * np.cos(6.0 * t)
     found = only(findings(series), "line")
     assert [finding.text.startswith("around 3 × the resonance") for finding in found] == [True]
     assert "2 lines" in found[0].text
