@@ -1,8 +1,8 @@
-"""The firmware: states, watchdog and counters of a board in force mode. Bytes in, bytes out, no clock.
+"""The firmware: states, watchdog and counters of a board. Bytes in, bytes out, no clock.
 
     BOOT → IDLE       HELLO of the same spec
     → ARMED           ARM; SENSE streams, force is zero
-    → RUNNING         the first drive
+    → RUNNING         the first drive, in gain mode the first matrix
     → SAFE            SAFE, watchdog, a lost or restarted host; force is zero until ARM
 
 In lockstep `exchange` itself goes on to the next SENSE when a drive frame answers the last one. On wall time
@@ -11,6 +11,9 @@ the server calls `block` at each deadline, and `exchange` only takes what the ho
 An interval that has begun cannot be changed: a drive is late when the one at its effective tick has begun. A
 tick that is due a drive and gets none holds the last one. Both are counted. Without latency, which only
 lockstep allows, the interval after the last row waits for the answer.
+
+In gain mode the board closes the loop itself (`device_emulator.feedback`) with the matrix last heard; its server says
+by `pass_time` how far wall time has come before it hands on what the host said, so that nothing acts on the past.
 """
 
 import time
@@ -18,9 +21,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from device_emulator.device import Device
 from device_emulator.drive import Schedule, drive_code_max, drive_scale
+from device_emulator.feedback import Feedback, Matrix
 from device_emulator.registers import Refused, Registers
 from device_emulator.scenario import Scenario
 from hil.wire.codec import type_of
@@ -29,6 +34,7 @@ from hil.wire.messages import (
     Capabilities,
     ClockMode,
     DriveForce,
+    DriveGains,
     FieldRead,
     FieldValue,
     Hello,
@@ -73,9 +79,12 @@ class Board:
         self._late = self._held = self._saturated = self._trips = 0
         self._due = 0  # next tick that needs a drive, while RUNNING
         self._fed = 0  # tick at which the watchdog was last fed
+        self._block: list[NDArray[np.int32]] = []  # gain mode: rows of the next SENSE
+        self._block_flags = 0
         self._code_max = drive_code_max(scenario)
         self._width = 2 if max(scenario.sense.adc_bits, scenario.drive.dac_bits) <= 16 else 3
         self._latency = scenario.drive.latency_samples
+        self._feedback = Feedback(self._latency, self._code_max)
         self._tick_ns = 1e9 / scenario.board.sample_rate_Hz
         self._identity = _identity(scenario, clocks)
         self._answers: dict[type[Any], Callable[[Any], list[Message]]] = {
@@ -87,6 +96,7 @@ class Board:
             Arm: self._arm,
             Safe: self._safe,
             DriveForce: self._drive,
+            DriveGains: self._gains,
         }
 
     @property
@@ -100,13 +110,18 @@ class Board:
         return self._device.tick + 1
 
     @property
+    def missing(self) -> int:
+        """Rows that the next SENSE still lacks."""
+        return self.registers.block - sum(map(len, self._block))
+
+    @property
     def tick(self) -> int:
         """Tick of the last row; 0 before the first."""
         return max(self._device.tick, 0)
 
     def exchange(self, data: bytes) -> bytes:
         """Take the host's bytes; return what the board says to them, in lockstep including the next SENSE."""
-        if self.state is State.RUNNING:
+        if self.state is State.RUNNING and not self.registers.gain_mode:
             drive = self._rx.take_drive(data)
             if drive is not None:
                 self._queue(*drive)
@@ -123,7 +138,7 @@ class Board:
                 said += self._say(Nack(type_of(type(message)), received.seq, refusal.reason))
                 continue
             said += b"".join(map(self._say, answers))
-            if self.registers.lockstep and self.streaming and isinstance(message, Arm | DriveForce):
+            if self.registers.lockstep and self.streaming and isinstance(message, Arm | DriveForce | DriveGains):
                 said += self.block()
         return said + b"".join(map(self._say, self._rx.refused))
 
@@ -131,7 +146,10 @@ class Board:
         """Go on by one block of ticks: its SENSE, and STATUS where one is due."""
         device, held, n = self._device, self._schedule, self.registers.block
         first = device.tick + 1
-        if n == 1:
+        if self.registers.gain_mode:
+            first -= n - self.missing
+            said = self._closed_block(first)
+        elif n == 1:
             flags = self._begin(first - 1)
             ux, uy, limited = held.held
             vx, vy = device.row(ux, uy)
@@ -151,6 +169,44 @@ class Board:
         if not self.streaming or (every and (first + n - 1) // every > (first - 1) // every):
             said += self._say(self.status())
         return said
+
+    def pass_time(self, tick: int) -> bytes:
+        """In gain mode, go on to `tick` where that lies within the next SENSE; returns it if the watchdog ends it."""
+        rows = min(tick - self._device.tick, self.missing - 1)
+        if not (self.registers.gain_mode and self.streaming) or rows <= 0:
+            return b""
+        self._close_loop(rows)
+        return b"" if self.streaming else self.block()
+
+    def _closed_block(self, first: int) -> bytes:
+        self._close_loop(self.missing)
+        codes = np.concatenate(self._block)
+        sense = Sense(codes, self._width, self._block_flags, self._feedback.matrix_id)
+        self._forget_block()
+        return self._tx.encode(sense, first)
+
+    def _close_loop(self, rows: int) -> None:
+        """Produce rows with the loop closed on this board, up to where a matrix is switched or the watchdog trips."""
+        device, feedback = self._device, self._feedback
+        feedback.obey(self.registers)
+        while rows:
+            n = min(rows, feedback.switch(device.tick + 1) - device.tick - 1)
+            if self.state is State.RUNNING:
+                left = self._fed + self.registers.watchdog - device.tick
+                if left <= 0:
+                    self._trips += 1
+                    self.enter_safe(SafeReason.WATCHDOG)
+                else:
+                    n = min(n, left)
+            limited = int(feedback.record["limited"][0])
+            self._block.append(device.closed_rows(feedback.record, n))
+            limited = int(feedback.record["limited"][0]) - limited
+            self._saturated += limited
+            self._block_flags |= device.clipped * _CLIPPED | (limited > 0) * _SATURATED
+            rows -= n
+
+    def _forget_block(self) -> None:
+        self._block, self._block_flags = [], 0
 
     def _begin(self, tick: int) -> int:
         """Settle which drive is held over the interval that starts at `tick`; returns flags for its row."""
@@ -181,6 +237,7 @@ class Board:
         """Zero force from the next interval on."""
         self.state, self._reason = State.SAFE, reason
         self._schedule.clear()
+        self._feedback.open()
 
     def status(self) -> Status:
         """State and counters."""
@@ -191,7 +248,7 @@ class Board:
             held=self._held,
             bad_frames=self._rx.bad,
             lost_seq=self._rx.lost,
-            saturated=self._saturated,
+            saturated=min(self._saturated, _TICK),
             watchdog_trips=self._trips,
             dropped=self.dropped,
             tick=self.tick & _TICK,
@@ -220,8 +277,25 @@ class Board:
         self._fed = self._device.tick
         return first_open + ahead
 
+    def _gains(self, gains: DriveGains) -> list[Message]:
+        if not (self.streaming and self.registers.gain_mode):
+            raise Refused(NackReason.BAD_STATE)
+        if gains.matrix_id == 0 or not np.all(np.isfinite((*gains.gain, *gains.bias))):
+            raise Refused(NackReason.OUT_OF_RANGE)
+        following = self._device.tick + 1
+        ahead = (gains.effective_tick - following) & _TICK
+        if ahead >= HORIZON:
+            self._late += 1
+            ahead = 0
+        self._feedback.put(Matrix(gains.matrix_id, gains.gain, gains.bias, following + ahead))
+        self._fed = self._device.tick
+        if self.state is State.RUNNING:
+            return []
+        self.state = State.RUNNING
+        return [self.status()]
+
     def _drive(self, drive: DriveForce) -> list[Message]:
-        if not self.streaming:
+        if not self.streaming or self.registers.gain_mode:
             raise Refused(NackReason.BAD_STATE)
         effective_tick = self._queue(*drive)
         if effective_tick is None or self.state is State.RUNNING:
@@ -240,10 +314,12 @@ class Board:
     def _arm(self, _: Arm) -> list[Message]:
         if self.state not in (State.IDLE, State.SAFE) or not self._greeted:
             raise Refused(NackReason.BAD_STATE)
-        if self._latency == 0 and not self.registers.lockstep:
+        if self._latency == 0 and not (self.registers.lockstep or self.registers.gain_mode):
             raise Refused(NackReason.NOT_SUPPORTED)
         self.state, self._reason = State.ARMED, SafeReason.NONE
         self._schedule.clear()
+        self._feedback.start(self.registers)
+        self._forget_block()
         return [self.status()]
 
     def _safe(self, safe: Safe) -> list[Message]:
@@ -271,7 +347,7 @@ class Board:
 
 
 def _identity(scenario: Scenario, clocks: tuple[ClockMode, ...]) -> Identity:
-    capabilities = Capabilities.FORCE_MODE
+    capabilities = Capabilities.FORCE_MODE | Capabilities.GAIN_MODE
     if ClockMode.LOCKSTEP in clocks:
         capabilities |= Capabilities.LOCKSTEP
     if ClockMode.PACED in clocks:

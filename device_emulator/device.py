@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from device_emulator import effects, rate
 from device_emulator.compiled import compiled
 from device_emulator.drive import DRIVE, DRIVE_STATE, acting, drive_constants, put_out
+from device_emulator.feedback import due, feed_back
 from device_emulator.plant import PLANT, plant_constants, step
 from device_emulator.scenario import Scenario
 from device_emulator.sense import (
@@ -125,6 +126,25 @@ class Device:
             done += n
         return sense_codes
 
+    def closed_rows(self, feedback: NDArray[Any], n: int) -> NDArray[np.int32]:
+        """The next n rows with the loop closed on the board: (n, 4), sense codes and the drive codes that acted.
+
+        `feedback` (1,) of dtype `FEEDBACK` is carried along.
+        """
+        codes = np.empty((n, 4), np.int32)
+        self.clipped = False
+        done = 0
+        while done < n:
+            self.prepare()
+            place = (self.tick + 1) % PAGE
+            count = min(PAGE - place, n - done)
+            self.clipped |= _advance_closed(*self._arguments, place, count, feedback)
+            codes[done : done + count, :2] = self._sense[place : place + count]
+            codes[done : done + count, 2:] = self._drive[place : place + count]
+            self.tick += count
+            done += count
+        return codes
+
     def prepare(self) -> None:
         """Do now what the next row would wait for: hand on a full page and draw the noise of a new one."""
         following = self.tick + 1
@@ -189,6 +209,31 @@ def _advance(
         truth[row, :4] = motion
         truth[row, 6] = rate.rate_at(piece, t)[0]
         truth[row, 7] = rate.angle_at(piece, t)
+    return clipped
+
+
+@compiled
+def _advance_closed(
+    constants: NDArray[Any],
+    hidden: NDArray[Any],
+    pieces: NDArray[Any],
+    states: NDArray[Any],
+    history: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    drive_codes: NDArray[np.int32],
+    sense_codes: NDArray[np.int32],
+    truth: NDArray[np.float64],
+    first: int,
+    n: int,
+    feedback: NDArray[Any],
+) -> bool:
+    """`_advance` with each row's drive codes from the loop that is closed on the board."""
+    loop = feedback[0]
+    clipped = False
+    for row in range(first, first + n):
+        drive_codes[row, 0], drive_codes[row, 1] = due(loop, states[0].tick + 1)
+        clipped |= _advance(constants, hidden, pieces, states, history, noise, drive_codes, sense_codes, truth, row, 1)
+        feed_back(loop, states[0].tick, sense_codes[row, 0], sense_codes[row, 1])
     return clipped
 
 

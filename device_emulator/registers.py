@@ -46,8 +46,6 @@ class Registers:
             raise Refused(NackReason.BAD_STATE)
         if register.name == "CLOCK_MODE" and int(value) not in self._clocks:
             raise Refused(NackReason.NOT_SUPPORTED)
-        if register.name == "LOOP_MODE" and int(value) != LoopMode.FORCE:
-            raise Refused(NackReason.NOT_SUPPORTED)
         self._values[number] = value if register.real else int(value)
         self._unpack()
         return self._values[number]
@@ -55,7 +53,13 @@ class Registers:
     def _unpack(self) -> None:
         value = {register.name: self._values[register.id] for register in _BY_ID.values()}
         self.lockstep = value["CLOCK_MODE"] == ClockMode.LOCKSTEP
+        self.gain_mode = value["LOOP_MODE"] == LoopMode.GAIN
         self.block = int(value["BLOCK"])
         self.watchdog = int(value["WATCHDOG_TICKS"])
         self.drive_limit = int(value["DRIVE_LIMIT"])
         self.status_every = int(value["STATUS_EVERY"])
+        self.filter_a = tuple(tuple(value[f"FILTER_A{row}{column}"] for column in (1, 2)) for row in (1, 2))
+        self.filter_b, self.filter_c = (tuple(value[f"FILTER_{name}{k}"] for k in (1, 2)) for name in "BC")
+        self.filter_delay = int(value["FILTER_DELAY"])
+        self.dither_amplitude = int(value["DITHER_AMPLITUDE"])
+        self.dither_seed = int(value["DITHER_SEED"])

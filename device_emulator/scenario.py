@@ -27,6 +27,7 @@ from device_emulator.section import (
     did_you_mean,
 )
 
+MAX_LATENCY_SAMPLES = 64
 MAX_DELAY_SAMPLES = 30  # of the sense_delay and drive_delay effects
 
 
@@ -77,7 +78,7 @@ class Drive(Section):
 
     dac_bits: Annotated[int, Field(ge=4, le=24)]
     full_scale_mps2: Positive
-    latency_samples: Annotated[int, Field(ge=0, le=64)]
+    latency_samples: Annotated[int, Field(ge=0, le=MAX_LATENCY_SAMPLES)]
     noise_mps2_per_rtHz: NonNegative = 0.0  # of the amplifier, one-sided
 
 

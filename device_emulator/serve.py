@@ -15,6 +15,7 @@ from contextlib import contextmanager
 
 from device_emulator import realtime
 from device_emulator.board import Board
+from device_emulator.outbox import Outbox
 from hil.wire.errors import LinkClosed
 from hil.wire.messages import SafeReason
 from hil.wire.pty_link import PtyLink
@@ -34,6 +35,7 @@ class Server:
     def __init__(self, board: Board, link: PtyLink, sample_rate_Hz: float) -> None:
         self._board = board
         self._link = link
+        self._outbox = Outbox(link)
         self._rate_Hz = sample_rate_Hz
         self._origin: float | None = None  # wall time of tick 0, once a paced board has streamed
         self._urgent = False
@@ -46,6 +48,7 @@ class Server:
                 if not self._turn(stop):
                     return
             except LinkClosed:
+                self._outbox.clear()
                 if self._board.registers.lockstep:
                     return
                 if self._board.streaming:
@@ -63,7 +66,7 @@ class Server:
         elif board.streaming:
             if self._origin is None:
                 self._origin = time.monotonic() + _LEAD_S - board.rows / self._rate_Hz
-            deadline = self._origin + (board.rows + board.registers.block - 1) / self._rate_Hz
+            deadline = self._origin + (board.rows + board.missing - 1) / self._rate_Hz
         else:
             deadline = time.monotonic() + (IDLE_S if self._origin is None else COAST_S)
         heard = self._listen(stop, deadline)
@@ -72,11 +75,20 @@ class Server:
         if heard or not paced:
             return True
         if board.streaming:
-            self._link.send(board.block())
+            self._send_block()
             board.prepare()
         elif self._origin is not None:
             self._catch_up()
         return True
+
+    def _send_block(self) -> None:
+        """The next SENSE. What a host in force mode has not taken by now is stale; a stream may wait its turn."""
+        board = self._board
+        said = board.block()
+        if not board.registers.gain_mode:
+            self._link.send(said)
+        elif not self._outbox.put(said, droppable=board.streaming):
+            board.dropped += 1
 
     def _listen(self, stop: int, deadline: float) -> bool | None:
         """Answer the host until the deadline. True if that changed what is due, None when told to stop."""
@@ -84,20 +96,39 @@ class Server:
         before = board.streaming, board.registers.lockstep
         while True:
             left = deadline - time.monotonic()
-            ready, _, _ = select.select((link.fileno(), stop), (), (), max(left, 0.0))
-            if not ready:
+            full = (link.fileno(),) if self._outbox else ()
+            ready, room, _ = select.select((link.fileno(), stop), full, (), max(left, 0.0))
+            if not (ready or room):
                 return False
             if stop in ready:
                 return None
-            answer = board.exchange(link.receive(0.0))
-            if answer:
-                link.send(answer)
+            if room:
+                self._outbox.flush()
+            if not ready:
+                if left <= 0.0:
+                    return False
+                continue
+            self._pass_time()
+            self._say(board.exchange(link.receive(0.0)))
             if (board.streaming, board.registers.lockstep) != before:
                 if self._origin is not None and board.streaming:
                     self._catch_up()
                 return True
             if left <= 0.0:
                 return False
+
+    def _pass_time(self) -> None:
+        """Bring a board that closes the loop itself to the present before it hears what is said now."""
+        board = self._board
+        if self._origin is not None and board.streaming and board.registers.gain_mode:
+            self._say(board.pass_time(int((time.monotonic() - self._origin) * self._rate_Hz)))
+
+    def _say(self, data: bytes) -> None:
+        """Answers; behind what waits already, where a stream may have to wait."""
+        if self._outbox or (self._urgent and self._board.registers.gain_mode):
+            self._outbox.put(data)
+        elif data:
+            self._link.send(data)
 
     def _catch_up(self) -> None:
         """Bring the mass, which nobody watched or drove, to the present."""
@@ -109,7 +140,8 @@ class Server:
     def _be_urgent(self, urgent: bool) -> None:
         if urgent == self._urgent:
             return
-        self._urgent = self._link.drop_when_full = urgent
+        self._urgent = urgent
+        self._link.drop_when_full = urgent and not self._board.registers.gain_mode
         if urgent and self._origin is None:
             for refused in realtime.settle():
                 print(f"device_emulator: {refused}", file=sys.stderr)

@@ -33,7 +33,7 @@ class FdLink:
     def send(self, data: bytes) -> None:
         """Write all of `data`, waiting for room in the kernel's queue. Raises LinkClosed."""
         while True:
-            written = self._write(data)
+            written = self.offer(data)
             if written == len(data):
                 return
             data = data[written:]
@@ -62,8 +62,8 @@ class FdLink:
             os.close(self._fd)
             self._fd = -1
 
-    def _write(self, data: bytes) -> int:
-        """Write what fits now and return how much that was."""
+    def offer(self, data: bytes | memoryview) -> int:
+        """Write what fits now and return how much that was. Raises LinkClosed."""
         if self._fd < 0:
             raise LinkClosed(f"{self.name}: the link is closed")
         try:

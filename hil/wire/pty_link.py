@@ -33,7 +33,7 @@ class PtyLink(FdLink):
     def send(self, data: bytes) -> None:
         """Write all of `data`, or with `drop_when_full` what fits now. Raises LinkClosed."""
         if self.drop_when_full:
-            self.dropped_bytes += len(data) - self._write(data)
+            self.dropped_bytes += len(data) - self.offer(data)
         else:
             super().send(data)
 

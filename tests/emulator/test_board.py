@@ -114,7 +114,7 @@ def test_hello_is_answered_by_identity() -> None:
         sense_scale_V=0.5 / 2**18,
         drive_scale_mps2=10.0 / 2**15,
         latency_ticks=3,
-        capabilities=Capabilities.FORCE_MODE | Capabilities.LOCKSTEP,
+        capabilities=Capabilities.FORCE_MODE | Capabilities.GAIN_MODE | Capabilities.LOCKSTEP,
     )
     (identity,) = paced().say(Hello(SPEC.protocol, SPEC.hash))
     assert isinstance(identity, Identity)
@@ -481,7 +481,8 @@ def test_a_written_register_is_read_back() -> None:
         ("BLOCK", 683, NackReason.OUT_OF_RANGE),
         ("CLOCK_MODE", ClockMode.REAL, NackReason.NOT_SUPPORTED),
         ("CLOCK_MODE", ClockMode.PACED, NackReason.NOT_SUPPORTED),
-        ("LOOP_MODE", 1, NackReason.NOT_SUPPORTED),
+        ("LOOP_MODE", 2, NackReason.OUT_OF_RANGE),
+        ("FILTER_A11", float("inf"), NackReason.OUT_OF_RANGE),
     ],
 )
 def test_values_that_are_refused(name: str, value: float, reason: NackReason) -> None:
@@ -537,10 +538,11 @@ def test_time_sync_returns_the_hosts_clock_and_bench_time_in_lockstep() -> None:
     assert 0 < first[0][1] <= second[0][1]
 
 
-def test_gain_mode_and_messages_of_a_board_are_refused() -> None:
-    host = Host(scenario())
+def test_messages_of_a_board_and_of_the_other_loop_mode_are_refused() -> None:
+    host = Host(scenario()).armed()
     gains = DriveGains(1, (0.0,) * 8, (0.0, 0.0), 0)
-    assert nack(host.say(gains)) is NackReason.NOT_SUPPORTED
+    assert nack(host.say(gains)) is NackReason.BAD_STATE
+    assert host.board.state is State.ARMED
     assert nack(host.say(RegisterValue(1, 1.0))) is NackReason.NOT_SUPPORTED
 
 

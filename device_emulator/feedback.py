@@ -1,0 +1,148 @@
+"""Gain mode on the board: a filter per axis, the host's matrix, dither, rounding, limits.  The law is in docs/wire.md.
+
+s[m] = A s[m − 1] + B V[m] + C V[m − D]
+u    = limited(rounded(G [sx sx' sy sy'] + b + d[m])), held over the interval that begins at m + latency
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from device_emulator.compiled import compiled
+from device_emulator.registers import Registers
+from device_emulator.scenario import MAX_LATENCY_SAMPLES
+
+HISTORY = 64  # codes remembered, more than FILTER_DELAY can reach back
+QUEUE = MAX_LATENCY_SAMPLES + 2  # drives computed and not yet acting
+_TAPS = 0xA3000000  # x³² + x³⁰ + x²⁶ + x²⁵ + 1, primitive: the register takes all its 2³² − 1 values
+
+FEEDBACK = np.dtype(
+    [
+        ("a", "f8", (2, 2)),
+        ("b", "f8", 2),
+        ("c", "f8", 2),
+        ("delay", "i8"),
+        ("latency", "i8"),
+        ("limit", "i8"),
+        ("dither", "i8"),
+        ("closed", "i8"),  # 1 while a matrix is in force
+        ("gain", "f8", (2, 4)),
+        ("bias", "f8", 2),
+        ("s", "f8", (2, 2)),  # of each axis
+        ("past", "f8", (HISTORY, 2)),  # codes, by tick
+        ("shift", "u4"),  # register of the dither
+        ("queue", "i4", (QUEUE, 2)),  # drive codes, by the tick at which their interval ends
+        ("limited", "i8"),  # ticks at which a code had to be limited
+    ],
+    align=True,
+)
+
+
+class Matrix(NamedTuple):
+    """A feedback matrix, `gain` row by row and `bias`, and the first tick computed with it (full width)."""
+
+    matrix_id: int
+    gain: tuple[float, ...]
+    bias: tuple[float, ...]
+    effective_tick: int
+
+
+class Feedback:
+    """The loop's memory between ticks, and the matrix that waits for its own.
+
+    Attributes:
+        record: shape (1,) of dtype `FEEDBACK`, for `Device.closed_rows`.
+        matrix_id: of the matrix in force, 0 for none.
+    """
+
+    def __init__(self, latency: int, code_max: int) -> None:
+        self.record = np.zeros(1, FEEDBACK)
+        self.record["latency"] = latency
+        self._code_max = code_max
+        self._waiting: Matrix | None = None
+        self.matrix_id = 0
+
+    def start(self, registers: Registers) -> None:
+        """Begin at ARM: filter, history and dither from their start, no matrix."""
+        record = self.record[0]
+        for name in ("s", "past"):
+            record[name] = 0.0
+        record["a"] = registers.filter_a
+        record["b"] = registers.filter_b
+        record["c"] = registers.filter_c
+        record["delay"] = registers.filter_delay
+        record["shift"] = registers.dither_seed
+        self.open()
+
+    def open(self) -> None:
+        """Zero force from the next interval on, and no matrix."""
+        self.record["closed"] = 0
+        self.record["queue"] = 0
+        self._waiting = None
+        self.matrix_id = 0
+
+    def obey(self, registers: Registers) -> None:
+        """Take over the registers that may change while the loop runs."""
+        self.record["limit"] = min(registers.drive_limit, self._code_max)
+        self.record["dither"] = registers.dither_amplitude
+
+    def put(self, matrix: Matrix) -> None:
+        """Have a matrix wait for its tick, in place of one that waits already."""
+        self._waiting = matrix
+
+    def switch(self, tick: int) -> int:
+        """Put the waiting matrix in force if it is due at `tick`, the next one computed; returns the tick up to which
+        nothing will change.
+        """
+        waiting = self._waiting
+        if waiting is None:
+            return tick + (1 << 62)
+        if waiting.effective_tick > tick:
+            return waiting.effective_tick
+        record = self.record[0]
+        record["gain"] = np.reshape(waiting.gain, (2, 4))
+        record["bias"] = waiting.bias
+        record["closed"] = 1
+        self.matrix_id = waiting.matrix_id
+        self._waiting = None
+        return tick + (1 << 62)
+
+
+@compiled
+def due(loop: Any, row: int) -> tuple[int, int]:
+    """Drive codes of the interval that ends at `row`, taken from the queue."""
+    place = row % QUEUE
+    ux, uy = loop.queue[place, 0], loop.queue[place, 1]
+    loop.queue[place, 0] = 0
+    loop.queue[place, 1] = 0
+    return ux, uy
+
+
+@compiled
+def feed_back(loop: Any, tick: int, vx: int, vy: int) -> None:
+    """Compute from the codes just sampled at `tick` the drive it leads to, and queue it."""
+    loop.past[tick % HISTORY, 0] = vx
+    loop.past[tick % HISTORY, 1] = vy
+    before = (tick - loop.delay) % HISTORY
+    for axis in range(2):
+        now, then = loop.past[tick % HISTORY, axis], loop.past[before, axis]
+        s0, s1 = loop.s[axis, 0], loop.s[axis, 1]
+        for i in range(2):
+            loop.s[axis, i] = loop.a[i, 0] * s0 + loop.a[i, 1] * s1 + loop.b[i] * now + loop.c[i] * then
+    over = False
+    for axis in range(2):
+        bit = loop.shift & np.uint32(1)
+        loop.shift = loop.shift >> np.uint32(1)
+        if bit:
+            loop.shift ^= np.uint32(_TAPS)
+        code = 0.0
+        if loop.closed:
+            code = loop.bias[axis] + (loop.dither if bit else -loop.dither)
+            for i in range(4):
+                code += loop.gain[axis, i] * loop.s[i // 2, i % 2]
+            code = 0.0 if np.isnan(code) else np.rint(code)
+        if abs(code) > loop.limit:
+            over = True
+            code = min(max(code, -loop.limit), loop.limit)
+        loop.queue[(tick + loop.latency + 1) % QUEUE, axis] = int(code)
+    loop.limited += over
