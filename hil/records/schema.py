@@ -1,20 +1,33 @@
-"""The published JSON Schema of result.json.
+"""The published JSON Schemas of result.json and diagnosis.json.
 
-``python -m hil.records.schema FOLDER`` writes ``result.schema.json``, which docs/reference keeps.
+``python -m hil.records.schema FOLDER`` writes ``result.schema.json`` and ``diagnosis.schema.json``, which
+docs/reference keeps.
 """
 
 import json
 import sys
 from pathlib import Path
 
+from pydantic import BaseModel
+
+from hil.records.diagnosis import Diagnosis
 from hil.records.result import Result
 
 
-def result_schema() -> str:
-    """The schema as text, generated from the model that reads and writes result.json."""
-    schema = Result.model_json_schema()
-    return json.dumps({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}, indent=2) + "\n"
+def schema_of(model: type[BaseModel]) -> str:
+    """The schema as text, generated from the model that reads and writes the file."""
+    schema = model.model_json_schema()
+    return (
+        json.dumps({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}, indent=2, ensure_ascii=False)
+        + "\n"
+    )
+
+
+def published() -> dict[str, str]:
+    """Name and text of each schema file."""
+    return {"result.schema.json": schema_of(Result), "diagnosis.schema.json": schema_of(Diagnosis)}
 
 
 if __name__ == "__main__":
-    (Path(sys.argv[1]) / "result.schema.json").write_text(result_schema(), encoding="utf-8")
+    for name, text in published().items():
+        (Path(sys.argv[1]) / name).write_text(text, encoding="utf-8")

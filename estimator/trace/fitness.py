@@ -1,0 +1,104 @@
+"""Whether a record can be traced at all; where not, what to record instead."""
+
+import math
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.scaling import Array
+from estimator.settings import Device
+from estimator.trace.record import Record
+
+_FEWEST_SAMPLES = 150
+_FEWEST_CYCLES = 5.0  # of a free response, which is over when it is over …
+_FEWEST_DRIVEN = 100.0  # … and of a driven gyro's, which can be made longer; a single axis may be anything
+_MOVES = 3.0  # times the declared noise: below this a channel shows nothing but noise
+_LOST = 0.5  # share of samples that may be missing
+_FLAT = 20  # samples that lie exactly at the end of the scale …
+_FLATTER = 5.0  # … and so many times more than lie just below it: a top that was cut off
+_CLIPPED = 1e-3  # share of such samples that is still borne
+_FEWEST_PER_CYCLE = 4.0
+
+
+def require_traceable(record: Record, device: Device, split: int) -> None:
+    """Refuse a record that is too short, unexcited, clipped, full of holes, or sampled too slowly.
+
+    split: first sample of the part that is held out.  Raises ModelError with what is wrong and what to record instead.
+    """
+    _require_numbers(record)
+    _require_samples_per_cycle(record, device)
+    _require_length(record, device, split)
+    for axis in range(record.sense.shape[1]):
+        name = f"sense channel {'xy'[axis]}"
+        series = record.sense[:, axis]
+        _require_whole_tops(series[np.isfinite(series)], name)
+    _require_excitation(record, device)
+
+
+def _require_numbers(record: Record) -> None:
+    lost = 1.0 - float(np.mean(np.all(np.isfinite(record.sense), axis=1))) if len(record) else 0.0
+    if lost > _LOST:
+        raise ModelError(f"{lost:.0%} of the samples are lost; mend the link and record again")
+
+
+def _require_length(record: Record, device: Device, split: int) -> None:
+    fewest = 0.0 if device.axes == 1 else _FEWEST_DRIVEN if np.any(record.drive) else _FEWEST_CYCLES
+    frequency = math.sqrt(max(device.target, 0.0)) / (2.0 * math.pi)
+    needed = max(fewest / frequency if frequency else 0.0, _FEWEST_SAMPLES * float(np.mean(record.step)))
+    share = min(split, len(record) - split) / max(len(record), 1)
+    for part, steps in (("fitted", record.step[:split]), ("held out", record.step[split:])):
+        cycles = float(np.sum(steps)) * frequency
+        if cycles < fewest or len(steps) < _FEWEST_SAMPLES:
+            longer = f"record {1.01 * needed / share:.2g} s or longer" if share else "hold less of it out"
+            raise ModelError(
+                f"too short: the part to be {part} has {len(steps)} samples, {cycles:.3g} cycles of the resonance; "
+                f"{longer}"
+            )
+
+
+def _require_samples_per_cycle(record: Record, device: Device) -> None:
+    """By the declared resonance, and by the strongest line of the record itself."""
+    rate = 1.0 / float(np.median(record.step))
+    resonance = math.sqrt(max(device.target, 0.0)) / (2.0 * math.pi)
+    seen = _strongest(record.sense, rate) if len(record) >= _FEWEST_SAMPLES else 0.0
+    for frequency, whose in ((resonance, "the declared resonance"), (seen, "the record's strongest line")):
+        if frequency * _FEWEST_PER_CYCLE > rate * (1.0 + 1e-9):
+            raise ModelError(
+                f"sampled too slowly: {rate / frequency:.3g} samples a cycle of {frequency:.4g} Hz, {whose}; "
+                f"record at {_FEWEST_PER_CYCLE * frequency:.3g} Hz or faster, best at 20 samples a cycle"
+            )
+
+
+def _strongest(sense: Array, rate: float) -> float:
+    """Frequency [Hz] of the largest line over all channels, 0 where none holds a tenth of the power."""
+    centred = np.nan_to_num(sense - np.nanmean(sense, axis=0)) * np.hanning(len(sense))[:, None]
+    power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
+    peak = int(np.argmax(power))
+    lobe = float(np.sum(power[max(peak - 2, 0) : peak + 3]))
+    return peak * rate / len(sense) if lobe > 0.1 * float(np.sum(power)) else 0.0
+
+
+def _require_whole_tops(series: Array, name: str) -> None:
+    """A cut-off top leaves many samples at exactly one value, and few just below it."""
+    if not len(series):
+        return
+    cut = 0
+    for values in (series, -series):
+        _, counts = np.unique(values, return_counts=True)
+        if len(counts) > 1 and counts[-1] > _FLAT and counts[-1] > _FLATTER * float(np.mean(counts[-6:-1])):
+            cut += int(counts[-1])
+    if cut > _CLIPPED * len(series):
+        raise ModelError(
+            f"{name} is clipped: {cut / len(series):.2%} of the samples lie at the end of the scale; "
+            "record with a smaller amplitude, a lower gain or a wider converter"
+        )
+
+
+def _require_excitation(record: Record, device: Device) -> None:
+    moved = np.nanstd(record.sense, axis=0)
+    noise = np.array(device.noise)
+    if np.all(moved < _MOVES * noise):
+        raise ModelError(
+            f"nothing moves: {np.max(moved):.3g} V rms where the declared noise is {np.max(noise):.3g} V; "
+            "record with the drive on, or ring the mass down"
+        )

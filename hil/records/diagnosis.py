@@ -1,0 +1,215 @@
+"""`diagnosis.json`: what a trace came to. Its JSON Schema is published in docs/reference/diagnosis.schema.json."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from estimator.trace import diagnosis as traced
+from hil.errors import InputError
+from hil.records.atomic import write_text
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+NonNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class Coefficient(_Model):
+    """An estimate, SI per unit mass."""
+
+    value: float | None
+    ci95: tuple[float | None, float | None] = Field(description="95 % interval, [low, high]; null where unbounded")
+    unit: str
+
+
+class Effect(_Model):
+    """A physical effect that the model lacks."""
+
+    name: str = Field(description="As in [effects.NAME] of a bench file")
+    title: str
+    equations: tuple[str, ...]
+    coefficients: dict[str, Coefficient]
+    evidence: float | None = Field(description="Twice the gain of log-likelihood on the fitting part")
+    undone: str = Field(description="How loop and angle are kept rid of it once it is declared")
+
+
+class Confusable(_Model):
+    """Two effects that this record cannot tell apart."""
+
+    effect: str
+    with_: str = Field(alias="with")
+    correlation: float | None = Field(description="Of their signatures, all that is estimated projected out")
+    separate_by: str | None = Field(description="The experiment that would tell; null where none would")
+    expected: float | None = Field(description="Their correlation in that experiment")
+
+
+class Rejected(_Model):
+    """A candidate that was not taken."""
+
+    name: str
+    reason: str
+    bound: dict[str, Coefficient] = Field(
+        default_factory=dict, description="What its coefficients can be at most, where the record says"
+    )
+
+
+class Finding(_Model):
+    """Something seen in the residual of the model as it was."""
+
+    kind: str
+    text: str
+    size_V: float | None = Field(description="rms of that part of the residual")
+    significance: float | None = Field(description="In standard deviations, the many places looked at allowed for")
+    points_at: tuple[str, ...]
+
+
+class Channel(_Model):
+    """The same of one sense axis."""
+
+    innovation_rms: float | None
+    noise_floor: float | None
+
+
+class Fit(_Model):
+    """How well a model predicts a part of the record. Null: not finite, or no reference to measure against."""
+
+    innovation_rms: float | None = Field(description="V, over all axes")
+    noise_floor: float | None = Field(description="V, over all axes: what a complete model would leave")
+    ratio: float | None = Field(description="The one over the other, the mean of the axes' squares")
+    whiteness_p: float | None = Field(description="Ljung and Box")
+    simulation_rmse: float | None = Field(description="V, of a free run that sees the drive only")
+    angle_error_rms_rad: float | None = None
+    rate_error_rms_rad_s: float | None = None
+    axes: tuple[Channel, ...] = ()
+
+
+class HeldOut(_Model):
+    """On the part of the record that the choice never saw."""
+
+    before: Fit
+    after: Fit
+
+
+class Diagnosis(_Model):
+    """The answer of a trace: before and after are of the part of the record that was fitted."""
+
+    version: Literal[1] = 1
+    verdict: Literal["adequate", "explained", "unexplained"]
+    effects: tuple[Effect, ...]
+    confusable: tuple[Confusable, ...]
+    before: Fit
+    after: Fit
+    held_out: HeldOut
+    rejected: tuple[Rejected, ...]
+    findings: tuple[Finding, ...] = Field(description="Largest first")
+    reasons: tuple[str, ...] = Field(description="Why the verdict is what it is, a sentence each")
+    equations: tuple[str, ...] = Field(description="All that is added to the base model")
+    record: str = Field(description="Name of the record")
+    bench: str = Field(description="[device] name of the bench file")
+    samples: Count
+    split: Count = Field(description="First sample of the part held out")
+
+
+def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
+    """The engine's answer as it is written."""
+    return Diagnosis(
+        verdict=found.verdict.value,
+        effects=tuple(_effect(effect) for effect in found.effects),
+        confusable=tuple(_confusable(pair) for pair in found.confusable),
+        before=_fit(found.before),
+        after=_fit(found.after),
+        held_out=HeldOut(before=_fit(found.held_out_before), after=_fit(found.held_out_after)),
+        rejected=tuple(
+            Rejected(name=one.name, reason=one.reason, bound={k: _coefficient(v) for k, v in one.bound.items()})
+            for one in found.rejected
+        ),
+        findings=tuple(_finding(finding) for finding in found.findings),
+        reasons=found.reasons,
+        equations=tuple(equation for effect in found.effects for equation in effect.equation),
+        record=record,
+        bench=bench,
+        samples=len(found.residual_before.innovation),
+        split=found.split,
+    )
+
+
+def save_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
+    """Write diagnosis.json, whole or not at all."""
+    write_text(path, diagnosis.model_dump_json(indent=2, by_alias=True) + "\n")
+
+
+def load_diagnosis(path: Path) -> Diagnosis:
+    """Read diagnosis.json. Raises InputError naming the file and the key that is wrong."""
+    try:
+        return Diagnosis.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a diagnosis that hil trace wrote") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the whole file"
+        raise InputError(f"{path}: {key}: {first['msg']}; trace the record anew") from None
+
+
+def _effect(found: traced.Found) -> Effect:
+    return Effect(
+        name=found.name,
+        title=found.title,
+        equations=found.equation,
+        coefficients={symbol: _coefficient(interval) for symbol, interval in found.coefficients.items()},
+        evidence=_finite(found.evidence),
+        undone=found.undone,
+    )
+
+
+def _confusable(pair: traced.Confusable) -> Confusable:
+    return Confusable.model_validate(
+        {
+            "effect": pair.effect,
+            "with": pair.other,
+            "correlation": _finite(pair.correlation),
+            "separate_by": pair.separate_by,
+            "expected": _finite(pair.expected),
+        }
+    )
+
+
+def _coefficient(interval: traced.Interval) -> Coefficient:
+    return Coefficient(
+        value=_finite(interval.value), ci95=(_finite(interval.low), _finite(interval.high)), unit=interval.unit
+    )
+
+
+def _finding(finding: traced.Finding) -> Finding:
+    return Finding(
+        kind=finding.kind,
+        text=finding.text,
+        size_V=_finite(finding.size),
+        significance=_finite(finding.significance),
+        points_at=finding.points_at,
+    )
+
+
+def _fit(fit: traced.Fit) -> Fit:
+    return Fit(
+        innovation_rms=_finite(float(np.sqrt(np.mean(np.square(fit.innovation_rms))))),
+        noise_floor=_finite(float(np.sqrt(np.mean(np.square(fit.noise_floor))))),
+        ratio=_finite(fit.ratio),
+        whiteness_p=_finite(fit.whiteness_p),
+        simulation_rmse=_finite(fit.simulation_rmse),
+        angle_error_rms_rad=_finite(fit.angle_error_rms),
+        rate_error_rms_rad_s=_finite(fit.rate_error_rms),
+        axes=tuple(
+            Channel(innovation_rms=_finite(rms), noise_floor=_finite(floor))
+            for rms, floor in zip(fit.innovation_rms, fit.noise_floor, strict=True)
+        ),
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
