@@ -1,0 +1,74 @@
+"""Which records there are, and what is hidden in each.
+
+A record's seed is drawn from its name alone, so a larger population keeps the records of a smaller one.
+"""
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from benchmarks.undeclared.effects import DRAWABLE, OUTSIDE
+
+# Pairs of which each leaves a mark of its own: another line, another harmonic, another dependence.
+PAIRS = (
+    ("cubic_stiffness", "sense_gain"),
+    ("cubic_isotropic", "drive_feedthrough"),
+    ("quadratic_stiffness", "drive_gain"),
+    ("sense_cubic", "interference"),
+    ("sense_cross_coupling", "cubic_stiffness"),
+    ("nonlinear_damping", "sense_quadratic"),
+    ("dry_friction", "drive_feedthrough"),
+    ("sense_gain", "drive_feedthrough"),
+    ("base_vibration", "sense_cubic"),
+    ("sense_delay", "cubic_stiffness"),
+)
+
+SHARES = {"single": 0.5, "clean": 0.24, "outside": 0.1, "double": 0.08, "tame": 0.08}
+
+
+@dataclass(frozen=True)
+class Order:
+    """One record to be made: a category and the effects that are hidden in it."""
+
+    category: str
+    effects: tuple[str, ...]
+    number: int
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.category}-{'+'.join(self.effects) or 'none'}-{self.number:03d}"
+
+    @property
+    def seed(self) -> int:
+        """From the name."""
+        return zlib.crc32(self.name.encode())
+
+
+def kinds(category: str) -> tuple[tuple[str, ...], ...]:
+    """What is hidden in the records of a category, one after the other."""
+    if category == "clean":
+        return ((),)
+    if category == "double":
+        return PAIRS
+    if category == "outside":
+        return tuple((name,) for name in OUTSIDE)
+    return tuple((name,) for name in DRAWABLE)
+
+
+def population(n: int) -> list[Order]:
+    """About n records, categories and kinds interleaved, so that the first of them are a fair sample."""
+    ranked: list[tuple[float, Order]] = []
+    for category, share in SHARES.items():
+        wanted = max(round(n * share), 1)
+        for i, order in zip(range(wanted), _orders(category), strict=False):
+            ranked.append(((i + 0.5) / wanted, order))
+    return [order for _, order in sorted(ranked, key=lambda r: r[0])]
+
+
+def _orders(category: str) -> Iterator[Order]:
+    number = 0
+    while kinds(category):
+        for effects in kinds(category):
+            yield Order(category, effects, number)
+        number += 1

@@ -1,0 +1,120 @@
+"""One record: a device drawn, its hidden effects, the loop closed around it in lockstep, and the files of it.
+
+    FOLDER/NAME/capture.arrow   what the bench recorded, in the product's own format
+    FOLDER/NAME/bench.toml      what the data sheet says
+    FOLDER/NAME/truth.json      what it really was; only the evaluation reads it
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.lockstep import ClosedLoop, close_loop, rms
+from benchmarks.undeclared.device import DrawnDevice, bench_table, draw_device, draw_rate, scenario_table
+from benchmarks.undeclared.effects import EFFECTS, Hidden
+from benchmarks.undeclared.population import Order
+from device_emulator.scenario import Scenario
+from hil.bench import Bench
+from hil.bench.template import template, values_of
+from hil.records.atomic import write_text
+from hil.records.capture import board_layout
+from hil.records.stream import BlockWriter
+from hil.strict_toml import parse_table
+
+SAMPLES = 80_000
+
+
+def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
+    """Record `order` below `folder` unless it is there already; returns its folder."""
+    place = folder / order.name
+    if (place / "truth.json").exists():
+        return place
+    rng = np.random.default_rng(order.seed)
+    drawables = [EFFECTS[name] for name in order.effects]
+    device = draw_device(rng, slow=True if any(d.slow for d in drawables) else None)
+    duration_s = samples / device.sample_rate_Hz
+    rate = draw_rate(rng, device, duration_s)
+    excited = order.category != "tame"
+    turning = excited or bool(rng.random() < 0.5)
+    hidden = [drawable.draw(rng, device) for drawable in drawables]
+    table = scenario_table(device, rate, order.seed)
+    for what in hidden:
+        table.setdefault("effect", []).extend(what.effects)
+        for section, keys in what.sections.items():
+            table[section] = table.get(section, {}) | keys
+    scenario = Scenario.model_validate(table)
+    bench = parse_table(bench_table(device, duration_s, excited, turning), Bench, order.name)
+    loop = close_loop(scenario, bench, samples, seed=order.seed, every=1000)
+    place.mkdir(parents=True, exist_ok=True)
+    _write_capture(place / "capture.arrow", loop, scenario)
+    write_text(place / "bench.toml", template(values_of(bench), "The data sheet."))
+    # Last: a record without it is made again.
+    write_text(place / "truth.json", json.dumps(_truth(order, device, hidden, table, loop, scenario, excited), indent=1))
+    return place
+
+
+def _write_capture(path: Path, loop: ClosedLoop, scenario: Scenario) -> None:
+    layout = board_layout(
+        tick_rate_Hz=scenario.board.sample_rate_Hz,
+        axes=2,
+        latency_ticks=scenario.drive.latency_samples,
+        sense_scale_V=2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits,
+        drive_scale=math.ldexp(scenario.drive.full_scale_mps2, 1 - scenario.drive.dac_bits),
+    )
+    rows = np.zeros(len(loop.capture), layout.dtype)
+    for column, name in enumerate(rows.dtype.names or ()):
+        rows[name] = loop.capture[:, column]
+    with BlockWriter(path, layout) as writer:
+        writer.push(rows)
+
+
+def _truth(
+    order: Order,
+    device: DrawnDevice,
+    hidden: list[Hidden],
+    table: dict[str, Any],
+    loop: ClosedLoop,
+    scenario: Scenario,
+    excited: bool,
+) -> dict[str, Any]:
+    lsb = 2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits
+    noise = math.hypot(scenario.sense.noise_V, lsb / math.sqrt(12.0))
+    flags = loop.capture[:, 5]
+    late = slice(len(loop.capture) // 2, None)
+    innovation = loop.innovation_V[late]
+    true_rate = loop.truth["rate_rad_s"]
+    return {
+        "name": order.name,
+        "category": order.category,
+        "effects": [
+            {"name": name, "size": what.size, "tables": what.effects, "sections": what.sections}
+            for name, what in zip(order.effects, hidden, strict=True)
+        ],
+        "seed": order.seed,
+        "samples": len(loop.capture),
+        "excited": excited,
+        "noise_V": noise,
+        "noise_white_V": scenario.sense.noise_V,
+        "noise_quantisation_V": lsb / math.sqrt(12.0),
+        # Of the observer in the loop, which did not know the effect, over the second half.
+        "innovation_ratio": rms(innovation[np.isfinite(innovation)]) / noise if innovation.size else None,
+        "rows_clipped": int(np.count_nonzero(flags & 2)),
+        "rows_saturated": int(np.count_nonzero(flags & 4)),
+        "device": {
+            "frequency_Hz": device.frequency_Hz,
+            "omega_rad_s": device.omega,
+            "amplitude_m": device.amplitude_m,
+            "sample_rate_Hz": device.sample_rate_Hz,
+            "mass_kg": device.mass_kg,
+            "stiffness_per_s2": device.stiffness,
+            "damping_per_s": device.damping,
+            "gain_V_per_m": device.gain_V_per_m,
+        },
+        "rate_rms_rad_s": rms(true_rate),
+        "amplitude_peak": float(np.sqrt((loop.truth["x_m"] ** 2 + loop.truth["y_m"] ** 2)[len(true_rate) // 4 :].max()))
+        / device.amplitude_m,
+        "scenario": table,
+    }
