@@ -36,8 +36,9 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 def _folder() -> Path:
     """Below `GYROHIL_CACHE`, else inside the virtual environment, else in the user's cache folder."""
     digest = hashlib.sha256(f"{sys.version} {numba.__version__}".encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    package = Path(__file__).parent
+    for source in sorted(package.rglob("*.py")):
+        digest.update(str(source.relative_to(package)).encode() + b"\0" + source.read_bytes())
     if named := os.environ.get("GYROHIL_CACHE"):
         root = Path(named)
     elif sys.prefix != sys.base_prefix and os.access(sys.prefix, os.W_OK):

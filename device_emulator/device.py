@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from device_emulator import effects, rate
+from device_emulator import rate
 from device_emulator.compiled import compiled
 from device_emulator.drive import DRIVE, DRIVE_STATE, acting, drive_constants, put_out
+from device_emulator.effects.catalogue import table
+from device_emulator.effects.force import coriolis
+from device_emulator.effects.sense import amplified, displacement, flip, shown, voltage
 from device_emulator.feedback import due, feed_back
-from device_emulator.plant import PLANT, plant_constants, step
+from device_emulator.plant import PLANT, STATES, plant_constants, step
 from device_emulator.scenario import Scenario
 from device_emulator.sense import (
     SENSE,
@@ -31,6 +34,7 @@ from device_emulator.sense import (
     track,
     wander,
 )
+from device_emulator.temperature import warmer
 
 PAGE = 64  # rows for which noise is drawn, and truth handed on, at a time
 
@@ -41,8 +45,10 @@ _STATE = np.dtype(
     [
         ("tick", "i8"),  # of the last row, -1 before the first
         ("piece", "i8"),  # of the rate profile
-        ("motion", "f8", 4),  # x, ẋ, y, ẏ
-        ("stages", "f8", (7, 4)),  # scratch of the integrator
+        ("motion", "f8", STATES),  # x, ẋ, y, ẏ and what the effects have of their own
+        ("stages", "f8", (8, STATES)),  # scratch of the integrator
+        ("push", "f8", 6),
+        ("seed", "i8"),
         ("drive", DRIVE_STATE),
         ("sense", SENSE_STATE),
     ],
@@ -75,7 +81,8 @@ class Device:
         state["tick"] = -1
         x, y = scenario.truth.position_m
         vx, vy = scenario.truth.velocity_mps
-        state["motion"] = x, vx, y, vy
+        state["motion"][0, :4] = x, vx, y, vy
+        state["seed"] = np.uint64(scenario.seed if seed is None else seed).astype(np.int64)
         history = np.zeros((history_rows(sense), 2))
         self._noise = np.zeros((PAGE, 2 * plant["substeps"][0] + 4 + 2 * sense["flicker_poles"][0]))
         self._drive = np.zeros((PAGE, 2), np.int32)
@@ -83,7 +90,7 @@ class Device:
         self._truth = np.zeros((PAGE, len(TRUTH_COLUMNS)))
         self._arguments = (
             constants,
-            effects.table(scenario.effect),
+            table(scenario.effect),
             rate.pieces(scenario.rate),
             state,
             history,
@@ -184,6 +191,7 @@ def _advance(
     clipped = False
     for row in range(first, first + n):
         begins = state.tick < 0
+        flip(hidden, state.seed, state.tick + 1, plant.ts_s, motion)
         if begins:
             start(hidden, state.sense, motion)
             _rewind(plant, hidden, pieces[0], state, history)
@@ -195,18 +203,20 @@ def _advance(
         normals = noise[row, 2 * plant.substeps :]
         wander(sense, state.sense, normals[2:], begins)
         piece = pieces[state.piece]
-        vx, vy = effects.voltage(hidden, t, drive_codes[row, 0] * drive.lsb_mps2, drive_codes[row, 1] * drive.lsb_mps2)
-        seen = effects.displacement(hidden, motion)
+        ux, uy = drive_codes[row, 0] * drive.lsb_mps2, drive_codes[row, 1] * drive.lsb_mps2
+        vx, vy = voltage(hidden, t, warmer(plant.temperature, t), ux, uy, motion)
+        seen = displacement(hidden, motion)
         for axis in range(2):
-            shown, added = (seen[0], vx) if axis == 0 else (seen[2], vy)
+            moved, added = (seen[0], vx) if axis == 0 else (seen[2], vy)
             if sense.tracked:
-                shown = delayed(history, state.sense.newest, axis, sense.delay_substeps[axis])
+                moved = delayed(history, state.sense.newest, axis, sense.delay_substeps[axis])
             phi = offset(sense, state.sense, t, axis)
-            volts = sense.gain_V_per_m[axis] * shown + phi + added + sense.noise_V * normals[axis]
-            sense_codes[row, axis], over = convert(sense, volts)
+            volts = amplified(hidden, axis, sense.gain_V_per_m[axis] * moved + phi + added)
+            code, over = convert(sense, volts + sense.noise_V * normals[axis])
+            sense_codes[row, axis] = shown(hidden, code)
             clipped |= over
             truth[row, 4 + axis] = phi
-        truth[row, :4] = motion
+        truth[row, :4] = motion[:4]
         truth[row, 6] = rate.rate_at(piece, t)[0]
         truth[row, 7] = rate.angle_at(piece, t)
     return clipped
@@ -253,6 +263,8 @@ def _interval(
     t0 = state.tick * plant.ts_s
     h = plant.ts_s / plant.substeps
     change = _next_change(pieces, state.piece, t0)
+    push = state.push
+    felt = coriolis(hidden)
     for k in range(plant.substeps):
         fx = plant.noise_xx * normals[2 * k]
         fy = plant.noise_yx * normals[2 * k] + plant.noise_yy * normals[2 * k + 1]
@@ -260,18 +272,17 @@ def _interval(
         while since < end:
             until = min(end, change)
             for axis in range(2):
-                if since < drive.delay_rest_s[axis] < until:
-                    until = drive.delay_rest_s[axis]
-            ax = fx + acting(drive, state.drive, row, 0, since)
-            ay = fy + acting(drive, state.drive, row, 1, since)
+                push[axis], push[2 + axis], steady = acting(drive, state.drive, row, axis, since)
+                until = min(until, steady)
+            push[4], push[5] = fx, fy
             piece = pieces[state.piece]
-            step(plant, hidden, piece, t0 + since, until - since, ax, ay, state.motion, state.stages)
+            step(plant, hidden, piece, t0 + since, until - since, push, plant.states, state.motion, state.stages)
             since = until
             # A change that rounding leaves just past the end of the interval belongs to its end.
             while change <= since * (1.0 + 1e-9):
                 before = rate.rate_at(pieces[state.piece], t0 + change)[0]
                 state.piece += 1
-                jump = rate.rate_at(pieces[state.piece], t0 + change)[0] - before
+                jump = felt * (rate.rate_at(pieces[state.piece], t0 + change)[0] - before)
                 state.motion[1] += jump * state.motion[2]
                 state.motion[3] -= jump * state.motion[0]
                 change = _next_change(pieces, state.piece, t0)
@@ -287,13 +298,17 @@ def _next_change(pieces: NDArray[Any], piece: int, t0: float) -> float:
 
 @compiled
 def _rewind(plant: Any, hidden: NDArray[Any], piece: Any, state: Any, history: NDArray[np.float64]) -> None:
-    """Fill the history with the undriven motion before tick 0, so that a delay finds something to show."""
+    """Fill the history with the undriven motion before tick 0, so that a delay finds something to show.
+
+    States of the effects' own stay: they begin at tick 0.
+    """
     motion = state.motion.copy()
+    state.push[:] = 0.0
     h = plant.ts_s / plant.substeps
     rows = history.shape[0]
     for back in range(rows):
-        seen = effects.displacement(hidden, motion)
+        seen = displacement(hidden, motion)
         history[rows - 1 - back, 0] = seen[0]
         history[rows - 1 - back, 1] = seen[2]
-        step(plant, hidden, piece, -back * h, -h, 0.0, 0.0, motion, state.stages)
+        step(plant, hidden, piece, -back * h, -h, state.push, 4, motion, state.stages)
     state.sense.newest = rows - 1

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device_emulator import effects
 from device_emulator.compiled import compiled
+from device_emulator.effects.catalogue import Kind, delay_s, slew_mps3
+from device_emulator.effects.drive import drive as reaching
 from device_emulator.scenario import MAX_DELAY_SAMPLES, Scenario
 
 RECENT = MAX_DELAY_SAMPLES + 2
@@ -17,12 +18,22 @@ DRIVE = np.dtype(
         ("lsb_mps2", "f8"),
         ("delay_samples", "i8", 2),  # whole samples of the delay
         ("delay_rest_s", "f8", 2),  # and what is left of it
+        ("ts_s", "f8"),
+        ("slew_mps3", "f8", 2),
     ],
     align=True,
 )
 
-# Forces of the last intervals, by row number.
-DRIVE_STATE = np.dtype([("recent", "f8", (RECENT, 2))], align=True)
+# Forces of the last intervals, by row number and axis: each runs from `start` with `slope` until `reach_s`, then stays.
+DRIVE_STATE = np.dtype(
+    [
+        ("recent", "f8", (RECENT, 2)),
+        ("start", "f8", (RECENT, 2)),
+        ("slope", "f8", (RECENT, 2)),
+        ("reach_s", "f8", (RECENT, 2)),
+    ],
+    align=True,
+)
 
 
 def drive_scale(scenario: Scenario) -> float:
@@ -40,7 +51,9 @@ def drive_constants(scenario: Scenario) -> NDArray[Any]:
     constants = np.zeros(1, DRIVE)
     c = constants[0]
     c["lsb_mps2"] = drive_scale(scenario)
-    for axis, delay in enumerate(effects.delay_s(scenario.effect, effects.Kind.DRIVE_DELAY)):
+    c["ts_s"] = 1.0 / scenario.board.sample_rate_Hz
+    c["slew_mps3"] = slew_mps3(scenario.effect)
+    for axis, delay in enumerate(delay_s(scenario.effect, Kind.DRIVE_DELAY)):
         whole = math.floor(delay * scenario.board.sample_rate_Hz)
         c["delay_samples"][axis] = whole
         c["delay_rest_s"][axis] = delay - whole / scenario.board.sample_rate_Hz
@@ -50,19 +63,40 @@ def drive_constants(scenario: Scenario) -> NDArray[Any]:
 @compiled
 def put_out(drive: Any, hidden: NDArray[Any], state: Any, row: int, ux_code: int, uy_code: int) -> None:
     """Enter the force of the interval that ends at `row`."""
-    ux, uy = effects.drive(hidden, ux_code * drive.lsb_mps2, uy_code * drive.lsb_mps2)
-    state.recent[row % RECENT, 0] = ux
-    state.recent[row % RECENT, 1] = uy
+    ux, uy = reaching(hidden, ux_code * drive.lsb_mps2, uy_code * drive.lsb_mps2)
+    this, last = row % RECENT, (row - 1) % RECENT
+    for axis in range(2):
+        target = ux if axis == 0 else uy
+        slew = drive.slew_mps3[axis]
+        # `recent` is what the interval ends with, which the next one starts from.
+        start = state.recent[last, axis]
+        far = target - start
+        if abs(far) > slew * drive.ts_s:
+            target = start + math.copysign(slew * drive.ts_s, far)
+        state.start[this, axis] = start
+        state.slope[this, axis] = math.copysign(slew, far) if np.isfinite(slew) and far != 0.0 else 0.0
+        state.reach_s[this, axis] = abs(target - start) / slew
+        state.recent[this, axis] = target
 
 
 @compiled
-def acting(drive: Any, state: Any, row: int, axis: int, since_s: float) -> float:
-    """Force per unit mass on one axis, `since_s` after the start of the interval that ends at `row`."""
+def acting(drive: Any, state: Any, row: int, axis: int, since_s: float) -> tuple[float, float, float]:
+    """(force per unit mass, its slope, until when) on one axis, `since_s` after the start of the interval that ends at
+    `row`; until when counts from that start, and the end of the interval is for the caller to see.
+    """
+    began = drive.delay_rest_s[axis]  # of the command's interval, late by its delay
     back = drive.delay_samples[axis]
-    if since_s < drive.delay_rest_s[axis]:
+    until = np.inf
+    if since_s < began:
+        until = began
+        began -= drive.ts_s
         back += 1
-    force: float = state.recent[(row - back) % RECENT, axis]
-    return force
+    place = (row - back) % RECENT
+    reached = began + state.reach_s[place, axis]
+    if since_s < reached:
+        slope = state.slope[place, axis]
+        return state.start[place, axis] + slope * (since_s - began), slope, min(until, reached)
+    return state.recent[place, axis], 0.0, until
 
 
 class Schedule:

@@ -4,7 +4,8 @@
     ÿ + dxy ẋ + dyy ẏ + kxy x + kyy y = uy - 2Ω ẋ + Ω² y - Ω̇ x + hidden effects + force noise
 
 per unit mass. Explicit Runge-Kutta of order 6 (Butcher 1964, seven stages) at `substeps` ≥ 8 steps per sample
-and ≥ 128 per cycle: its frequency error is below 1e-11, far from what any observer here resolves.
+and ≥ 128 per cycle: its frequency error is below 1e-11, far from what any observer here resolves. Effects with states
+of their own (a parasitic mode, a support) have them integrated along, at ≥ 32 steps per cycle of theirs.
 
 The force noise is white: Brownian, of intensity 2 kB T D / m² for the whole damping matrix D (fluctuation and
 dissipation), plus the drive amplifier's. It is drawn once per sub-step and held over it.
@@ -18,17 +19,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device_emulator import effects, rate
+from device_emulator import rate
 from device_emulator.compiled import compiled
+from device_emulator.effects.catalogue import MAX_INNER, inner_states, resonance_Hz
+from device_emulator.effects.force import force
 from device_emulator.scenario import Scenario
+from device_emulator.temperature import TEMPERATURE, temperature_constants, warmer
 
 BOLTZMANN_J_PER_K = 1.380649e-23
 STEPS_PER_CYCLE = 128
+STEPS_PER_INNER_CYCLE = 32
+STATES = 4 + MAX_INNER
+"""Longest state vector: x, ẋ, y, ẏ and what the effects have of their own."""
 
 PLANT = np.dtype(
     [
         ("ts_s", "f8"),
         ("substeps", "i8"),
+        ("states", "i8"),  # of the mass and the effects
         ("kxx", "f8"),
         ("kyy", "f8"),
         ("kxy", "f8"),
@@ -39,6 +47,7 @@ PLANT = np.dtype(
         ("noise_xx", "f8"),
         ("noise_yx", "f8"),
         ("noise_yy", "f8"),
+        ("temperature", TEMPERATURE),
     ],
     align=True,
 )
@@ -65,7 +74,8 @@ def plant_constants(scenario: Scenario) -> NDArray[Any]:
     kxx, kyy, kxy = (k / truth.mass_kg for k in truth.stiffness_N_per_m)
     dxx, dyy, dxy = (d / truth.mass_kg for d in truth.damping_N_s_per_m)
     ts = 1.0 / scenario.board.sample_rate_Hz
-    substeps = max(8, math.ceil(STEPS_PER_CYCLE * ts * math.sqrt(max(kxx, kyy)) / (2.0 * math.pi)))
+    own = STEPS_PER_CYCLE * math.sqrt(max(kxx, kyy)) / (2.0 * math.pi)
+    substeps = max(8, math.ceil(ts * max(own, STEPS_PER_INNER_CYCLE * resonance_Hz(scenario.effect))))
     thermal = 2.0 * BOLTZMANN_J_PER_K * truth.temperature_K / truth.mass_kg
     intensity = thermal * np.array([[dxx, dxy], [dxy, dyy]])
     intensity += 0.5 * scenario.drive.noise_mps2_per_rtHz**2 * np.eye(2)
@@ -73,30 +83,40 @@ def plant_constants(scenario: Scenario) -> NDArray[Any]:
     values, vectors = np.linalg.eigh(intensity * substeps / ts)
     upper: NDArray[np.float64] = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T).R
     constants = np.zeros(1, PLANT)
-    constants[0] = (ts, substeps, kxx, kyy, kxy, dxx, dyy, dxy, upper[0, 0], upper[0, 1], upper[1, 1])
+    c = constants[0]
+    c["ts_s"], c["substeps"], c["states"] = ts, substeps, 4 + inner_states(scenario.effect)
+    c["kxx"], c["kyy"], c["kxy"] = kxx, kyy, kxy
+    c["dxx"], c["dyy"], c["dxy"] = dxx, dyy, dxy
+    c["noise_xx"], c["noise_yx"], c["noise_yy"] = upper[0, 0], upper[0, 1], upper[1, 1]
+    constants["temperature"] = temperature_constants(scenario.temperature)
     return constants
 
 
 @compiled
-def acceleration(
+def derivative(
     plant: Any,
     hidden: NDArray[Any],
     t_s: float,
     rate_rad_s: float,
     slope_rad_s2: float,
-    x: float,
-    vx: float,
-    y: float,
-    vy: float,
-) -> tuple[float, float]:
-    """(ẍ, ÿ) of the undriven, noiseless mass."""
-    ax, ay = effects.force(hidden, t_s, x, vx, y, vy)
+    ux: float,
+    uy: float,
+    s: NDArray[np.float64],
+    ds: NDArray[np.float64],
+) -> None:
+    """ds ← derivative of s = [x, ẋ, y, ẏ, …] of the noiseless mass under the force ux, uy."""
+    x, vx, y, vy = s[0], s[1], s[2], s[3]
     centrifugal = rate_rad_s * rate_rad_s
-    ax += 2.0 * rate_rad_s * vy + centrifugal * x + slope_rad_s2 * y
-    ay += -2.0 * rate_rad_s * vx + centrifugal * y - slope_rad_s2 * x
+    ax = ux + 2.0 * rate_rad_s * vy + centrifugal * x + slope_rad_s2 * y
+    ay = uy - 2.0 * rate_rad_s * vx + centrifugal * y - slope_rad_s2 * x
     ax -= plant.dxx * vx + plant.dxy * vy + plant.kxx * x + plant.kxy * y
     ay -= plant.dxy * vx + plant.dyy * vy + plant.kxy * x + plant.kyy * y
-    return ax, ay
+    ds[0] = vx
+    ds[1] = ax
+    ds[2] = vy
+    ds[3] = ay
+    if len(hidden) > 0:
+        force(plant, hidden, t_s, warmer(plant.temperature, t_s), rate_rad_s, slope_rad_s2, ux, uy, s, ds)
 
 
 @compiled
@@ -106,31 +126,31 @@ def step(
     piece: Any,
     t_s: float,
     h: float,
-    ax: float,
-    ay: float,
+    push: NDArray[np.float64],
+    n: int,
     motion: NDArray[np.float64],
     stages: NDArray[np.float64],
 ) -> None:
-    """Carry `motion` = [x, ẋ, y, ẏ] from t_s over h seconds, back when h < 0.
+    """Carry the first n entries of `motion` = [x, ẋ, y, ẏ, …] from t_s over h seconds, back when h < 0.
 
-    (ax, ay) is added to the acceleration throughout; `stages`, shape (7, 4), is scratch.
+    push (6,) is the drive ux, uy at t_s, its slopes, and a force on the mass alone, held; `stages`, shape
+    (8, STATES), is scratch.
     """
+    s = stages[7]
     for i in range(7):
-        x, vx, y, vy = motion[0], motion[1], motion[2], motion[3]
+        for k in range(motion.shape[0]):
+            s[k] = motion[k]
         for j in range(i):
             weight = h * _A[i, j]
-            x += weight * stages[j, 0]
-            vx += weight * stages[j, 1]
-            y += weight * stages[j, 2]
-            vy += weight * stages[j, 3]
-        t = t_s + _C[i] * h
-        rate_rad_s, slope_rad_s2 = rate.rate_at(piece, t)
-        sx, sy = acceleration(plant, hidden, t, rate_rad_s, slope_rad_s2, x, vx, y, vy)
-        stages[i, 0] = vx
-        stages[i, 1] = sx + ax
-        stages[i, 2] = vy
-        stages[i, 3] = sy + ay
+            for k in range(n):
+                s[k] += weight * stages[j, k]
+        since = _C[i] * h
+        rate_rad_s, slope_rad_s2 = rate.rate_at(piece, t_s + since)
+        ux, uy = push[0] + since * push[2], push[1] + since * push[3]
+        derivative(plant, hidden, t_s + since, rate_rad_s, slope_rad_s2, ux, uy, s, stages[i])
+        stages[i, 1] += push[4]
+        stages[i, 3] += push[5]
     for i in range(7):
         weight = h * _B[i]
-        for j in range(4):
-            motion[j] += weight * stages[i, j]
+        for k in range(n):
+            motion[k] += weight * stages[i, k]

@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_args
 
 from pydantic import Field, PlainValidator, ValidationError, model_validator
 
-from device_emulator import effects
+from device_emulator.effects import catalogue as effects
 from device_emulator.rate import Rate
 from device_emulator.section import (
     Damping,
@@ -26,6 +26,7 @@ from device_emulator.section import (
     Stiffness,
     did_you_mean,
 )
+from device_emulator.temperature import Temperature
 
 MAX_LATENCY_SAMPLES = 64
 MAX_DELAY_SAMPLES = 30  # of the sense_delay and drive_delay effects
@@ -99,6 +100,7 @@ class Scenario(Section):
     drive: Drive
     board: Board
     rate: Rate
+    temperature: Temperature = Temperature()
     effect: list[Annotated[effects.HiddenEffect, PlainValidator(effects.parse)]] = Field(default_factory=list)
 
     @model_validator(mode="after")
@@ -107,6 +109,8 @@ class Scenario(Section):
             delay = effects.delay_s(self.effect, kind)
             if min(delay) < 0.0 or max(delay) * self.board.sample_rate_Hz > MAX_DELAY_SAMPLES:
                 raise ValueError(f"effect {kind.name.lower()}: expected 0 to {MAX_DELAY_SAMPLES} samples")
+        if effects.inner_states(self.effect) > effects.MAX_INNER:
+            raise ValueError(f"effect: expected at most {effects.MAX_INNER} states of their own among all of them")
         return self
 
 

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device_emulator import effects
 from device_emulator.compiled import compiled
+from device_emulator.effects.catalogue import Kind, delay_s
+from device_emulator.effects.sense import displacement
 from device_emulator.scenario import Scenario
 
 MAX_FLICKER_POLES = 12
@@ -107,7 +108,7 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
     for axis in range(2):
         c["high_pass"][axis] = _first_order(c["leak_per_s"][axis], substep_s)
         c["low_pass"][axis] = _first_order(2.0 * math.pi * s.low_pass_Hz[axis], substep_s)
-    c["delay_substeps"] = np.array(effects.delay_s(scenario.effect, effects.Kind.SENSE_DELAY)) / substep_s
+    c["delay_substeps"] = np.array(delay_s(scenario.effect, Kind.SENSE_DELAY)) / substep_s
     c["tracked"] = bool(np.isfinite([*s.feedback_ohm, *s.low_pass_Hz]).any() or (c["delay_substeps"] > 0.0).any())
     return constants
 
@@ -134,7 +135,7 @@ def _first_order(pole_per_s: float, h: float) -> tuple[float, float, float, floa
 @compiled
 def start(hidden: NDArray[Any], state: Any, motion: NDArray[np.float64]) -> None:
     """Release the chain at tick 0: the low-pass settled, nothing leaked yet."""
-    px, vpx, py, vpy = effects.displacement(hidden, motion)
+    px, vpx, py, vpy = displacement(hidden, motion)
     state.seen[0, 0], state.seen[0, 1], state.seen[1, 0], state.seen[1, 1] = px, vpx, py, vpy
     state.smooth[0], state.smooth[1] = px, py
 
@@ -148,7 +149,7 @@ def track(
     motion: NDArray[np.float64],
 ) -> None:
     """Carry filters and history over one sub-step that ended in `motion`."""
-    px, vpx, py, vpy = effects.displacement(hidden, motion)
+    px, vpx, py, vpy = displacement(hidden, motion)
     for axis in range(2):
         p1, v1 = (px, vpx) if axis == 0 else (py, vpy)
         p0, v0 = state.seen[axis, 0], state.seen[axis, 1]

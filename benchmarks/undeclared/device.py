@@ -1,8 +1,8 @@
 """A random device, what its data sheet declares of it, and the excitation it is recorded under.
 
 Devices lie between S-slow (200 Hz, 1 g) and S-modern (10 kHz, 10 ng): half of them near S-slow, half anywhere in
-between on a logarithmic scale.  Everything that can be stated without units (mismatch, Q, noise below amplitude, samples
-a cycle) is drawn from one range for all of them.
+between on a logarithmic scale.  Everything that can be stated without units (mismatch, Q, noise below amplitude,
+samples a cycle) is drawn from one range for all of them.
 """
 
 import math
@@ -50,8 +50,8 @@ class DrawnDevice:
 
     @property
     def drive_mps2(self) -> float:
-        """Largest force that the control law needs in the long run, per unit mass: what the mismatch, the cross-stiffness
-        and the virtual rotation take at the crest of the modulation.
+        """Largest force that the control law needs in the long run, per unit mass: what the mismatch, the cross-
+        stiffness and the virtual rotation take at the crest of the modulation.
         """
         kxx, kyy, kxy = self.stiffness
         relative = (0.5 * abs(kxx - kyy) + abs(kxy)) / self.omega**2 + 2.0 * self.virtual_rotation_rad_s / self.omega
@@ -147,8 +147,7 @@ def scenario_table(device: DrawnDevice, rate: dict[str, Any], seed: int) -> dict
 
 def bench_table(device: DrawnDevice, duration_s: float, excited: bool, turning: bool) -> dict[str, Any]:
     """The bench file of the data sheet; `excited`: the reference excitation; `turning`: virtual rotation on."""
-    omega, f = device.omega, device.frequency_Hz
-    mass = device.mass_kg
+    f, mass = device.frequency_Hz, device.mass_kg
     d = sum(device.declared_damping[:2]) / 2.0
     memory = 200.0 / f
     lsb = 2.0 * _FULL_SCALE_V / 2**16

@@ -1,8 +1,8 @@
 """One record: a device drawn, its hidden effects, the loop closed around it in lockstep, and the files of it.
 
-    FOLDER/NAME/capture.arrow   what the bench recorded, in the product's own format
-    FOLDER/NAME/bench.toml      what the data sheet says
-    FOLDER/NAME/truth.json      what it really was; only the evaluation reads it
+FOLDER/NAME/capture.arrow   what the bench recorded, in the product's own format
+FOLDER/NAME/bench.toml      what the data sheet says
+FOLDER/NAME/truth.json      what it really was; only the evaluation reads it
 """
 
 import json
@@ -52,7 +52,9 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
     _write_capture(place / "capture.arrow", loop, scenario)
     write_text(place / "bench.toml", template(values_of(bench), "The data sheet."))
     # Last: a record without it is made again.
-    write_text(place / "truth.json", json.dumps(_truth(order, device, hidden, table, loop, scenario, excited), indent=1))
+    write_text(
+        place / "truth.json", json.dumps(_truth(order, device, hidden, table, loop, scenario, excited), indent=1)
+    )
     return place
 
 

@@ -38,7 +38,7 @@ def document(*changes: dict[str, Any]) -> dict[str, Any]:
     for change in changes:
         for name, value in change.items():
             if isinstance(value, dict) and name != "rate":
-                merged[name] = merged[name] | value
+                merged[name] = merged.get(name, {}) | value
             else:
                 merged[name] = value
     return merged

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from device_emulator.device import PAGE, TRUTH_COLUMNS, Device
-from device_emulator.effects import DECLARATIONS, Kind
+from device_emulator.effects.catalogue import DECLARATIONS, Kind
 from device_emulator.scenario import Scenario, load
 from tests.emulator.gyro import EXAMPLES, document, record, scenario, undriven
 
@@ -90,9 +90,17 @@ def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: Kind)
         "Fx": 1.0, "Fy": 1.0, "v0": 0.1, "gx": 0.1, "gy": 0.1,
         "ax": 1e-2, "ay": 1e-2, "frequency": 30.0, "phase_x": 1.0, "phase_y": 1.0,
         "exy": 0.1, "eyx": 0.1, "tau_x": 1e-4, "tau_y": 1e-4, "a2x": 1e3, "a2y": 1e3, "a3x": 1e7, "a3y": 1e7,
-        "gamma_x": 1e-3, "gamma_y": 1e-3,
+        "gamma_x": 1e-3, "gamma_y": 1e-3, "kn": 1e4, "kappa": 0.1, "tc": 1e-2, "tc_x": 1e-3, "tc_y": 1e-3,
+        "kbx": 1e4, "kby": 1e4, "gap": 5e-5, "khx": 1e4, "khy": 1e4, "reach": 5e-5, "ratio": 0.01, "Fs": 1.0, "Fc": 0.5,
+        "vs": 1e-3, "s": 6e6, "depth": 0.1, "phase": 1.0, "c": 1e13, "limit_x": 0.04, "limit_y": 0.04,
+        "width_x": 0.4, "width_y": 0.4, "slew_x": 2e3, "slew_y": 2e3, "ex": 0.1, "ey": 0.1, "zeta": 0.1,
+        "rate": 400.0, "every": 10_000.0, "width": 3000.0,
     }  # fmt: skip
-    where = {"truth": {"position_m": [1e-4, 1e-4]}}
+    where = {
+        "truth": {"position_m": [1e-4, 1e-4]},
+        "rate": {"kind": "constant", "rate_rad_s": 5.0},
+        "temperature": {"warm_up_K": 5.0},
+    }
     codes = drive(100)
     full = {c.symbol: sizes[c.symbol] for c in DECLARATIONS[kind].coefficients}
     with_all = record(scenario(where, {"effect": [{"name": kind.name.lower(), **full}]}), codes).codes
