@@ -1,0 +1,522 @@
+#include "hil_board.h"
+
+#include <string.h>
+
+/* A sequence number up to this far behind the expected one is a repetition; further behind, a jump ahead. */
+#define REPEAT_WINDOW 256u
+
+/* An effective tick up to this far ahead is to come; any other, in 32 bits, has passed. */
+#define HORIZON 0x10000u
+
+typedef struct reply {
+    uint8_t type; /* 0: nothing to say */
+    uint8_t payload[HIL_MAX_ANSWER];
+    size_t size;
+} reply;
+
+static void lock(hil_board *b, bool locked) {
+    if (b->config.lock != NULL)
+        b->config.lock(b->config.context, locked);
+}
+
+static uint32_t tick_now(const hil_board *b) {
+    return b->tick < 0 ? 0u : (uint32_t)b->tick;
+}
+
+static bool settled(const hil_board *b) {
+    return b->state == HIL_STATE_IDLE || b->state == HIL_STATE_SAFE;
+}
+
+bool hil_board_streaming(const hil_board *board) {
+    return board->state == HIL_STATE_ARMED || board->state == HIL_STATE_RUNNING;
+}
+
+bool hil_board_lockstep(const hil_board *board) {
+    return board->lockstep;
+}
+
+bool hil_board_may_go_on(const hil_board *board) {
+    return board->lockstep && board->granted > 0u;
+}
+
+/* ------------------------------------------------------------------------------------------------- start */
+
+/* Unasked STATUS comes at multiples of its period: one division here instead of one at every tick. */
+static void count_down(hil_board *b) {
+    if (b->status_every > 0u)
+        b->status_left = b->status_every - (uint32_t)((uint64_t)(b->tick + 1) % b->status_every) + 1u;
+    if (b->status_left > b->status_every)
+        b->status_left -= b->status_every;
+}
+
+static void registers_changed(hil_board *b) {
+    b->lockstep = hil_registers_whole(&b->registers, HIL_REGISTER_CLOCK_MODE) == HIL_CLOCK_MODE_LOCKSTEP;
+    b->block_rows = hil_registers_whole(&b->registers, HIL_REGISTER_BLOCK);
+    b->watchdog = hil_registers_whole(&b->registers, HIL_REGISTER_WATCHDOG_TICKS);
+    b->drive_limit = hil_registers_whole(&b->registers, HIL_REGISTER_DRIVE_LIMIT);
+    if (b->drive_limit > (uint32_t)b->drive_max)
+        b->drive_limit = (uint32_t)b->drive_max;
+    b->status_every = hil_registers_whole(&b->registers, HIL_REGISTER_STATUS_EVERY);
+    count_down(b);
+}
+
+bool hil_board_init(hil_board *board, const hil_config *config) {
+    hil_identity *identity = &board->config.identity;
+    memset(board, 0, sizeof *board);
+    board->config = *config;
+    identity->protocol = HIL_PROTOCOL;
+    identity->spec_hash = HIL_SPEC_HASH;
+    identity->capabilities = HIL_CAPABILITIES_FORCE_MODE;
+    if (config->clocks & 1u << HIL_CLOCK_MODE_LOCKSTEP)
+        identity->capabilities |= HIL_CAPABILITIES_LOCKSTEP;
+    if (config->clocks & 1u << HIL_CLOCK_MODE_PACED)
+        identity->capabilities |= HIL_CAPABILITIES_PACED;
+
+    board->width = identity->sense_bits > 16u || identity->drive_bits > 16u ? 3u : 2u;
+    board->sense_max = board->width == 2u ? 0x7FFF : 0x7FFFFF;
+    if (identity->drive_bits < 2u || identity->drive_bits > 24u)
+        return false;
+    board->drive_max = (int32_t)((1u << (identity->drive_bits - 1u)) - 1u); /* a force can be turned round exactly */
+    board->room_rows =
+        (uint32_t)((config->blocks_size / 2u - HIL_SENSE_SIZE) / (HIL_SENSE_COLUMNS * (size_t)board->width));
+    if (config->blocks_size / 2u < HIL_SENSE_SIZE || board->room_rows == 0u)
+        return false;
+    if (identity->latency_ticks >= HIL_WAITING)
+        return false;
+    board->block[0].payload = config->blocks;
+    board->block[1].payload = config->blocks + config->blocks_size / 2u;
+
+    hil_registers_init(&board->registers);
+    unsigned clock = HIL_CLOCK_MODE_REAL;
+    while (clock > 0u && !(config->clocks & 1u << clock))
+        clock--;
+    if (!(config->clocks & 1u << clock))
+        return false;
+    board->registers.value[HIL_REGISTER_CLOCK_MODE] = clock;
+    registers_changed(board);
+    board->state = HIL_STATE_BOOT;
+    board->tick = -1;
+    return true;
+}
+
+/* ------------------------------------------------------------------------------------------------ blocks */
+
+static void end_block(hil_board *b) {
+    hil_block *block = &b->block[b->filling];
+    if (block->rows == 0u)
+        return;
+    if (b->block[1u - b->filling].full) { /* the link has not taken the one before */
+        hil_count(&b->dropped, 1u);
+        b->skipped++;
+        block->rows = 0u;
+        return;
+    }
+    block->full = true;
+    b->filling = 1u - b->filling;
+    b->block[b->filling].rows = 0u;
+}
+
+static void forget_blocks(hil_board *b) {
+    for (unsigned k = 0; k < 2u; k++) {
+        b->block[k].rows = 0u;
+        b->block[k].full = false;
+    }
+}
+
+static int32_t within(int32_t code, int32_t limit) {
+    return code > limit ? limit : code < -limit ? -limit : code;
+}
+
+static uint8_t *put_code(uint8_t *at, int32_t code, unsigned width) {
+    uint32_t image = (uint32_t)code; /* modulo 2^32: two's complement */
+    for (unsigned k = 0; k < width; k++)
+        at[k] = (uint8_t)(image >> (8u * k));
+    return at + width;
+}
+
+static void add_row(hil_board *b, int32_t vx, int32_t vy, uint8_t flags) {
+    hil_block *block = &b->block[b->filling];
+    uint8_t *at = block->payload + HIL_SENSE_SIZE + (size_t)block->rows * HIL_SENSE_COLUMNS * b->width;
+    if (block->rows == 0u) {
+        block->tick = b->tick;
+        block->flags = 0u;
+    }
+    at = put_code(at, vx, b->width);
+    at = put_code(at, vy, b->width);
+    at = put_code(at, b->held.codes.ux, b->width);
+    (void)put_code(at, b->held.codes.uy, b->width);
+    block->flags |= flags;
+    if (++block->rows >= b->block_rows)
+        end_block(b);
+}
+
+/* ------------------------------------------------------------------------------------------------ states */
+
+static void forget_drives(hil_board *b) {
+    memset(b->waiting, 0, sizeof b->waiting);
+    memset(&b->held, 0, sizeof b->held);
+    b->interval_flags = 0u;
+}
+
+static void enter_safe(hil_board *b, uint8_t reason) {
+    b->state = HIL_STATE_SAFE;
+    b->reason = reason;
+    b->granted = 0u;
+    forget_drives(b);
+    end_block(b);
+}
+
+void hil_board_safe(hil_board *board, uint8_t reason) {
+    lock(board, true);
+    enter_safe(board, reason);
+    board->status_due = true;
+    lock(board, false);
+}
+
+/* Lockstep: the host has answered a block, so the next one may come. */
+static void grant(hil_board *b) {
+    if (b->lockstep && hil_board_streaming(b))
+        b->granted += b->block_rows;
+}
+
+/* -------------------------------------------------------------------------------------------------- ticks */
+
+static bool take_command(hil_board *b) {
+    hil_command *command = &b->waiting[(uint64_t)b->tick % HIL_WAITING];
+    if (!command->waits || command->tick != b->tick)
+        return false;
+    b->held = *command;
+    command->waits = false;
+    return true;
+}
+
+static void put_command(hil_board *b, int64_t tick, hil_drive codes, bool limited) {
+    hil_command *command = &b->waiting[(uint64_t)tick % HIL_WAITING];
+    command->codes = codes;
+    command->limited = limited;
+    command->waits = true;
+    command->tick = tick;
+}
+
+/* Bring a sense code into what fits its bytes; true if it had to be changed. */
+static bool bounded(int32_t *code, int32_t most) {
+    int32_t given = *code;
+    if (given > most)
+        *code = most;
+    if (given < -most - 1)
+        *code = -most - 1;
+    return *code != given;
+}
+
+void hil_board_sample(hil_board *board, int32_t vx, int32_t vy, bool clipped) {
+    if (!board->started)
+        return;
+    board->tick++;
+    if (board->granted > 0u)
+        board->granted--;
+    if (!hil_board_streaming(board))
+        return;
+    clipped = bounded(&vx, board->sense_max) || clipped;
+    clipped = bounded(&vy, board->sense_max) || clipped;
+    uint8_t flags = board->interval_flags;
+    if (clipped)
+        flags |= HIL_SENSE_FLAGS_CLIPPED;
+    if (board->held.limited)
+        flags |= HIL_SENSE_FLAGS_SATURATED;
+    board->interval_flags = 0u;
+    add_row(board, vx, vy, flags);
+    if (board->status_every > 0u && --board->status_left == 0u) {
+        board->status_left = board->status_every;
+        board->status_due = true;
+    }
+}
+
+hil_drive hil_board_drive(hil_board *board) {
+    bool came = take_command(board);
+    if (board->state == HIL_STATE_RUNNING) {
+        if (board->tick - board->fed >= (int64_t)board->watchdog) {
+            hil_count(&board->trips, 1u);
+            enter_safe(board, HIL_SAFE_REASON_WATCHDOG);
+            board->status_due = true;
+        } else if (board->tick == board->due) {
+            board->due += (int64_t)board->block_rows;
+            if (!came) {
+                hil_count(&board->held_ticks, 1u);
+                board->interval_flags |= HIL_SENSE_FLAGS_HELD;
+            }
+        }
+    }
+    return board->held.codes;
+}
+
+/* ------------------------------------------------------------------------------------------------ answers */
+
+static void say_status(hil_board *b, reply *said) {
+    hil_status status;
+    uint32_t bad = b->config.link->bad(b->config.link);
+    hil_count(&bad, b->undecodable);
+    status.state = b->state;
+    status.reason = b->reason;
+    status.late = b->late;
+    status.held = b->held_ticks;
+    status.bad_frames = bad;
+    status.lost_seq = b->lost;
+    status.saturated = b->saturated;
+    status.watchdog_trips = b->trips;
+    status.tick = tick_now(b);
+    said->type = HIL_TYPE_STATUS;
+    said->size = hil_pack_status(&status, said->payload);
+}
+
+static void say_register(hil_board *b, unsigned place, reply *said) {
+    hil_register_value value = {hil_registers[place].id, b->registers.value[place]};
+    said->type = HIL_TYPE_REGISTER_VALUE;
+    said->size = hil_pack_register_value(&value, said->payload);
+}
+
+/* Each of these answers a message, or returns the reason why it is refused. */
+
+static uint8_t hello(hil_board *b, const hil_hello *message, reply *said) {
+    b->greeted = message->protocol == HIL_PROTOCOL && message->spec_hash == HIL_SPEC_HASH;
+    if (hil_board_streaming(b)) /* a host that begins anew has forgotten what it was driving */
+        enter_safe(b, HIL_SAFE_REASON_LINK_LOST);
+    else if (b->greeted && b->state == HIL_STATE_BOOT)
+        b->state = HIL_STATE_IDLE;
+    forget_blocks(b); /* the new host has not asked for them */
+    said->type = HIL_TYPE_IDENTITY;
+    said->size = hil_pack_identity(&b->config.identity, said->payload);
+    return 0;
+}
+
+static uint8_t arm(hil_board *b, reply *said) {
+    if (!settled(b) || !b->greeted)
+        return HIL_NACK_REASON_BAD_STATE;
+    if (b->config.identity.latency_ticks == 0u && !b->lockstep)
+        return HIL_NACK_REASON_NOT_SUPPORTED;
+    b->state = HIL_STATE_ARMED;
+    b->reason = HIL_SAFE_REASON_NONE;
+    b->started = true;
+    b->granted = 0u;
+    count_down(b);
+    forget_drives(b);
+    grant(b);
+    say_status(b, said);
+    return 0;
+}
+
+static uint8_t safe(hil_board *b, const hil_safe *message, reply *said) {
+    if (b->state != HIL_STATE_SAFE) /* or else what brought it there stays the reason */
+        enter_safe(b, message->reason <= HIL_SAFE_REASON_FAULT ? message->reason : HIL_SAFE_REASON_HOST_REQUEST);
+    say_status(b, said);
+    return 0;
+}
+
+static uint8_t drive_force(hil_board *b, const hil_drive_force *message, reply *said) {
+    if (!hil_board_streaming(b))
+        return HIL_NACK_REASON_BAD_STATE;
+    /* With a latency the present interval has begun and cannot be changed; without one it waits for this. */
+    int64_t first_open = b->tick + (b->config.identity.latency_ticks > 0u ? 1 : 0);
+    uint32_t ahead = message->effective_tick - (uint32_t)first_open;
+    if (ahead >= HORIZON) {
+        hil_count(&b->late, 1u);
+        grant(b);
+        return 0;
+    }
+    if (ahead >= HIL_WAITING)
+        return HIL_NACK_REASON_OUT_OF_RANGE;
+    int32_t limit = (int32_t)b->drive_limit;
+    hil_drive codes = {within(message->ux, limit), within(message->uy, limit)};
+    bool limited = codes.ux != message->ux || codes.uy != message->uy;
+    if (limited)
+        hil_count(&b->saturated, 1u);
+    put_command(b, first_open + (int64_t)ahead, codes, limited);
+    b->fed = b->tick;
+    if (b->state == HIL_STATE_ARMED) {
+        b->state = HIL_STATE_RUNNING;
+        b->due = first_open + (int64_t)ahead;
+        say_status(b, said);
+    }
+    grant(b);
+    return 0;
+}
+
+static uint8_t register_write(hil_board *b, const hil_register_write *message, reply *said) {
+    unsigned place = hil_registers_find(message->register_);
+    uint8_t reason = hil_registers_refuse(place, message->value, settled(b));
+    if (reason != 0u)
+        return reason;
+    if (place == HIL_REGISTER_CLOCK_MODE && !(b->config.clocks & 1u << (unsigned)message->value))
+        return HIL_NACK_REASON_NOT_SUPPORTED;
+    if (place == HIL_REGISTER_LOOP_MODE && (unsigned)message->value != HIL_LOOP_MODE_FORCE)
+        return HIL_NACK_REASON_NOT_SUPPORTED;
+    if (place == HIL_REGISTER_BLOCK && message->value > (double)b->room_rows)
+        return HIL_NACK_REASON_NOT_SUPPORTED;
+    b->registers.value[place] = message->value;
+    registers_changed(b);
+    say_register(b, place, said);
+    return 0;
+}
+
+static uint8_t register_read(hil_board *b, const hil_register_read *message, reply *said) {
+    unsigned place = hil_registers_find(message->register_);
+    if (place >= HIL_REGISTERS)
+        return HIL_NACK_REASON_UNKNOWN_REGISTER;
+    say_register(b, place, said);
+    return 0;
+}
+
+static uint8_t field_read(const hil_field_read *message, reply *said) {
+    if (message->line >= HIL_FIELD_LINES)
+        return HIL_NACK_REASON_OUT_OF_RANGE;
+    const char *entry = hil_field_table[message->line];
+    hil_field_value value = {message->line, HIL_FIELD_LINES, entry, strlen(entry)};
+    said->type = HIL_TYPE_FIELD_VALUE;
+    said->size = hil_pack_field_value(&value, said->payload);
+    return 0;
+}
+
+static uint8_t time_sync(hil_board *b, const hil_time_sync *message, reply *said) {
+    hil_time_sync value = *message;
+    /* In lockstep the board's time is bench time, so that a record does not depend on the machine's speed. */
+    value.board_ns = b->lockstep
+                         ? (uint64_t)((double)tick_now(b) * 1e9 / b->config.identity.tick_rate_Hz + 0.5)
+                         : b->config.now_ns(b->config.context);
+    said->type = HIL_TYPE_TIME_SYNC;
+    said->size = hil_pack_time_sync(&value, said->payload);
+    return 0;
+}
+
+/* Account for a sequence number; false if the frame has been here before. */
+static bool follows(hil_board *b, const hil_frame *frame) {
+    if (frame->type == HIL_TYPE_HELLO)
+        b->expecting = false;
+    if (b->expecting && frame->seq != b->expected) {
+        uint16_t behind = (uint16_t)(b->expected - frame->seq);
+        if (behind <= REPEAT_WINDOW) {
+            hil_count(&b->repeated, 1u);
+            return false;
+        }
+        hil_count(&b->lost, (uint16_t)(frame->seq - b->expected));
+    }
+    b->expecting = true;
+    b->expected = (uint16_t)(frame->seq + 1u);
+    return true;
+}
+
+/* Answer a message: 0, or the reason why it is refused. */
+static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
+    union {
+        hil_hello hello;
+        hil_safe safe;
+        hil_drive_force drive_force;
+        hil_register_read register_read;
+        hil_register_write register_write;
+        hil_field_read field_read;
+        hil_time_sync time_sync;
+    } message;
+    const uint8_t *payload = frame->payload;
+    size_t size = frame->size;
+    switch (frame->type) {
+    case HIL_TYPE_HELLO:
+        return hil_unpack_hello(&message.hello, payload, size) ? hello(b, &message.hello, said)
+                                                               : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_ARM:
+        return size == HIL_ARM_SIZE ? arm(b, said) : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_SAFE:
+        return hil_unpack_safe(&message.safe, payload, size) ? safe(b, &message.safe, said)
+                                                             : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_DRIVE_FORCE:
+        return hil_unpack_drive_force(&message.drive_force, payload, size)
+                   ? drive_force(b, &message.drive_force, said)
+                   : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_REGISTER_READ:
+        return hil_unpack_register_read(&message.register_read, payload, size)
+                   ? register_read(b, &message.register_read, said)
+                   : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_REGISTER_WRITE:
+        return hil_unpack_register_write(&message.register_write, payload, size)
+                   ? register_write(b, &message.register_write, said)
+                   : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_FIELD_READ:
+        return hil_unpack_field_read(&message.field_read, payload, size)
+                   ? field_read(&message.field_read, said)
+                   : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_TIME_SYNC:
+        return hil_unpack_time_sync(&message.time_sync, payload, size) ? time_sync(b, &message.time_sync, said)
+                                                                       : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_DRIVE_GAINS:
+        return HIL_NACK_REASON_NOT_SUPPORTED;
+    case HIL_TYPE_SENSE:
+    case HIL_TYPE_STATUS:
+    case HIL_TYPE_NACK:
+    case HIL_TYPE_IDENTITY:
+    case HIL_TYPE_REGISTER_VALUE:
+    case HIL_TYPE_FIELD_VALUE:
+        return HIL_NACK_REASON_NOT_SUPPORTED; /* what boards say, not hosts */
+    default:
+        return HIL_NACK_REASON_UNKNOWN_TYPE;
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ sending */
+
+static bool send(hil_board *b, uint8_t type, uint32_t tick, const uint8_t *payload, size_t size) {
+    hil_frame frame;
+    frame.type = type;
+    frame.seq = b->seq++; /* spent even where there is no room: the host sees that something is missing */
+    frame.tick = tick;
+    frame.payload = payload;
+    frame.size = size;
+    return b->config.link->send(b->config.link, &frame);
+}
+
+void hil_board_frame(hil_board *board, const hil_frame *frame) {
+    reply said;
+    said.type = 0u;
+    said.size = 0u;
+    lock(board, true);
+    if (follows(board, frame)) {
+        uint8_t reason = answer(board, frame, &said);
+        if (reason == HIL_NACK_REASON_BAD_LENGTH || reason == HIL_NACK_REASON_UNKNOWN_TYPE)
+            hil_count(&board->undecodable, 1u);
+        if (reason != 0u) {
+            hil_nack nack = {frame->type, frame->seq, reason};
+            said.type = HIL_TYPE_NACK;
+            said.size = hil_pack_nack(&nack, said.payload);
+        }
+    }
+    uint32_t tick = tick_now(board);
+    lock(board, false);
+    if (said.type != 0u)
+        (void)send(board, said.type, tick, said.payload, said.size);
+}
+
+void hil_board_poll(hil_board *board) {
+    lock(board, true);
+    hil_block *block = &board->block[1u - board->filling];
+    bool full = block->full;
+    bool status_due = board->status_due;
+    board->status_due = false;
+    lock(board, false);
+    if (full) {
+        hil_sense head = {(uint16_t)block->rows, board->width, block->flags};
+        (void)hil_pack_sense(&head, block->payload);
+        bool sent = send(board, HIL_TYPE_SENSE, (uint32_t)block->tick, block->payload,
+                         HIL_SENSE_SIZE + (size_t)block->rows * HIL_SENSE_COLUMNS * board->width);
+        lock(board, true);
+        block->full = false;
+        if (!sent)
+            hil_count(&board->dropped, 1u);
+        board->seq = (uint16_t)(board->seq + board->skipped);
+        board->skipped = 0u;
+        lock(board, false);
+    }
+    if (status_due) {
+        reply said;
+        lock(board, true);
+        say_status(board, &said);
+        uint32_t tick = tick_now(board);
+        lock(board, false);
+        (void)send(board, said.type, tick, said.payload, said.size);
+    }
+}

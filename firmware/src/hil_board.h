@@ -1,0 +1,141 @@
+/* The board: states, sequence, registers, timing, watchdog and counters. No allocation, no operating system.
+ *
+ *     BOOT -> IDLE      HELLO of the same spec
+ *     -> ARMED          ARM; SENSE streams, force is zero
+ *     -> RUNNING        the first drive
+ *     -> SAFE           SAFE, watchdog, a lost or restarted host; force is zero until ARM
+ *
+ * Two calls make up a tick, always in this order and both at every tick, whatever the state:
+ *
+ *     hil_board_sample  row m: the codes just converted, and the drive codes held since tick m - 1
+ *     hil_board_drive   the codes to put out now and to hold until tick m + 1
+ *
+ * They are short, send nothing, and may be called from the sample interrupt. hil_board_frame (the link calls
+ * it) and hil_board_poll send, and belong into the main loop; `lock` keeps the two apart.
+ */
+#ifndef HIL_BOARD_H
+#define HIL_BOARD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "hil_frame.h"
+#include "hil_link.h"
+#include "hil_registers.h"
+#include "hil_spec.h"
+
+/* A drive may wait for its tick, and the latency may be, less than this; a power of two. */
+#define HIL_WAITING 16u
+
+/* Memory for blocks of up to n samples of `width` bytes a code: one is sent while the next one fills. */
+#define HIL_BLOCKS_SIZE(n, width) (2u * (HIL_SENSE_SIZE + (size_t)(n) * HIL_SENSE_COLUMNS * (width)))
+
+typedef struct hil_drive {
+    int32_t ux;
+    int32_t uy;
+} hil_drive;
+
+typedef struct hil_config {
+    hil_identity identity; /* protocol, spec_hash and capabilities are filled in */
+    unsigned clocks;       /* 1u << HIL_CLOCK_MODE_... of all that the board can keep; the highest is in force at first */
+    hil_link *link;
+    uint8_t *blocks;
+    size_t blocks_size; /* HIL_BLOCKS_SIZE: bounds the BLOCK register */
+    uint64_t (*now_ns)(void *context);
+    void (*lock)(void *context, bool locked); /* masks and unmasks the sample interrupt; NULL if there is none */
+    void *context;
+} hil_config;
+
+/* A drive that waits for its tick, or is held. */
+typedef struct hil_command {
+    hil_drive codes;
+    bool limited;
+    bool waits;
+    int64_t tick;
+} hil_command;
+
+typedef struct hil_block {
+    uint8_t *payload;
+    int64_t tick; /* of the first row */
+    uint32_t rows;
+    uint8_t flags;
+    bool full; /* to be sent */
+} hil_block;
+
+/* All of it is private; look, don't touch. */
+typedef struct hil_board {
+    hil_config config;
+    hil_register_file registers;
+    uint8_t state;
+    uint8_t reason;
+    bool greeted;
+    bool started; /* armed once: ticks count */
+    int64_t tick; /* of the last row, -1 before the first */
+    /* Registers of the inner loop, as whole numbers. */
+    bool lockstep;
+    uint32_t block_rows;
+    uint32_t watchdog;
+    uint32_t drive_limit;
+    uint32_t status_every;
+    /* Timing. */
+    hil_command waiting[HIL_WAITING]; /* by effective tick, modulo its length */
+    hil_command held;
+    uint8_t interval_flags; /* of the row at which the present interval ends */
+    int64_t due;            /* next tick that needs a drive, while RUNNING */
+    int64_t fed;            /* tick at which the watchdog was last fed */
+    uint32_t granted;       /* lockstep: ticks to go before the host is waited for again */
+    uint32_t status_left;   /* ticks to the next unasked STATUS */
+    bool status_due;
+    /* Blocks. */
+    hil_block block[2];
+    unsigned filling;
+    uint32_t room_rows;
+    uint8_t width;
+    int32_t sense_max;
+    int32_t drive_max;
+    /* Counters. */
+    uint32_t late;
+    uint32_t held_ticks;
+    uint32_t undecodable;
+    uint32_t lost;
+    uint32_t repeated;
+    uint32_t saturated;
+    uint32_t trips;
+    uint32_t dropped;
+    uint32_t skipped; /* dropped blocks whose sequence numbers are still to be passed over */
+    /* Sequence. */
+    bool expecting;
+    uint16_t expected;
+    uint16_t seq;
+} hil_board;
+
+/* The board after power-up, in BOOT. False if the configuration cannot work: a latency of HIL_WAITING or more,
+ * no clock, or memory for less than one row. */
+bool hil_board_init(hil_board *board, const hil_config *config);
+
+/* Take an intact frame from the host, and answer it. */
+void hil_board_frame(hil_board *board, const hil_frame *frame);
+
+/* Tick m: the sense codes just converted; `clipped` if the converter was at its end. */
+void hil_board_sample(hil_board *board, int32_t vx, int32_t vy, bool clipped);
+
+/* Tick m, right after the sample: the drive codes from now until the next tick. */
+hil_drive hil_board_drive(hil_board *board);
+
+/* Send what is ready: a full block, a due STATUS. */
+void hil_board_poll(hil_board *board);
+
+/* Zero force and SAFE, for reasons of the board's own: HIL_SAFE_REASON_LINK_LOST, HIL_SAFE_REASON_FAULT. */
+void hil_board_safe(hil_board *board, uint8_t reason);
+
+/* Whether SENSE is due at every tick. */
+bool hil_board_streaming(const hil_board *board);
+
+/* Whether the board waits for the host between ticks. */
+bool hil_board_lockstep(const hil_board *board);
+
+/* In lockstep: whether the host has answered, so that the next tick may come. */
+bool hil_board_may_go_on(const hil_board *board);
+
+#endif
