@@ -1,8 +1,10 @@
-/* A board on a pty: the library around a resonator, on wall time or in lockstep.
+/* A board on a pty or a CAN interface: the library around a resonator, on wall time or in lockstep.
  *
- *     pty_board [--rate RAD_S] [--latency TICKS] [--seed N] [--realtime]
+ *     pty_board [--link pty | can:vcan0 | can:vcan0?node=2] [--rate RAD_S] [--latency TICKS] [--fast] [--seed N]
+ *               [--realtime]
  *
- * Prints one line, `ready serial:/dev/pts/N`, then serves until it is killed or, in lockstep, the host hangs up.
+ * Prints one line, `ready serial:/dev/pts/N` or `ready can:vcan0`, then serves until it is killed or, in lockstep
+ * on a pty, the host hangs up. --fast: 5 kHz sampled at 100 kS/s, for gain mode, instead of 200 Hz at 4 kS/s.
  */
 #define _GNU_SOURCE /* ppoll, prctl */
 
@@ -15,7 +17,9 @@
 #include <sys/prctl.h>
 #include <time.h>
 
+#include "can_socket.h"
 #include "hil_board.h"
+#include "hil_can.h"
 #include "hil_serial.h"
 #include "pty.h"
 #include "resonator.h"
@@ -24,10 +28,14 @@
 #define WIDTH 2u
 #define IDLE_NS (NS_PER_S / 2)
 #define COAST_NS (NS_PER_S / 50) /* how often a mass that nobody watches is brought up to date */
+#define RETRY_NS (NS_PER_S / 1000) /* how often a CAN interface whose queue is full is asked again */
 #define LEAD_NS (NS_PER_S / 200) /* from ARM to the first tick */
 
 typedef struct options {
-    resonator_device device;
+    const resonator_device *device;
+    double rate_rad_s;
+    const char *interface; /* of CAN, NULL for a pty */
+    unsigned node;
     unsigned latency;
     unsigned seed;
     bool realtime;
@@ -35,8 +43,12 @@ typedef struct options {
 
 typedef struct station {
     hil_board board;
+    bool on_can;
     hil_serial serial;
     pty line;
+    hil_can can;
+    can_socket bus;
+    resonator_device device;
     resonator mass;
     double tick_ns;
     bool running; /* on wall time, ticks have begun */
@@ -96,11 +108,20 @@ static void advance(station *s) {
     else
         catch_up(s);
     hil_board_poll(&s->board);
-    pty_flush(&s->line);
+    if (s->on_can)
+        can_flush(&s->bus);
+    else
+        pty_flush(&s->line);
+}
+
+static void listen_on_can(station *s) {
+    hil_can_frame frame;
+    while (can_read(&s->bus, &frame))
+        hil_can_receive(&s->can, &s->board, &frame);
 }
 
 /* Take what the host says; false when there is nothing more to live for. */
-static bool listen(station *s, short events) {
+static bool listen_on_pty(station *s, short events) {
     uint8_t data[4096];
     long got = events & (POLLIN | POLLHUP | POLLERR) ? pty_read(&s->line, data, sizeof data) : 0;
     if (got > 0)
@@ -117,8 +138,12 @@ static bool listen(station *s, short events) {
 
 static void serve(station *s) {
     for (;;) {
-        struct pollfd line = {s->line.master, (short)(s->line.queued > 0 ? POLLIN | POLLOUT : POLLIN), 0};
+        struct pollfd line = {s->on_can ? s->bus.descriptor : s->line.master, POLLIN, 0};
         int64_t left = deadline(s) - now_ns();
+        if (!s->on_can && s->line.queued > 0)
+            line.events = POLLIN | POLLOUT;
+        if (s->on_can && s->bus.queued > 0 && left > RETRY_NS)
+            left = RETRY_NS;
         if (left < 0)
             left = 0;
         struct timespec wait = {(time_t)(left / NS_PER_S), (long)(left % NS_PER_S)};
@@ -126,7 +151,9 @@ static void serve(station *s) {
             return;
         if (!hil_board_streaming(&s->board))
             catch_up(s); /* what happened while nobody watched, before somebody watches again */
-        if (!listen(s, line.revents))
+        if (s->on_can)
+            listen_on_can(s);
+        else if (!listen_on_pty(s, line.revents))
             return;
         advance(s);
     }
@@ -135,38 +162,70 @@ static void serve(station *s) {
 static bool set_up(station *s, const options *o) {
     static uint8_t blocks[HIL_BLOCKS_SIZE(682, WIDTH)];
     hil_config config;
+    const resonator_device *device = &s->device;
+    s->device = *o->device;
+    s->device.rate_rad_s = o->rate_rad_s;
+    s->on_can = o->interface != NULL;
     memset(&config, 0, sizeof config);
     config.identity.unique_id = 0xC99;
     config.identity.firmware = 0x00010000;
-    config.identity.tick_rate_Hz = o->device.sample_rate_Hz;
+    config.identity.tick_rate_Hz = device->sample_rate_Hz;
     config.identity.axes = 2;
-    config.identity.sense_bits = (uint8_t)o->device.sense_bits;
-    config.identity.drive_bits = (uint8_t)o->device.drive_bits;
-    config.identity.sense_scale_V = resonator_sense_scale_V(&o->device);
-    config.identity.drive_scale_mps2 = resonator_drive_scale_mps2(&o->device);
+    config.identity.sense_bits = (uint8_t)device->sense_bits;
+    config.identity.drive_bits = (uint8_t)device->drive_bits;
+    config.identity.sense_scale_V = resonator_sense_scale_V(device);
+    config.identity.drive_scale_mps2 = resonator_drive_scale_mps2(device);
     config.identity.latency_ticks = (uint16_t)o->latency;
     config.clocks = 1u << HIL_CLOCK_MODE_LOCKSTEP | 1u << HIL_CLOCK_MODE_PACED;
     config.blocks = blocks;
     config.blocks_size = sizeof blocks;
     config.now_ns = board_time_ns;
-    s->tick_ns = NS_PER_S / o->device.sample_rate_Hz;
+    s->tick_ns = NS_PER_S / device->sample_rate_Hz;
     s->running = false;
-    resonator_init(&s->mass, &o->device, o->seed);
+    resonator_init(&s->mass, device, o->seed);
     hil_serial_init(&s->serial, pty_free, pty_write, &s->line);
-    config.link = &s->serial.link;
-    return pty_open(&s->line) && hil_board_init(&s->board, &config);
+    hil_can_init(&s->can, (uint8_t)o->node, can_free, can_put, &s->bus);
+    config.link = s->on_can ? &s->can.link : &s->serial.link;
+    if (!hil_board_init(&s->board, &config)) {
+        errno = EINVAL;
+        return false;
+    }
+    return s->on_can ? can_open(&s->bus, o->interface, hil_can_match(&s->can), hil_can_mask()) : pty_open(&s->line);
 }
 
-static bool parse(options *o, int argc, char **argv) {
+/* `pty`, `can:vcan0` or `can:vcan0?node=2`. */
+static bool parse_link(options *o, char *link) {
+    if (!strcmp(link, "pty"))
+        return true;
+    if (strncmp(link, "can:", 4) || link[4] == '\0')
+        return false;
+    o->interface = link + 4;
+    char *query = strchr(link, '?');
+    if (query == NULL)
+        return true;
+    char *end;
+    *query++ = '\0';
+    if (strncmp(query, "node=", 5))
+        return false;
+    o->node = (unsigned)strtoul(query + 5, &end, 10);
+    return end != query + 5 && *end == '\0' && o->node < HIL_CAN_NODES;
+}
+
+static bool parse(options *o, int argc, char **argv, const resonator_device *fast) {
     for (int k = 1; k < argc; k++) {
-        char *end = NULL;
-        const char *value = k + 1 < argc ? argv[k + 1] : "";
+        char *end = NULL, *value = k + 1 < argc ? argv[k + 1] : "";
         if (!strcmp(argv[k], "--realtime")) {
             o->realtime = true;
             continue;
         }
-        if (!strcmp(argv[k], "--rate"))
-            o->device.rate_rad_s = strtod(value, &end);
+        if (!strcmp(argv[k], "--fast")) {
+            o->device = fast;
+            continue;
+        }
+        if (!strcmp(argv[k], "--link") && parse_link(o, value))
+            end = value + strlen(value);
+        else if (!strcmp(argv[k], "--rate"))
+            o->rate_rad_s = strtod(value, &end);
         else if (!strcmp(argv[k], "--latency"))
             o->latency = (unsigned)strtoul(value, &end, 10);
         else if (!strcmp(argv[k], "--seed"))
@@ -178,39 +237,55 @@ static bool parse(options *o, int argc, char **argv) {
     return true;
 }
 
+/* 1 g on springs of 200 Hz. */
+static const resonator_device slow = {
+    .sample_rate_Hz = 4000.0,
+    .stiffness_per_s2 = {1.602e6, 1.561e6, -1.2e4},
+    .damping_per_s = {1.5, 1.3, 0.05},
+    .start_m = 1e-4,
+    .gain_V_per_m = 1000.0,
+    .offset_V = {6e-3, -4e-3},
+    .noise_V = 1e-4,
+    .sense_bits = 16,
+    .sense_full_scale_V = 0.25,
+    .drive_bits = 16,
+    .drive_full_scale_mps2 = 10.0,
+};
+
+/* 5 kHz, for gain mode. */
+static const resonator_device fast = {
+    .sample_rate_Hz = 100e3,
+    .stiffness_per_s2 = {9.8730e8, 9.8650e8, 4.0e5},
+    .damping_per_s = {3.3, 3.0, 0.1},
+    .start_m = 2e-6,
+    .gain_V_per_m = 8.9e4,
+    .offset_V = {0.012, -0.009},
+    .noise_V = 1.8e-4,
+    .sense_bits = 16,
+    .sense_full_scale_V = 0.5,
+    .drive_bits = 16,
+    .drive_full_scale_mps2 = 20.0,
+};
+
 int main(int argc, char **argv) {
     static station s;
-    options o = {
-        {
-            .sample_rate_Hz = 4000.0,
-            .stiffness_per_s2 = {1.602e6, 1.561e6, -1.2e4}, /* 1 g on springs of 200 Hz */
-            .damping_per_s = {1.5, 1.3, 0.05},
-            .rate_rad_s = 1.0,
-            .start_m = 1e-4,
-            .gain_V_per_m = 1000.0,
-            .offset_V = {6e-3, -4e-3},
-            .noise_V = 1e-4,
-            .sense_bits = 16,
-            .sense_full_scale_V = 0.25,
-            .drive_bits = 16,
-            .drive_full_scale_mps2 = 10.0,
-        },
-        .latency = 1,
-        .seed = 1,
-        .realtime = false,
-    };
-    if (!parse(&o, argc, argv)) {
-        fprintf(stderr, "pty_board: expected [--rate RAD_S] [--latency TICKS] [--seed N] [--realtime]\n");
+    options o = {.device = &slow, .rate_rad_s = 1.0, .latency = 1, .seed = 1};
+    if (!parse(&o, argc, argv, &fast)) {
+        fprintf(stderr, "pty_board: expected [--link pty|can:IFACE[?node=N]] [--rate RAD_S] [--latency TICKS] "
+                        "[--fast] [--seed N] [--realtime]\n");
         return 2;
     }
     if (!set_up(&s, &o)) {
-        fprintf(stderr, "pty_board: cannot start: %s\n", errno ? strerror(errno) : "bad latency");
+        fprintf(stderr, "pty_board: cannot start: %s\n", strerror(errno));
         return 2;
     }
     (void)prctl(PR_SET_TIMERSLACK, 1);
     if (o.realtime && sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 10}))
         fprintf(stderr, "pty_board: no real-time scheduling: %s\n", strerror(errno));
-    printf("ready serial:%s\n", s.line.path);
+    if (s.on_can && o.node > 0)
+        printf("ready can:%s?node=%u\n", o.interface, o.node);
+    else
+        printf("ready %s:%s\n", s.on_can ? "can" : "serial", s.on_can ? o.interface : s.line.path);
     fflush(stdout);
     serve(&s);
     return 0;

@@ -51,11 +51,13 @@ static void count_down(hil_board *b) {
 
 static void registers_changed(hil_board *b) {
     b->lockstep = hil_registers_whole(&b->registers, HIL_REGISTER_CLOCK_MODE) == HIL_CLOCK_MODE_LOCKSTEP;
+    b->gain_mode = hil_registers_whole(&b->registers, HIL_REGISTER_LOOP_MODE) == HIL_LOOP_MODE_GAIN;
     b->block_rows = hil_registers_whole(&b->registers, HIL_REGISTER_BLOCK);
     b->watchdog = hil_registers_whole(&b->registers, HIL_REGISTER_WATCHDOG_TICKS);
     b->drive_limit = hil_registers_whole(&b->registers, HIL_REGISTER_DRIVE_LIMIT);
     if (b->drive_limit > (uint32_t)b->drive_max)
         b->drive_limit = (uint32_t)b->drive_max;
+    hil_gain_obey(&b->gain, &b->registers, b->drive_limit);
     b->status_every = hil_registers_whole(&b->registers, HIL_REGISTER_STATUS_EVERY);
     count_down(b);
 }
@@ -66,7 +68,7 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
     board->config = *config;
     identity->protocol = HIL_PROTOCOL;
     identity->spec_hash = HIL_SPEC_HASH;
-    identity->capabilities = HIL_CAPABILITIES_FORCE_MODE;
+    identity->capabilities = HIL_CAPABILITIES_FORCE_MODE | HIL_CAPABILITIES_GAIN_MODE;
     if (config->clocks & 1u << HIL_CLOCK_MODE_LOCKSTEP)
         identity->capabilities |= HIL_CAPABILITIES_LOCKSTEP;
     if (config->clocks & 1u << HIL_CLOCK_MODE_PACED)
@@ -107,7 +109,7 @@ static void end_block(hil_board *b) {
         return;
     if (b->block[1u - b->filling].full) { /* the link has not taken the one before */
         hil_count(&b->dropped, 1u);
-        b->skipped++;
+        b->skipped = (uint16_t)(b->skipped + b->config.link->numbers(b->config.link, block->rows, b->width));
         block->rows = 0u;
         return;
     }
@@ -146,6 +148,7 @@ static void add_row(hil_board *b, int32_t vx, int32_t vy, uint8_t flags) {
     at = put_code(at, b->held.codes.ux, b->width);
     (void)put_code(at, b->held.codes.uy, b->width);
     block->flags |= flags;
+    block->matrix_id = hil_gain_matrix_id(&b->gain);
     if (++block->rows >= b->block_rows)
         end_block(b);
 }
@@ -155,6 +158,7 @@ static void add_row(hil_board *b, int32_t vx, int32_t vy, uint8_t flags) {
 static void forget_drives(hil_board *b) {
     memset(b->waiting, 0, sizeof b->waiting);
     memset(&b->held, 0, sizeof b->held);
+    hil_gain_open(&b->gain);
     b->interval_flags = 0u;
 }
 
@@ -198,6 +202,17 @@ static void put_command(hil_board *b, int64_t tick, hil_drive codes, bool limite
     command->tick = tick;
 }
 
+/* The drive that the codes just sampled lead to; true if it had to be limited. */
+static bool close_loop(hil_board *b, int32_t vx, int32_t vy) {
+    int32_t codes[2];
+    bool limited = hil_gain_step(&b->gain, b->tick, vx, vy, codes);
+    if (limited)
+        hil_count(&b->saturated, 1u);
+    hil_drive drive = {codes[0], codes[1]};
+    put_command(b, b->tick + (int64_t)b->config.identity.latency_ticks, drive, false);
+    return limited;
+}
+
 /* Bring a sense code into what fits its bytes; true if it had to be changed. */
 static bool bounded(int32_t *code, int32_t most) {
     int32_t given = *code;
@@ -221,7 +236,7 @@ void hil_board_sample(hil_board *board, int32_t vx, int32_t vy, bool clipped) {
     uint8_t flags = board->interval_flags;
     if (clipped)
         flags |= HIL_SENSE_FLAGS_CLIPPED;
-    if (board->held.limited)
+    if (board->gain_mode ? close_loop(board, vx, vy) : board->held.limited)
         flags |= HIL_SENSE_FLAGS_SATURATED;
     board->interval_flags = 0u;
     add_row(board, vx, vy, flags);
@@ -238,7 +253,7 @@ hil_drive hil_board_drive(hil_board *board) {
             hil_count(&board->trips, 1u);
             enter_safe(board, HIL_SAFE_REASON_WATCHDOG);
             board->status_due = true;
-        } else if (board->tick == board->due) {
+        } else if (!board->gain_mode && board->tick == board->due) {
             board->due += (int64_t)board->block_rows;
             if (!came) {
                 hil_count(&board->held_ticks, 1u);
@@ -263,6 +278,7 @@ static void say_status(hil_board *b, reply *said) {
     status.lost_seq = b->lost;
     status.saturated = b->saturated;
     status.watchdog_trips = b->trips;
+    status.dropped = b->dropped;
     status.tick = tick_now(b);
     said->type = HIL_TYPE_STATUS;
     said->size = hil_pack_status(&status, said->payload);
@@ -291,13 +307,15 @@ static uint8_t hello(hil_board *b, const hil_hello *message, reply *said) {
 static uint8_t arm(hil_board *b, reply *said) {
     if (!settled(b) || !b->greeted)
         return HIL_NACK_REASON_BAD_STATE;
-    if (b->config.identity.latency_ticks == 0u && !b->lockstep)
+    if (b->config.identity.latency_ticks == 0u && !b->lockstep && !b->gain_mode)
         return HIL_NACK_REASON_NOT_SUPPORTED;
     b->state = HIL_STATE_ARMED;
     b->reason = HIL_SAFE_REASON_NONE;
     b->started = true;
     b->granted = 0u;
     count_down(b);
+    hil_gain_start(&b->gain, &b->registers);
+    hil_gain_obey(&b->gain, &b->registers, b->drive_limit);
     forget_drives(b);
     grant(b);
     say_status(b, said);
@@ -312,7 +330,7 @@ static uint8_t safe(hil_board *b, const hil_safe *message, reply *said) {
 }
 
 static uint8_t drive_force(hil_board *b, const hil_drive_force *message, reply *said) {
-    if (!hil_board_streaming(b))
+    if (!hil_board_streaming(b) || b->gain_mode)
         return HIL_NACK_REASON_BAD_STATE;
     /* With a latency the present interval has begun and cannot be changed; without one it waits for this. */
     int64_t first_open = b->tick + (b->config.identity.latency_ticks > 0u ? 1 : 0);
@@ -340,14 +358,33 @@ static uint8_t drive_force(hil_board *b, const hil_drive_force *message, reply *
     return 0;
 }
 
+static uint8_t drive_gains(hil_board *b, const hil_drive_gains *message, reply *said) {
+    if (!hil_board_streaming(b) || !b->gain_mode)
+        return HIL_NACK_REASON_BAD_STATE;
+    if (!hil_gain_accepts(message))
+        return HIL_NACK_REASON_OUT_OF_RANGE;
+    int64_t following = b->tick + 1;
+    uint32_t ahead = message->effective_tick - (uint32_t)following;
+    if (ahead >= HORIZON) { /* has passed: better late than never */
+        hil_count(&b->late, 1u);
+        ahead = 0u;
+    }
+    hil_gain_put(&b->gain, message, following + (int64_t)ahead);
+    b->fed = b->tick;
+    if (b->state == HIL_STATE_ARMED) {
+        b->state = HIL_STATE_RUNNING;
+        say_status(b, said);
+    }
+    grant(b);
+    return 0;
+}
+
 static uint8_t register_write(hil_board *b, const hil_register_write *message, reply *said) {
     unsigned place = hil_registers_find(message->register_);
     uint8_t reason = hil_registers_refuse(place, message->value, settled(b));
     if (reason != 0u)
         return reason;
     if (place == HIL_REGISTER_CLOCK_MODE && !(b->config.clocks & 1u << (unsigned)message->value))
-        return HIL_NACK_REASON_NOT_SUPPORTED;
-    if (place == HIL_REGISTER_LOOP_MODE && (unsigned)message->value != HIL_LOOP_MODE_FORCE)
         return HIL_NACK_REASON_NOT_SUPPORTED;
     if (place == HIL_REGISTER_BLOCK && message->value > (double)b->room_rows)
         return HIL_NACK_REASON_NOT_SUPPORTED;
@@ -388,6 +425,8 @@ static uint8_t time_sync(hil_board *b, const hil_time_sync *message, reply *said
 
 /* Account for a sequence number; false if the frame has been here before. */
 static bool follows(hil_board *b, const hil_frame *frame) {
+    if (!frame->sequenced)
+        return true;
     if (frame->type == HIL_TYPE_HELLO)
         b->expecting = false;
     if (b->expecting && frame->seq != b->expected) {
@@ -409,6 +448,7 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
         hil_hello hello;
         hil_safe safe;
         hil_drive_force drive_force;
+        hil_drive_gains drive_gains;
         hil_register_read register_read;
         hil_register_write register_write;
         hil_field_read field_read;
@@ -429,6 +469,10 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
         return hil_unpack_drive_force(&message.drive_force, payload, size)
                    ? drive_force(b, &message.drive_force, said)
                    : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_DRIVE_GAINS:
+        return hil_unpack_drive_gains(&message.drive_gains, payload, size)
+                   ? drive_gains(b, &message.drive_gains, said)
+                   : HIL_NACK_REASON_BAD_LENGTH;
     case HIL_TYPE_REGISTER_READ:
         return hil_unpack_register_read(&message.register_read, payload, size)
                    ? register_read(b, &message.register_read, said)
@@ -444,8 +488,6 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
     case HIL_TYPE_TIME_SYNC:
         return hil_unpack_time_sync(&message.time_sync, payload, size) ? time_sync(b, &message.time_sync, said)
                                                                        : HIL_NACK_REASON_BAD_LENGTH;
-    case HIL_TYPE_DRIVE_GAINS:
-        return HIL_NACK_REASON_NOT_SUPPORTED;
     case HIL_TYPE_SENSE:
     case HIL_TYPE_STATUS:
     case HIL_TYPE_NACK:
@@ -460,10 +502,13 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
 
 /* ------------------------------------------------------------------------------------------------ sending */
 
-static bool send(hil_board *b, uint8_t type, uint32_t tick, const uint8_t *payload, size_t size) {
+/* Send, and spend its numbers even where there is no room: so the host sees that something is missing. */
+static bool send(hil_board *b, uint8_t type, uint32_t tick, const uint8_t *payload, size_t size, uint16_t numbers) {
     hil_frame frame;
     frame.type = type;
-    frame.seq = b->seq++; /* spent even where there is no room: the host sees that something is missing */
+    frame.sequenced = true;
+    frame.seq = b->seq;
+    b->seq = (uint16_t)(b->seq + numbers);
     frame.tick = tick;
     frame.payload = payload;
     frame.size = size;
@@ -488,7 +533,7 @@ void hil_board_frame(hil_board *board, const hil_frame *frame) {
     uint32_t tick = tick_now(board);
     lock(board, false);
     if (said.type != 0u)
-        (void)send(board, said.type, tick, said.payload, said.size);
+        (void)send(board, said.type, tick, said.payload, said.size, 1u);
 }
 
 void hil_board_poll(hil_board *board) {
@@ -499,10 +544,12 @@ void hil_board_poll(hil_board *board) {
     board->status_due = false;
     lock(board, false);
     if (full) {
-        hil_sense head = {(uint16_t)block->rows, board->width, block->flags};
+        hil_link *link = board->config.link;
+        hil_sense head = {(uint16_t)block->rows, board->width, block->flags, block->matrix_id};
         (void)hil_pack_sense(&head, block->payload);
         bool sent = send(board, HIL_TYPE_SENSE, (uint32_t)block->tick, block->payload,
-                         HIL_SENSE_SIZE + (size_t)block->rows * HIL_SENSE_COLUMNS * board->width);
+                         HIL_SENSE_SIZE + (size_t)block->rows * HIL_SENSE_COLUMNS * board->width,
+                         link->numbers(link, block->rows, board->width));
         lock(board, true);
         block->full = false;
         if (!sent)
@@ -517,6 +564,6 @@ void hil_board_poll(hil_board *board) {
         say_status(board, &said);
         uint32_t tick = tick_now(board);
         lock(board, false);
-        (void)send(board, said.type, tick, said.payload, said.size);
+        (void)send(board, said.type, tick, said.payload, said.size, 1u);
     }
 }

@@ -2,7 +2,7 @@
  *
  *     BOOT -> IDLE      HELLO of the same spec
  *     -> ARMED          ARM; SENSE streams, force is zero
- *     -> RUNNING        the first drive
+ *     -> RUNNING        the first drive, in gain mode the first matrix
  *     -> SAFE           SAFE, watchdog, a lost or restarted host; force is zero until ARM
  *
  * Two calls make up a tick, always in this order and both at every tick, whatever the state:
@@ -21,6 +21,7 @@
 #include <stdint.h>
 
 #include "hil_frame.h"
+#include "hil_gain.h"
 #include "hil_link.h"
 #include "hil_registers.h"
 #include "hil_spec.h"
@@ -60,6 +61,7 @@ typedef struct hil_block {
     int64_t tick; /* of the first row */
     uint32_t rows;
     uint8_t flags;
+    uint8_t matrix_id;
     bool full; /* to be sent */
 } hil_block;
 
@@ -74,6 +76,7 @@ typedef struct hil_board {
     int64_t tick; /* of the last row, -1 before the first */
     /* Registers of the inner loop, as whole numbers. */
     bool lockstep;
+    bool gain_mode;
     uint32_t block_rows;
     uint32_t watchdog;
     uint32_t drive_limit;
@@ -81,6 +84,7 @@ typedef struct hil_board {
     /* Timing. */
     hil_command waiting[HIL_WAITING]; /* by effective tick, modulo its length */
     hil_command held;
+    hil_gain gain;
     uint8_t interval_flags; /* of the row at which the present interval ends */
     int64_t due;            /* next tick that needs a drive, while RUNNING */
     int64_t fed;            /* tick at which the watchdog was last fed */
@@ -103,7 +107,7 @@ typedef struct hil_board {
     uint32_t saturated;
     uint32_t trips;
     uint32_t dropped;
-    uint32_t skipped; /* dropped blocks whose sequence numbers are still to be passed over */
+    uint16_t skipped; /* sequence numbers of dropped blocks, still to be passed over */
     /* Sequence. */
     bool expecting;
     uint16_t expected;

@@ -135,6 +135,7 @@ bool hil_reader_take(hil_reader *reader, uint8_t byte, hil_frame *frame) {
     if (intact) {
         const uint8_t *body = reader->body;
         frame->type = body[0];
+        frame->sequenced = true;
         frame->seq = (uint16_t)(body[1] | body[2] << 8);
         frame->tick = body[3] | (uint32_t)body[4] << 8 | (uint32_t)body[5] << 16 | (uint32_t)body[6] << 24;
         frame->payload = body + HIL_HEADER_SIZE;

@@ -21,6 +21,7 @@
 
 typedef struct hil_frame {
     uint8_t type;
+    bool sequenced; /* false: stands outside the sequence, which exists on CAN only; seq and tick mean nothing */
     uint16_t seq;
     uint32_t tick;
     const uint8_t *payload;

@@ -21,7 +21,7 @@ uint8_t hil_registers_refuse(unsigned place, double value, bool settled) {
     /* Written so that NaN, which compares with nothing, is refused. All limits fit 32 bits. */
     if (!(value >= declared->minimum && value <= declared->maximum))
         return HIL_NACK_REASON_OUT_OF_RANGE;
-    if (value < (double)(int64_t)value || value > (double)(int64_t)value)
+    if (!declared->real && (value < (double)(int64_t)value || value > (double)(int64_t)value))
         return HIL_NACK_REASON_OUT_OF_RANGE;
     if (!settled && !declared->live)
         return HIL_NACK_REASON_BAD_STATE;

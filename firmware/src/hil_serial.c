@@ -13,12 +13,20 @@ static bool send(hil_link *link, const hil_frame *frame) {
     return true;
 }
 
+static uint16_t numbers(const hil_link *link, uint32_t rows, unsigned width) {
+    (void)link;
+    (void)rows;
+    (void)width;
+    return 1u;
+}
+
 static uint32_t bad(const hil_link *link) {
     return hil_reader_bad(&((const hil_serial *)link)->reader);
 }
 
 void hil_serial_init(hil_serial *serial, size_t (*free)(void *context), hil_write write, void *context) {
     serial->link.send = send;
+    serial->link.numbers = numbers;
     serial->link.bad = bad;
     hil_reader_init(&serial->reader, serial->body, sizeof serial->body);
     serial->free = free;

@@ -151,16 +151,18 @@ size_t hil_pack_sense(const hil_sense *message, uint8_t *payload) {
     put_u16(&at, message->n);
     put_u8(&at, message->width);
     put_u8(&at, message->flags);
+    put_u8(&at, message->matrix_id);
     return (size_t)(at - payload);
 }
 
 bool hil_unpack_sense(hil_sense *message, const uint8_t *payload, size_t size) {
     const uint8_t *at = payload;
-    if (size < 4u)
+    if (size < 5u)
         return false;
     get_u16(&at, &message->n);
     get_u8(&at, &message->width);
     get_u8(&at, &message->flags);
+    get_u8(&at, &message->matrix_id);
     return true;
 }
 
@@ -190,13 +192,14 @@ size_t hil_pack_status(const hil_status *message, uint8_t *payload) {
     put_u32(&at, message->lost_seq);
     put_u32(&at, message->saturated);
     put_u32(&at, message->watchdog_trips);
+    put_u32(&at, message->dropped);
     put_u32(&at, message->tick);
     return (size_t)(at - payload);
 }
 
 bool hil_unpack_status(hil_status *message, const uint8_t *payload, size_t size) {
     const uint8_t *at = payload;
-    if (size != 30u)
+    if (size != 34u)
         return false;
     get_u8(&at, &message->state);
     get_u8(&at, &message->reason);
@@ -206,6 +209,7 @@ bool hil_unpack_status(hil_status *message, const uint8_t *payload, size_t size)
     get_u32(&at, &message->lost_seq);
     get_u32(&at, &message->saturated);
     get_u32(&at, &message->watchdog_trips);
+    get_u32(&at, &message->dropped);
     get_u32(&at, &message->tick);
     return true;
 }
@@ -360,13 +364,126 @@ bool hil_unpack_field_value(hil_field_value *message, const uint8_t *payload, si
     return true;
 }
 
+size_t hil_pack_can_part(const hil_can_part *message, uint8_t *payload) {
+    uint8_t *at = payload;
+    put_u16(&at, message->seq);
+    put_u32(&at, message->tick);
+    put_u8(&at, message->size);
+    put_u8(&at, message->part);
+    return (size_t)(at - payload);
+}
+
+bool hil_unpack_can_part(hil_can_part *message, const uint8_t *payload, size_t size) {
+    const uint8_t *at = payload;
+    if (size < 8u)
+        return false;
+    get_u16(&at, &message->seq);
+    get_u32(&at, &message->tick);
+    get_u8(&at, &message->size);
+    get_u8(&at, &message->part);
+    return true;
+}
+
+size_t hil_pack_can_rows(const hil_can_rows *message, uint8_t *payload) {
+    uint8_t *at = payload;
+    put_u16(&at, message->seq);
+    put_u32(&at, message->tick);
+    put_u8(&at, (uint8_t)((message->n & 7u) << 0 | (message->wide & 1u) << 3 | (message->flags & 15u) << 4));
+    put_u8(&at, message->matrix_id);
+    return (size_t)(at - payload);
+}
+
+bool hil_unpack_can_rows(hil_can_rows *message, const uint8_t *payload, size_t size) {
+    const uint8_t *at = payload;
+    uint8_t shared;
+    if (size < 8u)
+        return false;
+    get_u16(&at, &message->seq);
+    get_u32(&at, &message->tick);
+    get_u8(&at, &shared);
+    message->n = (uint8_t)(shared >> 0 & 7u);
+    message->wide = (uint8_t)(shared >> 3 & 1u);
+    message->flags = (uint8_t)(shared >> 4 & 15u);
+    get_u8(&at, &message->matrix_id);
+    return true;
+}
+
+size_t hil_pack_can_safe(const hil_can_safe *message, uint8_t *payload) {
+    uint8_t *at = payload;
+    put_u8(&at, message->reason);
+    put_u16(&at, message->seq);
+    put_u32(&at, message->tick);
+    return (size_t)(at - payload);
+}
+
+bool hil_unpack_can_safe(hil_can_safe *message, const uint8_t *payload, size_t size) {
+    const uint8_t *at = payload;
+    if (size != 7u)
+        return false;
+    get_u8(&at, &message->reason);
+    get_u16(&at, &message->seq);
+    get_u32(&at, &message->tick);
+    return true;
+}
+
+size_t hil_pack_can_arm(const hil_can_arm *message, uint8_t *payload) {
+    uint8_t *at = payload;
+    put_u16(&at, message->seq);
+    put_u32(&at, message->tick);
+    return (size_t)(at - payload);
+}
+
+bool hil_unpack_can_arm(hil_can_arm *message, const uint8_t *payload, size_t size) {
+    const uint8_t *at = payload;
+    if (size != 6u)
+        return false;
+    get_u16(&at, &message->seq);
+    get_u32(&at, &message->tick);
+    return true;
+}
+
+size_t hil_pack_can_status_brief(const hil_can_status_brief *message, uint8_t *payload) {
+    uint8_t *at = payload;
+    put_u8(&at, message->state);
+    put_u8(&at, message->reason);
+    put_u8(&at, message->lost_seq);
+    put_u8(&at, message->watchdog_trips);
+    put_u32(&at, message->tick);
+    return (size_t)(at - payload);
+}
+
+bool hil_unpack_can_status_brief(hil_can_status_brief *message, const uint8_t *payload, size_t size) {
+    const uint8_t *at = payload;
+    if (size != 8u)
+        return false;
+    get_u8(&at, &message->state);
+    get_u8(&at, &message->reason);
+    get_u8(&at, &message->lost_seq);
+    get_u8(&at, &message->watchdog_trips);
+    get_u32(&at, &message->tick);
+    return true;
+}
+
+const uint8_t hil_can_lengths[HIL_CAN_LENGTHS] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+
 const hil_register hil_registers[HIL_REGISTERS] = {
-    {0x0001u, true, false, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What makes the board go on to the next tick. */
-    {0x0002u, true, false, 0.0, 0.0, 1.0},  /* LOOP_MODE: Which drive messages close the loop. */
-    {0x0003u, true, false, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE. More than one only where nobody answers sample by sample. The maximum fills a payload at 3 bytes a code. */
-    {0x0004u, true, false, 80.0, 1.0, 16777215.0},  /* WATCHDOG_TICKS: Ticks without a valid drive frame after which a RUNNING board goes to SAFE. */
-    {0x0005u, true, true, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. */
-    {0x0006u, true, true, 0.0, 0.0, 16777215.0},  /* STATUS_EVERY: Ticks between two unasked STATUS messages while ARMED or RUNNING; 0: only at a change of state. */
+    {0x0001u, true, false, false, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What makes the board go on to the next tick. */
+    {0x0002u, true, false, false, 0.0, 0.0, 1.0},  /* LOOP_MODE: Which drive messages close the loop. */
+    {0x0003u, true, false, false, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE. More than one only where nobody answers sample by sample. At most what fills a payload at 3 bytes a code. */
+    {0x0004u, true, false, false, 80.0, 1.0, 16777215.0},  /* WATCHDOG_TICKS: Ticks without a valid drive frame after which a RUNNING board goes to SAFE. */
+    {0x0005u, true, true, false, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. */
+    {0x0006u, true, true, false, 0.0, 0.0, 16777215.0},  /* STATUS_EVERY: Ticks between two unasked STATUS messages while ARMED or RUNNING; 0: only at a change of state. */
+    {0x0010u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A11: A, row 1, column 1. */
+    {0x0011u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A12: A, row 1, column 2. */
+    {0x0012u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A21: A, row 2, column 1. */
+    {0x0013u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A22: A, row 2, column 2. */
+    {0x0014u, true, false, true, 1.0, -16.0, 16.0},  /* FILTER_B1: B, component 1: what V[m] adds to it. */
+    {0x0015u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_B2: B, component 2: what V[m] adds to it. */
+    {0x0016u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_C1: C, component 1: what V[m − D] adds to it. */
+    {0x0017u, true, false, true, 1.0, -16.0, 16.0},  /* FILTER_C2: C, component 2: what V[m − D] adds to it. */
+    {0x0018u, true, false, false, 1.0, 1.0, 63.0},  /* FILTER_DELAY: D. The defaults of all filter registers make the pair V[m], V[m − 1]. */
+    {0x0020u, true, true, false, 0.0, 0.0, 8388607.0},  /* DITHER_AMPLITUDE: Gain mode: what dither adds to, or takes from, each drive at every tick. */
+    {0x0021u, true, false, false, 1.0, 1.0, 4294967295.0},  /* DITHER_SEED: Where the dither's shift register starts at ARM. */
 };
 
 const char *const hil_field_table[HIL_FIELD_LINES] = {
@@ -390,6 +507,7 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "SENSE\tn\tu16\t1",
     "SENSE\twidth\tu8\tbyte",
     "SENSE\tflags\tu8\tSenseFlags",
+    "SENSE\tmatrix_id\tu8\t1",
     "SENSE row\tvx\tcode\tIDENTITY.sense_scale_V per code",
     "SENSE row\tvy\tcode\tIDENTITY.sense_scale_V per code",
     "SENSE row\tux\tcode\tIDENTITY.drive_scale_mps2 per code",
@@ -406,6 +524,7 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "STATUS\tlost_seq\tu32\t1",
     "STATUS\tsaturated\tu32\t1",
     "STATUS\twatchdog_trips\tu32\t1",
+    "STATUS\tdropped\tu32\t1",
     "STATUS\ttick\tu32\ttick",
     "NACK\t\t0x32\tboard",
     "NACK\tof_type\tu8\t1",
@@ -441,12 +560,47 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "FIELD_VALUE\tline\tu16\t1",
     "FIELD_VALUE\tlines\tu16\t1",
     "FIELD_VALUE\tentry\ttext\t1",
+    "CAN\tidentifier\ttype << 4 | node << 1 | sender\t",
+    "CAN FD\tseq\tu16\t1",
+    "CAN FD\ttick\tu32\ttick",
+    "CAN FD\tsize\tu8\tbyte",
+    "CAN FD\tpart\tu8\t1",
+    "CAN FD SENSE\tseq\tu16\t1",
+    "CAN FD SENSE\ttick\tu32\ttick",
+    "CAN FD SENSE\tn\tu3\t1",
+    "CAN FD SENSE\twide\tu1\t1",
+    "CAN FD SENSE\tflags\tu4\tSenseFlags",
+    "CAN FD SENSE\tmatrix_id\tu8\t1",
+    "CAN SAFE\t\t0x01\thost",
+    "CAN SAFE\treason\tu8\tSafeReason",
+    "CAN SAFE\tseq\tu16\t1",
+    "CAN SAFE\ttick\tu32\ttick",
+    "CAN ARM\t\t0x02\thost",
+    "CAN ARM\tseq\tu16\t1",
+    "CAN ARM\ttick\tu32\ttick",
+    "CAN STATUS_BRIEF\t\t0x33\tboard",
+    "CAN STATUS_BRIEF\tstate\tu8\tState",
+    "CAN STATUS_BRIEF\treason\tu8\tSafeReason",
+    "CAN STATUS_BRIEF\tlost_seq\tu8\t1",
+    "CAN STATUS_BRIEF\twatchdog_trips\tu8\t1",
+    "CAN STATUS_BRIEF\ttick\tu32\ttick",
     "register\tCLOCK_MODE\t0x0001 rw\t0..2 ClockMode, default 1",
     "register\tLOOP_MODE\t0x0002 rw\t0..1 LoopMode, default 0",
     "register\tBLOCK\t0x0003 rw\t1..682 1, default 1",
     "register\tWATCHDOG_TICKS\t0x0004 rw\t1..16777215 tick, default 80",
     "register\tDRIVE_LIMIT\t0x0005 rw live\t0..8388607 code, default 8388607",
     "register\tSTATUS_EVERY\t0x0006 rw live\t0..16777215 tick, default 0",
+    "register\tFILTER_A11\t0x0010 rw real\t-16.0..16.0 1, default 0.0",
+    "register\tFILTER_A12\t0x0011 rw real\t-16.0..16.0 1, default 0.0",
+    "register\tFILTER_A21\t0x0012 rw real\t-16.0..16.0 1, default 0.0",
+    "register\tFILTER_A22\t0x0013 rw real\t-16.0..16.0 1, default 0.0",
+    "register\tFILTER_B1\t0x0014 rw real\t-16.0..16.0 1, default 1.0",
+    "register\tFILTER_B2\t0x0015 rw real\t-16.0..16.0 1, default 0.0",
+    "register\tFILTER_C1\t0x0016 rw real\t-16.0..16.0 1, default 0.0",
+    "register\tFILTER_C2\t0x0017 rw real\t-16.0..16.0 1, default 1.0",
+    "register\tFILTER_DELAY\t0x0018 rw\t1..63 tick, default 1",
+    "register\tDITHER_AMPLITUDE\t0x0020 rw live\t0..8388607 code, default 0",
+    "register\tDITHER_SEED\t0x0021 rw\t1..4294967295 1, default 1",
     "State\tBOOT\t0\t",
     "State\tIDLE\t1\t",
     "State\tARMED\t2\t",

@@ -6,8 +6,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define HIL_PROTOCOL 1u
-#define HIL_SPEC_HASH 0x5916e1bcu
+#define HIL_PROTOCOL 2u
+#define HIL_SPEC_HASH 0x692fe18fu
 #define HIL_MAX_PAYLOAD 8192u
 /* Longest payload a host sends. */
 #define HIL_MAX_HOST_PAYLOAD 45u
@@ -119,13 +119,14 @@ typedef struct hil_drive_force {
 size_t hil_pack_drive_force(const hil_drive_force *message, uint8_t *payload);
 bool hil_unpack_drive_force(hil_drive_force *message, const uint8_t *payload, size_t size);
 
-/* Gain mode: u = sat(G [sx sx' sy sy'] + b + dither) at every sample, switched at `effective_tick` in one
- * piece. Rows of G: ux, uy; columns: the filtered signal of x, its companion, the same of y. */
+/* Gain mode: from `effective_tick` on the drive is computed with this matrix, switched in one piece. One waits
+ * at a time: the next one replaces it. One whose effective tick has passed is counted as late and taken from
+ * the next tick on. A matrix_id of 0, or a value that is not finite, is refused. */
 #define HIL_DRIVE_GAINS_SIZE 45u
 typedef struct hil_drive_gains {
-    /* Name of this matrix, echoed by the board. */
+    /* Name of this matrix, 1 to 255, echoed in SENSE. */
     uint8_t matrix_id;
-    /* G, 2 × 4, row by row: drive codes per sense code. */
+    /* G, 2 × 4, row by row: drive codes per sense code. Rows: ux, uy; columns: sx, sx', sy, sy'. */
     float gain[8];
     /* [code] b: drive codes. */
     float bias[2];
@@ -137,7 +138,7 @@ bool hil_unpack_drive_gains(hil_drive_gains *message, const uint8_t *payload, si
 
 /* A block of n samples; the header's tick is that of the first row. Row m holds the codes sampled at tick m,
  * and the drive codes, after quantisation and saturation, held over the interval that ENDS at m. */
-#define HIL_SENSE_SIZE 4u  /* then rows of codes: vx, vy, ux, uy */
+#define HIL_SENSE_SIZE 5u  /* then rows of codes: vx, vy, ux, uy */
 #define HIL_SENSE_COLUMNS 4u
 typedef struct hil_sense {
     /* Rows in this block, ≥ 1. */
@@ -146,6 +147,9 @@ typedef struct hil_sense {
     uint8_t width;
     /* [SenseFlags] What happened within the block. */
     uint8_t flags;
+    /* Gain mode: the matrix that the drive computed at the last row was computed with; 0 for none, and in
+     * force mode. */
+    uint8_t matrix_id;
 } hil_sense;
 size_t hil_pack_sense(const hil_sense *message, uint8_t *payload);
 bool hil_unpack_sense(hil_sense *message, const uint8_t *payload, size_t size);
@@ -163,7 +167,7 @@ bool hil_unpack_time_sync(hil_time_sync *message, const uint8_t *payload, size_t
 
 /* Sent after every change of state, every STATUS_EVERY ticks, and in answer to ARM and SAFE. Counters count
  * since power-up and stop at 2³² − 1. */
-#define HIL_STATUS_SIZE 30u
+#define HIL_STATUS_SIZE 34u
 typedef struct hil_status {
     /* [State] State of the board. */
     uint8_t state;
@@ -181,6 +185,8 @@ typedef struct hil_status {
     uint32_t saturated;
     /* Times the watchdog brought the board to SAFE. */
     uint32_t watchdog_trips;
+    /* SENSE blocks dropped because the link did not take them; their sequence numbers are missing. */
+    uint32_t dropped;
     /* [tick] Tick at which this holds; low 32 bits. */
     uint32_t tick;
 } hil_status;
@@ -298,6 +304,101 @@ typedef struct hil_field_value {
 size_t hil_pack_field_value(const hil_field_value *message, uint8_t *payload);
 bool hil_unpack_field_value(hil_field_value *message, const uint8_t *payload, size_t size);
 
+/* CAN: identifier = type << 4 | node << 1 | sender; sender 0: host, 1: board. */
+#define HIL_CAN_TYPE_SHIFT 4u
+#define HIL_CAN_NODE_SHIFT 1u
+#define HIL_CAN_NODES 8u
+#define HIL_CAN_LENGTHS 16u
+#define HIL_CAN_MOST 64u
+
+/* Legal numbers of data bytes. */
+extern const uint8_t hil_can_lengths[HIL_CAN_LENGTHS];
+
+/* Types that exist on CAN only. */
+enum {
+    HIL_TYPE_STATUS_BRIEF = 0x33,
+};
+
+/* This header, then a part of the payload, then zeros up to the next legal length. The parts of a message
+ * follow each other and share its sequence number and tick. Parts are full, 56 bytes, up to the last, which is
+ * not: a payload of 56 bytes ends with an empty part. */
+#define HIL_CAN_PART_SIZE 8u
+typedef struct hil_can_part {
+    /* Sequence number of this direction, from 0, wraps. Every message takes the next one. */
+    uint16_t seq;
+    /* [tick] As in the frame on a serial line. */
+    uint32_t tick;
+    /* [byte] Bytes of payload in this frame, 0 to 56. */
+    uint8_t size;
+    /* Which part of the message, from 0. */
+    uint8_t part;
+} hil_can_part;
+size_t hil_pack_can_part(const hil_can_part *message, uint8_t *payload);
+bool hil_unpack_can_part(hil_can_part *message, const uint8_t *payload, size_t size);
+
+/* SENSE has a header of its own, so that every frame stands for itself: whole rows, as many as fit; a longer
+ * block goes out as several messages. */
+#define HIL_CAN_ROWS_SIZE 8u
+typedef struct hil_can_rows {
+    /* As above. */
+    uint16_t seq;
+    /* [tick] Tick of the first row in this frame. */
+    uint32_t tick;
+    /* Rows in this frame: 1 to 7 of 2 bytes a code, 1 to 4 of 3. */
+    uint8_t n;
+    /* 0: 2 bytes a code, 1: 3. */
+    uint8_t wide;
+    /* [SenseFlags] What happened within the block. */
+    uint8_t flags;
+    /* As in SENSE. */
+    uint8_t matrix_id;
+} hil_can_rows;
+size_t hil_pack_can_rows(const hil_can_rows *message, uint8_t *payload);
+bool hil_unpack_can_rows(hil_can_rows *message, const uint8_t *payload, size_t size);
+
+/* A frame cut short after the reason is taken out of sequence: any node may stop the board, `cansend can0
+ * 010#01`. */
+#define HIL_CAN_SAFE_SIZE 7u
+typedef struct hil_can_safe {
+    /* [SafeReason] Why. */
+    uint8_t reason;
+    /* As above. */
+    uint16_t seq;
+    /* [tick] As above. */
+    uint32_t tick;
+} hil_can_safe;
+size_t hil_pack_can_safe(const hil_can_safe *message, uint8_t *payload);
+bool hil_unpack_can_safe(hil_can_safe *message, const uint8_t *payload, size_t size);
+
+/* In sequence with the host's other frames. */
+#define HIL_CAN_ARM_SIZE 6u
+typedef struct hil_can_arm {
+    /* As above. */
+    uint16_t seq;
+    /* [tick] As above. */
+    uint32_t tick;
+} hil_can_arm;
+size_t hil_pack_can_arm(const hil_can_arm *message, uint8_t *payload);
+bool hil_unpack_can_arm(hil_can_arm *message, const uint8_t *payload, size_t size);
+
+/* Follows every STATUS, for nodes that hear classic CAN only; has no place in the sequence. Counters stop at
+ * 255. */
+#define HIL_CAN_STATUS_BRIEF_SIZE 8u
+typedef struct hil_can_status_brief {
+    /* [State] State of the board. */
+    uint8_t state;
+    /* [SafeReason] Why it is in SAFE; NONE otherwise. */
+    uint8_t reason;
+    /* Frames missing from the host's sequence. */
+    uint8_t lost_seq;
+    /* Times the watchdog brought the board to SAFE. */
+    uint8_t watchdog_trips;
+    /* [tick] Tick at which this holds; low 32 bits. */
+    uint32_t tick;
+} hil_can_status_brief;
+size_t hil_pack_can_status_brief(const hil_can_status_brief *message, uint8_t *payload);
+bool hil_unpack_can_status_brief(hil_can_status_brief *message, const uint8_t *payload, size_t size);
+
 /* Registers, by their place in hil_registers. */
 enum {
     HIL_REGISTER_CLOCK_MODE = 0,
@@ -306,13 +407,25 @@ enum {
     HIL_REGISTER_WATCHDOG_TICKS = 3,
     HIL_REGISTER_DRIVE_LIMIT = 4,
     HIL_REGISTER_STATUS_EVERY = 5,
-    HIL_REGISTERS = 6,
+    HIL_REGISTER_FILTER_A11 = 6,
+    HIL_REGISTER_FILTER_A12 = 7,
+    HIL_REGISTER_FILTER_A21 = 8,
+    HIL_REGISTER_FILTER_A22 = 9,
+    HIL_REGISTER_FILTER_B1 = 10,
+    HIL_REGISTER_FILTER_B2 = 11,
+    HIL_REGISTER_FILTER_C1 = 12,
+    HIL_REGISTER_FILTER_C2 = 13,
+    HIL_REGISTER_FILTER_DELAY = 14,
+    HIL_REGISTER_DITHER_AMPLITUDE = 15,
+    HIL_REGISTER_DITHER_SEED = 16,
+    HIL_REGISTERS = 17,
 };
 
 typedef struct hil_register {
     uint16_t id;
     bool writable;
     bool live;  /* may be written in any state, the others only while the board is IDLE or SAFE */
+    bool real;  /* holds any number within its limits, the others whole ones */
     double initial;
     double minimum;
     double maximum;
@@ -321,7 +434,7 @@ typedef struct hil_register {
 extern const hil_register hil_registers[HIL_REGISTERS];
 
 /* The field table: message, field, type, scale, separated by tabs. Its CRC-32C is HIL_SPEC_HASH. */
-#define HIL_FIELD_LINES 108u
+#define HIL_FIELD_LINES 145u
 extern const char *const hil_field_table[HIL_FIELD_LINES];
 
 #endif

@@ -7,7 +7,8 @@ table. C99, no allocation, no library but `<string.h>`.
 import re
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from hil.wire.spec import SPEC, Field, Layout, Register
@@ -50,6 +51,8 @@ _HEADER = """\
 
 {messages}
 
+{can}
+
 /* Registers, by their place in hil_registers. */
 {register_names}
 
@@ -57,7 +60,8 @@ typedef struct hil_register {{
     uint16_t id;
     bool writable;
     bool live;  /* may be written in any state, the others only while the board is IDLE or SAFE */
-{extra_members}    double initial;
+    bool real;  /* holds any number within its limits, the others whole ones */
+    double initial;
     double minimum;
     double maximum;
 }} hil_register;
@@ -92,6 +96,8 @@ static void get_u8(const uint8_t **at, uint8_t *value) {{
 {accessors}
 
 {codecs}
+
+const uint8_t hil_can_lengths[HIL_CAN_LENGTHS] = {{{lengths}}};
 
 const hil_register hil_registers[HIL_REGISTERS] = {{
 {registers}
@@ -164,6 +170,19 @@ def _enumerations() -> str:
     )
 
 
+def _grouped(fields: Iterable[Field]) -> Iterator[list[Field]]:
+    """The fields one by one, but bit fields that share a byte together, the lowest bits first."""
+    sharing: list[Field] = []
+    for field in fields:
+        if field.type == "text" or field.bits >= 8:
+            yield [field]
+            continue
+        sharing.append(field)
+        if sum(member.bits for member in sharing) == 8:
+            yield sharing
+            sharing = []
+
+
 def _members(layout: Layout) -> list[str]:
     lines = []
     for field in layout.fields:
@@ -174,7 +193,7 @@ def _members(layout: Layout) -> list[str]:
             lines.append(f"    size_t {_name(field)}_size;")
         else:
             array = f"[{field.count}]" if field.count > 1 else ""
-            lines.append(f"    {_C_TYPES[_base(field)]} {_name(field)}{array};")
+            lines.append(f"    {_C_TYPES.get(_base(field), 'uint8_t')} {_name(field)}{array};")
     return lines
 
 
@@ -186,9 +205,13 @@ def _prototypes(layout: Layout) -> tuple[str, str]:
     )
 
 
+def _size(layout: Layout) -> int:
+    return sum(field.bits for field in layout.fields) // 8
+
+
 def _declaration(layout: Layout) -> str:
     name = layout.name.lower()
-    size = f"#define HIL_{layout.name}_SIZE {layout.size}u"
+    size = f"#define HIL_{layout.name}_SIZE {_size(layout)}u"
     if layout.rows:
         rows = ", ".join(field.name for field in layout.rows)
         size += f"  /* then rows of codes: {rows} */\n#define HIL_{layout.name}_COLUMNS {len(layout.rows)}u"
@@ -199,14 +222,33 @@ def _declaration(layout: Layout) -> str:
     return f"{_comment(layout.doc)}\n{size}\n{struct}\n{pack};\n{unpack};"
 
 
-def _codec(layout: Layout) -> str:
+def _codec(layout: Layout, *, more: bool) -> str:
+    """Pack and unpack; with `more`, something else may follow the fields."""
     pack, unpack = _prototypes(layout)
     put, get = [], []
-    for field in layout.fields:
+    shared = False
+    for fields in _grouped(layout.fields):
+        field = fields[0]
         kind, name = _base(field), _name(field)
-        if kind == "text":
+        if len(fields) > 1:
+            shifts = [sum(member.bits for member in fields[:k]) for k in range(len(fields))]
+            parts = [
+                f"(message->{_name(member)} & {(1 << member.bits) - 1}u) << {shift}"
+                for member, shift in zip(fields, shifts, strict=True)
+            ]
+            put.append(f"    put_u8(&at, (uint8_t)({' | '.join(parts)}));")
+            get.append("    get_u8(&at, &shared);")
+            get += [
+                f"    message->{_name(member)} = (uint8_t)(shared >> {shift} & {(1 << member.bits) - 1}u);"
+                for member, shift in zip(fields, shifts, strict=True)
+            ]
+            shared = True
+        elif kind == "text":
             put += [f"    memcpy(at, message->{name}, message->{name}_size);", f"    at += message->{name}_size;"]
-            get += [f"    message->{name} = (const char *)at;", f"    message->{name}_size = size - {layout.size}u;"]
+            get += [
+                f"    message->{name} = (const char *)at;",
+                f"    message->{name}_size = size - {_size(layout)}u;",
+            ]
         elif field.count > 1:
             loop = f"    for (unsigned k = 0; k < {field.count}u; k++)"
             put += [loop, f"        put_{kind}(&at, message->{name}[k]);"]
@@ -214,7 +256,6 @@ def _codec(layout: Layout) -> str:
         else:
             put.append(f"    put_{kind}(&at, message->{name});")
             get.append(f"    get_{kind}(&at, &message->{name});")
-    wrong = f"size < {layout.size}u" if layout.open_ended else f"size != {layout.size}u"
     return "\n".join(
         (
             f"{pack} {{",
@@ -225,11 +266,42 @@ def _codec(layout: Layout) -> str:
             "",
             f"{unpack} {{",
             "    const uint8_t *at = payload;",
-            f"    if ({wrong})",
+            *(["    uint8_t shared;"] if shared else []),
+            f"    if (size {'<' if more else '!='} {_size(layout)}u)",
             "        return false;",
             *get,
             "    return true;",
             "}",
+        )
+    )
+
+
+def _can_layouts() -> list[tuple[Layout, bool]]:
+    """Headers and classic layouts of CAN, and whether data follow."""
+    part = Layout("CAN_PART", 0, "either", SPEC.can.header_doc, SPEC.can.header)
+    rows = Layout("CAN_ROWS", 0, "board", SPEC.can.sense_doc, SPEC.can.sense)
+    classic = [replace(layout, name=f"CAN_{layout.name}") for layout in SPEC.can.classic.values()]
+    return [(part, True), (rows, True), *((layout, False) for layout in classic)]
+
+
+def _can() -> str:
+    can = SPEC.can
+    constants = {
+        "TYPE_SHIFT": can.type_shift,
+        "NODE_SHIFT": can.node_shift,
+        "NODES": can.nodes,
+        "LENGTHS": len(can.lengths),
+        "MOST": can.lengths[-1],
+    }
+    extra = [(f"HIL_TYPE_{m.name}", f"0x{m.type:02x}") for m in can.classic.values() if m.name not in SPEC.messages]
+    return "\n\n".join(
+        (
+            _comment(f"CAN: {can.doc}")
+            + "\n"
+            + "\n".join(f"#define HIL_CAN_{name} {value}u" for name, value in constants.items())
+            + "\n\n/* Legal numbers of data bytes. */\nextern const uint8_t hil_can_lengths[HIL_CAN_LENGTHS];",
+            "/* Types that exist on CAN only. */\n" + _enum(extra),
+            *(_declaration(layout) for layout, _ in _can_layouts()),
         )
     )
 
@@ -246,9 +318,9 @@ def _accessors() -> str:
 
 
 def _register(register: Register) -> str:
-    writable, live = (str(flag).lower() for flag in (register.access == "rw", register.live))
+    flags = ", ".join(str(flag).lower() for flag in (register.access == "rw", register.live, register.real))
     numbers = ", ".join(repr(float(value)) for value in (register.default, register.minimum, register.maximum))
-    return f"    {{0x{register.id:04x}u, {writable}, {live}, {numbers}}},  /* {register.name}: {register.doc} */"
+    return f"    {{0x{register.id:04x}u, {flags}, {numbers}}},  /* {register.name}: {register.doc} */"
 
 
 def _c_string(text: str) -> str:
@@ -280,11 +352,11 @@ def header() -> str:
         enumerations=_enumerations(),
         types=_enum((f"HIL_TYPE_{m.name}", f"0x{m.type:02x}") for m in SPEC.messages.values()),
         messages="\n\n".join(_declaration(m) for m in SPEC.messages.values()),
+        can=_can(),
         register_names=_enum(
             [(f"HIL_REGISTER_{name}", str(k)) for k, name in enumerate(SPEC.registers)]
             + [("HIL_REGISTERS", str(len(SPEC.registers)))]
         ),
-        extra_members="",
         lines=len(SPEC.table),
     )
 
@@ -294,7 +366,11 @@ def source() -> str:
     return _SOURCE.format(
         notice=_NOTICE,
         accessors=_accessors(),
-        codecs="\n\n".join(_codec(m) for m in SPEC.messages.values() if m.fields),
+        codecs="\n\n".join(
+            [_codec(m, more=m.open_ended) for m in SPEC.messages.values() if m.fields]
+            + [_codec(layout, more=more) for layout, more in _can_layouts()]
+        ),
+        lengths=", ".join(map(str, SPEC.can.lengths)),
         registers="\n".join(_register(r) for r in SPEC.registers.values()),
         table="\n".join(f"    {_c_string(entry.text)}," for entry in SPEC.table),
     )

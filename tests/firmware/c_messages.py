@@ -22,6 +22,7 @@ class CFrame(ctypes.Structure):
 
     _fields_ = [
         ("type", ctypes.c_uint8),
+        ("sequenced", ctypes.c_bool),
         ("seq", ctypes.c_uint16),
         ("tick", ctypes.c_uint32),
         ("payload", ctypes.POINTER(ctypes.c_uint8)),

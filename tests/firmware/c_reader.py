@@ -56,6 +56,6 @@ def write_frame(library: ctypes.CDLL, frame: Frame) -> list[bytes]:
 
     callback = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)(take)
     held = (ctypes.c_uint8 * max(len(frame.payload), 1)).from_buffer_copy(frame.payload or b"\0")
-    given = CFrame(frame.type, frame.seq, frame.tick, held, len(frame.payload))
+    given = CFrame(frame.type, True, frame.seq, frame.tick, held, len(frame.payload))
     library.hil_frame_write(ctypes.byref(given), callback, None)
     return pieces

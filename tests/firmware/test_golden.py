@@ -12,6 +12,7 @@ from hil.wire.spec import SPEC
 
 from .c_messages import pack, unpack
 from .c_reader import CReader, write_frame
+from .conftest import FIRMWARE
 
 VECTORS = json.loads((Path(__file__).parents[1] / "wire" / "golden.json").read_text(encoding="utf-8"))
 frames = pytest.mark.parametrize("vector", VECTORS["frames"], ids=lambda vector: vector["name"])
@@ -60,5 +61,6 @@ def test_broken_frames_are_counted_where_they_belong(library: ctypes.CDLL, vecto
 
 
 def test_field_table_is_the_hosts(library: ctypes.CDLL) -> None:
+    assert f"#define HIL_FIELD_LINES {len(SPEC.table)}u" in (FIRMWARE / "src" / "hil_spec.h").read_text()
     table = (ctypes.c_char_p * len(SPEC.table)).in_dll(library, "hil_field_table")
     assert [entry.decode() for entry in table] == [entry.text for entry in SPEC.table]
