@@ -9,12 +9,13 @@ import numpy as np
 from estimator.kernel.compiled import is_warm, mark_warm
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.simulation import simulate
 
 _CONTROLLER = ControllerSettings(latency=1, force_quantum=1e-3, force_limit=10.0, sense_quantum=1e-5)
 
 
 def compile_all() -> None:
-    """Call each kernel once with the types of a run: every model, every gain, one sample, a block, a truth."""
+    """Call each kernel once with the types of a run: every model and gain, a sample, a block, a free run."""
     sense = np.zeros((2, 2))
     for axes in (1, 2):
         device = Device(
@@ -29,6 +30,7 @@ def compile_all() -> None:
             settings = ObserverSettings(gain=gain, memory=0.01)
             observer = Observer(device, settings, _CONTROLLER if axes == 2 else None)
             observer.run(sense[:, :axes], sense[:, :axes], truth=np.zeros((2, len(observer.x))))
+            simulate(observer, observer.state, sense[:, :axes], sensitive=True)
             if axes == 2:
                 observer.tick(0.0, 0.0, 0.0, 0.0)
 

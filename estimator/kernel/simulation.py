@@ -1,0 +1,105 @@
+"""A whole record run freely: the flow from sample to sample with no correction, and what every unknown does to it."""
+
+import numpy as np
+
+from estimator.kernel.compiled import compiled, generated
+from estimator.kernel.flow import flow, part_of
+from estimator.kernel.layout import Floats, Record
+
+_sense = generated().sense
+_effect_sense = generated().effect_sense
+
+
+@compiled
+def sensed_at(
+    settings: Record, c: Floats, s: Floats, drive: Floats, predicted: Floats, by_states: Floats, by_constants: Floats
+) -> None:
+    """Measurement (axes,) at state s and drive, and its derivatives (axes, states), (axes, constants)."""
+    full = np.zeros((2, s.shape[0] + c.shape[0]))
+    _sense(settings.model, c, s, predicted, full)
+    for axis in range(settings.axes):
+        for j in range(s.shape[0]):
+            by_states[axis, j] = full[axis, j]
+        for j in range(c.shape[0]):
+            by_constants[axis, j] = full[axis, s.shape[0] + j]
+    for e in range(settings.effect_count):
+        _effect_sense(
+            settings.effects[e, 0],
+            settings.model,
+            c,
+            s,
+            drive,
+            settings.effects[e, 1],
+            predicted,
+            by_states,
+            by_constants,
+        )
+
+
+@compiled
+def free_run(
+    settings_record: Record,
+    x: Floats,
+    u: Floats,
+    h: Floats,
+    parts: int,
+    sensitive: bool,
+    sensed: Floats,
+    sensitivity: Floats,
+) -> None:
+    """Run from x = [state at the first sample, constants] under u (n, axes, degree + 1) over the steps h (n,).
+
+    Each step is taken in `parts` equal parts: the flow's impulses are exact in the limit of many.  sensed (n, axes);
+    with `sensitive` also sensitivity (n, axes, states + constants), the derivative by x, else 0 rows of it.
+    """
+    settings = settings_record[0]
+    states = settings.states
+    sense_constants = settings.sense_constants
+    total = x.shape[0]
+    columns = 1 + states + settings.flow_constants if sensitive else 1
+    a = np.zeros((states, columns))
+    b = np.zeros((states, columns))
+    out = np.zeros((states, columns))
+    push = (np.zeros(2), np.zeros((2, states)), np.zeros((2, total - states)), np.zeros(2))
+    drive = np.zeros(2)
+    predicted = np.zeros(2)
+    by_states = np.zeros((2, states))
+    by_constants = np.zeros((2, total - states))
+    s = x[:states].copy()
+    c = x[states:]
+    by_x = np.zeros((states, total))
+    moved = np.zeros((states, total))
+    for i in range(states):
+        by_x[i, i] = 1.0
+    for m in range(sensed.shape[0]):
+        if m > 0:
+            for part in range(parts):
+                piece = u[m] if parts == 1 else part_of(u[m], part / parts, 1.0 / parts)
+                flow(settings, c, s, piece, h[m] / parts, columns, a, b, out, push)
+                for i in range(states):
+                    s[i] = out[i, 0]
+                if sensitive:
+                    for i in range(states):
+                        for j in range(total):
+                            value = 0.0
+                            for k in range(states):
+                                value += out[i, 1 + k] * by_x[k, j]
+                            constant = j - states - sense_constants
+                            if constant >= 0:
+                                value += out[i, 1 + states + constant]
+                            moved[i, j] = value
+                    by_x[:] = moved
+        for axis in range(settings.axes):
+            drive[axis] = u[m, axis].sum()  # at the end of the interval
+        predicted[:] = 0.0
+        by_states[:] = 0.0
+        by_constants[:] = 0.0
+        sensed_at(settings, c, s, drive, predicted, by_states, by_constants)
+        for axis in range(settings.axes):
+            sensed[m, axis] = predicted[axis]
+            if sensitive:
+                for j in range(total):
+                    value = by_constants[axis, j - states] if j >= states else 0.0
+                    for k in range(states):
+                        value += by_states[axis, k] * by_x[k, j]
+                    sensitivity[m, axis, j] = value

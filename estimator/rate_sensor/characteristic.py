@@ -1,0 +1,168 @@
+"""The static curve: what a steady rate gives beside the straight line."""
+
+import numpy as np
+
+from estimator.kernel.compiled import compiled
+from estimator.rate_sensor.declaration import Coefficient, Effect, Range, Stage
+from estimator.rate_sensor.record import SensorRecord
+from estimator.scaling import Array
+
+_LARGEST = 0.5  # of the range, the largest deviation at full scale that is still a sensor
+
+
+def _small(record: SensorRecord, declared: Range) -> tuple[tuple[float, ...], ...]:
+    return ((0.0,),)
+
+
+def _fraction(record: SensorRecord, declared: Range) -> tuple[tuple[float, float], ...]:
+    return ((-_LARGEST, _LARGEST),)
+
+
+QUADRATIC = Effect(
+    name="quadratic",
+    title="Quadratic characteristic",
+    equation="Ω → Ω + q Ω²/R",
+    coefficients=(Coefficient("q", "1"),),
+    stage=Stage.CHARACTERISTIC,
+    act=lambda rate, c, record, declared: c[0] * rate**2 / declared.rate,
+    starts=_small,
+    bounds=_fraction,
+    source="IEEE Std 1431, even-order nonlinearity of the scale factor",
+    undone="the curve is inverted",
+    look_alikes={"scale_asymmetry": "more rates between zero and full scale"},
+)
+
+CUBIC = Effect(
+    name="cubic",
+    title="Cubic characteristic",
+    equation="Ω → Ω + c Ω³/R²",
+    coefficients=(Coefficient("c", "1"),),
+    stage=Stage.CHARACTERISTIC,
+    act=lambda rate, c, record, declared: c[0] * rate**3 / declared.rate**2,
+    starts=_small,
+    bounds=_fraction,
+    source="IEEE Std 1431, odd-order nonlinearity of the scale factor",
+    undone="the curve is inverted",
+    look_alikes={"saturation": "rates beyond the range: a limit is flat, a cubic turns over"},
+)
+
+SCALE_ASYMMETRY = Effect(
+    name="scale_asymmetry",
+    title="Scale factor that depends on the sense of rotation",
+    equation="Ω → Ω + a |Ω|",
+    coefficients=(Coefficient("a", "1"),),
+    stage=Stage.CHARACTERISTIC,
+    act=lambda rate, c, record, declared: c[0] * np.abs(rate),
+    starts=_small,
+    bounds=_fraction,
+    source="IEEE Std 1431, asymmetry error",
+    undone="the curve is inverted",
+    look_alikes={"quadratic": "more rates between zero and full scale"},
+)
+
+
+def _dead(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Array:
+    return np.asarray(-np.clip(rate, -c[0], c[0]))
+
+
+DEAD_BAND = Effect(
+    name="dead_band",
+    title="Dead band around zero",
+    equation="Ω → 0 within ±b, Ω ∓ b outside",
+    coefficients=(Coefficient("b", "rad/s"),),
+    stage=Stage.CHARACTERISTIC,
+    act=_dead,
+    starts=lambda record, declared: ((0.01 * declared.rate,), (0.1 * declared.rate,)),
+    bounds=lambda record, declared: ((0.0, 0.5 * declared.rate),),
+    source="IEEE Std 1431, dead band",
+    undone="nothing: within the band the rate is not in the record",
+    look_alikes={"hysteresis": "approach the same rate from both sides"},
+)
+
+
+@compiled
+def play(rate: Array, width: float) -> Array:
+    """The play operator: follows the rate at a distance of at most `width` (backlash)."""
+    out = np.empty_like(rate)
+    at = rate[0]
+    for m, value in enumerate(rate):
+        at = min(max(at, value - width), value + width)
+        out[m] = at
+    return out
+
+
+HYSTERESIS = Effect(
+    name="hysteresis",
+    title="Hysteresis",
+    equation="Ω → play(Ω, w): follows at a distance of at most w",
+    coefficients=(Coefficient("w", "rad/s"),),
+    stage=Stage.RATE,
+    act=lambda rate, c, record, declared: play(rate, float(c[0])),
+    starts=lambda record, declared: ((0.02 * declared.rate,),),
+    bounds=lambda record, declared: ((0.0, 0.5 * declared.rate),),
+    source="IEEE Std 1431, hysteresis error; the play operator of Krasnosel'skii & Pokrovskii, 1989",
+    undone="nothing: depends on the past of the rate",
+    look_alikes={"dead_band": "approach the same rate from both sides"},
+)
+
+
+def _limits(record: SensorRecord, declared: Range) -> tuple[tuple[float, ...], ...]:
+    low, high = float(np.min(record.voltage)), float(np.max(record.voltage))
+    inside = 0.05 * (high - low)
+    return ((low, high), (low + inside, high - inside))
+
+
+def _limit_bounds(record: SensorRecord, declared: Range) -> tuple[tuple[float, float], ...]:
+    low, high = float(np.min(record.voltage)), float(np.max(record.voltage))
+    middle, span = 0.5 * (low + high), high - low
+    return ((low - 0.02 * span, middle), (middle, high + 0.02 * span))
+
+
+SATURATION = Effect(
+    name="saturation",
+    title="Saturation of the output",
+    equation="V → lo below lo, hi above hi",
+    coefficients=(Coefficient("lo", "V"), Coefficient("hi", "V")),
+    stage=Stage.LIMIT,
+    act=lambda volts, c, record, declared: np.clip(volts, c[0], c[1]),
+    starts=_limits,
+    bounds=_limit_bounds,
+    source="output stage at its limits; the data sheet's range ends before",
+    undone="nothing: beyond the limits the rate is not in the record; samples there are to be flagged",
+    look_alikes={"cubic": "rates beyond the range: a limit is flat, a cubic turns over"},
+)
+
+
+def _soft(volts: Array, c: Array, record: SensorRecord, declared: Range) -> Array:
+    low, high, knee_low, knee_high = c
+    above = knee_high * np.logaddexp(0.0, (volts - high) / knee_high)
+    below = knee_low * np.logaddexp(0.0, (low - volts) / knee_low)
+    return np.asarray(volts - above + below)
+
+
+SOFT_SATURATION = Effect(
+    name="soft_saturation",
+    title="Saturation of the output with a knee",
+    equation="V → V − w_hi ln(1 + e^((V − hi)/w_hi)) + w_lo ln(1 + e^((lo − V)/w_lo))",
+    coefficients=(
+        Coefficient("lo", "V"),
+        Coefficient("hi", "V"),
+        Coefficient("knee_lo", "V"),
+        Coefficient("knee_hi", "V"),
+    ),
+    stage=Stage.LIMIT,
+    act=_soft,
+    starts=lambda record, declared: tuple(
+        (*limits, *(share * declared.volts for share in knees))
+        for limits in _limits(record, declared)[:1]
+        for knees in ((0.05, 0.05), (0.05, 0.005), (0.005, 0.05))
+    ),
+    bounds=lambda record, declared: (
+        *_limit_bounds(record, declared),
+        (1e-3 * declared.volts, 0.3 * declared.volts),
+        (1e-3 * declared.volts, 0.3 * declared.volts),
+    ),
+    source="output stage whose transistors leave their linear range one after the other",
+    undone="the curve is inverted up to its limits; beyond them the rate is not in the record",
+    look_alikes={"saturation": "rates close to the limit", "cubic": "rates beyond the range"},
+)

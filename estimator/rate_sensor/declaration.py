@@ -1,0 +1,75 @@
+"""What an effect of a rate sensor is: a place in the chain from rate to volts, coefficients, and how it acts there.
+
+The base model is V = V0 + S Ω.  The chain around it, in the order in which a signal meets it:
+
+    reference rate → REFERENCE → RATE → S·(Ω + CHARACTERISTIC) + V0 + SURROUNDINGS → LIMIT → volts
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from estimator.rate_sensor.record import SensorRecord
+from estimator.scaling import Array
+
+
+class Stage(IntEnum):
+    """Where in the chain an effect acts; the chain is run in this order."""
+
+    REFERENCE = 0  # of the reference rate itself: what it shows is not what the sensor felt
+    RATE = 1  # on the rate, before it becomes a voltage
+    CHARACTERISTIC = 2  # added to the rate: the static curve
+    SURROUNDINGS = 3  # added to the volts
+    LIMIT = 4  # on the volts
+
+
+@dataclass(frozen=True)
+class Range:
+    """What the data sheet declares and a record is scaled by: rate [rad/s], volts of that rate."""
+
+    rate: float
+    volts: float
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A number an effect has; `unit` is its SI unit."""
+
+    name: str
+    unit: str
+
+
+Act = Callable[[Array, Array, SensorRecord, Range], Array]
+Starts = Callable[[SensorRecord, Range], tuple[tuple[float, ...], ...]]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One thing that the straight line lacks.
+
+    act(signal, coefficients, record, range) → the signal after the stage (REFERENCE, RATE, LIMIT), or what is added to
+    it (CHARACTERISTIC, SURROUNDINGS); lower, upper: bounds of the coefficients given the record and the range;
+    starts: first guesses to refine from, several where the cost has several minima; needs: "time" (a record with a
+    sampling interval), "temperature" (its channel) or nothing.
+    """
+
+    name: str
+    title: str
+    equation: str
+    coefficients: tuple[Coefficient, ...]
+    stage: Stage
+    act: Act
+    starts: Starts
+    bounds: Callable[[SensorRecord, Range], tuple[tuple[float, float], ...]]
+    source: str
+    undone: str
+    needs: str = ""
+    look_alikes: Mapping[str, str] = field(default_factory=dict)
+
+    def applies_to(self, record: SensorRecord) -> bool:
+        """Whether the record has what the effect needs in order to be seen."""
+        if self.needs == "time":
+            return record.step is not None
+        if self.needs == "temperature":
+            return record.temperature is not None
+        return True

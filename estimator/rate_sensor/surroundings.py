@@ -1,0 +1,61 @@
+"""What moves the output though nothing turns."""
+
+import numpy as np
+
+from estimator.rate_sensor.declaration import Coefficient, Effect, Range, Stage
+from estimator.rate_sensor.record import SensorRecord
+from estimator.scaling import Array
+
+
+def _warmth(record: SensorRecord) -> Array:
+    assert record.temperature is not None  # effects of temperature need its channel
+    return np.asarray(record.temperature - np.mean(record.temperature))
+
+
+def _zero(record: SensorRecord, declared: Range) -> tuple[tuple[float, ...], ...]:
+    return ((0.0,),)
+
+
+DRIFT = Effect(
+    name="drift",
+    title="Drift of the offset",
+    equation="V → V + r t",
+    coefficients=(Coefficient("r", "V/s"),),
+    stage=Stage.SURROUNDINGS,
+    act=lambda volts, c, record, declared: c[0] * (record.time - np.mean(record.time)),
+    starts=_zero,
+    bounds=lambda record, declared: ((-declared.volts, declared.volts),),
+    source="IEEE Std 1431, drift rate ramp",
+    undone="the offset is estimated again and again",
+    needs="time",
+    look_alikes={"temperature_offset": "keep the temperature, or change it both ways"},
+)
+
+TEMPERATURE_OFFSET = Effect(
+    name="temperature_offset",
+    title="Offset that moves with the temperature",
+    equation="V → V + b (T − T̄)",
+    coefficients=(Coefficient("b", "V/K"),),
+    stage=Stage.SURROUNDINGS,
+    act=lambda volts, c, record, declared: c[0] * _warmth(record),
+    starts=_zero,
+    bounds=lambda record, declared: ((-declared.volts, declared.volts),),
+    source="IEEE Std 1431, bias temperature sensitivity",
+    undone="the offset follows the temperature channel",
+    needs="temperature",
+    look_alikes={"drift": "keep the temperature, or change it both ways"},
+)
+
+TEMPERATURE_SCALE = Effect(
+    name="temperature_scale",
+    title="Scale factor that moves with the temperature",
+    equation="Ω → Ω (1 + s (T − T̄))",
+    coefficients=(Coefficient("s", "1/K"),),
+    stage=Stage.CHARACTERISTIC,
+    act=lambda rate, c, record, declared: c[0] * _warmth(record) * rate,
+    starts=_zero,
+    bounds=lambda record, declared: ((-0.1, 0.1),),
+    source="IEEE Std 1431, scale factor temperature sensitivity",
+    undone="the scale factor follows the temperature channel",
+    needs="temperature",
+)
