@@ -1,5 +1,6 @@
 """Effects written into a bench file that exists: text is added, the rest of the file stays as it is."""
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from hil.bench.text import toml_value
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.records.atomic import write_text
+from hil.records.diagnosis import Diagnosis
 from hil.strict_toml import parse_table
 
 _COLUMN = 36  # where the remarks begin
@@ -23,6 +25,23 @@ class Addition:
     name: str
     remark: str
     coefficients: Mapping[str, tuple[float, str]]
+
+
+def additions(diagnosis: Diagnosis) -> list[Addition]:
+    """What to write into the bench file so that the next run has the effects that were found."""
+    if diagnosis.verdict != "explained":
+        return []
+    return [
+        Addition(
+            effect.name,
+            f"{effect.title}; traced in {diagnosis.record}",
+            {
+                symbol: (found.value or 0.0, f"95 %: {_bound(found.ci95[0])} to {_bound(found.ci95[1])} {found.unit}")
+                for symbol, found in effect.coefficients.items()
+            },
+        )
+        for effect in diagnosis.effects
+    ]
 
 
 def add_effects(source: Path, target: Path, additions: Iterable[Addition]) -> None:
@@ -66,7 +85,15 @@ def _with_board(text: str, table: dict[str, Any], source: Path, target: Path) ->
 
 
 def _table(addition: Addition) -> str:
-    lines = ["", f"[effects.{addition.name}]".ljust(_COLUMN) + f"# {addition.remark}"]
-    for key, (value, remark) in addition.coefficients.items():
-        lines.append(f"{key} = {toml_value(value)}".ljust(_COLUMN) + f"# {remark}")
-    return "\n".join(line.rstrip() for line in lines) + "\n"
+    rows = [(f"[effects.{_key(addition.name)}]", addition.remark)]
+    rows += [(f"{_key(key)} = {toml_value(value)}", remark) for key, (value, remark) in addition.coefficients.items()]
+    return "\n" + "".join((line.ljust(_COLUMN) + f"  # {remark}" if remark else line) + "\n" for line, remark in rows)
+
+
+def _key(name: str) -> str:
+    """A key of TOML: in quotes where it is not bare, as `interference:2` is not."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)
+
+
+def _bound(value: float | None) -> str:
+    return "unbounded" if value is None else f"{value:.4g}"

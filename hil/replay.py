@@ -38,7 +38,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
             backend or bench.observer.backend,
             device_of(bench),
             observer_settings_of(bench),
-            _control(bench, record),
+            control_of(bench, record),
         )
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
@@ -89,7 +89,7 @@ def samples_of(record: Capture) -> tuple[NDArray[np.int64], Array, Array, Array]
     return every, sense, drive_polynomials(drive, record.hold), np.full(len(every), step[0])
 
 
-def _control(bench: Bench, record: Capture) -> ControllerSettings | None:
+def control_of(bench: Bench, record: Capture) -> ControllerSettings | None:
     """What a replay must know of the control at work: its virtual rotation, which the angle leaves out."""
     if bench.device.axes != 2 or not bench.controller.enabled:
         return None

@@ -22,6 +22,7 @@ LEVEL = 0.01
 _FAMILIES = 7  # floor, portmanteau, cumulative periodogram, bands, lines, dependence on motion, dependence on drive
 _ALONE = 1e-3  # resonances from a multiple beyond which a single line may as well have nothing to do with it
 _SMALLEST_POWER = -300.0  # of ten, as a chance is told
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TINY_FLOOR = np.finfo(float).tiny
 
 
@@ -121,7 +122,7 @@ def _of_lines(around: tuple[Band, ...], single: tuple[Line, ...], resonance: flo
         if here:
             text += f"; {_count(len(here))}, strongest at {here[0].frequency:.7g} Hz"
             if abs(here[0].offset) > 1e-4 * resonance:
-                text += f", {here[0].offset:+.3g} Hz beside it"
+                text += f", {_signed(here[0].offset, 3)} Hz beside it"
         size = max([band.rms, *(line.rms for line in here)])
         points_at = suspects(f"line at {band.order}")
         if len(here) == 1 and abs(here[0].offset) > _ALONE * resonance:
@@ -171,7 +172,7 @@ def _moves_with(entry: Dependence, log_p: float) -> Finding:
     what = f"follows the {entry.regressor}" if entry.regressor == kind else f"follows {entry.regressor}"
     what = "is always there" if entry.regressor == CONSTANT else what
     phase, side = entry.component.split(", ")
-    text = f"at the resonance, a part {phase} with the motion and {side} it {what} (t = {entry.t:+.1f})"
+    text = f"at the resonance, a part {phase} with the motion and {side} it {what} (t = {_signed(entry.t, 3)})"
     return Finding(kind, text, abs(entry.slope) / math.sqrt(2.0), deviations(log_p), suspects(entry.regressor))
 
 
@@ -194,7 +195,7 @@ def _of_drive(series: Array, estimates: Estimates, record: Record, share: float)
     log_p = of_many(best.log_p, len(entries))
     if log_p >= math.log(share):
         return []
-    text = f"{best.component} follows the drive {best.regressor} without delay (t = {best.t:+.1f})"
+    text = f"{best.component} follows the drive {best.regressor} without delay (t = {_signed(best.t, 3)})"
     return [Finding("drive", text, abs(best.slope), deviations(log_p), suspects("drive"))]
 
 
@@ -216,6 +217,12 @@ def _count(lines_there: int) -> str:
 
 def _chance(log_p: float) -> str:
     power = log_p / math.log(10.0)
-    if power < _SMALLEST_POWER:
-        return f"< 10^{_SMALLEST_POWER:.0f}"
-    return f"= {math.exp(log_p):.2g}" if power > -4.0 else f"= 10^{power:.0f}"
+    if power > -4.0:
+        return f"= {math.exp(log_p):.2g}"
+    exponent = f"{max(power, _SMALLEST_POWER):.0f}".translate(_RAISED)
+    return f"{'<' if power < _SMALLEST_POWER else '='} 10{exponent}"
+
+
+def _signed(value: float, digits: int) -> str:
+    """With its sign, a minus being one and no hyphen."""
+    return f"{value:+.{digits}g}".replace("-", "−")

@@ -13,11 +13,11 @@ _ODD = (
     "sense_cubic",
     "dry_friction",
     "nonlinear_damping",
-    "sense_saturation",
+    "sense_clipping",
     "drive_saturation",
     "drive_dead_band",
 )
-_EVEN = ("quadratic_stiffness", "sense_quadratic", "electrostatic_drive")
+_EVEN = ("quadratic_stiffness", "sense_quadratic", "dry_friction_asymmetric", "electrostatic_drive")
 _LINEAR = (
     "sense_gain",
     "sense_cross_coupling",
@@ -44,10 +44,10 @@ SUSPECTS: Mapping[str, tuple[str, ...]] = {
     "cos 2θ": ("sense_cross_coupling", "drive_misalignment", "nonreciprocal_stiffness"),
     "sin 4θ": ("cubic_stiffness", "sense_cubic", "nonlinear_damping"),
     "cos 4θ": ("cubic_stiffness", "sense_cubic", "nonlinear_damping"),
-    "rate": ("sense_delay", "drive_delay", "nonreciprocal_stiffness", "centrifugal", "euler"),
+    "rate": ("sense_delay", "drive_delay", "nonreciprocal_stiffness"),
     "drive": ("drive_feedthrough", "drive_gain", "drive_misalignment", "drive_delay", "parasitic_mode"),
-    "temperature": ("temperature",),
-    "floor": ("drive_feedthrough", "sense_quantisation"),
+    "temperature": ("temperature_stiffness", "temperature_damping", "temperature_offset"),
+    "floor": ("drive_feedthrough",),
 }
 """Sign in the residual → effects, by name."""
 

@@ -54,13 +54,16 @@ class Confusable:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A candidate that was not taken, and why; `bound` an upper bound (95 %) on each coefficient, SI, where there is
-    one.
+    """A candidate that was not taken, and why.
+
+    bound: an upper bound (95 %) on each coefficient, SI, where there is one; evidence: as of `Found`, what it would
+    have explained by itself, where that was computed.
     """
 
     name: str
     reason: str
     bound: Mapping[str, Interval] = field(default_factory=dict)
+    evidence: float | None = None
 
 
 @dataclass(frozen=True)

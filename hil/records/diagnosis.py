@@ -57,6 +57,7 @@ class Rejected(_Model):
     bound: dict[str, Coefficient] = Field(
         default_factory=dict, description="What its coefficients can be at most, where the record says"
     )
+    evidence: float | None = Field(default=None, description="What it would have explained by itself, as in effects")
 
 
 class Finding(_Model):
@@ -126,7 +127,12 @@ def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
         after=_fit(found.after),
         held_out=HeldOut(before=_fit(found.held_out_before), after=_fit(found.held_out_after)),
         rejected=tuple(
-            Rejected(name=one.name, reason=one.reason, bound={k: _coefficient(v) for k, v in one.bound.items()})
+            Rejected(
+                name=one.name,
+                reason=one.reason,
+                bound={symbol: _coefficient(interval) for symbol, interval in one.bound.items()},
+                evidence=_finite(one.evidence),
+            )
             for one in found.rejected
         ),
         findings=tuple(_finding(finding) for finding in found.findings),

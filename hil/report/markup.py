@@ -2,8 +2,28 @@
 
 from collections.abc import Collection, Iterable, Sequence
 from html import escape
+from importlib.resources import files
 
 Row = Sequence[str]
+
+
+def page(*, kind: str, title: str, tone: str, word: str, sentence: str, key: str, sections: str) -> str:
+    """A whole page. `tone` is a CSS class: good, bad or open; `key` and `sections` are HTML already."""
+    report = files("hil.report")
+    text = report.joinpath("page.html").read_text(encoding="utf-8")
+    values = {
+        "kind": escape(kind),
+        "title": escape(title),
+        "style": report.joinpath("style.css").read_text(encoding="utf-8"),
+        "tone": tone,
+        "word": escape(word),
+        "sentence": escape(sentence),
+        "key": key,
+        "sections": sections,
+    }
+    for name, value in values.items():
+        text = text.replace(f"<!-- {name} -->", value)
+    return text
 
 
 def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int] = ()) -> str:
@@ -21,8 +41,8 @@ def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int]
 def figure(number: int, title: str, caption: str, svg: str) -> str:
     """A numbered figure with its caption."""
     return (
-        f'<figure id="figure-{number}">{svg}<figcaption><b>Figure {number}. {escape(title)}.</b> '
-        f"{escape(caption)}</figcaption></figure>"
+        f'<figure id="figure-{number}"><div class="plot">{svg}</div><figcaption><b>Figure {number}. '
+        f"{escape(title)}.</b> {escape(caption)}</figcaption></figure>"
     )
 
 

@@ -1,0 +1,97 @@
+"""What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hil.records.diagnosis import Diagnosis, Fit
+
+_STYLE = {"adequate": "green", "explained": "green", "unexplained": "red"}
+_FINDINGS = 6
+_REJECTED = 5
+UNEXPLAINED = 1
+
+
+def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
+    """Print the diagnosis and leave: exit code 0, or 1 when something is there that nothing accounts for."""
+    if as_json:
+        print((folder / "diagnosis.json").read_text(encoding="utf-8"), end="")
+    else:
+        print_diagnosis(diagnosis)
+        print(f"\ndiagnosis  {folder / 'diagnosis.json'}\nreport     {folder / 'report.html'}")
+    raise typer.Exit(UNEXPLAINED if diagnosis.verdict == "unexplained" else 0)
+
+
+def print_diagnosis(diagnosis: "Diagnosis") -> None:
+    """Verdict, residual, effects, before and after, what cannot be told apart, what was ruled out."""
+    from rich.console import Console
+
+    from hil.report.numbers import quantity
+
+    console = Console(highlight=False, soft_wrap=True)
+    style = _STYLE[diagnosis.verdict]
+    console.print(f"[bold]{diagnosis.record}[/bold]  [{style}]{diagnosis.verdict}[/{style}]")
+    for reason in diagnosis.reasons:
+        console.print(f"  {reason}", markup=False)
+    for effect in diagnosis.effects:
+        console.print(f"\n[bold]{effect.title}[/bold]  \\[effects.{effect.name}]")
+        for equation in effect.equations:
+            console.print(f"  {equation}", markup=False)
+        for symbol, found in effect.coefficients.items():
+            low, high = ("?" if end is None else f"{end:.5g}" for end in found.ci95)
+            value = "?" if found.value is None else f"{found.value:.5g}"
+            console.print(f"  {symbol} = {value} {found.unit}, 95 % interval {low} to {high}", markup=False)
+        console.print(f"  {effect.undone}", markup=False)
+    console.print()
+    console.print(_fits(diagnosis))
+    if diagnosis.findings:
+        console.print("\nwhat the residual looks like without it" if diagnosis.effects else "\nwhat the residual holds")
+        for finding in diagnosis.findings[:_FINDINGS]:
+            size = "" if finding.size_V is None else f"{quantity(finding.size_V, 'V'):>9}  "
+            console.print(f"  {size}{finding.text}", markup=False)
+    for pair in diagnosis.confusable:
+        alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
+        told = f"to tell them apart: {pair.separate_by}" if pair.separate_by else "no experiment tells them apart"
+        console.print(f"\n{pair.effect} looks like {pair.with_} on this record{alike}; {told}", markup=False)
+    if diagnosis.rejected:
+        console.print("\nruled out")
+        for one in diagnosis.rejected[:_REJECTED]:
+            console.print(f"  {one.name}: {one.reason}", markup=False)
+        if len(diagnosis.rejected) > _REJECTED:
+            console.print(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report", markup=False)
+
+
+def _fits(diagnosis: "Diagnosis") -> "Table":
+    from rich.table import Table
+
+    table = Table("", box=None, pad_edge=False, header_style="dim")
+    fits: tuple[Fit, ...] = (diagnosis.before, diagnosis.after, diagnosis.held_out.before, diagnosis.held_out.after)
+    headings: tuple[str, ...] = ("fitted, before", "after", "held out, before", "after")
+    if not diagnosis.effects:
+        fits, headings = fits[::2], ("fitted", "held out")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for label, cells in _rows(fits):
+        if any(cells):
+            table.add_row(label, *cells)
+    return table
+
+
+def _rows(fits: "tuple[Fit, ...]") -> Iterator[tuple[str, list[str]]]:
+    from hil.report.numbers import quantity
+
+    def shown(value: float | None, unit: str) -> str:
+        return "" if value is None else quantity(value, unit)
+
+    yield "residual, rms", [shown(fit.innovation_rms, "V") for fit in fits]
+    yield "noise floor", [shown(fit.noise_floor, "V") for fit in fits]
+    yield "residual / floor", ["" if fit.ratio is None else f"{fit.ratio:.4g}" for fit in fits]
+    yield "white? (Ljung–Box p)", ["" if fit.whiteness_p is None else f"{fit.whiteness_p:.2g}" for fit in fits]
+    yield "free run, rms error", [shown(fit.simulation_rmse, "V") for fit in fits]
+    yield "angle error, rms", [shown(fit.angle_error_rms_rad, "rad") for fit in fits]
+    yield "rate error, rms", [shown(fit.rate_error_rms_rad_s, "rad/s") for fit in fits]

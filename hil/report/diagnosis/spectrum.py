@@ -1,0 +1,58 @@
+"""Spectrum of the residual before and after, over the noise floor."""
+
+import numpy as np
+
+from hil.report.diagnosis.material import Material
+from hil.report.figures.drawing import Drawing
+from hil.report.numbers import prefix_for, quantity
+from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, plain_log_ticks, stacked
+
+_MOST = 9
+
+
+def draw(material: Material) -> Drawing | None:
+    """Amplitude density of the held-out part, a panel per axis, multiples of the resonance marked."""
+    frequency, before, after = material.held_out_densities
+    if len(frequency) < 8 or not (np.isfinite(before).all() and np.isfinite(after).all() and before.any()):
+        return None
+    rate, resonance = material.sample_rate_Hz, material.resonance_Hz
+    axes = before.shape[1]
+    floors = np.array(material.found.held_out_after.noise_floor) * np.sqrt(2.0 / rate)
+    factor, prefix = prefix_for(float(np.median(floors)))
+    curves = [(before, FIRST, "residual")]
+    if material.changed:
+        curves = [(before, SECOND, "before"), (after, FIRST, "after")]
+    figure, panels = stacked(0.7 + 1.75 * axes, (1.0,) * axes)
+    for axis, ax in enumerate(panels):
+        low, high = [], []
+        for power, colour, name in curves:
+            curve = np.sqrt(power[:, axis]) * factor
+            ax.semilogy(frequency, curve, color=colour, linewidth=0.9, label=name)
+            low.append(curve.min())
+            high.append(curve.max())
+        ax.axhline(floors[axis] * factor, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
+        ax.set_ylim(min(*low, floors[axis] * factor) / 1.4, max(*high, floors[axis] * factor) * 3.0)
+        plain_log_ticks(ax.yaxis)
+        ax.set_ylabel(f"ν{'xy'[axis]} / ({prefix}V/√Hz)")
+        for order in range(1, _MOST + 1):
+            if order * resonance < 0.98 * rate / 2:
+                ax.axvline(order * resonance, color=MUTED, linewidth=0.7, dashes=(1, 2))
+                ax.annotate(
+                    "f₀" if order == 1 else f"{order} f₀",
+                    (order * resonance, 1.0),
+                    xycoords=ax.get_xaxis_transform(),
+                    xytext=(2, -8),
+                    textcoords="offset points",
+                    color=MUTED,
+                    fontsize=8,
+                )
+        ax.set_xlim(0, rate / 2)
+    legend(panels[0])
+    panels[-1].set_xlabel("frequency / Hz")
+    caption = (
+        "Amplitude density of the innovation on the part of the record that the choice never saw (Welch). "
+        f"Dotted: multiples of the resonance f₀ = {quantity(resonance, 'Hz', 4)}."
+    )
+    fit = material.found.held_out_after
+    alt = f"The residual is {material.found.held_out_before.ratio:.3g} times the floor before, {fit.ratio:.3g} after."
+    return Drawing(figure, "Spectrum of the residual", caption, f"{alt} {caption}")

@@ -1,0 +1,131 @@
+"""The tables of the page of a trace."""
+
+import math
+
+from hil.records.diagnosis import Coefficient, Diagnosis
+from hil.report.markup import table
+from hil.report.names import shown_unit
+from hil.report.numbers import count, plus_minus, quantity, significant
+
+_FIGURES = {
+    "innovation_rms": ("residual, rms", "V"),
+    "noise_floor": ("noise floor", "V"),
+    "ratio": ("residual over floor", ""),
+    "whiteness_p": ("white? Ljung–Box p", ""),
+    "simulation_rmse": ("free run, rms error", "V"),
+    "angle_error_rms_rad": ("angle error, rms", "rad"),
+    "rate_error_rms_rad_s": ("rate error, rms", "rad/s"),
+}
+"""Figure of a `Fit` → how it is called, and its unit."""
+
+
+def fits(diagnosis: Diagnosis) -> str:
+    """Before and after, fitted and held out; where nothing was added there is one of each."""
+    columns = [diagnosis.before, diagnosis.after, diagnosis.held_out.before, diagnosis.held_out.after]
+    head = ["", "fitted, before", "after", "held out, before", "after"]
+    if not diagnosis.effects:
+        columns, head = columns[::2], ["", "fitted", "held out"]
+    rows = []
+    for key, (label, unit) in _FIGURES.items():
+        values: list[float | None] = [getattr(fit, key) for fit in columns]
+        if any(value is not None for value in values):
+            rows.append((label, *(_chance(value) if key == "whiteness_p" else _shown(value, unit) for value in values)))
+    caption = (
+        f"Fitted: the first {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which "
+        "the choice never saw"
+    )
+    return table(caption, head, rows, range(1, len(head)))
+
+
+def coefficients(diagnosis: Diagnosis) -> str:
+    """What was found, SI per unit mass."""
+    rows = [
+        (symbol, _estimate(found), _interval(found), shown_unit(found.unit), effect.title)
+        for effect in diagnosis.effects
+        for symbol, found in effect.coefficients.items()
+    ]
+    head = ["coefficient", "estimate", "95 % interval", "unit", "of"]
+    if len(diagnosis.effects) == 1:
+        head.pop()
+    caption = "Coefficients, SI per unit mass, ± half of the 95 % interval"
+    return table(caption, head, [row[: len(head)] for row in rows], (1, 2)) if rows else ""
+
+
+def findings(diagnosis: Diagnosis) -> str:
+    """What the residual of the model as it was holds."""
+    rows = [
+        (
+            finding.text,
+            "" if finding.size_V is None else quantity(finding.size_V, "V"),
+            "" if finding.significance is None else significant(finding.significance, 2),
+            ", ".join(_plain(name) for name in finding.points_at[:3]) + (" …" if len(finding.points_at) > 3 else ""),
+        )
+        for finding in diagnosis.findings
+    ]
+    caption = "Largest first; σ: how surprising, all the places looked at allowed for"
+    return table(caption, ("in the residual", "rms", "σ", "points at"), rows, (1, 2)) if rows else ""
+
+
+def confusable(diagnosis: Diagnosis) -> str:
+    """What this record cannot tell apart, and what would."""
+    rows = [
+        (
+            _plain(pair.effect),
+            _plain(pair.with_),
+            "" if pair.correlation is None else f"{pair.correlation:.5f}",
+            pair.separate_by or "nothing known",
+            "" if pair.expected is None else f"{pair.expected:.3f}",
+        )
+        for pair in diagnosis.confusable
+    ]
+    caption = "Effects whose signatures look the same on this record; correlation here, and in the experiment"
+    head = ("effect", "looks like", "here", "experiment that tells them apart", "there")
+    return table(caption, head, rows, (2, 4)) if rows else ""
+
+
+def rejected(diagnosis: Diagnosis) -> str:
+    """What was looked at and not taken, and how large it can be at most."""
+    rows = [
+        (_plain(one.name), one.reason, "; ".join(_bound(symbol, found) for symbol, found in one.bound.items()))
+        for one in diagnosis.rejected
+    ]
+    head = ("candidate", "why not", "its coefficients, 95 %")
+    return table("Looked at and not taken", head, rows) if rows else ""
+
+
+def _shown(value: float | None, unit: str) -> str:
+    if value is None:
+        return "–"
+    return quantity(value, unit) if unit else significant(value)
+
+
+def _chance(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return "< 10⁻³⁰⁰" if value == 0.0 else significant(value, 2)
+
+
+def _estimate(found: Coefficient) -> str:
+    low, high = found.ci95
+    if found.value is None:
+        return "–"
+    if low is None or high is None:
+        return significant(found.value)
+    return plus_minus(found.value, (high - low) / 2.0)
+
+
+def _interval(found: Coefficient) -> str:
+    return " to ".join("unbounded" if end is None else significant(end, 4) for end in found.ci95)
+
+
+def _bound(symbol: str, found: Coefficient) -> str:
+    low, high = found.ci95
+    ends = [end for end in (low, high) if end is not None and math.isfinite(end)]
+    if not ends:
+        return f"{symbol} unbounded"
+    largest = max(abs(end) for end in ends)
+    return f"|{symbol}| < {significant(largest, 2)} {shown_unit(found.unit)}".rstrip()
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")

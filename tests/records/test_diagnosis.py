@@ -1,0 +1,201 @@
+"""diagnosis.json and the page of a trace: what is promised of them, from an answer whose content is known."""
+
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.residual.spectrum import density
+from estimator.settings import Device, ObserverSettings
+from estimator.trace import diagnosis as traced
+from estimator.trace.record import Record
+from hil.addition import additions
+from hil.errors import InputError
+from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
+from hil.report.diagnosis import write_report
+from hil.report.diagnosis.equations import typeset
+
+N, RATE, RESONANCE, NOISE = 16000, 4000.0, 200.0, 9e-5
+DEVICE = Device(
+    sample_rate=RATE,
+    stiffness=((2 * math.pi * RESONANCE) ** 2,) * 2 + (0.0,),
+    damping=(1.0, 1.0, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, -890.0),
+    noise=(NOISE, NOISE),
+)
+DESIGN_KEYS = {"verdict", "effects", "confusable", "before", "after", "held_out", "rejected"}
+FIT_KEYS = {
+    "innovation_rms", "noise_floor", "ratio", "whiteness_p", "simulation_rmse", "angle_error_rms_rad",
+    "rate_error_rms_rad_s",
+}  # fmt: skip
+
+
+def ride() -> Record:
+    t = np.arange(N) / RATE
+    swing = 0.089 * (1 + 0.3 * np.sin(6.0 * t)) * np.cos(2 * np.pi * RESONANCE * t)
+    sense = swing[:, None] * np.stack([np.cos(3 * t), np.sin(3 * t)], axis=1)
+    return Record(sense, np.zeros((N, 2, 1)), np.full(N, 1 / RATE))
+
+
+def answer(*, found: bool = True, verdict: traced.Verdict = traced.Verdict.EXPLAINED) -> traced.Diagnosis:
+    """An answer with one effect, or none; the residual before is three times the noise."""
+    random = np.random.default_rng(1)
+
+    def residual(size: float) -> traced.Residual:
+        nu = size * NOISE * random.standard_normal((N, 2))
+        return traced.Residual(nu, *density(nu, RATE))
+
+    def fit(size: float) -> traced.Fit:
+        return traced.Fit((size * NOISE, size * NOISE), (NOISE, NOISE), size, 0.0 if size > 1 else 0.4, math.nan, 0.3)
+
+    effect = traced.Found(
+        "cubic_stiffness",
+        "Cubic stiffness of each axis",
+        ("ẍ = … -k3x*x**3", "ÿ = … -k3y*y**3"),
+        {
+            "k3x": traced.Interval(1e13, 0.99e13, 1.01e13, "1/(m²·s²)"),
+            "k3y": traced.Interval(2e12, 1e12, math.inf, "1"),
+        },
+        1.6e5,
+        "the control law subtracts its force",
+    )
+    after = 1.0 if found else 3.0
+    return traced.Diagnosis(
+        verdict,
+        (effect,) if found else (),
+        (traced.Confusable("cubic_stiffness", "sense_cubic", 0.9995, "step the amplitude", 0.6),) if found else (),
+        (
+            traced.Rejected("sense_gain", "explains <nothing>", {"gy": traced.Interval(0.0, -1e-3, 2e-3, "1")}, 3.0),
+            traced.Rejected("dry_friction", "predicts worse"),
+        ),
+        (traced.Finding("line", "around 3 × the resonance", 4e-5, 37.0, ("cubic_stiffness",)),),
+        fit(3.0),
+        fit(after),
+        fit(3.0),
+        fit(after),
+        residual(3.0),
+        residual(after),
+        9600,
+        ("the residual is 3 × the noise floor",),
+    )
+
+
+def written(folder: Path, found: traced.Diagnosis) -> str:
+    diagnosis = to_model(found, record="ride <1>", bench="S-test")
+    (folder / "bench.toml").write_text("[device]\n", encoding="utf-8")
+    return write_report(folder, found, diagnosis, ride(), DEVICE, ObserverSettings()).read_text(encoding="utf-8")
+
+
+def test_the_file_has_what_was_promised(tmp_path: Path) -> None:
+    save_diagnosis(tmp_path / "diagnosis.json", to_model(answer(), record="ride", bench="S-test"))
+    said = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+    assert said.keys() >= DESIGN_KEYS
+    assert said["held_out"].keys() == {"before", "after"}
+    for fit in (said["before"], said["after"], *said["held_out"].values()):
+        assert fit.keys() >= FIT_KEYS
+    assert said["verdict"] == "explained"
+    assert said["effects"][0]["coefficients"]["k3x"] == {
+        "value": 1e13, "ci95": [0.99e13, 1.01e13], "unit": "1/(m²·s²)",
+    }  # fmt: skip
+    assert said["confusable"][0].items() >= {
+        ("effect", "cubic_stiffness"), ("with", "sense_cubic"), ("separate_by", "step the amplitude"),
+    }  # fmt: skip
+    assert said["rejected"][0].items() >= {("name", "sense_gain"), ("reason", "explains <nothing>")}
+    assert said["before"]["innovation_rms"] == pytest.approx(3 * NOISE)
+    assert said["equations"] == ["ẍ = … -k3x*x**3", "ÿ = … -k3y*y**3"]
+
+
+def test_what_is_no_number_is_null_and_the_file_reads_back(tmp_path: Path) -> None:
+    model = to_model(answer(), record="ride", bench="S-test")
+    assert model.before.simulation_rmse is None
+    assert model.effects[0].coefficients["k3y"].ci95 == (1e12, None)
+    save_diagnosis(tmp_path / "d.json", model)
+    assert load_diagnosis(tmp_path / "d.json") == model
+
+
+def test_a_file_that_is_none_is_refused_by_its_key(tmp_path: Path) -> None:
+    save_diagnosis(tmp_path / "d.json", to_model(answer(), record="ride", bench="S-test"))
+    text = (tmp_path / "d.json").read_text(encoding="utf-8").replace('"explained"', '"certain"')
+    (tmp_path / "d.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"d\.json: verdict: .*trace the record anew"):
+        load_diagnosis(tmp_path / "d.json")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_diagnosis(tmp_path / "absent.json")
+
+
+def test_only_what_explains_is_added() -> None:
+    (addition,) = additions(to_model(answer(), record="ride", bench="S-test"))
+    assert addition.name == "cubic_stiffness"
+    assert addition.coefficients["k3x"][0] == 1e13
+    assert "9.9e+12 to 1.01e+13" in addition.coefficients["k3x"][1]
+    for verdict in (traced.Verdict.UNEXPLAINED, traced.Verdict.ADEQUATE):
+        assert additions(to_model(answer(verdict=verdict), record="ride", bench="S-test")) == []
+
+
+def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
+    page = written(tmp_path, answer())
+    assert not re.search(r'(?:src|href)="(?!#)', page)
+    assert "<script" not in page
+    for words in (
+        "Explained.", "the residual falls from 3.00 to 1.00 × the noise floor", "cannot be told from sense cubic",
+        "<i>k</i><sub>3x</sub>", "held out, before", "step the amplitude", "|gy| &lt; 0.0020",
+        "explains &lt;nothing&gt;",
+        "ride &lt;1&gt;", "Residual over time", "Spectrum of the residual", "Residual against the motion",
+        "Evidence for the candidates", "Coefficients", "the control law subtracts its force",
+    ):  # fmt: skip
+        assert words in page, words
+    assert page.count("<figure") == 5
+
+
+@pytest.mark.parametrize(
+    ("verdict", "tone", "word"),
+    [(traced.Verdict.ADEQUATE, "good", "Adequate"), (traced.Verdict.UNEXPLAINED, "bad", "Unexplained")],
+)
+def test_a_page_without_an_effect_has_no_after(tmp_path: Path, verdict: traced.Verdict, tone: str, word: str) -> None:
+    page = written(tmp_path, answer(found=False, verdict=verdict))
+    assert f'class="verdict {tone}"><strong>{word}.' in page
+    assert "What the model lacks" not in page
+    assert "held out, before" not in page
+    assert '<h2 id="error">Error</h2>' in page
+
+
+def test_a_record_of_one_axis_and_few_cycles_has_a_page(tmp_path: Path) -> None:
+    found, short = answer(), slice(0, 400)
+
+    def cut(residual: traced.Residual) -> traced.Residual:
+        nu = residual.innovation[short, :1]
+        return traced.Residual(nu, *density(nu, RATE))
+
+    def one(fit: traced.Fit) -> traced.Fit:
+        return replace(fit, innovation_rms=fit.innovation_rms[:1], noise_floor=fit.noise_floor[:1])
+
+    found = replace(
+        found, before=one(found.before), after=one(found.after), held_out_before=one(found.held_out_before),
+        held_out_after=one(found.held_out_after), residual_before=cut(found.residual_before),
+        residual_after=cut(found.residual_after), split=240,
+    )  # fmt: skip
+    record, single = ride().part(short), replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=(1.0,))
+    single = replace(single, sense_gain=(-890.0,), noise=(NOISE,))
+    record = Record(record.sense[:, :1], record.drive[:, :1], record.step)
+    diagnosis = to_model(found, record="ride", bench="one")
+    page = write_report(tmp_path, found, diagnosis, record, single, ObserverSettings()).read_text(encoding="utf-8")
+    assert "Residual over time" in page
+    assert "Residual against the motion" not in page
+
+
+@pytest.mark.parametrize(
+    ("plain", "set_"),
+    [
+        ("-k3x*x**3", "− <i>k</i><sub>3x</sub>\u202f<i>x</i><sup>3</sup>"),
+        ("ẍ = -d3y*vy*y**2", "<i>ẍ</i> = − <i>d</i><sub>3y</sub>\u202f<i>ẏ</i>\u202f<i>y</i><sup>2</sup>"),
+        ("fx*tanh(100.0*vx)", "<i>f</i><sub>x</sub>\u202ftanh(100\u202f<i>ẋ</i>)"),
+        ("a < b", "<i>a</i> &lt; <i>b</i>"),
+    ],
+)
+def test_equations_are_set(plain: str, set_: str) -> None:
+    assert typeset(plain) == set_
