@@ -18,6 +18,7 @@ BENCHMARKS = {
     "consistency": "coverage, NEES and Cramér–Rao ratio over 400 seeds of S-slow and S-classic",
     "tracking": "rate steps, a 30 Hz sine, then a million samples of nothing",
     "variants": "the observers of 7 and 11 states",
+    "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "soak": "ten million samples in lockstep",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }

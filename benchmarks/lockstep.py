@@ -6,6 +6,7 @@ its truth file.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from device_emulator.board import Board
 from device_emulator.device import TRUTH_COLUMNS, Device
+from device_emulator.line import Line
 from device_emulator.scenario import Scenario, load
 from estimator.observer import Observer
 from hil.bench import Bench, load_bench, override
@@ -72,10 +74,19 @@ class ClosedLoop:
     sample_rate_Hz: float
     observer: Observer
     counters: Counters
+    inflicted: Mapping[str, int]  # by the scenario's faults
+    frames: dict[str, int]  # what the host's receiver counted: lost, repeated, damaged
 
     def at(self, name: str) -> Floats:
         """The truth of a column at the ticks of the estimates."""
         return self.truth[name][self.tick]
+
+
+class _OnLine:
+    """A board behind the line of its scenario."""
+
+    def __init__(self, board: Board, line: Line) -> None:
+        self.exchange, self.close = line.exchange, board.close
 
 
 def scenario_of(name: str, **changes: dict[str, Any]) -> Scenario:
@@ -107,7 +118,8 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
     device = Device(scenario, seed, lambda _, rows: pages.append(rows.copy()))
     board = Board(scenario, device, (ClockMode.LOCKSTEP,))
     bench = override(bench, {"loop": {"clock": "lockstep", "estimate_every": every}}, "benchmark")
-    endpoint = Endpoint(InprocLink(board))
+    line = Line(board, scenario, seed)
+    endpoint = Endpoint(InprocLink(_OnLine(board, line) if scenario.faults.on_the_line else board))
     identity = client.connect(endpoint)
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     states = len(observer.names)
@@ -150,6 +162,8 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
         sample_rate_Hz=scenario.board.sample_rate_Hz,
         observer=observer,
         counters=loop.counters,
+        inflicted=dict(line.inflicted),
+        frames={"lost": endpoint.rx.lost, "repeated": endpoint.rx.repeated, "damaged": endpoint.rx.bad},
     )
 
 

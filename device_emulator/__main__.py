@@ -34,6 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _serve(options: argparse.Namespace) -> None:
     from device_emulator.board import Board
     from device_emulator.device import Device
+    from device_emulator.line import Line
     from device_emulator.scenario import load
     from device_emulator.serve import Server, stop_signal
     from device_emulator.truth import TruthFile, truth_metadata
@@ -55,7 +56,11 @@ def _serve(options: argparse.Namespace) -> None:
         stack.callback(link.close)
         board = Board(scenario, device, (ClockMode.PACED, ClockMode.LOCKSTEP))
         print(f"ready serial:{link.path}", flush=True)
-        Server(board, link, scenario.board.sample_rate_Hz).run(stop)
+        line = Line(board, scenario, options.seed) if scenario.faults.on_the_line else None
+        Server(board, link, scenario.true_rate_Hz, line).run(stop)
+        if line is not None:
+            told = ", ".join(f"{fate} {count}" for fate, count in sorted(line.inflicted.items()))
+            print(f"device_emulator: faults inflicted: {told or 'none'}", file=sys.stderr)
 
 
 def _positive(text: str) -> int:

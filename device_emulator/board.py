@@ -68,24 +68,12 @@ class Board:
 
     def __init__(self, scenario: Scenario, device: Device, clocks: tuple[ClockMode, ...]) -> None:
         self._device = device
-        self._schedule = Schedule()
-        self._rx = Receiver()
-        self._tx = Transmitter()
-        self.registers = Registers(clocks)
-        self.state = State.BOOT
-        self._reason = SafeReason.NONE
-        self._greeted = False
-        self.dropped = 0  # SENSE blocks, by whoever sends them
-        self._late = self._held = self._saturated = self._trips = 0
-        self._due = 0  # next tick that needs a drive, while RUNNING
-        self._fed = 0  # tick at which the watchdog was last fed
-        self._block: list[NDArray[np.int32]] = []  # gain mode: rows of the next SENSE
-        self._block_flags = 0
+        self._clocks = clocks
         self._code_max = drive_code_max(scenario)
         self._width = 2 if max(scenario.sense.adc_bits, scenario.drive.dac_bits) <= 16 else 3
         self._latency = scenario.drive.latency_samples
-        self._feedback = Feedback(self._latency, self._code_max)
         self._tick_ns = 1e9 / scenario.board.sample_rate_Hz
+        self._pace = 1.0 + scenario.faults.clock_skew
         self._identity = _identity(scenario, clocks)
         self._answers: dict[type[Any], Callable[[Any], list[Message]]] = {
             Hello: self._hello,
@@ -98,6 +86,24 @@ class Board:
             DriveForce: self._drive,
             DriveGains: self._gains,
         }
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Begin as after switching on: nothing remembered but what the device itself does. Its ticks go on."""
+        self._schedule = Schedule()
+        self._rx = Receiver()
+        self._tx = Transmitter()
+        self.registers = Registers(self._clocks)
+        self.state = State.BOOT
+        self._reason = SafeReason.NONE
+        self._greeted = False
+        self.dropped = 0  # SENSE blocks, by whoever sends them
+        self._late = self._held = self._saturated = self._trips = 0
+        self._due = 0  # next tick that needs a drive, while RUNNING
+        self._fed = 0  # tick at which the watchdog was last fed
+        self._block: list[NDArray[np.int32]] = []  # gain mode: rows of the next SENSE
+        self._block_flags = 0
+        self._feedback = Feedback(self._latency, self._code_max)
 
     @property
     def streaming(self) -> bool:
@@ -130,6 +136,7 @@ class Board:
         for received in self._rx.feed(data):
             message = received.message
             answer = self._answers.get(type(message))
+            repeated = isinstance(message, Arm) and self.state is State.ARMED
             try:
                 if answer is None:
                     raise Refused(NackReason.NOT_SUPPORTED)
@@ -138,7 +145,8 @@ class Board:
                 said += self._say(Nack(type_of(type(message)), received.seq, refusal.reason))
                 continue
             said += b"".join(map(self._say, answers))
-            if self.registers.lockstep and self.streaming and isinstance(message, Arm | DriveForce | DriveGains):
+            closing = Arm | DriveForce | DriveGains
+            if self.registers.lockstep and self.streaming and isinstance(message, closing) and not repeated:
                 said += self.block()
         return said + b"".join(map(self._say, self._rx.refused))
 
@@ -312,6 +320,8 @@ class Board:
         return [self._identity]
 
     def _arm(self, _: Arm) -> list[Message]:
+        if self.state is State.ARMED:  # the answer to the first one was lost on the way
+            return [self.status()]
         if self.state not in (State.IDLE, State.SAFE) or not self._greeted:
             raise Refused(NackReason.BAD_STATE)
         if self._latency == 0 and not (self.registers.lockstep or self.registers.gain_mode):
@@ -342,7 +352,7 @@ class Board:
 
     def _time(self, sync: TimeSync) -> list[Message]:
         # In lockstep the board's time is bench time, so that a record does not depend on the machine's speed.
-        now = round(self.tick * self._tick_ns) if self.registers.lockstep else time.monotonic_ns()
+        now = round(self.tick * self._tick_ns) if self.registers.lockstep else round(time.monotonic_ns() * self._pace)
         return [sync._replace(board_ns=now)]
 
 

@@ -32,6 +32,7 @@ from device_emulator.sense import (
     sense_constants,
     start,
     track,
+    upset,
     wander,
 )
 from device_emulator.temperature import warmer
@@ -213,7 +214,7 @@ def _advance(
             phi = offset(sense, state.sense, t, axis)
             volts = amplified(hidden, axis, sense.gain_V_per_m[axis] * moved + phi + added)
             code, over = convert(sense, volts + sense.noise_V * normals[axis])
-            sense_codes[row, axis] = shown(hidden, code)
+            sense_codes[row, axis] = upset(sense, state.sense, state.tick, axis, shown(hidden, code))
             clipped |= over
             truth[row, 4 + axis] = phi
         truth[row, :4] = motion[:4]

@@ -51,12 +51,12 @@ def drive_constants(scenario: Scenario) -> NDArray[Any]:
     constants = np.zeros(1, DRIVE)
     c = constants[0]
     c["lsb_mps2"] = drive_scale(scenario)
-    c["ts_s"] = 1.0 / scenario.board.sample_rate_Hz
+    c["ts_s"] = 1.0 / scenario.true_rate_Hz
     c["slew_mps3"] = slew_mps3(scenario.effect)
     for axis, delay in enumerate(delay_s(scenario.effect, Kind.DRIVE_DELAY)):
-        whole = math.floor(delay * scenario.board.sample_rate_Hz)
+        whole = math.floor(delay * scenario.true_rate_Hz)
         c["delay_samples"][axis] = whole
-        c["delay_rest_s"][axis] = delay - whole / scenario.board.sample_rate_Hz
+        c["delay_rest_s"][axis] = delay - whole / scenario.true_rate_Hz
     return constants
 
 

@@ -4,18 +4,20 @@ from pathlib import Path
 
 from device_emulator.board import Board
 from device_emulator.device import Device
+from device_emulator.line import Line
 from device_emulator.scenario import load
 from device_emulator.truth import TruthFile, truth_metadata
 from hil.wire.messages import ClockMode
 
 
 class InprocessBoard:
-    """What `hil.wire.inproc` asks of a board."""
+    """What `hil.wire.inproc` asks of a board; `line` is what stands before it where the scenario has faults."""
 
-    def __init__(self, board: Board, truth: TruthFile | None) -> None:
+    def __init__(self, board: Board, truth: TruthFile | None, line: Line | None) -> None:
         self._board = board
         self._truth = truth
-        self.exchange = board.exchange
+        self.line = line
+        self.exchange = board.exchange if line is None else line.exchange
 
     def close(self) -> None:
         """Finish the truth file."""
@@ -32,4 +34,5 @@ def open_board(scenario: str, truth: str | None = None, seed: int | None = None)
     what = load(Path(scenario))
     file = None if truth is None else TruthFile(Path(truth), truth_metadata(what, seed))
     device = Device(what, seed, None if file is None else file.add)
-    return InprocessBoard(Board(what, device, (ClockMode.LOCKSTEP,)), file)
+    board = Board(what, device, (ClockMode.LOCKSTEP,))
+    return InprocessBoard(board, file, Line(board, what, seed) if what.faults.on_the_line else None)

@@ -73,7 +73,7 @@ def plant_constants(scenario: Scenario) -> NDArray[Any]:
     truth = scenario.truth
     kxx, kyy, kxy = (k / truth.mass_kg for k in truth.stiffness_N_per_m)
     dxx, dyy, dxy = (d / truth.mass_kg for d in truth.damping_N_s_per_m)
-    ts = 1.0 / scenario.board.sample_rate_Hz
+    ts = 1.0 / scenario.true_rate_Hz
     own = STEPS_PER_CYCLE * math.sqrt(max(kxx, kyy)) / (2.0 * math.pi)
     substeps = max(8, math.ceil(ts * max(own, STEPS_PER_INNER_CYCLE * resonance_Hz(scenario.effect))))
     thermal = 2.0 * BOLTZMANN_J_PER_K * truth.temperature_K / truth.mass_kg

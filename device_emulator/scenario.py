@@ -11,6 +11,7 @@ from typing import Annotated, Any, get_args
 from pydantic import Field, PlainValidator, ValidationError, model_validator
 
 from device_emulator.effects import catalogue as effects
+from device_emulator.faults import Faults
 from device_emulator.rate import Rate
 from device_emulator.section import (
     Damping,
@@ -102,6 +103,7 @@ class Scenario(Section):
     rate: Rate
     temperature: Temperature = Temperature()
     effect: list[Annotated[effects.HiddenEffect, PlainValidator(effects.parse)]] = Field(default_factory=list)
+    faults: Faults = Field(default_factory=Faults)
 
     @model_validator(mode="after")
     def _within_the_model(self) -> "Scenario":
@@ -112,6 +114,11 @@ class Scenario(Section):
         if effects.inner_states(self.effect) > effects.MAX_INNER:
             raise ValueError(f"effect: expected at most {effects.MAX_INNER} states of their own among all of them")
         return self
+
+    @property
+    def true_rate_Hz(self) -> float:
+        """Ticks per second of true time; the board believes in `board.sample_rate_Hz`."""
+        return self.board.sample_rate_Hz * (1.0 + self.faults.clock_skew)
 
 
 def load(path: Path) -> Scenario:

@@ -24,12 +24,13 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-def _tuple(value: Any) -> Any:
+def as_tuple(value: Any) -> Any:
+    """A TOML list as the tuple that strict fields expect."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def _both_axes(value: Any) -> Any:
-    return (value, value) if isinstance(value, int | float) and not isinstance(value, bool) else _tuple(value)
+    return (value, value) if isinstance(value, int | float) and not isinstance(value, bool) else as_tuple(value)
 
 
 Positive = Annotated[float, Field(gt=0)]
@@ -37,9 +38,9 @@ NonNegative = Annotated[float, Field(ge=0)]
 PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]
 
 # [x, y], and the entries [xx, yy, xy] of a symmetric matrix.
-Pair = Annotated[tuple[float, float], BeforeValidator(_tuple)]
-Stiffness = Annotated[tuple[Positive, Positive, float], BeforeValidator(_tuple)]
-Damping = Annotated[tuple[NonNegative, NonNegative, float], BeforeValidator(_tuple)]
+Pair = Annotated[tuple[float, float], BeforeValidator(as_tuple)]
+Stiffness = Annotated[tuple[Positive, Positive, float], BeforeValidator(as_tuple)]
+Damping = Annotated[tuple[NonNegative, NonNegative, float], BeforeValidator(as_tuple)]
 
 # A number for both axes, or [x, y].
 PerAxis = Annotated[tuple[float, float], BeforeValidator(_both_axes)]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from device_emulator.compiled import compiled
 from device_emulator.effects.catalogue import Kind, delay_s
 from device_emulator.effects.sense import displacement
+from device_emulator.faults import MAX_SENSE_FAULTS, Saturated
 from device_emulator.scenario import Scenario
 
 MAX_FLICKER_POLES = 12
@@ -47,6 +48,12 @@ SENSE = np.dtype(
         ("high_pass", "f8", (2, 5)),
         ("low_pass", "f8", (2, 5)),
         ("delay_substeps", "f8", 2),
+        # Faults: on `axis`, ticks `first` to `last`, the code stays (limit -1) or is held within ± limit.
+        ("faults", "i8"),
+        ("fault_axis", "i8", MAX_SENSE_FAULTS),
+        ("fault_first", "i8", MAX_SENSE_FAULTS),
+        ("fault_last", "i8", MAX_SENSE_FAULTS),
+        ("fault_limit", "i8", MAX_SENSE_FAULTS),
     ],
     align=True,
 )
@@ -60,6 +67,7 @@ SENSE_STATE = np.dtype(
         ("newest", "i8"),  # row of `history` written last
         ("walk", "f8", 2),
         ("flicker", "f8", (2, MAX_FLICKER_POLES)),
+        ("shown", "i8", 2),  # code of the last row
     ],
     align=True,
 )
@@ -78,7 +86,7 @@ def sense_gain(scenario: Scenario) -> tuple[float, float]:
 def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
     """The chain as its kernels read it, shape (1,) of dtype `SENSE`."""
     s = scenario.sense
-    fs = scenario.board.sample_rate_Hz
+    fs = scenario.true_rate_Hz
     constants = np.zeros(1, SENSE)
     c = constants[0]
     c["gain_V_per_m"] = gain = np.array(sense_gain(scenario))
@@ -109,8 +117,20 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
         c["high_pass"][axis] = _first_order(c["leak_per_s"][axis], substep_s)
         c["low_pass"][axis] = _first_order(2.0 * math.pi * s.low_pass_Hz[axis], substep_s)
     c["delay_substeps"] = np.array(delay_s(scenario.effect, Kind.SENSE_DELAY)) / substep_s
+    _enter_faults(c, scenario)
     c["tracked"] = bool(np.isfinite([*s.feedback_ohm, *s.low_pass_Hz]).any() or (c["delay_substeps"] > 0.0).any())
     return constants
+
+
+def _enter_faults(constants: Any, scenario: Scenario) -> None:
+    faults, rate = scenario.faults, scenario.board.sample_rate_Hz
+    for k, fault in enumerate([*faults.stuck, *faults.saturated]):
+        constants["fault_axis"][k] = "xy".index(fault.axis)
+        constants["fault_first"][k] = math.ceil(fault.start_s * rate)
+        constants["fault_last"][k] = math.ceil((fault.start_s + fault.duration_s) * rate) - 1
+        limit = fault.limit_V / constants["lsb_V"] if isinstance(fault, Saturated) else -1
+        constants["fault_limit"][k] = int(limit)
+        constants["faults"] = k + 1
 
 
 def history_rows(sense: NDArray[Any]) -> int:
@@ -219,3 +239,14 @@ def convert(sense: Any, voltage: float) -> tuple[int, bool]:
     if code < -sense.code_max - 1:
         return int(-sense.code_max - 1), True
     return int(code), False
+
+
+@compiled
+def upset(sense: Any, state: Any, tick: int, axis: int, code: int) -> int:
+    """The code that goes out when the sense chain has a fault: the last one again, or one that went no further."""
+    for k in range(sense.faults):
+        if sense.fault_axis[k] == axis and sense.fault_first[k] <= tick <= sense.fault_last[k]:
+            limit = sense.fault_limit[k]
+            code = state.shown[axis] if limit < 0 else min(max(code, -limit), limit)
+    state.shown[axis] = code
+    return code

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 
 from device_emulator import realtime
 from device_emulator.board import Board
+from device_emulator.line import Line, Unplugged
 from device_emulator.outbox import Outbox
 from hil.wire.errors import LinkClosed
 from hil.wire.messages import SafeReason
@@ -30,12 +31,17 @@ _LEAD_S = 0.005  # from ARM to the first tick
 
 
 class Server:
-    """Serves one board on one pty until it is told to stop, its parent dies, or a lockstep host hangs up."""
+    """Serves one board on one pty until it is told to stop, its parent dies, or a lockstep host hangs up.
 
-    def __init__(self, board: Board, link: PtyLink, sample_rate_Hz: float) -> None:
+    `sample_rate_Hz` counts in true time; a `line` with faults stands between board and link.
+    """
+
+    def __init__(self, board: Board, link: PtyLink, sample_rate_Hz: float, line: Line | None = None) -> None:
         self._board = board
         self._link = link
         self._outbox = Outbox(link)
+        self._line = line
+        self._source = board if line is None else line
         self._rate_Hz = sample_rate_Hz
         self._origin: float | None = None  # wall time of tick 0, once a paced board has streamed
         self._urgent = False
@@ -47,8 +53,12 @@ class Server:
             try:
                 if not self._turn(stop):
                     return
+            except Unplugged:
+                return
             except LinkClosed:
                 self._outbox.clear()
+                if self._line is not None:
+                    self._line.hang_up()
                 if self._board.registers.lockstep:
                     return
                 if self._board.streaming:
@@ -84,7 +94,7 @@ class Server:
     def _send_block(self) -> None:
         """The next SENSE. What a host in force mode has not taken by now is stale; a stream may wait its turn."""
         board = self._board
-        said = board.block()
+        said = self._source.block()
         if not board.registers.gain_mode:
             self._link.send(said)
         elif not self._outbox.put(said, droppable=board.streaming):
@@ -96,20 +106,22 @@ class Server:
         before = board.streaming, board.registers.lockstep
         while True:
             left = deadline - time.monotonic()
+            left = deadline - time.monotonic()
+            due = left if self._line is None else min(left, self._line.due_s() - time.monotonic())
             full = (link.fileno(),) if self._outbox else ()
-            ready, room, _ = select.select((link.fileno(), stop), full, (), max(left, 0.0))
-            if not (ready or room):
+            ready, room, _ = select.select((link.fileno(), stop), full, (), max(due, 0.0))
+            if not (ready or room) and due >= left:
                 return False
             if stop in ready:
                 return None
             if room:
                 self._outbox.flush()
-            if not ready:
+            if room and not ready:
                 if left <= 0.0:
                     return False
                 continue
             self._pass_time()
-            self._say(board.exchange(link.receive(0.0)))
+            self._say(self._source.exchange(link.receive(0.0)))
             if (board.streaming, board.registers.lockstep) != before:
                 if self._origin is not None and board.streaming:
                     self._catch_up()
@@ -121,7 +133,7 @@ class Server:
         """Bring a board that closes the loop itself to the present before it hears what is said now."""
         board = self._board
         if self._origin is not None and board.streaming and board.registers.gain_mode:
-            self._say(board.pass_time(int((time.monotonic() - self._origin) * self._rate_Hz)))
+            self._say(self._source.pass_time(int((time.monotonic() - self._origin) * self._rate_Hz)))
 
     def _say(self, data: bytes) -> None:
         """Answers; behind what waits already, where a stream may have to wait."""

@@ -1,5 +1,6 @@
 """Whether a run kept the limits of its bench file."""
 
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from hil.bench import Bench
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+from hil.records.sensing import sense_faults
 
 Outcome = Literal["good", "failed", "interrupted"]
 
@@ -31,10 +33,33 @@ def judge(folder: RunFolder, result: Result, bench: Bench, stopped: str = "") ->
     late = result.late / result.samples if result.samples else 0.0
     if late > limits.late_fraction:
         reasons.append(f"{late:.2%} of the answers late, [limits] late_fraction is {limits.late_fraction:.2%}")
+    lost = result.lost / (result.lost + result.samples) if result.samples else 0.0
+    if lost > limits.lost_fraction:
+        reasons.append(f"{lost:.2%} of the samples lost, [limits] lost_fraction is {limits.lost_fraction:.2%}")
+    if folder.capture is not None:
+        reasons += sense_faults(folder.capture, bench.device.sense.noise_V)
     reasons += _pattern(folder, bench)
     if stopped or not result.complete:
         return "interrupted", reasons
     return ("failed" if reasons else "good"), reasons
+
+
+def mishaps(result: Result, counters: Mapping[str, int]) -> list[str]:
+    """What went wrong on the way without ending the run, one line each; `counters` as in result.json."""
+    told = []
+    if result.lost:
+        share = result.lost / (result.lost + result.samples)
+        told.append(f"{result.lost} samples ({share:.2%}) were lost on the way; the observer predicted over the gaps")
+    damaged = counters.get("frames_damaged", 0), counters.get("board_bad_frames", 0)
+    if any(damaged):
+        told.append(f"damaged frames were dropped, {damaged[0]} by the host and {damaged[1]} by the board")
+    if missed := counters.get("board_lost_seq", 0):
+        told.append(f"{missed} frames did not reach the board; it held its last drive")
+    if late := counters.get("board_late", 0):
+        told.append(f"{late} drives reached the board after their tick; it held its last drive")
+    if rearmed := counters.get("rearmed", 0):
+        told.append(f"the board went to SAFE {rearmed} times and was armed again")
+    return told
 
 
 def _pattern(folder: RunFolder, bench: Bench) -> list[str]:

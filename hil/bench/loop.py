@@ -81,5 +81,7 @@ class Limits(Section):
     """largest share of the scored window at which the angle is not valid"""
     late_fraction: Annotated[float, Field(ge=0, le=1)] = 0.02
     """largest share of late answers"""
+    lost_fraction: Annotated[float, Field(ge=0, le=1)] = 0.05
+    """largest share of samples lost on the way"""
     residual_safe: Positive = 100.0
     """innovation, in units of the noise, above which the host sends SAFE"""

@@ -15,13 +15,15 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.records.recorder import Track
 from hil.wire import client
+from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import ProtocolError, WireError
-from hil.wire.messages import Identity, Message, Nack, NackReason, SafeReason, SenseFlags, State, Status
+from hil.wire.errors import LinkError, ProtocolError, WireError
+from hil.wire.messages import DriveForce, Identity, Message, Nack, NackReason, SafeReason, SenseFlags, State, Status
 from hil.wire.sense import Sense, SenseRow
 
 _RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
+_DRIVE = type_of(DriveForce)
 _PAUSE = 0.25  # of a sample interval, for the answer to get away
 
 
@@ -194,7 +196,7 @@ class ForceLoop:
             self._observer.withdraw()
 
     def _attend(self) -> None:
-        """No sample came: see what the board has said, arm again after its watchdog, give up on silence.
+        """No sample came: see what the board has said, arm again after its watchdog, ask after a silence, and give up.
 
         In lockstep silence is no fault: whoever stopped the board in a debugger will let it go on.
         """
@@ -203,16 +205,32 @@ class ForceLoop:
             if isinstance(message, Status):
                 safe = message.state == State.SAFE
             elif isinstance(message, Nack):  # the STATUS was lost, but the board refuses to be driven
-                safe = safe or message.reason == NackReason.BAD_STATE
+                safe = safe or (message.of_type == _DRIVE and message.reason == NackReason.BAD_STATE)
+        if not safe and not self._patient:
+            safe = self._silent()
         if safe:
-            self.counters.rearmed += 1
-            self._phase_lost = True
-            client.arm(self._endpoint, self._silence_s)
-            self._heard()  # refusals from before it was armed
-        elif not self._patient and time.monotonic_ns() - self._endpoint.received_ns > self._silence_s * 1e9:
+            self._arm_again()
+
+    def _silent(self) -> bool:
+        """Half the patience for silence is over: whether the board, told to be SAFE, says that it is."""
+        if time.monotonic_ns() - self._endpoint.received_ns < 0.5e9 * self._silence_s:
+            return False
+        try:
+            client.make_safe(self._endpoint, SafeReason.LINK_LOST, 0.5 * self._silence_s)
+        except LinkError:
             raise ProtocolError(
                 f"{self._name}: the board fell silent for {self._silence_s:g} s; check its supply and the cable"
-            )
+            ) from None
+        return True
+
+    def _arm_again(self) -> None:
+        self.counters.rearmed += 1
+        self._phase_lost = True
+        try:
+            client.arm(self._endpoint, self._silence_s)
+        except ProtocolError as refusal:
+            raise ProtocolError(f"{refusal}; if it restarted, check its supply") from None
+        self._heard()  # refusals from before it was armed
 
     def _heard(self) -> list[Message]:
         """What the board has said beside samples, which stay for `receive_rows`."""

@@ -108,7 +108,7 @@ def conclude(
     from hil.records.runfolder import RunFolder
     from hil.records.summary import summarise
     from hil.report import write_report
-    from hil.verdict import judge
+    from hil.verdict import judge, mishaps
 
     progress(Progress("report", 0, 0))
     run_folder = RunFolder(folder)
@@ -126,7 +126,7 @@ def conclude(
             "versions": {name: version(name) for name in _VERSIONS},
             "serial_number": f"{identity['unique_id']:016x}" if identity else None,
             "operator_note": note,
-            "remarks": tuple(outcome.get("refused", ())),
+            "remarks": (*outcome.get("refused", ()), *mishaps(result, outcome.get("counters", {}))),
         }
     )
     save_result(run_folder.result_path, result)

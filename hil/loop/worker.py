@@ -151,7 +151,12 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         dropped = recording.dropped
         if orphaned():
             raise InterruptedError("the parent process is gone")
-    counters = asdict(loop.counters)
+    rx = endpoint.rx
+    counters = asdict(loop.counters) | {
+        "frames_lost": rx.lost,
+        "frames_repeated": rx.repeated,
+        "frames_damaged": rx.bad,
+    }
     board = counters.pop("board")
     counters |= {f"board_{name}": value for name, value in board.items()}
     counters |= {f"records_dropped_{stem}": count for stem, count in dropped.items() if count}

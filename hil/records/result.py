@@ -95,7 +95,9 @@ class Result(_Model):
     versions: dict[str, str] = Field(default_factory=dict)
     serial_number: str | None = None
     operator_note: str | None = None
-    remarks: tuple[str, ...] = Field(default=(), description="What the system refused the loop, one line each")
+    remarks: tuple[str, ...] = Field(
+        default=(), description="What the system refused the loop and what went wrong on the way, one line each"
+    )
     complete: bool = Field(description="False when the capture lacks its end marker")
 
 

@@ -1,9 +1,11 @@
 """What a host asks a board: who it is, its registers, its field table; to arm and to be safe.
 
 Each call sends one request and waits for its answer; what else arrives meanwhile is kept for the caller's
-next `poll` or `receive_rows`. A refusal (NACK) is a ProtocolError, silence a LinkError.
+next `poll` or `receive_rows`. A request that stays unanswered is sent again a few times. A refusal (NACK) is a
+ProtocolError, silence a LinkError.
 """
 
+import math
 import struct
 import time
 from collections.abc import Callable
@@ -33,6 +35,10 @@ from hil.wire.spec import SPEC, FieldEntry, first_difference
 
 HELLO_EVERY_S = 0.25
 """A board may still be starting when its port opens: HELLO is repeated."""
+
+REQUESTS = 8
+"""How often a request is sent before silence is taken for an answer: lines lose frames, and asking twice does no
+harm, because every request says what is to be, not what is to change."""
 
 _IDENTITY_START = struct.Struct("<HI")  # protocol, spec hash: the part of IDENTITY that never changes
 _LIVING = (State.ARMED, State.RUNNING)
@@ -142,13 +148,17 @@ def request(
     """
     name = SPEC.message_name(type_of(message)) + (f" {what}" if what else "")
     deadline = time.monotonic() + timeout_s
-    seq = endpoint.tx.seq
-    endpoint.send(message)
+    again = -math.inf
+    sent: list[int] = []
     while True:
-        items = endpoint.poll_new(max(deadline - time.monotonic(), 0.0))
+        if time.monotonic() >= again:
+            sent.append(endpoint.tx.seq)
+            endpoint.send(message)
+            again = time.monotonic() + timeout_s / REQUESTS
+        items = endpoint.poll_new(max(min(deadline, again) - time.monotonic(), 0.0))
         for k, item in enumerate(items):
             found = item.message
-            if isinstance(found, Nack) and found.of_seq == seq and found.of_type == type_of(message):
+            if isinstance(found, Nack) and found.of_seq in sent and found.of_type == type_of(message):
                 endpoint.keep(items[:k] + items[k + 1 :])
                 raise ProtocolError(f"{endpoint.link.name}: the board refused {name}: {_reason(found.reason)}")
             if isinstance(found, answer) and accept(found):
