@@ -12,6 +12,7 @@ from hil.records.capture import Capture
 
 _STUCK = 50  # equal codes in a row
 _SHARE = 0.01  # of the samples at one code
+_CROWD = 50  # samples at one code, in a short record
 _EXCESS = 10.0  # over the codes beside it
 _BESIDE = 5
 
@@ -47,10 +48,10 @@ def longest_run(codes: npt.NDArray[np.int32]) -> tuple[int, int]:
 
 
 def crowded_code(codes: npt.NDArray[np.int32]) -> int | None:
-    """The code that a hundredth of the samples or more have, ten times what the codes beside it have."""
+    """The code that a hundredth of the samples have, and fifty at least, ten times what the codes beside it have."""
     values, counts = np.unique(codes, return_counts=True)
     most = int(np.argmax(counts))
-    if counts[most] < _SHARE * len(codes):
+    if counts[most] < max(_SHARE * len(codes), _CROWD):
         return None
     beside = (np.abs(values - values[most]) <= _BESIDE) & (values != values[most])
     return int(values[most]) if counts[most] > _EXCESS * counts[beside].sum() / (2 * _BESIDE) else None

@@ -47,7 +47,7 @@ one closest to the last.
 | HELLO | IDENTITY |
 | FIELD_READ, line by line, if the spec hashes differ | FIELD_VALUE |
 | REGISTER_WRITE: clock mode, loop mode, block, watchdog, limits, filter | REGISTER_VALUE |
-| ARM | STATUS (ARMED), then SENSE from the next tick on |
+| ARM | STATUS (ARMED), then SENSE from the next tick on; in ARMED only STATUS again |
 | DRIVE_FORCE for each row, or DRIVE_GAINS for each block | STATUS (RUNNING) at the first one, SENSE |
 | SAFE | STATUS (SAFE) |
 

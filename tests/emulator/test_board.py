@@ -153,10 +153,21 @@ def test_the_states_in_order() -> None:
     assert (status.state, status.reason) == (State.ARMED, SafeReason.NONE)
 
 
-def test_arming_twice_is_refused() -> None:
+def test_arming_twice_is_answered_twice_and_done_once() -> None:
+    """The answer to the first may have been lost; in lockstep no tick passes for the second."""
     host = Host(scenario()).armed()
+    (status,) = host.say(Arm())
+    assert isinstance(status, Status)
+    assert status.state == State.ARMED
+    assert host.board.rows == 1
+
+
+def test_arming_a_running_board_is_refused() -> None:
+    host = Host(scenario()).armed()
+    host.say(DriveForce(0, 0, 1))
+    assert host.board.state is State.RUNNING
     assert nack(host.say(Arm())) is NackReason.BAD_STATE
-    assert host.board.state is State.ARMED
+    assert host.board.state is State.RUNNING
 
 
 @pytest.mark.parametrize("state", [State.BOOT, State.IDLE, State.SAFE])
