@@ -61,7 +61,11 @@ def changed(old: str, new: str) -> str:
         ("dac_bits = 16", "dac_bits = 3", "[drive] dac_bits: expected greater than or equal to 4, got 3"),
         ("[board]", "[bord]", "bord: unknown key; did you mean board?"),
         ("seed = 1", "", "seed: missing"),
-        ("seed", "noise", "noise: unknown key; known: seed, truth, sense, drive, board, rate, temperature, effect, faults"),
+        (
+            "seed",
+            "noise",
+            "noise: unknown key; known: seed, truth, sense, drive, board, rate, temperature, effect, faults",
+        ),
         ('"segments"', '"segment"', "[rate] kind: unknown kind 'segment'; did you mean segments?"),
         ('kind = "segments"', "", "[rate] kind: missing"),
         ("duration_s = 10.0\n", "", "[rate]: expected duration_s in every segment but the last"),
