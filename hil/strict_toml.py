@@ -31,17 +31,21 @@ _EXPECTED = {
 
 def read_toml(path: Path, model: type[Model]) -> Model:
     """The file at ``path`` as an instance of ``model``; `InputError` names the place and the cure."""
+    return parse_table(read_table(path), model, str(path))
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """The file at ``path`` as plain tables; `InputError` when it is not TOML."""
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {(error.strerror or 'cannot be read').lower()}") from None
     try:
-        table = tomllib.loads(raw.decode("utf-8"))
+        return tomllib.loads(raw.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8; a TOML file is UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}") from None
-    return parse_table(table, model, str(path))
 
 
 def parse_table(table: Mapping[str, Any], model: type[Model], source: str) -> Model:

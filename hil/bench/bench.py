@@ -9,8 +9,10 @@ from pydantic import Field, model_validator
 from hil.bench.device import Device
 from hil.bench.loop import Controller, Limits, Link, Loop
 from hil.bench.observer import Observer
+from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import Section, check_matrix
-from hil.strict_toml import parse_table, read_toml
+from hil.errors import InputError
+from hil.strict_toml import parse_table, read_table
 
 
 class Bench(Section):
@@ -47,7 +49,12 @@ class Bench(Section):
                 raise ValueError(f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}")
         if self.link.watchdog_s * self.device.sample_rate_Hz < 2:
             raise ValueError(f"[link] watchdog_s: shorter than two samples ({2 / self.device.sample_rate_Hz:g} s)")
-        if self.controller.modulation_Hz > self.device.resonance_Hz / 10:
+        if self.target_stiffness_per_s2 == 0:
+            raise ValueError(
+                "[controller] target_stiffness_N_per_m: a mass on no spring needs one; its root over the mass is the "
+                "scale of time"
+            )
+        if self.controller.enabled and self.controller.modulation_Hz > self.device.resonance_Hz / 10:
             raise ValueError(
                 f"[controller] modulation_Hz: must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"
             )
@@ -69,7 +76,19 @@ class Bench(Section):
 
 def load_bench(path: Path) -> Bench:
     """The bench file at ``path``; `hil.errors.InputError` names file, key and what was expected."""
-    return read_toml(path, Bench)
+    bench = load_any_bench(path)
+    if isinstance(bench, RateSensorBench):
+        raise InputError(f"{path}: [device] axes: 0 is a rate-output sensor, which has no loop; trace its record")
+    return bench
+
+
+def load_any_bench(path: Path) -> Bench | RateSensorBench:
+    """The bench file at ``path``, of an oscillator or (axes = 0) of a rate-output sensor; errors as of `load_bench`."""
+    table = read_table(path)
+    device = table.get("device")
+    if isinstance(device, dict) and device.get("axes") == 0:
+        return parse_table(table, RateSensorBench, str(path))
+    return parse_table(table, Bench, str(path))
 
 
 def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str) -> Bench:

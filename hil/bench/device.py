@@ -55,7 +55,7 @@ class Device(Section):
     mass_kg: Positive
     """proof mass"""
     stiffness_N_per_m: Numbers
-    """[kxx, kyy, kxy] for two axes, [k] for one"""
+    """[kxx, kyy, kxy] for two axes, [k] for one, [0] for one mass on no spring"""
     damping_N_s_per_m: Numbers
     """[dxx, dyy, dxy] for two axes, [d] for one"""
     amplitude_m: Positive
@@ -75,8 +75,11 @@ class Device(Section):
         check_matrix("damping_N_s_per_m", "d", self.damping_N_s_per_m, self.axes)
         if len(self.sense.gain_V_per_m) not in (1, self.axes) or 0 in self.sense.gain_V_per_m:
             raise ValueError(f"[device.sense] gain_V_per_m: expected one number or {self.axes}, none of them 0")
-        if min(self.stiffness_N_per_m[: self.axes]) <= 0:
+        lowest = min(self.stiffness_N_per_m[: self.axes])
+        if self.axes == 2 and lowest <= 0:
             raise ValueError("stiffness_N_per_m: the diagonal must be positive, or nothing oscillates")
+        if lowest < 0:
+            raise ValueError("stiffness_N_per_m: must not be negative; 0 is a mass on no spring")
         if not self.drive.gain_known and self.axes != 1:
             raise ValueError("[device.drive] gain_known: a drive gain is estimated for axes = 1 only; set it to true")
         if self.sample_rate_Hz < 4 * self.resonance_Hz:

@@ -16,8 +16,8 @@ class InitialSd(Section):
     """sense offset; without it [device.sense] offset_sd_V"""
     rate_rad_s: Positive = 2.0
     """rotation rate"""
-    stiffness: Positive = 0.05
-    """of the target stiffness"""
+    stiffness: NotNegative = 0.05
+    """of the target stiffness; 0: known exactly"""
     damping: Positive = 1.0
     """of the declared damping"""
     drive_gain: Positive = 0.2

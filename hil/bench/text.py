@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hil.bench.bench import Bench
+from hil.bench.rate_sensor import RateSensorBench
 
 INTRODUCTION = """\
 # Bench file
@@ -20,6 +21,15 @@ INTRODUCTION = """\
 What the data sheet declares about a device, and how the bench is to treat it: TOML, UTF-8, SI units with the
 unit in the key's name. Keys marked **required** must be given; unknown keys are errors. `bench.schema.json`
 beside this page is the same as a JSON Schema. Both are generated: `python -m hil.bench.text docs/reference`.
+"""
+
+
+SENSOR = """
+# Bench file of a rate-output sensor
+
+A sensor that puts out a rate as a voltage has `[device] axes = 0`, and of the sections above only `[device]`, with
+other keys; its schema is `rate-sensor.schema.json`. Its record has a reference for the rate in `rate_rad_s` and its
+output in `vx_V`.
 """
 
 
@@ -34,25 +44,27 @@ def toml_value(value: Any) -> str:
     return repr(value)
 
 
-def json_schema() -> str:
+def json_schema(file: type[BaseModel] = Bench) -> str:
     """The published JSON Schema (draft 2020-12) as text."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **Bench.model_json_schema()}
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **file.model_json_schema()}
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
 def reference() -> str:
     """The reference page in Markdown: one table per section."""
-    definitions = Bench.model_json_schema()["$defs"]
-    parts = [INTRODUCTION]
-    for path, model in sections(Bench):
-        parts.append(f"\n## [{path}]\n\n{(model.__doc__ or '').strip()}\n")
-        parts.append("\n| key | value | default | meaning |\n|---|---|---|---|\n")
+    effects = " ".join((Bench.model_fields["effects"].description or "").split())
+    parts = [INTRODUCTION, *_tables(Bench), f"\n## [effects.NAME]\n\n{effects}\n", SENSOR, *_tables(RateSensorBench)]
+    return "".join(parts)
+
+
+def _tables(file: type[BaseModel]) -> Iterator[str]:
+    definitions = file.model_json_schema()["$defs"]
+    for path, model in sections(file):
+        yield f"\n## [{path}]\n\n{(model.__doc__ or '').strip()}\n"
+        yield "\n| key | value | default | meaning |\n|---|---|---|---|\n"
         schema = definitions[model.__name__]["properties"]
         for key, field in keys(model):
-            parts.append(f"| `{key}` | {_kind(schema[key])} | {_default(field)} | {meaning(field)} |\n")
-    effects = " ".join((Bench.model_fields["effects"].description or "").split())
-    parts.append(f"\n## [effects.NAME]\n\n{effects}\n")
-    return "".join(parts)
+            yield f"| `{key}` | {_kind(schema[key])} | {_default(field)} | {meaning(field)} |\n"
 
 
 def sections(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
@@ -98,6 +110,7 @@ def _default(field: FieldInfo) -> str:
 
 def _write(folder: Path) -> None:
     (folder / "bench.schema.json").write_text(json_schema(), encoding="utf-8")
+    (folder / "rate-sensor.schema.json").write_text(json_schema(RateSensorBench), encoding="utf-8")
     (folder / "bench.md").write_text(reference(), encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""`hil import`: a text record becomes a capture, whole or not at all."""
+"""`hil import`: a record from elsewhere becomes a capture, whole or not at all."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.interchange.channels import CHANNELS, fault_in
-from hil.interchange.mapping import RecordMap, locate, read_map
+from hil.interchange.mapping import RecordMap, locate, locate_where, read_map
+from hil.interchange.matlab import is_matlab, read_vectors
 from hil.interchange.table import Table, read_columns, read_header
 from hil.interchange.uniformity import first_not_increasing, spacing
 from hil.records.atomic import replacing
@@ -25,6 +26,7 @@ class _Record(NamedTuple):
     rate_Hz: float | None
     hold: Hold
     segments: Mapping[str, tuple[int, int]]
+    steady: bool = False
 
 
 def import_record(
@@ -35,7 +37,7 @@ def import_record(
     hold: Hold | None = None,
     nonuniform: bool = False,
 ) -> Capture:
-    """Turn the text record `source` (CSV, plain or gzipped) into the capture `target`, and return it read
+    """Turn the record `source` (CSV, plain or gzipped; MATLAB with a map) into the capture `target`, and return it read
     back.
 
     Without `map_file` the header must be the interchange one: t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N),
@@ -58,6 +60,7 @@ def import_record(
         uniform=uniform,
         hold=hold or record.hold,
         segments=record.segments,
+        steady=record.steady,
     )
     rows = np.empty(count, layout.dtype)
     rows["tick"] = np.arange(count)
@@ -80,23 +83,28 @@ def _read_plain(source: Path) -> _Record:
 
 
 def _read_mapped(source: Path, mapping: RecordMap) -> _Record:
-    header = read_header(source, mapping.delimiter, mapping.skip_lines)
     sources = mapping.columns.given()
-    table = read_columns(
-        source,
-        locate(mapping, header, source),
-        [f"{entry.column} ({channel})" for channel, entry in sources.items()],
-        delimiter=mapping.delimiter,
-        skip_lines=mapping.skip_lines,
-        header=mapping.header,
-        rows=mapping.rows,
-    )
+    if is_matlab(source):
+        table = read_vectors(source, [str(entry.column) for entry in sources.values()], mapping.rows)
+    else:
+        header = read_header(source, mapping.delimiter, mapping.skip_lines)
+        table = read_columns(
+            source,
+            locate(mapping, header, source),
+            [f"{entry.column} ({channel})" for channel, entry in sources.items()],
+            delimiter=mapping.delimiter,
+            skip_lines=mapping.skip_lines,
+            header=mapping.header,
+            rows=mapping.rows,
+            where=locate_where(mapping, header, source),
+        )
     channels: dict[str, npt.NDArray[np.float64]] = {}
     for index, (channel, entry) in enumerate(sources.items()):
         factor, addition = entry.factor_and_addition(channel)
         channels[channel] = factor * table.values[:, index] + addition
     segments = _segments(source, mapping, table)
-    return _Record(channels, table.lines, mapping.sampling_rate_Hz, mapping.hold, segments)
+    rate_Hz = 1.0 if mapping.steady else mapping.sampling_rate_Hz
+    return _Record(channels, table.lines, rate_Hz, mapping.hold, segments, mapping.steady)
 
 
 def _segments(source: Path, mapping: RecordMap, table: Table) -> dict[str, tuple[int, int]]:

@@ -29,7 +29,9 @@ _UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "C": {"degC": (1.0, 0.0), "K": (1.0, -273.15)},
 }
 
-Rows = Annotated[tuple[int, int], Field(description="[first, one past the last] data row, counted from 0")]
+Rows = Annotated[
+    tuple[int, int], Field(description="[first, one past the last] data row, counted from 0 among those kept")
+]
 
 
 class _Table(BaseModel):
@@ -90,6 +92,8 @@ class RecordMap(_Table):
     header: bool = True
     skip_lines: Annotated[int, Field(ge=0)] = 0
     rows: Rows | None = None
+    steady: bool = Field(default=False, description="true: each row is a steady state of its own; there is no time")
+    where: dict[str, str] = Field(default_factory=dict, description="keep the rows in which these columns read so")
     columns: Columns
     segments: dict[str, Rows] = Field(default_factory=dict)
 
@@ -98,7 +102,11 @@ class RecordMap(_Table):
         channels = self.columns.given()
         if self.sampling_rate_Hz is not None and "t_s" in channels:
             raise ValueError("sampling_rate_Hz: the columns have t_s already; keep one of the two")
-        fault = fault_in(list(channels), needs_time=self.sampling_rate_Hz is None)
+        if self.steady and (self.sampling_rate_Hz is not None or "t_s" in channels):
+            raise ValueError("steady: steady states have no time; leave out t_s and sampling_rate_Hz")
+        if self.where and not self.header:
+            raise ValueError("where: the file has no header to find columns by; keep rows by `rows`")
+        fault = fault_in(list(channels), needs_time=self.sampling_rate_Hz is None and not self.steady)
         if fault:
             raise ValueError(f"[columns] {fault}")
         for channel, source in channels.items():
@@ -118,6 +126,14 @@ class RecordMap(_Table):
 def read_map(path: Path) -> RecordMap:
     """Read a map file. Raises InputError naming file and key."""
     return read_toml(path, RecordMap)
+
+
+def locate_where(mapping: RecordMap, header: Sequence[str], source: Path) -> dict[int, str]:
+    """Column index and text of each condition of `where`. Raises InputError for a column that is absent."""
+    for column in mapping.where:
+        if column not in header:
+            raise InputError(f"{source}: no column {column!r} for `where`; the file has: {', '.join(header)}")
+    return {header.index(column): text for column, text in mapping.where.items()}
 
 
 def locate(mapping: RecordMap, header: Sequence[str], source: Path) -> list[int]:

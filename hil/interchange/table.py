@@ -5,7 +5,7 @@ import gzip
 import itertools
 import math
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,12 +46,14 @@ def read_columns(
     skip_lines: int = 0,
     header: bool = True,
     rows: tuple[int, int] | None = None,
+    where: Mapping[int, str] | None = None,
 ) -> Table:
     """Read the columns with these indices; `names` are what errors call them.
 
     Every row must have as many cells as the first line (one empty cell more is forgiven: a delimiter at the
-    end); other columns may hold anything. `rows` keeps data rows [start, stop), counted from 0. Raises
-    InputError naming line and column for a cell that is no finite number.
+    end); other columns may hold anything. `where` keeps the rows whose cells, by column index, read so; `rows`
+    keeps data rows [start, stop) of those, counted from 0. Raises InputError naming line and column for a cell
+    that is no finite number.
     """
     start, stop = rows or (0, None)
     values: list[npt.NDArray[np.float64]] = []
@@ -61,16 +63,23 @@ def read_columns(
         width = None
         if header:
             width = len(_names(next(numbered, (0, []))[1]))
-        wanted = itertools.islice(numbered, start, stop)
+        kept = (row for row in numbered if not where or _reads(row[1], where))
+        wanted = itertools.islice(kept, start, stop)
         while chunk := list(itertools.islice(wanted, _CHUNK_ROWS)):
             width = width or len(_names(chunk[0][1]))
             _require_width(path, chunk, width)
             values.append(_numbers(path, chunk, columns, names))
             lines.append(np.array([number for number, _ in chunk]))
     if not values:
-        where = "" if rows is None else f" in rows [{start}, {stop})"
-        raise InputError(f"{path}: no rows of numbers{where}; give a file that holds a record")
+        among = "" if rows is None else f" in rows [{start}, {stop})"
+        if where:
+            among += " where " + ", ".join(f"column {column + 1} reads {text!r}" for column, text in where.items())
+        raise InputError(f"{path}: no rows of numbers{among}; give a file that holds a record")
     return Table(np.concatenate(values), np.concatenate(lines))
+
+
+def _reads(cells: Sequence[str], where: Mapping[int, str]) -> bool:
+    return all(column < len(cells) and cells[column].strip() == text for column, text in where.items())
 
 
 def _names(cells: list[str]) -> list[str]:

@@ -65,6 +65,11 @@ class Capture:
         return bool(self.header.get("uniform", True))
 
     @property
+    def steady(self) -> bool:
+        """Whether each row is a steady state of its own, so that time means nothing."""
+        return bool(self.header.get("steady", False))
+
+    @property
     def hold(self) -> Hold:
         """What the drive does between samples."""
         hold: Hold = self.header["hold"]
@@ -203,6 +208,7 @@ def import_layout(
     uniform: bool,
     hold: Hold,
     segments: Mapping[str, tuple[int, int]],
+    steady: bool = False,
 ) -> Layout:
     """Layout of an imported capture: tick, then SI columns named as in the interchange CSV (`t_s`, `vx_V`,
     …).
@@ -217,6 +223,7 @@ def import_layout(
         "hold": hold,
         "latency_ticks": 0,
         "uniform": uniform,
+        **({"steady": True} if steady else {}),
         "segments": {name: list(rows) for name, rows in segments.items()},
         "identity": None,
     }

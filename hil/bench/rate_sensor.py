@@ -1,0 +1,31 @@
+"""A sensor that puts out a rate as a voltage, as its data sheet describes it."""
+
+from typing import Literal
+
+from hil.bench.section import NotNegative, Positive, Section
+
+
+class RateSensor(Section):
+    """A rate-output sensor: a static curve and a response, no oscillator in reach."""
+
+    name: str
+    """what the device is called in reports"""
+    axes: Literal[0]
+    """0: a rate-output sensor"""
+    scale_V_s_per_rad: float
+    """scale factor, signed: volts per rad/s (57.3 times volts per °/s)"""
+    offset_V: float = 0.0
+    """output at rest"""
+    range_rad_s: Positive
+    """largest rate for which the data sheet promises the scale factor"""
+    noise_V: Positive
+    """rms noise of one sample of the output"""
+    sample_rate_Hz: NotNegative = 0.0
+    """rate of the samples; 0 for tables of steady states"""
+
+
+class RateSensorBench(Section):
+    """The bench file of a rate-output sensor."""
+
+    device: RateSensor
+    """table [device]"""
