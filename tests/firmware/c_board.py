@@ -1,0 +1,172 @@
+"""The C board in this process, with the face of the Python one: `exchange(data) -> bytes`, in lockstep.
+
+Its mass is a made-up sequence of sense codes: what is looked at here is what the board makes of them.
+"""
+
+import ctypes
+from typing import Any, Literal
+
+from hil.wire.can_format import BRS, FDF, HEAD, RECORD_SIZE
+from hil.wire.messages import ClockMode
+from hil.wire.spec import SPEC
+
+from .c_messages import CFrame, struct_of
+
+_HAS_ROOM = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.c_void_p)
+_WRITE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)
+_NOW = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p)
+_LOCK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_bool)
+
+
+class CanFrame(ctypes.Structure):
+    """hil_can_frame."""
+
+    _fields_ = [
+        ("identifier", ctypes.c_uint16),
+        ("fd", ctypes.c_bool),
+        ("length", ctypes.c_uint8),
+        ("data", ctypes.c_uint8 * 64),
+    ]
+
+    def record(self) -> bytes:
+        """As `hil.wire.can_format` has it."""
+        head = HEAD.pack(self.identifier, self.length, BRS | FDF if self.fd else 0)
+        return (head + bytes(self.data[: self.length])).ljust(RECORD_SIZE, b"\0")
+
+    @classmethod
+    def of(cls, record: bytes) -> "CanFrame":
+        """From a record."""
+        identifier, length, flags = HEAD.unpack_from(record)
+        return cls(identifier, bool(flags & FDF), length, (ctypes.c_uint8 * 64)(*record[HEAD.size : HEAD.size + 64]))
+
+
+_PUT = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.POINTER(CanFrame))
+
+
+class _Drive(ctypes.Structure):
+    _fields_ = [("ux", ctypes.c_int32), ("uy", ctypes.c_int32)]
+
+
+class _Config(ctypes.Structure):
+    """hil_config."""
+
+    _fields_ = [
+        ("identity", struct_of(SPEC.messages["IDENTITY"])),
+        ("clocks", ctypes.c_uint),
+        ("link", ctypes.c_void_p),
+        ("blocks", ctypes.c_void_p),
+        ("blocks_size", ctypes.c_size_t),
+        ("now_ns", _NOW),
+        ("lock", _LOCK),
+        ("context", ctypes.c_void_p),
+    ]
+
+
+class CBoard:
+    """A board on the serial link or on node `node` of CAN.
+
+    Attributes:
+        room: what the link says it could take: bytes, or CAN frames.
+        said: what it has sent; `exchange` empties it.
+        locks: whether the sample interrupt is masked now; every call of the library must leave it as it was.
+    """
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        kind: Literal["serial", "can"] = "serial",
+        *,
+        node: int = 0,
+        latency: int = 1,
+        bits: int = 16,
+        rows: int = 682,
+    ) -> None:
+        self._c = library
+        self._kind = kind
+        self.room = 1 << 20
+        self.said = b""
+        self.locked = False
+        self.unlocked = 0
+        self._sampled = 0
+        self._board = (ctypes.c_uint64 * 2048)()
+        self._link = (ctypes.c_uint64 * 256)()
+        self._blocks = (ctypes.c_uint8 * (2 * (5 + rows * 4 * (2 if bits <= 16 else 3))))()
+        self._keep: list[Any] = [_HAS_ROOM(lambda _: self.room), _NOW(lambda _: 77), _LOCK(self._lock)]
+        if kind == "serial":
+            self._keep.append(_WRITE(self._write))
+            library.hil_serial_init(self._link, self._keep[0], self._keep[3], None)
+        else:
+            self._keep.append(_PUT(self._put))
+            library.hil_can_init(self._link, ctypes.c_uint8(node), self._keep[0], self._keep[3], None)
+        config = _Config()
+        config.identity.tick_rate_Hz = 4000.0
+        config.identity.axes = 2
+        config.identity.sense_bits = config.identity.drive_bits = bits
+        config.identity.latency_ticks = latency
+        config.clocks = 1 << ClockMode.LOCKSTEP | 1 << ClockMode.PACED
+        config.link = ctypes.addressof(self._link)
+        config.blocks = ctypes.addressof(self._blocks)
+        config.blocks_size = ctypes.sizeof(self._blocks)
+        config.now_ns, config.lock = self._keep[1:3]
+        library.hil_board_init.restype = ctypes.c_bool
+        library.hil_board_may_go_on.restype = ctypes.c_bool
+        library.hil_board_streaming.restype = ctypes.c_bool
+        library.hil_board_drive.restype = _Drive
+        self.works: bool = library.hil_board_init(self._board, ctypes.byref(config))
+
+    def exchange(self, data: bytes) -> bytes:
+        """Take the host's bytes; return what the board says to them, in lockstep including the next SENSE."""
+        self.hear(data)
+        while self._c.hil_board_may_go_on(self._board):
+            self.tick()
+        self.poll()
+        said, self.said = self.said, b""
+        return said
+
+    @property
+    def streaming(self) -> bool:
+        """Whether SENSE is due at every tick."""
+        return bool(self._c.hil_board_streaming(self._board))
+
+    def hear(self, data: bytes) -> None:
+        """Take the host's bytes, and answer."""
+        if self._kind == "serial":
+            held = ctypes.create_string_buffer(data, len(data))
+            self._c.hil_serial_receive(self._link, self._board, held, ctypes.c_size_t(len(data)))
+            return
+        for at in range(0, len(data), RECORD_SIZE):
+            frame = CanFrame.of(data[at : at + RECORD_SIZE])
+            self._c.hil_can_receive(self._link, self._board, ctypes.byref(frame))
+
+    def tick(self) -> tuple[int, int]:
+        """One tick, and the drive codes held before it."""
+        drive = self._c.hil_board_drive(self._board)
+        self._sampled += 1
+        x, y = 9001 * self._sampled % 20011 - 10005, 7001 * self._sampled % 20023 - 10011
+        self._c.hil_board_sample(self._board, ctypes.c_int32(x), ctypes.c_int32(y), ctypes.c_bool(False))
+        return drive.ux, drive.uy
+
+    def poll(self) -> None:
+        """Let it send what is ready."""
+        self._c.hil_board_poll(self._board)
+
+    def send(self, type_: int, seq: int, tick: int, payload: bytes) -> bool:
+        """Hand a frame to its link."""
+        link = ctypes.cast(self._link, ctypes.POINTER(ctypes.c_void_p))
+        function = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.POINTER(CFrame))(link[0])
+        held = (ctypes.c_uint8 * max(len(payload), 1)).from_buffer_copy(payload or b"\0")
+        frame = CFrame(type_, True, seq, tick, held, len(payload))
+        return function(ctypes.addressof(self._link), ctypes.byref(frame))
+
+    def _write(self, _: object, data: int, size: int) -> None:
+        assert not self.locked
+        self.said += ctypes.string_at(data, size)
+
+    def _put(self, _: object, frame: Any) -> None:
+        assert not self.locked
+        self.said += frame.contents.record()
+
+    def _lock(self, _: object, locked: bool) -> None:
+        assert locked != self.locked
+        self.locked = locked
+        self.unlocked += not locked
