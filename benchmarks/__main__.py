@@ -20,6 +20,7 @@ BENCHMARKS = {
     "variants": "the observers of 7 and 11 states",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "soak": "ten million samples in lockstep",
+    "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }
 TARGET = Path("runs/bench.json")

@@ -158,7 +158,6 @@ static void add_row(hil_board *b, int32_t vx, int32_t vy, uint8_t flags) {
 static void forget_drives(hil_board *b) {
     memset(b->waiting, 0, sizeof b->waiting);
     memset(&b->held, 0, sizeof b->held);
-    hil_gain_open(&b->gain);
     b->interval_flags = 0u;
 }
 

@@ -6,7 +6,7 @@
 #define BOARD 1u
 
 uint16_t hil_can_match(const hil_can *can) {
-    return (uint16_t)(can->node << HIL_CAN_NODE_SHIFT); /* from the host: the lowest bit is 0 */
+    return (uint16_t)((unsigned)can->node << HIL_CAN_NODE_SHIFT); /* from the host: the lowest bit is 0 */
 }
 
 uint16_t hil_can_mask(void) {
@@ -35,7 +35,7 @@ static uint16_t numbers(const hil_link *link, uint32_t rows, unsigned width) {
 
 static void start(const hil_can *can, hil_can_frame *out, uint8_t type, bool fd) {
     memset(out, 0, sizeof *out);
-    out->identifier = (uint16_t)(type << HIL_CAN_TYPE_SHIFT | can->node << HIL_CAN_NODE_SHIFT | BOARD);
+    out->identifier = (uint16_t)((unsigned)type << HIL_CAN_TYPE_SHIFT | (unsigned)can->node << HIL_CAN_NODE_SHIFT | BOARD);
     out->fd = fd;
 }
 

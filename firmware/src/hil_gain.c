@@ -21,25 +21,20 @@ void hil_gain_start(hil_gain *gain, const hil_register_file *registers) {
     gain->shift = hil_registers_whole(registers, HIL_REGISTER_DITHER_SEED);
 }
 
-void hil_gain_open(hil_gain *gain) {
-    gain->closed = false;
-    gain->waits = false;
-}
-
 void hil_gain_obey(hil_gain *gain, const hil_register_file *registers, uint32_t limit) {
     gain->dither = (float)hil_registers_whole(registers, HIL_REGISTER_DITHER_AMPLITUDE);
     gain->limit = (float)limit;
 }
 
-static bool finite(float value) {
+static bool is_finite(float value) {
     return value >= -FLT_MAX && value <= FLT_MAX;
 }
 
 bool hil_gain_accepts(const hil_drive_gains *matrix) {
     bool good = matrix->matrix_id != 0u;
     for (unsigned k = 0; k < 8u; k++)
-        good = good && finite(matrix->gain[k]);
-    return good && finite(matrix->bias[0]) && finite(matrix->bias[1]);
+        good = good && is_finite(matrix->gain[k]);
+    return good && is_finite(matrix->bias[0]) && is_finite(matrix->bias[1]);
 }
 
 void hil_gain_put(hil_gain *gain, const hil_drive_gains *matrix, int64_t tick) {
@@ -67,7 +62,7 @@ static int32_t code_of(float exact, float limit, bool *limited) {
         *limited = true;
         return (int32_t)(exact > limit ? limit : -limit);
     }
-    if (!finite(exact))
+    if (!is_finite(exact))
         return 0;
     int32_t whole = (int32_t)exact; /* towards zero; the rest is exact */
     float rest = exact - (float)whole;

@@ -37,9 +37,6 @@ typedef struct hil_gain {
 /* At ARM: filter, history and dither from their start, no matrix. */
 void hil_gain_start(hil_gain *gain, const hil_register_file *registers);
 
-/* Zero force from now on, and no matrix. */
-void hil_gain_open(hil_gain *gain);
-
 /* Take over what may change while the loop runs: dither, and the largest code. */
 void hil_gain_obey(hil_gain *gain, const hil_register_file *registers, uint32_t limit);
 

@@ -388,7 +388,7 @@ size_t hil_pack_can_rows(const hil_can_rows *message, uint8_t *payload) {
     uint8_t *at = payload;
     put_u16(&at, message->seq);
     put_u32(&at, message->tick);
-    put_u8(&at, (uint8_t)((message->n & 7u) << 0 | (message->wide & 1u) << 3 | (message->flags & 15u) << 4));
+    put_u8(&at, (uint8_t)(((unsigned)message->n & 7u) << 0 | ((unsigned)message->wide & 1u) << 3 | ((unsigned)message->flags & 15u) << 4));
     put_u8(&at, message->matrix_id);
     return (size_t)(at - payload);
 }
@@ -401,9 +401,9 @@ bool hil_unpack_can_rows(hil_can_rows *message, const uint8_t *payload, size_t s
     get_u16(&at, &message->seq);
     get_u32(&at, &message->tick);
     get_u8(&at, &shared);
-    message->n = (uint8_t)(shared >> 0 & 7u);
-    message->wide = (uint8_t)(shared >> 3 & 1u);
-    message->flags = (uint8_t)(shared >> 4 & 15u);
+    message->n = (uint8_t)((unsigned)shared >> 0 & 7u);
+    message->wide = (uint8_t)((unsigned)shared >> 3 & 1u);
+    message->flags = (uint8_t)((unsigned)shared >> 4 & 15u);
     get_u8(&at, &message->matrix_id);
     return true;
 }

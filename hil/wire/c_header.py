@@ -233,13 +233,13 @@ def _codec(layout: Layout, *, more: bool) -> str:
         if len(fields) > 1:
             shifts = [sum(member.bits for member in fields[:k]) for k in range(len(fields))]
             parts = [
-                f"(message->{_name(member)} & {(1 << member.bits) - 1}u) << {shift}"
+                f"((unsigned)message->{_name(member)} & {(1 << member.bits) - 1}u) << {shift}"
                 for member, shift in zip(fields, shifts, strict=True)
             ]
             put.append(f"    put_u8(&at, (uint8_t)({' | '.join(parts)}));")
             get.append("    get_u8(&at, &shared);")
             get += [
-                f"    message->{_name(member)} = (uint8_t)(shared >> {shift} & {(1 << member.bits) - 1}u);"
+                f"    message->{_name(member)} = (uint8_t)((unsigned)shared >> {shift} & {(1 << member.bits) - 1}u);"
                 for member, shift in zip(fields, shifts, strict=True)
             ]
             shared = True

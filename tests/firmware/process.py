@@ -1,6 +1,7 @@
 """The example board as the process it is, and a host that talks to it."""
 
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,10 +45,11 @@ class Host:
     def hear(self, enough: int = 1) -> list[Message]:
         """The next messages, at least so many."""
         heard: list[Message] = []
+        deadline = time.monotonic() + PATIENCE_S
         while len(heard) < enough:
-            items = self.endpoint.poll(PATIENCE_S)
-            assert items, f"silence after {heard}"
-            heard += [item.message for item in items]
+            left = deadline - time.monotonic()
+            assert left > 0.0, f"silence after {heard}"
+            heard += [item.message for item in self.endpoint.poll(left)]
         return heard
 
     def say(self, message: Message, answers: int = 1) -> list[Message]:

@@ -119,6 +119,21 @@ def test_a_link_without_room_drops_whole_blocks_and_tells(host: Host) -> None:
     assert host.rx.lost == 4 * per_block
 
 
+def test_unasked_status_comes_at_multiples_whatever_happened_between(host: Host) -> None:
+    host.say(RegisterWrite(SPEC.registers["CLOCK_MODE"].id, ClockMode.PACED))
+    host.say(RegisterWrite(SPEC.registers["STATUS_EVERY"].id, 7))
+    told = []
+    for _ in range(2):
+        host.say(Arm())
+        for _ in range(20):
+            host.board.tick()
+            told += [item.message.tick for item in host.heard(b"") if isinstance(item.message, Status)]
+        host.say(Safe(1))
+        for _ in range(5):
+            host.board.tick()
+    assert told == [0, 7, 14, 28, 35, 42]
+
+
 def test_the_sample_interrupt_is_never_left_masked(host: Host) -> None:
     for message in (Arm(), RegisterRead(1), Safe(1)):
         host.say(message)
