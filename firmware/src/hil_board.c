@@ -304,6 +304,10 @@ static uint8_t hello(hil_board *b, const hil_hello *message, reply *said) {
 }
 
 static uint8_t arm(hil_board *b, reply *said) {
+    if (b->state == HIL_STATE_ARMED) { /* the answer to the first one was lost on the way */
+        say_status(b, said);
+        return 0;
+    }
     if (!settled(b) || !b->greeted)
         return HIL_NACK_REASON_BAD_STATE;
     if (b->config.identity.latency_ticks == 0u && !b->lockstep && !b->gain_mode)
