@@ -1,6 +1,6 @@
 """A closed loop in one process for the figures: emulated board, real codecs, the product's own loop; arrays at the end.
 
-Nothing of the loop is replaced: `hil.loop.force.ForceLoop` talks over an in-process link to the board of
+Nothing of the loop is replaced: the loop of the bench's mode talks over an in-process link to the board of
 `device_emulator`, and only the record files are, by arrays in memory.  The truth is what the emulator hands out for
 its truth file.
 """
@@ -22,9 +22,9 @@ from estimator.observer import Observer
 from hil.bench import Bench, load_bench, override
 from hil.examples import find
 from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
-from hil.loop.force import Counters, ForceLoop
+from hil.loop.force import Counters
 from hil.loop.tracks import column_of
-from hil.loop.worker import configure
+from hil.loop.worker import configure, make_loop
 from hil.records.estimates import ANGLE_COLUMNS
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -50,8 +50,8 @@ class Rows:
 
     def push(self, rows: NDArray[np.void]) -> int:
         """Append rows."""
-        for row in rows:
-            self.put(*row)
+        for row in rows.tolist():
+            self._flat.extend(row)
         return len(rows)
 
     @property
@@ -126,11 +126,11 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
     tracks = {
         "capture": Rows(6),
         "innovation": Rows(5),
-        "timing": Rows(4),
+        "timing": Rows(4 if bench.loop.mode == "force" else 6),
         "estimates": Rows(1 + 2 * states + len(ANGLE_COLUMNS) + 1),
     }
     configure(endpoint, identity, bench)
-    loop = ForceLoop(endpoint, identity, bench, observer, tracks)
+    loop = make_loop(endpoint, identity, bench, observer, tracks)
     client.arm(endpoint)
     loop.run(samples, lambda done: None, samples)
     loop.finish(SafeReason.HOST_REQUEST)

@@ -282,9 +282,7 @@ class Observer:
         covariances = (self.p, self.c)
         kept = [covariance[constants, constants].copy() for covariance in covariances]
         self.memory["queue"] = 0.0
-        for _ in range(missing):
-            self.tick(math.nan, math.nan, 0.0, 0.0)
-            self.memory["queue"] = 0.0
+        self.run(np.full((missing, 2), math.nan), np.zeros((missing, 2)), every=max(missing, 1))
         for covariance, block_of_constants in zip(covariances, kept, strict=True):
             covariance[:] = 0.0
             covariance[constants, constants] = block_of_constants

@@ -6,6 +6,8 @@ import time
 
 import numpy as np
 
+from estimator.foresight import rehearse
+from estimator.gain_matrix import luenberger
 from estimator.kernel.compiled import is_warm, mark_warm
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
@@ -15,7 +17,7 @@ _CONTROLLER = ControllerSettings(latency=1, force_quantum=1e-3, force_limit=10.0
 
 
 def compile_all() -> None:
-    """Call each kernel once with the types of a run: every model and gain, a sample, a block, a free run."""
+    """Call each kernel once with the types of a run: every model and gain, a sample, a block, a free run, a matrix."""
     sense = np.zeros((2, 2))
     for axes in (1, 2):
         device = Device(
@@ -33,6 +35,7 @@ def compile_all() -> None:
             simulate(observer, observer.state, sense[:, :axes], sensitive=True)
             if axes == 2:
                 observer.tick(0.0, 0.0, 0.0, 0.0)
+                rehearse(observer, luenberger(observer.h))
 
 
 def main() -> None:

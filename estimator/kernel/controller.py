@@ -28,6 +28,27 @@ def dither_force(memory: Record, amplitude: float) -> float:
 
 
 @compiled
+def holds(settings: Record, memory: Record, s: Floats, rate: float, w: float, fastest: float) -> tuple[float, float]:
+    """(damping along the velocity, force across the position) per unit of either, for state s at rotation w, neither
+    acting faster than `fastest`.
+    """
+    k = settings.stiffness
+    root = np.sqrt(k)
+    _, energy, momentum = pattern(s, k, w, rate)
+    target = settings.energy
+    if settings.modulation > 0.0:
+        swing = 1.0 + settings.modulation * np.sin(settings.modulation_rate * memory.time)
+        target *= swing * swing
+    # Amplitude: damping along the velocity, never more than twice the gain however large the error (start from rest).
+    error = min(max((target - energy) / settings.energy, -2.0), 2.0)
+    hold = min(settings.energy_gain * root, fastest) * error
+    # Quadrature: a force across the position turns the ellipse back into a line without precession to first order.
+    ratio = min(max(root * momentum / max(energy, 1e-3 * target), -1.0), 1.0)
+    square = -min(settings.quadrature_gain * root, fastest) * root * ratio
+    return hold, square
+
+
+@compiled
 def control_law(settings: Record, memory: Record, s: Floats, c: Floats, out: Floats) -> None:
     """out ← (9) plus energy hold, quadrature hold and virtual rotation, for state s and constants c.
 
@@ -37,16 +58,7 @@ def control_law(settings: Record, memory: Record, s: Floats, c: Floats, out: Flo
     k = settings.stiffness
     virtual = settings.virtual_rate
     w = c[RATE] + virtual
-    root = np.sqrt(k)
-    _, energy, momentum = pattern(s, k, w, c[RATE])
-    target = settings.energy
-    if settings.modulation > 0.0:
-        swing = 1.0 + settings.modulation * np.sin(settings.modulation_rate * memory.time)
-        target *= swing * swing
-    # Amplitude: damping along the velocity, never more than twice the gain however large the error (start from rest).
-    hold = settings.energy_gain * root * min(max((target - energy) / settings.energy, -2.0), 2.0)
-    # Quadrature: a force across the position turns the ellipse back into a line without precession to first order.
-    square = -settings.quadrature_gain * k * min(max(root * momentum / max(energy, 1e-3 * target), -1.0), 1.0)
+    hold, square = holds(settings, memory, s, c[RATE], w, np.inf)
     out[0] = (
         c[DXX] * vx + c[DXY] * vy + c[KXX] * x + c[KXY] * y - k * x
         + hold * (vx - w * y) - square * y + 2.0 * virtual * vy

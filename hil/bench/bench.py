@@ -47,8 +47,12 @@ class Bench(Section):
         for key in ("position_m", "velocity_mps", "offset_V"):
             if (given := getattr(initial, key)) is not None and len(given) != axes:
                 raise ValueError(f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}")
-        if self.link.watchdog_s * self.device.sample_rate_Hz < 2:
-            raise ValueError(f"[link] watchdog_s: shorter than two samples ({2 / self.device.sample_rate_Hz:g} s)")
+        streamed = self.loop.mode == "gain"
+        if streamed and axes != 2:
+            raise ValueError(f'[loop] mode: "gain" needs axes = 2, not {axes}; use "force"')
+        least, what = (3 * self.loop.block, "three blocks") if streamed else (2, "two samples")
+        if self.link.watchdog_s * self.device.sample_rate_Hz < least:
+            raise ValueError(f"[link] watchdog_s: shorter than {what} ({least / self.device.sample_rate_Hz:g} s)")
         if self.target_stiffness_per_s2 == 0:
             raise ValueError(
                 "[controller] target_stiffness_N_per_m: a mass on no spring needs one; its root over the mass is the "

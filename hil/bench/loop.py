@@ -23,8 +23,14 @@ class Loop(Section):
 
     clock: Literal["lockstep", "paced", "real"] = "paced"
     """lockstep: the board waits for each answer; paced: emulated board on wall time; real: hardware"""
-    mode: Literal["force"] = "force"
-    """force: the host answers every sample with a drive"""
+    mode: Literal["force", "gain"] = "force"
+    """force: the host answers every sample with a drive; gain: the board closes the loop with a matrix from the host,
+    once a block"""
+    block: Annotated[int, Field(ge=2, le=682)] = 250
+    """gain mode: samples in a block; a multiple or a divisor of estimate_every"""
+    filter: Literal["luenberger", "pair"] = "luenberger"
+    """gain mode: what the board makes two signals of each axis by: an observer of the target oscillator, or the sample
+    itself and the one a quarter of a cycle ago"""
     duration_s: Positive = 30.0
     """length of the run in bench time"""
     settle_s: NotNegative = 5.0
@@ -41,6 +47,10 @@ class Loop(Section):
         if self.settle_s >= self.duration_s:
             raise ValueError(
                 f"settle_s: {self.settle_s:g} s leaves nothing to score of duration_s = {self.duration_s:g} s"
+            )
+        if self.mode == "gain" and self.block % self.estimate_every and self.estimate_every % self.block:
+            raise ValueError(
+                f"estimate_every: {self.estimate_every} is neither a multiple nor a divisor of block = {self.block}"
             )
         return self
 

@@ -4,12 +4,14 @@ import math
 from typing import Any
 
 from estimator import settings
+from estimator.gain_matrix import BoardFilter, luenberger, pair
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.links import open_link
 from hil.wire.messages import Identity
+from hil.wire.spec import SPEC
 
 
 def device_of(bench: Bench) -> settings.Device:
@@ -85,6 +87,26 @@ def controller_settings_of(bench: Bench, identity: Identity) -> settings.Control
         modulation=controller.amplitude_modulation,
         modulation_rate=2.0 * math.pi * controller.modulation_Hz,
     )
+
+
+def board_filter_of(bench: Bench) -> BoardFilter:
+    """What the board is to make two signals of each axis by, in gain mode."""
+    step_rad = math.sqrt(bench.target_stiffness_per_s2) / bench.device.sample_rate_Hz
+    if bench.loop.filter == "luenberger":
+        return luenberger(step_rad)
+    return pair(min(max(round(0.5 * math.pi / step_rad), 1), int(SPEC.registers["FILTER_DELAY"].maximum)))
+
+
+def board_dither_of(bench: Bench, identity: Identity) -> tuple[int, int]:
+    """Amplitude in drive codes and start of the dither that the board itself adds in gain mode."""
+    amplitude = bench.controller.dither_mps2 if bench.controller.enabled else 0.0
+    return round(amplitude / identity.drive_scale_mps2), (bench.loop.seed or 0) % 0xFFFFFFFF + 1
+
+
+def drive_limit_of(bench: Bench, identity: Identity) -> int:
+    """Largest drive code the board is to apply."""
+    limit = bench.controller.force_limit_mps2 or bench.device.drive.full_scale
+    return int(min(int(limit / identity.drive_scale_mps2), 2 ** (identity.drive_bits - 1) - 1))
 
 
 def require_agreement(bench: Bench, identity: Identity, link: str) -> None:

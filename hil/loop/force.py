@@ -240,9 +240,14 @@ class ForceLoop:
 
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters."""
-        try:
-            status = client.make_safe(self._endpoint, reason, self._silence_s)
-        except WireError:  # a board that no longer answers goes SAFE by its own watchdog
-            return
-        names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
-        self.counters.board = {name: getattr(status, name) for name in names}
+        self.counters.board = farewell(self._endpoint, reason, self._silence_s)
+
+
+def farewell(endpoint: Endpoint, reason: SafeReason, timeout_s: float) -> dict[str, int]:
+    """Bring the board to SAFE; its own counters, by name, none when it no longer answers."""
+    try:
+        status = client.make_safe(endpoint, reason, timeout_s)
+    except WireError:  # a board that no longer answers goes SAFE by its own watchdog
+        return {}
+    names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
+    return {name: getattr(status, name) for name in names}

@@ -120,6 +120,7 @@ def conclude(
         update={
             "link": link,
             "clock": bench.loop.clock if link is not None else None,
+            "mode": bench.loop.mode if link is not None else None,
             "verdict": verdict,
             "reasons": tuple(reasons),
             "counters": outcome.get("counters", {}),

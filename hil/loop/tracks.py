@@ -13,7 +13,7 @@ from hil.records.capture import board_layout
 from hil.records.estimates import estimates_layout
 from hil.records.innovation import innovation_layout
 from hil.records.layout import Layout
-from hil.records.timing import timing_layout
+from hil.records.timing import ledger_layout, timing_layout
 from hil.wire.messages import Identity
 
 COLUMNS = {
@@ -33,7 +33,14 @@ COLUMNS = {
 def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[str, Layout]:
     """Layouts of all record files of a run against a board, by stem."""
     rate = identity.tick_rate_Hz
-    deadline_us = None if bench.loop.clock == "lockstep" else identity.latency_ticks / rate * 1e6
+    block = bench.loop.block
+    grace = identity.latency_ticks if bench.loop.mode == "force" else block
+    deadline_us = None if bench.loop.clock == "lockstep" else grace / rate * 1e6
+    timing = (
+        timing_layout(tick_rate_Hz=rate, deadline_us=deadline_us)
+        if bench.loop.mode == "force"
+        else ledger_layout(tick_rate_Hz=rate, block=block, deadline_us=deadline_us)
+    )
     said = identity._asdict()
     del said["capabilities"]  # its clocks depend on the link, but the same samples are the same record
     return {
@@ -46,7 +53,7 @@ def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[st
             identity=said,
         ),
         **observer_layouts(observer, bench),
-        "timing": timing_layout(tick_rate_Hz=rate, deadline_us=deadline_us),
+        "timing": timing,
     }
 
 

@@ -11,7 +11,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,9 +29,13 @@ from hil.wire.links import open_link
 from hil.wire.messages import Capabilities, ClockMode, Identity, LoopMode, SafeReason
 
 if TYPE_CHECKING:
+    from estimator.observer import Observer
     from hil.loop.force import ForceLoop
+    from hil.loop.gain import GainLoop
+    from hil.records.recorder import Track
 
 REPORTS = 200  # progress lines over a run
+_RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,9 @@ def connect(order: Order, bench: Bench) -> Link:
 
 
 def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> None:
-    """Clock, watchdog and limits into the board's registers."""
+    """Clock, watchdog, limits and, in gain mode, filter and dither into the board's registers."""
+    from hil.loop.declared import board_dither_of, board_filter_of, drive_limit_of
+
     clock = ClockMode[bench.loop.clock.upper()]
     able = Capabilities(identity.capabilities)
     if clock is ClockMode.LOCKSTEP and Capabilities.LOCKSTEP not in able:
@@ -76,17 +82,26 @@ def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> None:
         raise InputError(
             f'{endpoint.link.name}: this board has no wall clock of its own; use [loop] clock = "lockstep"'
         )
-    limit = bench.controller.force_limit_mps2 or bench.device.drive.full_scale
+    gain_mode = bench.loop.mode == "gain"
+    if gain_mode and Capabilities.GAIN_MODE not in able:
+        raise InputError(f'{endpoint.link.name}: the board cannot close the loop itself; use [loop] mode = "force"')
     ticks = max(math.ceil(bench.link.watchdog_s * identity.tick_rate_Hz), 2)
     client.write_register(endpoint, "CLOCK_MODE", clock)
-    client.write_register(endpoint, "LOOP_MODE", LoopMode.FORCE)
-    client.write_register(endpoint, "BLOCK", 1)
-    client.write_register(endpoint, "WATCHDOG_TICKS", ticks)
-    client.write_register(
-        endpoint,
-        "DRIVE_LIMIT",
-        min(int(limit / identity.drive_scale_mps2), 2 ** (identity.drive_bits - 1) - 1),
-    )
+    registers: dict[str, float] = {
+        "LOOP_MODE": LoopMode.GAIN if gain_mode else LoopMode.FORCE,
+        "BLOCK": bench.loop.block if gain_mode else 1,
+        "WATCHDOG_TICKS": ticks,
+        "DRIVE_LIMIT": drive_limit_of(bench, identity),
+    }
+    if gain_mode:
+        board = board_filter_of(bench)
+        registers |= {f"FILTER_A{i + 1}{j + 1}": board.a[i][j] for i in range(2) for j in range(2)}
+        registers |= {f"FILTER_B{i + 1}": board.b[i] for i in range(2)}
+        registers |= {f"FILTER_C{i + 1}": board.c[i] for i in range(2)}
+        registers |= {"FILTER_DELAY": board.delay}
+        registers |= dict(zip(("DITHER_AMPLITUDE", "DITHER_SEED"), board_dither_of(bench, identity), strict=True))
+    for name, value in registers.items():
+        client.write_register(endpoint, name, value)
 
 
 def work(order: Order) -> dict[str, Any]:
@@ -109,9 +124,9 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
 
     note = "" if is_warm() else "compiling the kernels, once; about half a minute"
     tell(stage="prepare", done=0, total=0, note=note)
+    from estimator.foresight import rehearse
     from estimator.observer import Observer
-    from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
-    from hil.loop.force import ForceLoop
+    from hil.loop.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here
 
@@ -120,17 +135,25 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     def make_observer() -> Observer:
         return Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
 
-    make_observer().tick(0.0, 0.0, 0.0, 0.0)  # loads or compiles the kernels before the board is armed
+    # Loads or compiles the kernels before the board is armed.
+    if bench.loop.mode == "gain":
+        rehearse(make_observer(), board_filter_of(bench))
+    else:
+        make_observer().tick(0.0, 0.0, 0.0, 0.0)
     observer = make_observer()
     layouts = run_layouts(observer, bench, identity)
     configure(endpoint, identity, bench)
     folder = Path(order.folder)
-    recording = record_here(folder, layouts) if lockstep else record_apart(folder, layouts)
+    recording = (
+        record_here(folder, layouts)
+        if lockstep
+        else record_apart(folder, layouts, ring_rows=_RING_ROWS if bench.loop.mode == "gain" else {})
+    )
     samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
     stopped = ""
     refused: list[str] = []
     with recording:
-        loop = ForceLoop(endpoint, identity, bench, observer, recording.tracks)
+        loop = make_loop(endpoint, identity, bench, observer, recording.tracks)
         orphaned = _on_signals(loop)
         if not lockstep:
             refused = realtime.prepare()
@@ -163,7 +186,17 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     return {"counters": counters, "stopped": stopped, "refused": refused}
 
 
-def _on_signals(loop: "ForceLoop") -> Callable[[], bool]:
+def make_loop(
+    endpoint: Endpoint, identity: Identity, bench: Bench, observer: "Observer", tracks: "Mapping[str, Track]"
+) -> "ForceLoop | GainLoop":
+    """The loop of the bench's mode, with a board that is configured for it."""
+    from hil.loop.force import ForceLoop
+    from hil.loop.gain import GainLoop
+
+    return (GainLoop if bench.loop.mode == "gain" else ForceLoop)(endpoint, identity, bench, observer, tracks)
+
+
+def _on_signals(loop: "ForceLoop | GainLoop") -> Callable[[], bool]:
     """SIGTERM and SIGHUP end the loop; the returned function tells whether it was the latter."""
     orphaned = False
 
@@ -177,7 +210,7 @@ def _on_signals(loop: "ForceLoop") -> Callable[[], bool]:
     return lambda: orphaned
 
 
-def _why_safe(loop: "ForceLoop") -> SafeReason:
+def _why_safe(loop: "ForceLoop | GainLoop") -> SafeReason:
     """What the board is told when the loop has ended."""
     if loop.counters.residual_safe:
         return SafeReason.RESIDUAL

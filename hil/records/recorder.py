@@ -26,6 +26,7 @@ from hil.ring import Ring
 
 _DRAIN_EVERY_S = 0.02
 _RING_ROWS = 1 << 16
+_NO_ROWS: Mapping[str, int] = {}
 
 
 class Track(Protocol):
@@ -82,9 +83,9 @@ def record_here(folder: Path, layouts: Mapping[str, Layout]) -> Recording:
 
 
 def record_apart(
-    folder: Path, layouts: Mapping[str, Layout], *, wait: bool = False, ring_rows: int = _RING_ROWS
+    folder: Path, layouts: Mapping[str, Layout], *, wait: bool = False, ring_rows: Mapping[str, int] = _NO_ROWS
 ) -> Recording:
-    """Write `folder/<stem>.arrow` for each stem from a child process behind rings of `ring_rows` rows.
+    """Write `folder/<stem>.arrow` for each stem from a child process behind rings of `ring_rows[stem]` rows.
 
     Call it before the loop asks for real-time scheduling: the child is to run as an ordinary process. With
     `wait` (lockstep) a full ring holds the loop up instead of dropping rows. Leaving the recording waits
@@ -94,7 +95,7 @@ def record_apart(
     rings: dict[str, Ring] = {}
     try:
         for stem, layout in layouts.items():
-            rings[stem] = Ring.create(names[stem], layout.dtype, ring_rows)
+            rings[stem] = Ring.create(names[stem], layout.dtype, ring_rows.get(stem, _RING_ROWS))
         child = _start_child(folder, layouts, names)
     finally:
         # both sides have them open by now: nothing is left behind in shared memory, however this ends

@@ -26,6 +26,16 @@ class Percentiles(_Model):
     p999: NonNegative
 
 
+class Ledger(_Model):
+    """Where the time of a block of samples goes, in gain mode; over the blocks whose matrix is known to have acted."""
+
+    wire: Percentiles = Field(description="From the sampling of its last row to the host, beyond the fastest block")
+    estimate: Percentiles = Field(description="Until the observer was done")
+    send: Percentiles = Field(description="Until the matrix was sent")
+    apply: Percentiles = Field(description="Until the first sample computed with it")
+    total: Percentiles = Field(description="All of it")
+
+
 class Parameter(_Model):
     """An estimated constant at the end of the run."""
 
@@ -69,6 +79,7 @@ class Result(_Model):
     run: str = Field(description="Name of the run folder")
     link: str | None = None
     clock: Literal["lockstep", "paced", "real"] | None = Field(default=None, description="Null for a replay")
+    mode: Literal["force", "gain"] | None = Field(default=None, description="Null for a replay")
     seconds: NonNegative = Field(description="Length of the record in bench time")
     samples: Count
     lost: Count = Field(default=0, description="Samples missing between the first and the last")
@@ -84,6 +95,7 @@ class Result(_Model):
         description="V, the innovation's rms as the observer predicts it, the model being complete",
     )
     turnaround_us: Percentiles | None = None
+    ledger_us: Ledger | None = Field(default=None, description="Gain mode: the stages of a block")
     bare_turnaround_us: Percentiles | None = Field(
         default=None, description="A bare read and write, paced alike in the same run"
     )

@@ -6,8 +6,9 @@ import numpy.typing as npt
 from hil.records.capture import Capture, RowFlag
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation
-from hil.records.result import Parameter, Percentiles, Result
+from hil.records.result import Ledger, Parameter, Percentiles, Result
 from hil.records.runfolder import RunFolder
+from hil.records.timing import Timing
 from hil.records.truth import Truth
 from hil.records.units import symbol_of
 
@@ -39,6 +40,7 @@ def summarise(folder: RunFolder) -> Result:
         innovation_rms=None if innovation is None else innovation_rms(innovation, folder.settle_s),
         noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
         turnaround_us=None if timing is None else percentiles(timing.turnaround_us),
+        ledger_us=None if timing is None else ledger(timing),
         complete=capture is not None and capture.complete,
     )
 
@@ -102,6 +104,16 @@ def percentiles(times_us: npt.NDArray[np.float64]) -> Percentiles | None:
         return None
     p50, p99, p999 = (float(value) for value in np.percentile(times_us, (50.0, 99.0, 99.9)))
     return Percentiles(p50=p50, p99=p99, p999=p999)
+
+
+def ledger(timing: Timing) -> Ledger | None:
+    """Percentiles of each stage of the blocks; None where blocks were not accounted for."""
+    stages = timing.ledger_us
+    if not stages:
+        return None
+    # A block that was applied before it could have been known on its clock is noise of that clock.
+    found = {name: percentiles(np.maximum(elapsed, 0.0)) for name, elapsed in stages.items()}
+    return Ledger.model_validate({name: value for name, value in found.items() if value is not None})
 
 
 def reporting_mass_kg(folder: RunFolder) -> float | None:

@@ -19,9 +19,9 @@ from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
-from hil.loop.force import Counters, ForceLoop
+from hil.loop.force import Counters
 from hil.loop.tracks import run_layouts
-from hil.loop.worker import configure
+from hil.loop.worker import configure, make_loop
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
@@ -110,7 +110,7 @@ def close_loop(
     samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
     folder.mkdir()
     with record_here(folder, run_layouts(observer, bench, identity)) as recording:
-        loop = ForceLoop(endpoint, identity, bench, observer, recording.tracks)
+        loop = make_loop(endpoint, identity, bench, observer, recording.tracks)
         meddle(observer)
         client.arm(endpoint)
         loop.run(samples, lambda _: None, samples)

@@ -49,14 +49,14 @@ def test_a_process_of_its_own_writes_the_same_bytes(tmp_path):
 
 
 def test_a_loop_that_may_wait_loses_nothing_in_a_small_ring(tmp_path):
-    with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=128) as recording:
+    with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=dict.fromkeys(LAYOUTS, 128)) as recording:
         fill(recording, 2000)
     capture = read_capture(tmp_path / "capture.arrow")
     np.testing.assert_array_equal(capture.tick, np.arange(2000))
 
 
 def test_a_loop_that_may_not_wait_leaves_a_flagged_gap(tmp_path):
-    with record_apart(tmp_path, {"capture": LAYOUTS["capture"]}, ring_rows=16) as recording:
+    with record_apart(tmp_path, {"capture": LAYOUTS["capture"]}, ring_rows={"capture": 16}) as recording:
         rows = np.zeros(50, LAYOUTS["capture"].dtype)
         rows["tick"] = np.arange(50)
         recording["capture"].push(rows)
@@ -111,7 +111,7 @@ def test_a_killed_loop_keeps_everything_it_had_pushed(tmp_path):
 
 def test_a_dead_recorder_is_told_of_and_holds_nobody_up(tmp_path):
     def abandoned():
-        with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=64) as recording:
+        with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=dict.fromkeys(LAYOUTS, 64)) as recording:
             for child in children_of(os.getpid()):
                 if b"hil.records.recorder" in Path(f"/proc/{child}/cmdline").read_bytes():
                     os.kill(child, signal.SIGKILL)

@@ -1,0 +1,62 @@
+"""Bridging a gap in gain mode: the board went on driving, and what it drove follows from what it was told to do."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.gain_matrix import BoardFilter, GainMatrix
+from estimator.kernel.foresight import BOARD, follow, foresee
+from estimator.observer import Observer
+from estimator.scaling import Array
+
+
+class Foresight:
+    """A board in gain mode, carried along on the host by what it sampled, or must have sampled.
+
+    `limit` is its largest drive code, `dither` (amplitude in drive codes, start of the shift register) what it adds.
+    """
+
+    def __init__(self, observer: Observer, board: BoardFilter, limit: int, dither: tuple[int, int]) -> None:
+        self._observer = observer
+        self._seed = dither[1]
+        self._board = np.zeros(1, BOARD)
+        self._board["a"] = board.a
+        self._board["b"] = board.b
+        self._board["c"] = board.c
+        self._board["delay"] = board.delay
+        self._board["latency"] = observer.record["latency"]
+        self._board["limit"] = limit
+        self._board["dither"] = dither[0]
+        self.arm()
+
+    def arm(self) -> None:
+        """The board starts anew, without a matrix."""
+        board = self._board
+        for name in ("s", "past", "queue", "closed", "waiting"):
+            board[name] = 0
+        board["shift"] = self._seed
+
+    def tell(self, gain: Array, bias: Array, effective_tick: int) -> None:
+        """A matrix was sent, in force from `effective_tick` on."""
+        board = self._board
+        board["next_gain"] = gain
+        board["next_bias"] = bias
+        board["effective"] = effective_tick
+        board["waiting"] = 1
+
+    def follow(self, first: int, codes: NDArray[np.int32]) -> None:
+        """Rows that were received, from tick `first` on; codes (n, ≥ 2) begin with those sampled."""
+        follow(self._board, first, codes)
+
+    def foresee(self, first: int, missing: int) -> Array:
+        """Drive codes (missing, 2) of the rows from tick `first` on, which follow the observer's newest."""
+        drives = np.zeros((missing, 2))
+        foresee(self._observer.record, self._board, self._observer.x, first, drives)
+        return drives
+
+
+def rehearse(observer: Observer, board: BoardFilter) -> None:
+    """Run everything that gain mode needs once, on nothing, so that its kernels are compiled; spoils the observer."""
+    foresight = Foresight(observer, board, 1, (0, 1))
+    foresight.tell(*GainMatrix(observer, board, 2).solve(), 0)
+    foresight.follow(0, np.zeros((1, 4), np.int32))
+    observer.run(np.zeros((1, 2)), foresight.foresee(1, 1))

@@ -1,0 +1,85 @@
+"""Gain mode's matrix: what a board that closes the loop itself is told to do with its filtered signals."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.kernel.gain_matrix import exponential, filtered_motion, gain_matrix
+from estimator.observer import Observer
+from estimator.scaling import Array
+
+RADIUS = 0.7
+_UNCHANGED = 0.25  # of a hold's work may be done with one matrix: it is measured before and replaced after
+_CONDITION = 1e6  # of the signals by the motion; beyond it rounding and noise are all there is
+
+
+@dataclass(frozen=True)
+class BoardFilter:
+    """s[m] = A s[m − 1] + B V[m] + C V[m − D] for each axis: `a` 2 × 2, `b` and `c` two numbers, `delay` in samples."""
+
+    a: tuple[tuple[float, float], tuple[float, float]]
+    b: tuple[float, float]
+    c: tuple[float, float]
+    delay: int
+
+
+def luenberger(step_rad: float, radius: float = RADIUS) -> BoardFilter:
+    """Observer of an oscillator that turns by `step_rad` a sample, driven by nothing: (V, V̇/ω0), its poles at
+    `radius` exp(± i step_rad).
+    """
+    cosine, sine = math.cos(step_rad), math.sin(step_rad)
+    b = 1.0 - radius**2, (1.0 - radius) ** 2 * cosine / sine
+    return BoardFilter(
+        a=(((1.0 - b[0]) * cosine, (1.0 - b[0]) * sine), (-b[1] * cosine - sine, cosine - b[1] * sine)),
+        b=b,
+        c=(0.0, 0.0),
+        delay=1,
+    )
+
+
+def pair(delay: int) -> BoardFilter:
+    """The codes themselves: V[m] and V[m − delay]."""
+    return BoardFilter(((0.0, 0.0), (0.0, 0.0)), (1.0, 0.0), (0.0, 1.0), delay)
+
+
+class GainMatrix:
+    """Folds an observer's estimates and its controller's settings into G and b.
+
+    `reign` is the time in samples from an estimate to the end of what it was used for: no hold acts faster than a
+    quarter in that time.  Effects that the observer carries are not undone.  Raises ModelError for a filter whose two
+    signals are nearly one at the target frequency.
+    """
+
+    def __init__(self, observer: Observer, board: BoardFilter, reign: int) -> None:
+        self._observer = observer
+        self._filter = tuple(np.array(part, dtype=float) for part in (board.a, board.b, board.c))
+        self._delay = board.delay
+        self._fastest = _UNCHANGED / (reign * observer.h)
+        self._gain = np.zeros((2, 4))
+        self._bias = np.zeros(2)
+        settings = observer.record[0]
+        swing = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
+        nominal = exponential(swing, observer.h, int(settings["order"]))
+        signals = filtered_motion(settings, nominal, *self._filter, self._delay)
+        if not np.linalg.cond(signals) < _CONDITION:
+            raise ModelError(
+                f"a filter over {board.delay} samples ({board.delay * observer.h / math.pi:.3g} half cycles) "
+                "gives one signal twice; choose a delay near a quarter of a cycle"
+            )
+
+    def solve(self) -> tuple[Array, Array]:
+        """(G (2, 4) in drive codes per sense code, b (2,) in drive codes) for the newest estimate; lent until the next
+        call.  Zeros where the estimate is not finite.
+        """
+        observer = self._observer
+        self._gain[:] = 0.0
+        self._bias[:] = 0.0
+        if not np.isfinite(observer.x).all():
+            return self._gain, self._bias
+        gain_matrix(
+            observer.record, observer.memory, observer.x, *self._filter, self._delay, self._fastest,
+            self._gain, self._bias,
+        )  # fmt: skip
+        return self._gain, self._bias

@@ -1,0 +1,91 @@
+"""What the board must have done in a gap, beside a board and a gyro written out in the test."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.foresight import Foresight
+from estimator.gain_matrix import GainMatrix, luenberger, pair
+from estimator.observer import Observer
+from tests.estimator.test_gain_matrix import QUANTUM, Board, Case, codes_of
+
+Floats = NDArray[np.float64]
+LIMIT = 6000
+DITHER, SEED = 300, 0xBEEF
+
+
+class Rounded(Board):
+    """The same with dither, rounding and limits."""
+
+    register = SEED
+    closed = False
+
+    def drive(self, codes: Floats) -> Floats:
+        signs = []
+        for _ in range(2):
+            signs.append(1 if self.register & 1 else -1)
+            self.register = self.register >> 1 ^ (0xA3000000 if self.register & 1 else 0)
+        self.s = self.s @ self.a.T + np.outer(codes, self.b) + np.outer(self.past[-1], self.c)
+        self.past = [codes, *self.past[:-1]]
+        raw = self.closed * np.round(self.gain @ self.s.ravel() + self.bias + DITHER * np.array(signs))
+        self.queue.append(np.clip(raw, -LIMIT, LIMIT))
+        return self.queue.pop(0)
+
+
+def record(case: Case, observer: Observer, rows: int, start: int, second: int) -> tuple[Floats, Floats, list[Floats]]:
+    """Codes and drives (rows, 2) of a closed loop and the motion at each row; matrices from `start`, `second` on."""
+    ad, bd = case.held()
+    board = luenberger(observer.h)
+    gain, bias = GainMatrix(observer, board, 500).solve()
+    loop = Rounded(board, np.zeros((2, 4)), np.zeros(2), case.latency)
+    motion = np.array([2e-6, 0.0, 0.0, 0.0])
+    codes, drives, motions = np.zeros((rows, 2)), np.zeros((rows, 2)), []
+    held = np.zeros(2)
+    for row in range(rows):
+        if row == start:
+            loop.gain, loop.bias, loop.closed = gain.copy(), bias.copy(), True
+        if row == second:
+            loop.gain, loop.bias = 0.5 * gain, 0.5 * bias
+        drives[row] = held
+        codes[row] = np.round(codes_of(motion))
+        motions.append(motion)
+        held = loop.drive(codes[row])
+        motion = ad @ motion + bd @ (held * QUANTUM)
+    return codes, drives, motions
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_a_gap_is_filled_with_what_the_board_did(latency: int) -> None:
+    """120 rows missing, six cycles, with a second matrix, sent before, coming into force amid them."""
+    case = Case(latency=latency)
+    observer = case.observer()
+    gap, missing, start, second = 300, 120, 40, 340
+    codes, drives, motions = record(case, observer, 500, start, second)
+    board = luenberger(observer.h)
+    gain, bias = (part.copy() for part in GainMatrix(observer, board, 500).solve())
+    foresight = Foresight(observer, board, LIMIT, (DITHER, SEED))
+    foresight.follow(0, codes[:20].astype(np.int32))
+    foresight.tell(gain, bias, start)
+    foresight.follow(20, codes[20:gap].astype(np.int32))
+    foresight.tell(0.5 * gain, 0.5 * bias, second)
+    scale = np.array([2e-6, 2e-6 * observer.scaling.omega0] * 2)
+    observer.x[:4] = motions[gap - 1] / scale
+    foreseen = foresight.foresee(gap, missing)
+    assert np.abs(drives[gap : gap + missing]).max() == LIMIT
+    np.testing.assert_allclose(foreseen, drives[gap : gap + missing], atol=1.0)
+    foresight.follow(gap + missing, codes[gap + missing : 480].astype(np.int32))
+    observer.x[:4] = motions[479] / scale
+    np.testing.assert_allclose(foresight.foresee(480, 20), drives[480:], atol=1.0)
+
+
+def test_a_board_that_is_armed_again_has_forgotten() -> None:
+    case = Case()
+    observer = case.observer()
+    board = pair(5)
+    foresight = Foresight(observer, board, LIMIT, (DITHER, SEED))
+    foresight.tell(*GainMatrix(observer, board, 500).solve(), 0)
+    foresight.follow(0, np.full((10, 2), 1000, np.int32))
+    assert foresight.foresee(10, 5).all()
+    foresight.arm()
+    foresight.follow(50, np.full((10, 2), 1000, np.int32))
+    assert not foresight.foresee(60, 5).any()
