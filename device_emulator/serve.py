@@ -106,7 +106,6 @@ class Server:
         before = board.streaming, board.registers.lockstep
         while True:
             left = deadline - time.monotonic()
-            left = deadline - time.monotonic()
             due = left if self._line is None else min(left, self._line.due_s() - time.monotonic())
             full = (link.fileno(),) if self._outbox else ()
             ready, room, _ = select.select((link.fileno(), stop), full, (), max(due, 0.0))

@@ -13,17 +13,15 @@ from dataclasses import dataclass, field
 
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.loop.armed import ArmedBoard
 from hil.records.recorder import Track
-from hil.wire import client
-from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import LinkError, ProtocolError, WireError
-from hil.wire.messages import DriveForce, Identity, Message, Nack, NackReason, SafeReason, SenseFlags, State, Status
-from hil.wire.sense import Sense, SenseRow
+from hil.wire.errors import ProtocolError
+from hil.wire.messages import DriveForce, Identity, SafeReason, SenseFlags
+from hil.wire.sense import SenseRow
 
 _RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
-_DRIVE = type_of(DriveForce)
 _PAUSE = 0.25  # of a sample interval, for the answer to get away
 
 
@@ -72,7 +70,8 @@ class ForceLoop:
         self._long_gap = max(round(_LONG_GAP_S * rate), 2)
         self._silence_s = bench.link.timeout_s
         lockstep, descriptor = bench.loop.clock == "lockstep", endpoint.link.fileno()
-        self._patient = lockstep and descriptor is not None
+        patient = lockstep and descriptor is not None
+        self._board = ArmedBoard(endpoint, DriveForce, self._silence_s, patient=patient)
         self._pause_s = 0.0 if lockstep or descriptor is None else _PAUSE / rate
         self._watched = () if descriptor is None else (descriptor,)
         self._quadrature_limit = bench.limits.quadrature
@@ -196,58 +195,11 @@ class ForceLoop:
             self._observer.withdraw()
 
     def _attend(self) -> None:
-        """No sample came: see what the board has said, arm again after its watchdog, ask after a silence, and give up.
-
-        In lockstep silence is no fault: whoever stopped the board in a debugger will let it go on.
-        """
-        safe = False
-        for message in self._heard():
-            if isinstance(message, Status):
-                safe = message.state == State.SAFE
-            elif isinstance(message, Nack):  # the STATUS was lost, but the board refuses to be driven
-                safe = safe or (message.of_type == _DRIVE and message.reason == NackReason.BAD_STATE)
-        if not safe and not self._patient:
-            safe = self._silent()
-        if safe:
-            self._arm_again()
-
-    def _silent(self) -> bool:
-        """Half the patience for silence is over: whether the board, told to be SAFE, says that it is."""
-        if time.monotonic_ns() - self._endpoint.received_ns < 0.5e9 * self._silence_s:
-            return False
-        try:
-            client.make_safe(self._endpoint, SafeReason.LINK_LOST, 0.5 * self._silence_s)
-        except LinkError:
-            raise ProtocolError(
-                f"{self._name}: the board fell silent for {self._silence_s:g} s; check its supply and the cable"
-            ) from None
-        return True
-
-    def _arm_again(self) -> None:
-        self.counters.rearmed += 1
-        self._phase_lost = True
-        try:
-            client.arm(self._endpoint, self._silence_s)
-        except ProtocolError as refusal:
-            raise ProtocolError(f"{refusal}; if it restarted, check its supply") from None
-        self._heard()  # refusals from before it was armed
-
-    def _heard(self) -> list[Message]:
-        """What the board has said beside samples, which stay for `receive_rows`."""
-        items = self._endpoint.poll(0.0)
-        self._endpoint.keep([item for item in items if isinstance(item.message, Sense)])
-        return [item.message for item in items]
+        """No sample came: see to the board."""
+        if self._board.attend(self._board.heard()):
+            self.counters.rearmed += 1
+            self._phase_lost = True
 
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters."""
-        self.counters.board = farewell(self._endpoint, reason, self._silence_s)
-
-
-def farewell(endpoint: Endpoint, reason: SafeReason, timeout_s: float) -> dict[str, int]:
-    """Bring the board to SAFE; its own counters, by name, none when it no longer answers."""
-    try:
-        status = client.make_safe(endpoint, reason, timeout_s)
-    except WireError:  # a board that no longer answers goes SAFE by its own watchdog
-        return {}
-    names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
-    return {name: getattr(status, name) for name in names}
+        self.counters.board = self._board.farewell(reason)

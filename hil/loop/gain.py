@@ -19,14 +19,14 @@ from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
+from hil.loop.armed import ArmedBoard
 from hil.loop.declared import board_dither_of, board_filter_of, drive_limit_of
-from hil.loop.force import Counters, farewell
+from hil.loop.force import Counters
 from hil.loop.tracks import estimate_rows, innovation_rows, run_layouts
 from hil.records.recorder import Track
-from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
-from hil.wire.messages import DriveGains, Identity, Message, Nack, NackReason, SafeReason, SenseFlags, State, Status
+from hil.wire.messages import DriveGains, Identity, Message, SafeReason, SenseFlags
 from hil.wire.sense import Sense
 from hil.wire.stream import Received
 
@@ -81,16 +81,16 @@ class GainLoop:
         self._acquired = math.ceil(bench.observer.acquisition_s * rate)
         self._long_gap = max(round(_LONG_GAP_S * rate), 2)
         self._silence_s = bench.link.timeout_s
-        self._patient = lockstep and endpoint.link.fileno() is not None
+        patient = lockstep and endpoint.link.fileno() is not None
+        self._board = ArmedBoard(endpoint, DriveGains, self._silence_s, patient=patient)
         self._limits = bench.limits
         self._noise_V = bench.device.sense.noise_V
         self._sent: deque[_Sent] = deque(maxlen=_LATER)
         self._matrix_id = 0
         self._blocks = 0
         self._next: int | None = None
-        self._armed = True
         self._phase_lost = False
-        self._safe = False
+        self._said: deque[Message] = deque(maxlen=_LATER)  # beside samples, since it was last seen to
         self._residual = 1.0
         self._guarded = 0  # sample from which the residual may stop the run
         self.counters = Counters()
@@ -109,8 +109,7 @@ class GainLoop:
         while done < samples and not self.stop:
             items = endpoint.poll(self._silence_s)
             blocks = [item for item in items if isinstance(item.message, Sense)]
-            for item in items:
-                self._note(item.message)
+            self._said.extend(item.message for item in items)
             if not blocks:
                 self._attend()
                 continue
@@ -124,7 +123,7 @@ class GainLoop:
 
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters."""
-        self.counters.board = farewell(self._endpoint, reason, self._silence_s)
+        self.counters.board = self._board.farewell(reason)
 
     def _take(self, block: Received, first: int, *, newest: bool) -> int:
         """Observe a block, answer it if it is the newest, record it; returns how many ticks are done."""
@@ -232,27 +231,12 @@ class GainLoop:
             drives = self._foresight.foresee(tick - missing, missing) * self._scale[2:]
             self._observer.run(np.full((missing, 2), math.nan), drives, every=missing)
 
-    def _note(self, message: Message) -> None:
-        """What the board says beside samples: whether it is SAFE, or refuses to be driven because it is."""
-        if isinstance(message, Status):
-            self._safe = message.state == State.SAFE
-        elif isinstance(message, Nack) and message.reason == NackReason.BAD_STATE:
-            self._safe = True
-
     def _attend(self) -> None:
-        """No sample came: arm again after the board's watchdog, give up on silence.
-
-        In lockstep silence is no fault: whoever stopped the board in a debugger will let it go on.
-        """
-        endpoint = self._endpoint
-        if self._safe:
+        """No sample came: see to the board."""
+        said = list(self._said)
+        self._said.clear()
+        if self._board.attend(said):
             self.counters.rearmed += 1
             self._phase_lost = True
-            client.arm(endpoint, self._silence_s)
             self._foresight.arm()
             self._sent.clear()
-            self._safe = False
-        elif not self._patient and time.monotonic_ns() - endpoint.received_ns > self._silence_s * 1e9:
-            raise ProtocolError(
-                f"{self._name}: the board fell silent for {self._silence_s:g} s; check its supply and the cable"
-            )
