@@ -18,6 +18,7 @@ EFFECTS: tuple[Effect, ...] = (
     sense.DRIVE_FEEDTHROUGH,
     drive.DRIVE_GAIN,
     drive.DRIVE_MISALIGNMENT,
+    damping.DAMPING_ASYMMETRIC,
 )
 
 

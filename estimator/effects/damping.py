@@ -5,7 +5,7 @@ import sympy as sp
 from estimator.effects.declaration import Coefficient, Effect, Undone
 from estimator.model.gyro import vx, vy, x, y
 
-d3x, d3y, d3, fx, fy = sp.symbols("d3x d3y d3 fx fy")
+d3x, d3y, d3, fx, fy, dax, day = sp.symbols("d3x d3y d3 fx fy dax day")
 SMOOTHING = sp.Float(0.01)  # of A ω0: below this velocity friction turns over smoothly
 
 NONLINEAR_DAMPING = Effect(
@@ -28,4 +28,15 @@ DRY_FRICTION = Effect(
     signature="ring-down that is linear in time and ends",
     undone=Undone.CANCEL,
     look_alikes={"nonlinear_damping": "steps of amplitude"},
+)
+
+DAMPING_ASYMMETRIC = Effect(
+    name="damping_asymmetric",
+    title="Damping that is larger one way than the other",
+    coefficients=(Coefficient(dax, "dax", 0.01, 0, -1), Coefficient(day, "day", 0.01, 0, -1)),
+    force=(-dax * vx * sp.tanh(vx / SMOOTHING), -day * vy * sp.tanh(vy / SMOOTHING)),
+    source="half the difference of viscous friction there and back, as of ball screws; Janot, Gautier & Brunot 2019",
+    signature="a shift while it moves, in proportion to the speed",
+    undone=Undone.CANCEL,
+    look_alikes={"quadratic_stiffness": "moves at other frequencies"},
 )

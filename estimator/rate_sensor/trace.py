@@ -15,6 +15,7 @@ from estimator.rate_sensor.catalogue import EFFECTS
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.model import Chain, Rows, SensorFit, fit, straight_line
 from estimator.rate_sensor.record import SensorRecord
+from estimator.residual.effective import effective_samples
 from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.trace.diagnosis import Confusable, Fit, Found, Interval, Rejected, Verdict
@@ -122,18 +123,6 @@ def noise_floor(record: SensorRecord, rows: Rows, noise: float) -> float:
         if freedom > 0 and scatter > 0.0:
             return math.sqrt(scatter / freedom)
     return noise
-
-
-def effective_samples(residual: Array) -> float:
-    """How many independent samples a correlated series is worth: n / (1 + 2 Σ ρ), summed to the first zero."""
-    centred = residual - np.mean(residual)
-    power = float(centred @ centred)
-    if power == 0.0:
-        return float(len(residual))
-    spectrum = np.fft.rfft(centred, 2 * len(centred))
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[: len(centred)] / power
-    first = int(np.argmax(correlation <= 0.0)) or len(correlation)
-    return float(np.clip(len(residual) / (1.0 + 2.0 * np.sum(correlation[1:first])), 4.0, len(residual)))
 
 
 Chosen = tuple[SensorFit, Effect, float]  # the fit that carries it, the effect, twice its gain of log-likelihood

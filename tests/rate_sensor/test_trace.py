@@ -71,6 +71,7 @@ def test_what_only_the_held_out_part_shows_is_unexplained():
     assert "beyond those of the fitting part" in found.reasons[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "system", "coefficients"),
     [
