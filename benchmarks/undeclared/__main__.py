@@ -16,7 +16,7 @@ def main() -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.undeclared", description=__doc__)
     parser.add_argument("what", choices=["generate", "evaluate"], nargs="?", default="generate")
-    parser.add_argument("--n", type=int, default=420, help="about how many records (default 420)")
+    parser.add_argument("--n", type=int, default=480, help="about how many records (default 480)")
     parser.add_argument("--only", default="", help="only records whose name contains this")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--samples", type=int, default=SAMPLES, help=f"of each record (default {SAMPLES})")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 BOLTZMANN_J_PER_K = 1.380649e-23
 _PERMITTIVITY = 8.8541878128e-12
@@ -23,6 +24,7 @@ class DrawnDevice:
     """Numbers of one device, SI; stiffness [xx, yy, xy] in 1/s² and damping in 1/s, both per unit mass."""
 
     slow: bool
+    crest: float  # largest amplitude under the excitation, over the nominal
     frequency_Hz: float
     mass_kg: float
     amplitude_m: float
@@ -55,14 +57,12 @@ class DrawnDevice:
         """
         kxx, kyy, kxy = self.stiffness
         relative = (0.5 * abs(kxx - kyy) + abs(kxy)) / self.omega**2 + 2.0 * self.virtual_rotation_rad_s / self.omega
-        return 1.3 * relative * self.peak_mps2
+        return self.crest * relative * self.peak_mps2
 
 
-def draw_device(rng: np.random.Generator, slow: bool | None = None) -> DrawnDevice:
-    """A device; `slow` forces (or forbids) one near S-slow."""
-    near = bool(rng.random() < 0.5)
-    if slow is not None:
-        near = slow
+def draw_device(rng: np.random.Generator, *, crest: float, slow: bool) -> DrawnDevice:
+    """A device; `slow` asks for one near S-slow."""
+    near = slow or bool(rng.random() < 0.5)
     scale = 0.0 if near else rng.uniform(0.0, 1.0)
     frequency = 200.0 * 50.0**scale * rng.uniform(0.75, 1.3)
     omega = 2.0 * math.pi * frequency
@@ -80,6 +80,7 @@ def draw_device(rng: np.random.Generator, slow: bool | None = None) -> DrawnDevi
     guess = rng.uniform(0.5, 1.5, 2)
     return DrawnDevice(
         slow=near,
+        crest=crest,
         frequency_Hz=frequency,
         mass_kg=1e-3 * 1e-5**scale,
         amplitude_m=amplitude,
@@ -193,3 +194,19 @@ def bench_table(device: DrawnDevice, duration_s: float, excited: bool, turning: 
         # Wide: the record is what it is.
         "limits": {"residual_safe": 1e12, "energy_error": 1e3, "quadrature": 1.0},
     }
+
+
+def draw_temperature(rng: np.random.Generator, duration_s: float) -> dict[str, float]:
+    """`[temperature]`: warming by a few kelvin from being switched on, under the slow swing of a room or an oven."""
+    return {
+        "warm_up_K": float(rng.uniform(2.0, 8.0)),
+        "time_constant_s": float(duration_s * rng.uniform(0.2, 0.8)),
+        "swing_K": float(rng.uniform(0.2, 1.5)),
+        "period_s": float(duration_s * rng.uniform(0.15, 0.6)),
+    }
+
+
+def temperature_C(profile: dict[str, float], t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a thermometer on the board shows, 25 °C at first."""
+    warm = profile["warm_up_K"] * (1.0 - np.exp(-t_s / profile["time_constant_s"]))
+    return np.asarray(25.0 + warm + profile["swing_K"] * np.sin(2.0 * math.pi * t_s / profile["period_s"]))

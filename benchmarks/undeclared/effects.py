@@ -29,14 +29,15 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Drawable:
-    """A kind of hidden effect. `low`, `high`: range of its size; `slow`: only devices near S-slow can have it."""
+    """A kind of hidden effect. `low`, `high`: range of its size; `slow`: its time
+    constants are those of a device near S-slow."""
 
     name: str
     low: float
     high: float
     build: Callable[[Rng, DrawnDevice, float], Hidden]
     why: str
-    slow: bool | None = None
+    slow: bool = False
 
     def draw(self, rng: Rng, device: DrawnDevice) -> Hidden:
         """One draw."""
@@ -129,7 +130,8 @@ def _delay(name: str) -> Callable[[Rng, DrawnDevice, float], Hidden]:
 
 def _high_pass(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     feedback = 2.0 * 5.0 * 100.0 * 8.8541878128e-12 / abs(d.gain_V_per_m)
-    resistors = [1.0 / (d.omega * feedback * s) for s in _alike(rng, size)]
+    # Two resistors of one die, within 30 %.
+    resistors = [1.0 / (d.omega * feedback * s) for s in (size, size * rng.uniform(0.7, 1.0))]
     return Hidden([], size, {"sense": {"feedback_ohm": resistors}})
 
 
@@ -162,12 +164,136 @@ def _line(name: str) -> Callable[[Rng, DrawnDevice, float], Hidden]:
     return build
 
 
+def _friction_asymmetric(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    plain = _friction(rng, d, size).effects[0]
+    x, y = _pair(rng, rng.uniform(0.1, 0.5))
+    return Hidden([plain | {"name": "asymmetric_friction", "ax": x, "ay": y}], size)
+
+
+def _nonreciprocal(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    return _one("nonreciprocal_stiffness", size, kn=_sign(rng) * size * d.omega**2)
+
+
+def _clipping(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    level = size * d.crest * d.amplitude_m * abs(d.gain_V_per_m)  # one supply, one pair of rails
+    return _one("sense_saturation", size, limit_x=level, limit_y=level)
+
+
+def _parasitic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _pair(rng, size)
+    frequency = d.frequency_Hz * math.exp(rng.uniform(math.log(1.5), math.log(6.0)))
+    zeta = math.exp(rng.uniform(math.log(1e-3), math.log(2e-2)))
+    return _one("parasitic_mode", size, frequency=frequency, zeta=zeta, gamma_x=x, gamma_y=y)
+
+
+def _electrostatic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _pair(rng, size)
+    return _one("electrostatic_drive", size, ex=x / d.drive_mps2, ey=y / d.drive_mps2)
+
+
+def _drive_saturation(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    limit = size * d.drive_mps2
+    return _one("drive_saturation", size, limit_x=limit, limit_y=limit)
+
+
+def _dead_band(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    width = size * d.drive_mps2
+    return _one("drive_dead_band", size, width_x=width, width_y=width)
+
+
+def _thermal(name: str, sign: float | None) -> Callable[[Rng, DrawnDevice, float], Hidden]:
+    def build(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+        return _one(name, size, tc=size * (sign or _sign(rng)))
+
+    return build
+
+
+def _thermal_offset(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _pair(rng, size)
+    unit = abs(d.gain_V_per_m) * d.amplitude_m
+    return _one("thermal_offset", size, tc_x=x * unit, tc_y=y * unit)
+
+
+def _support(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    reaction = size * d.peak_mps2
+    static = reaction * rng.uniform(0.3, 0.9)
+    return _one(
+        "stick_slip_support",
+        size,
+        ratio=size,
+        frequency=d.frequency_Hz * rng.uniform(0.05, 0.3),
+        Fs=static,
+        Fc=static * rng.uniform(0.5, 0.8),
+        vs=0.05 * size * d.amplitude_m * d.omega,
+        s=(d.omega * rng.uniform(2.0, 4.0)) ** 2,
+    )
+
+
+def _backlash(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _alike(rng, size * d.omega**2)
+    return _one("backlash", size, kbx=x, kby=y, gap=d.amplitude_m * rng.uniform(0.3, 0.9))
+
+
+def _hysteretic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _alike(rng, size * d.omega**2)
+    return _one("hysteretic_stiffness", size, khx=x, khy=y, reach=d.amplitude_m * rng.uniform(0.05, 0.5))
+
+
+def _telegraph(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _alike(rng, size * abs(d.gain_V_per_m) * d.amplitude_m)
+    return _one("telegraph_offset", size, ax=x, ay=y, rate=d.frequency_Hz / 200.0 * rng.uniform(1.0, 20.0))
+
+
+def _parametric(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    frequency = d.frequency_Hz * math.exp(rng.uniform(math.log(0.03), math.log(0.6)))
+    phase = float(rng.uniform(-math.pi, math.pi))
+    return _one("parametric_stiffness", size, depth=size, frequency=frequency, phase=phase)
+
+
+def _coupling(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    return _one("nonlinear_coupling", size, c=_sign(rng) * size * d.omega**2 / d.amplitude_m**2)
+
+
+def _missing_codes(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    return _one("missing_codes", size, every=4096.0, width=float(round(size)))
+
+
+def _slew(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    steepest = size * d.omega * d.drive_mps2
+    return _one("drive_slew", size, slew_x=steepest, slew_y=steepest)
+
+
+def _angular_gain(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    return _one("angular_gain", size, kappa=-size)
+
+
+def _constant_force(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _pair(rng, size * d.peak_mps2)
+    return _one("constant_force", size, gx=x, gy=y)
+
+
+def _flicker(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    # A corner frequency below the resonance: density of the white noise times √corner, at 1 Hz.
+    corner = size * d.frequency_Hz
+    return Hidden([], size, {"sense": {"flicker_V_at_1Hz": d.noise_V * math.sqrt(2.0 * corner / d.sample_rate_Hz)}})
+
+
+def _coarse(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    # Steps of `size` deviations of the noise; beyond 2 their error is no noise any more.
+    bits = round(math.log2(2.0 * 0.25 / (size * d.noise_V)))
+    return Hidden([], size, {"sense": {"adc_bits": bits}})
+
+
 _ALL = (
     Drawable("cubic_stiffness", 1e-3, 5e-2, _cubic, "k3 A²/k: clamped springs harden, combs soften, by up to some %"),
     Drawable("cubic_isotropic", 1e-3, 5e-2, _cubic_isotropic, "k3 A²/k, the same on every axis"),
     Drawable("quadratic_stiffness", 1e-3, 3e-2, _quadratic, "k2 A/k: electrostatic spring of unequal gaps"),
     Drawable("nonlinear_damping", 0.05, 1.0, _nonlinear_damping, "d3 A² over the linear damping"),
     Drawable("dry_friction", 0.05, 1.0, _friction, "F over the linear damping's largest force"),
+    Drawable("dry_friction_asymmetric", 0.05, 1.0, _friction_asymmetric, "as dry friction; 10 to 50 % more one way"),
+    Drawable(
+        "nonreciprocal_stiffness", 1e-4, 5e-3, _nonreciprocal, "kn/k: feedback that leaks across, in a stiff loop"
+    ),
     Drawable("sense_gain", 1e-3, 3e-2, _sense_gain, "uncalibrated capacitors and amplifiers match to some %"),
     Drawable("sense_cross_coupling", 1e-3, 3e-2, _crossed("sense_cross_coupling"), "misalignment, stray capacitance"),
     Drawable("sense_quadratic", 1e-3, 3e-2, _sense_quadratic, "α2 A: parallel-plate capacitance, unequal gaps"),
@@ -181,8 +307,40 @@ _ALL = (
     Drawable("drive_feedthrough", 3e-3, 0.3, _feedthrough, "γ k over the sense gain: stray capacitance"),
     Drawable("interference", 1e-3, 3e-2, _line("interference"), "of the amplitude's voltage: mains, clocks"),
     Drawable("base_vibration", 3e-4, 1e-2, _line("base_vibration"), "of k A: 0.05 to 1.5 m/s² at S-slow"),
+    # Deeper, and the energy hold takes the missing tops for a loss and drives the mass into its stops.
+    Drawable("sense_clipping", 0.92, 0.99, _clipping, "level over the largest amplitude"),
+    Drawable("parasitic_mode", 3e-2, 1.0, _parasitic, "γ c: share of the drive that another mode takes and shows"),
+    Drawable("electrostatic_drive", 3e-3, 0.1, _electrostatic, "largest drive over four times the bias"),
+    Drawable("drive_saturation", 0.4, 0.9, _drive_saturation, "limit over the largest force needed"),
+    Drawable("drive_dead_band", 5e-3, 0.1, _dead_band, "band over the largest force needed"),
+    Drawable("temperature_stiffness", 2e-5, 2e-4, _thermal("thermal_stiffness", -1.0), "1/K; silicon 6e-5", slow=True),
+    Drawable("temperature_damping", 2e-3, 2e-2, _thermal("thermal_damping", None), "1/K", slow=True),
+    Drawable("temperature_offset", 1e-4, 1e-2, _thermal_offset, "of the amplitude per K", slow=True),
 )
-_OUTSIDE: tuple[Drawable, ...] = ()
+_OUTSIDE = (
+    Drawable("stick_slip_support", 3e-4, 1e-2, _support, "mass of the proof mass over that of the package"),
+    Drawable("backlash", 1e-3, 3e-2, _backlash, "of k: an anchor with play"),
+    Drawable("hysteretic_stiffness", 1e-3, 2e-2, _hysteretic, "of k: slip in a die attach"),
+    Drawable("telegraph_offset", 1e-3, 3e-2, _telegraph, "of the amplitude's voltage: a trap in an input transistor"),
+    Drawable("parametric_stiffness", 1e-4, 1e-2, _parametric, "of k: ripple of a bias"),
+    Drawable("nonlinear_coupling", 1e-3, 3e-2, _coupling, "c A²/k, potential c x³ y"),
+    Drawable("missing_codes", 20.0, 200.0, _missing_codes, "codes lost at each major carry"),
+    Drawable("drive_slew", 0.3, 3.0, _slew, "steepest change over that of the largest force needed"),
+)
+_NEVER = (
+    Drawable("angular_gain", 1e-2, 0.3, _angular_gain, "1 - κ; a wine-glass mode has 0.3"),
+    Drawable("constant_force", 1e-3, 3e-2, _constant_force, "of k A: 0.02 to 0.5 g at S-slow"),
+    Drawable("flicker_noise", 1e-3, 3e-2, _flicker, "corner over the resonance"),
+    Drawable("coarse_converter", 0.5, 2.0, _coarse, "step over the noise"),
+)
+
 DRAWABLE = {drawable.name: drawable for drawable in _ALL}
+"""What the catalogue of tracing has, under its names there."""
+
 OUTSIDE = {drawable.name: drawable for drawable in _OUTSIDE}
-EFFECTS = {**DRAWABLE, **OUTSIDE}
+"""What it lacks."""
+
+NEVER = {drawable.name: drawable for drawable in _NEVER}
+"""What no record shows beside the base model, or no model accounts for: nothing to add."""
+
+EFFECTS = {**DRAWABLE, **OUTSIDE, **NEVER}

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from benchmarks.undeclared.effects import DRAWABLE, OUTSIDE
+from benchmarks.undeclared.effects import DRAWABLE, NEVER, OUTSIDE
 
 # Pairs of which each leaves a mark of its own: another line, another harmonic, another dependence.
 PAIRS = (
@@ -21,9 +21,11 @@ PAIRS = (
     ("sense_gain", "drive_feedthrough"),
     ("base_vibration", "sense_cubic"),
     ("sense_delay", "cubic_stiffness"),
+    ("sense_clipping", "drive_gain"),
+    ("interference", "nonreciprocal_stiffness"),
 )
 
-SHARES = {"single": 0.5, "clean": 0.24, "outside": 0.1, "double": 0.08, "tame": 0.08}
+SHARES = {"single": 0.44, "clean": 0.21, "tame": 0.11, "outside": 0.1, "double": 0.1, "never": 0.04}
 
 
 @dataclass(frozen=True)
@@ -51,9 +53,7 @@ def kinds(category: str) -> tuple[tuple[str, ...], ...]:
         return ((),)
     if category == "double":
         return PAIRS
-    if category == "outside":
-        return tuple((name,) for name in OUTSIDE)
-    return tuple((name,) for name in DRAWABLE)
+    return tuple((name,) for name in {"outside": OUTSIDE, "never": NEVER}.get(category, DRAWABLE))
 
 
 def population(n: int) -> list[Order]:

@@ -13,14 +13,22 @@ from typing import Any
 import numpy as np
 
 from benchmarks.lockstep import ClosedLoop, close_loop, rms
-from benchmarks.undeclared.device import DrawnDevice, bench_table, draw_device, draw_rate, scenario_table
+from benchmarks.undeclared.device import (
+    DrawnDevice,
+    bench_table,
+    draw_device,
+    draw_rate,
+    draw_temperature,
+    scenario_table,
+    temperature_C,
+)
 from benchmarks.undeclared.effects import EFFECTS, Hidden
 from benchmarks.undeclared.population import Order
 from device_emulator.scenario import Scenario
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.records.atomic import write_text
-from hil.records.capture import board_layout
+from hil.records.capture import board_layout, import_layout
 from hil.records.stream import BlockWriter
 from hil.strict_toml import parse_table
 
@@ -34,10 +42,11 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
         return place
     rng = np.random.default_rng(order.seed)
     drawables = [EFFECTS[name] for name in order.effects]
-    device = draw_device(rng, slow=True if any(d.slow for d in drawables) else None)
+    excited = order.category != "tame"
+    thermal = any(drawable.slow for drawable in drawables)
+    device = draw_device(rng, crest=1.3 if excited else 1.0, slow=thermal)
     duration_s = samples / device.sample_rate_Hz
     rate = draw_rate(rng, device, duration_s)
-    excited = order.category != "tame"
     turning = excited or bool(rng.random() < 0.5)
     hidden = [drawable.draw(rng, device) for drawable in drawables]
     table = scenario_table(device, rate, order.seed)
@@ -45,11 +54,14 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
         table.setdefault("effect", []).extend(what.effects)
         for section, keys in what.sections.items():
             table[section] = table.get(section, {}) | keys
+    # A thermometer is there wherever something depends on it, and beside some devices where nothing does.
+    if thermal or (order.category == "clean" and device.slow and rng.random() < 0.4):
+        table["temperature"] = draw_temperature(rng, duration_s)
     scenario = Scenario.model_validate(table)
     bench = parse_table(bench_table(device, duration_s, excited, turning), Bench, order.name)
     loop = close_loop(scenario, bench, samples, seed=order.seed, every=1000)
     place.mkdir(parents=True, exist_ok=True)
-    _write_capture(place / "capture.arrow", loop, scenario)
+    _write_capture(place / "capture.arrow", loop, scenario, table.get("temperature"))
     write_text(place / "bench.toml", template(values_of(bench), "The data sheet."))
     # Last: a record without it is made again.
     write_text(
@@ -58,17 +70,29 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
     return place
 
 
-def _write_capture(path: Path, loop: ClosedLoop, scenario: Scenario) -> None:
-    layout = board_layout(
-        tick_rate_Hz=scenario.board.sample_rate_Hz,
-        axes=2,
-        latency_ticks=scenario.drive.latency_samples,
-        sense_scale_V=2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits,
-        drive_scale=math.ldexp(scenario.drive.full_scale_mps2, 1 - scenario.drive.dac_bits),
-    )
+def _write_capture(path: Path, loop: ClosedLoop, scenario: Scenario, temperature: dict[str, float] | None) -> None:
+    """The record as the loop would have written it; with a thermometer, which the wire does not know, as an import."""
+    rate = scenario.board.sample_rate_Hz
+    sense_V = 2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits
+    drive_mps2 = math.ldexp(scenario.drive.full_scale_mps2, 1 - scenario.drive.dac_bits)
+    if temperature is None:
+        layout = board_layout(
+            tick_rate_Hz=rate,
+            axes=2,
+            latency_ticks=scenario.drive.latency_samples,
+            sense_scale_V=sense_V,
+            drive_scale=drive_mps2,
+        )
+        columns = list(loop.capture.T)
+    else:
+        names = ["vx_V", "vy_V", "ux_mps2", "uy_mps2", "temp_C"]
+        layout = import_layout(names, tick_rate_Hz=rate, uniform=True, hold="zoh", segments={})
+        tick, vx, vy, ux, uy, _ = loop.capture.T
+        shown = temperature_C(temperature, tick / rate)
+        columns = [tick, vx * sense_V, vy * sense_V, ux * drive_mps2, uy * drive_mps2, shown]
     rows = np.zeros(len(loop.capture), layout.dtype)
-    for column, name in enumerate(rows.dtype.names or ()):
-        rows[name] = loop.capture[:, column]
+    for name, column in zip(rows.dtype.names or (), columns, strict=True):
+        rows[name] = column
     with BlockWriter(path, layout) as writer:
         writer.push(rows)
 

@@ -1,0 +1,88 @@
+"""From the emulator's definitions to the catalogue's: which effect tracing should name, with which coefficients.
+
+Written from the two definitions, sharing no code with either.  Lengths are those of the declared sense gain G [V/m],
+which the emulated board has exactly on x; an effect on the voltage is one on the displacement over G.  Times count from
+the first sample.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+Table = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Names that are right (the first one exactly), and coefficients and searched parameters by name, SI."""
+
+    names: tuple[str, ...]
+    coefficients: Mapping[str, float]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+_SAME = {
+    # emulator's effect: its coefficients and what the catalogue calls them
+    "cubic_stiffness": {"k3x": "k3x", "k3y": "k3y"},
+    "isotropic_cubic_stiffness": {"k3": "k3"},
+    "quadratic_stiffness": {"k2x": "k2x", "k2y": "k2y"},
+    "nonreciprocal_stiffness": {"kn": "kn"},
+    "nonlinear_damping": {"d3x": "d3x", "d3y": "d3y"},
+    "dry_friction": {"Fx": "fx", "Fy": "fy"},
+    "sense_gain": {"gy": "gy"},
+    "sense_cross_coupling": {"exy": "ex", "eyx": "ey"},
+    "sense_quadratic": {"a2x": "a2x", "a2y": "a2y"},
+    "sense_cubic": {"a3x": "a3x", "a3y": "a3y"},
+    "sense_delay": {"tau_x": "tsx", "tau_y": "tsy"},
+    "drive_gain": {"gx": "hx", "gy": "hy"},
+    "drive_misalignment": {"exy": "mx", "eyx": "my"},
+    "drive_delay": {"tau_x": "tux", "tau_y": "tuy"},
+    "electrostatic_drive": {"ex": "qx", "ey": "qy"},
+}
+
+
+def expected(name: str, tables: list[Table], sections: Table, device: Table) -> Expected:
+    """What is right for the drawn effect `name`; `device` as in truth.json."""
+    gain = device["gain_V_per_m"]
+    if name == "sense_high_pass":
+        feedback_F = 2.0 * 5.0 * 100.0 * 8.8541878128e-12 / abs(gain)
+        x, y = (1.0 / (ohm * feedback_F) for ohm in sections["sense"]["feedback_ohm"])
+        return Expected((name,), {"hpx": x, "hpy": y})
+    if name == "sense_low_pass":
+        x, y = (1.0 / (2.0 * math.pi * corner) for corner in sections["sense"]["low_pass_Hz"])
+        return Expected((name,), {"tlx": x, "tly": y})
+    c = tables[0]
+    if c["name"] in _SAME:
+        return Expected((name,), {ours: c[theirs] for theirs, ours in _SAME[c["name"]].items()})
+    if name == "dry_friction_asymmetric":
+        # The catalogue has it in two parts; the second is a constant force but for the turning points.
+        symmetric = {"fx": c["Fx"], "fy": c["Fy"]}
+        return Expected(("dry_friction", name), symmetric | {"fax": c["Fx"] * c["ax"], "fay": c["Fy"] * c["ay"]})
+    if name == "drive_feedthrough":
+        return Expected((name,), {"fdx": c["gamma_x"] / gain, "fdy": c["gamma_y"] / gain})
+    if name in ("interference", "base_vibration"):
+        letter, unit = ("l", gain) if name == "interference" else ("b", 1.0)
+        waves = {}
+        for axis in "xy":
+            waves[f"{letter}s{axis}"] = c[f"a{axis}"] * math.cos(c[f"phase_{axis}"]) / unit
+            waves[f"{letter}c{axis}"] = c[f"a{axis}"] * math.sin(c[f"phase_{axis}"]) / unit
+        return Expected((name,), waves, {"omega": 2.0 * math.pi * c["frequency"]})
+    if name == "sense_clipping":
+        return Expected((name,), {"clx": 1.0, "cly": 1.0}, {"level": c["limit_x"] / abs(gain)})
+    if name == "parasitic_mode":
+        searched = {"omega": 2.0 * math.pi * c["frequency"], "zeta_p": c["zeta"]}
+        return Expected((name,), {"rx": c["gamma_x"], "ry": c["gamma_y"]}, searched)
+    if name == "drive_saturation":
+        return Expected((name,), {"sx": 1.0, "sy": 1.0}, {"limit": c["limit_x"]})
+    if name == "drive_dead_band":
+        return Expected((name,), {"zx": 1.0, "zy": 1.0}, {"band": c["width_x"]})
+    if name == "temperature_stiffness":
+        kxx, kyy, _ = device["stiffness_per_s2"]
+        return Expected((name,), {"ktx": c["tc"] * kxx, "kty": c["tc"] * kyy})
+    if name == "temperature_damping":
+        dxx, dyy, _ = device["damping_per_s"]
+        return Expected((name,), {"dtx": c["tc"] * dxx, "dty": c["tc"] * dyy})
+    if name == "temperature_offset":
+        return Expected((name,), {"ptx": c["tc_x"] / gain, "pty": c["tc_y"] / gain})
+    return Expected((), {})  # outside the catalogue, or nothing to name
