@@ -1,11 +1,11 @@
 # Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
-# make demo · make test · make quick · make check · make bench · make install
+# make demo · make test · make quick · make check · make bench · make undeclared · make install
 
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
 
-.PHONY: help install demo test quick check bench
+.PHONY: help install demo test quick check bench undeclared
 
 help:
 	@echo "make demo     close the loop with an emulated board in real time, and report"
@@ -13,6 +13,7 @@ help:
 	@echo "make quick    the tests of daily work, under a minute"
 	@echo "make check    lint, types, import contracts"
 	@echo "make bench    measured speed, into runs/bench.json"
+	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; docs/results/undeclared.md"
 	@echo "make install  the .venv that the others need (they do it themselves)"
 
 install: $(STAMP)
@@ -33,6 +34,9 @@ check: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
+
+undeclared: $(STAMP)
+	$(BIN)/python -m benchmarks.undeclared
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
 $(STAMP): pyproject.toml

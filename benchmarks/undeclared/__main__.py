@@ -1,30 +1,63 @@
-"""`python -m benchmarks.undeclared generate|evaluate`: see the package."""
+"""`python -m benchmarks.undeclared [generate|evaluate|all]`: see the package.
+
+Both parts go on where they were interrupted: records and answers are kept in the folder.
+"""
 
 import argparse
+import json
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
+from benchmarks.undeclared.judging import judge
+from benchmarks.undeclared.page import write_page
 from benchmarks.undeclared.population import Order, population
 from benchmarks.undeclared.record import SAMPLES, make
+from benchmarks.undeclared.summary import summarise
+from benchmarks.undeclared.tracing import trace_all
+from hil.records.atomic import write_text
 
 FOLDER = Path("runs/undeclared")
+TARGET = Path("runs/undeclared.json")
+PAGE = Path("docs/results")
 
 
 def main() -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.undeclared", description=__doc__)
-    parser.add_argument("what", choices=["generate", "evaluate"], nargs="?", default="generate")
+    parser.add_argument("what", choices=["generate", "evaluate", "all"], nargs="?", default="all")
     parser.add_argument("--n", type=int, default=480, help="about how many records (default 480)")
     parser.add_argument("--only", default="", help="only records whose name contains this")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--samples", type=int, default=SAMPLES, help=f"of each record (default {SAMPLES})")
     parser.add_argument("--folder", type=Path, default=FOLDER, help=f"of the records (default {FOLDER})")
+    parser.add_argument("--keep", action="store_true", help="keep answers of an estimator that has changed since")
+    parser.add_argument("--out", type=Path, default=TARGET, help=f"figures (default {TARGET})")
+    parser.add_argument("--page", type=Path, default=PAGE, help=f"folder of the page (default {PAGE})")
     options = parser.parse_args()
     orders = [order for order in population(options.n) if options.only in order.name]
-    generate(orders, options.folder, options.samples, options.jobs)
+    if options.what != "evaluate":
+        generate(orders, options.folder, options.samples, options.jobs)
+    if options.what != "generate":
+        places = [options.folder / order.name for order in orders]
+        evaluate([place for place in places if (place / "truth.json").exists()], options)
     return 0
+
+
+def evaluate(places: list[Path], options: argparse.Namespace) -> None:
+    """Trace, judge, and write the figures and the page."""
+    trace_all(places, options.jobs, options.keep, say)
+    judged = []
+    for place in places:
+        truth = json.loads((place / "truth.json").read_text())
+        said = place / "diagnosis.json"
+        judged.append(judge(truth, json.loads(said.read_text()) if said.exists() else None))
+    summary = summarise(judged)
+    write_text(options.out, json.dumps(summary, indent=1) + "\n")
+    write_page(options.page, summary, judged)
+    for category in ("single", "clean", "outside", "double", "tame", "never"):
+        print(category, json.dumps(summary[category]))
 
 
 def generate(orders: list[Order], folder: Path, samples: int, jobs: int) -> None:

@@ -1,8 +1,9 @@
 """From the emulator's definitions to the catalogue's: which effect tracing should name, with which coefficients.
 
 Written from the two definitions, sharing no code with either.  Lengths are those of the declared sense gain G [V/m],
-which the emulated board has exactly on x; an effect on the voltage is one on the displacement over G.  Times count from
-the first sample.
+which the emulated board has exactly on x; an effect on the voltage is one on the displacement over G.  The emulator
+counts time from the first sample, the observer from one interval before it, where its first prediction starts: a line's
+phase differs by ω Ts.
 """
 
 import math
@@ -63,15 +64,17 @@ def expected(name: str, tables: list[Table], sections: Table, device: Table) -> 
         return Expected((name,), {"fdx": c["gamma_x"] / gain, "fdy": c["gamma_y"] / gain})
     if name in ("interference", "base_vibration"):
         letter, unit = ("l", gain) if name == "interference" else ("b", 1.0)
+        omega = 2.0 * math.pi * c["frequency"]
         waves = {}
         for axis in "xy":
-            waves[f"{letter}s{axis}"] = c[f"a{axis}"] * math.cos(c[f"phase_{axis}"]) / unit
-            waves[f"{letter}c{axis}"] = c[f"a{axis}"] * math.sin(c[f"phase_{axis}"]) / unit
-        return Expected((name,), waves, {"omega": 2.0 * math.pi * c["frequency"]})
+            phase = c[f"phase_{axis}"] - omega / device["sample_rate_Hz"]
+            waves[f"{letter}s{axis}"] = c[f"a{axis}"] * math.cos(phase) / unit
+            waves[f"{letter}c{axis}"] = c[f"a{axis}"] * math.sin(phase) / unit
+        return Expected((name,), waves, {"omega": omega})
     if name == "sense_clipping":
         return Expected((name,), {"clx": 1.0, "cly": 1.0}, {"level": c["limit_x"] / abs(gain)})
     if name == "parasitic_mode":
-        searched = {"omega": 2.0 * math.pi * c["frequency"], "zeta_p": c["zeta"]}
+        searched = {"omega": 2.0 * math.pi * c["frequency"], "zeta": c["zeta"]}
         return Expected((name,), {"rx": c["gamma_x"], "ry": c["gamma_y"]}, searched)
     if name == "drive_saturation":
         return Expected((name,), {"sx": 1.0, "sy": 1.0}, {"limit": c["limit_x"]})

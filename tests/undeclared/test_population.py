@@ -1,0 +1,77 @@
+"""Which records there are, and that one order is one record."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.undeclared.effects import DRAWABLE, EFFECTS
+from benchmarks.undeclared.population import SHARES, kinds, population
+from benchmarks.undeclared.record import make
+from device_emulator.effects.catalogue import DECLARATIONS
+from hil.bench import load_bench
+from hil.records.capture import read_capture
+
+
+def test_a_larger_population_keeps_the_records_of_a_smaller_one() -> None:
+    small, large = population(120), population(480)
+    assert {order.name for order in small} <= {order.name for order in large}
+    assert len({order.seed for order in large}) == len(large)
+
+
+def test_every_category_and_every_effect_is_there() -> None:
+    orders = population(480)
+    assert {order.category for order in orders} == set(SHARES)
+    assert sum(order.category == "clean" for order in orders) >= 100
+    for category in ("single", "outside", "double", "tame", "never"):
+        assert {order.effects for order in orders if order.category == category} == set(kinds(category))
+    assert len([order for order in orders if order.category == "single"]) >= 200
+
+
+def test_the_first_records_are_a_fair_sample() -> None:
+    first = population(480)[:60]
+    for category, share in SHARES.items():
+        assert sum(order.category == category for order in first) == pytest.approx(60 * share, abs=2)
+
+
+def test_what_is_hidden_is_known_to_the_emulator() -> None:
+    names = {kind.name.lower() for kind in DECLARATIONS}
+    order = next(order for order in population(480) if order.effects == ("parasitic_mode",))
+    assert order.category in SHARES
+    assert len(EFFECTS) > len(DRAWABLE) > 20
+    assert {"stick_slip_support", "backlash", "hysteretic_stiffness", "telegraph_offset", "nonlinear_coupling"} <= names
+
+
+@pytest.mark.slow
+def test_one_order_one_record(tmp_path: Path) -> None:
+    """The same bytes again; a record that is there is not made anew; a thermometer only where one is."""
+    order = next(order for order in population(480) if order.effects == ("temperature_offset",))
+    first = make(order, tmp_path / "first", 3000)
+    second = make(order, tmp_path / "second", 3000)
+    for name in ("capture.arrow", "bench.toml", "truth.json"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+    (first / "capture.arrow").unlink()
+    make(order, tmp_path / "first", 3000)
+    assert not (first / "capture.arrow").exists()
+    capture, bench = read_capture(second / "capture.arrow"), load_bench(second / "bench.toml")
+    assert len(capture) == 3000
+    assert capture.temp_C is not None
+    assert capture.temp_C[0] == 25.0
+    truth = json.loads((second / "truth.json").read_text())
+    declared, true = bench.device.stiffness_per_s2, truth["device"]["stiffness_per_s2"]
+    assert all(0.0 < abs(a / b - 1.0) <= 0.0201 for a, b in zip(declared[:2], true[:2], strict=True))
+    assert not bench.effects
+
+
+@pytest.mark.slow
+def test_tame_records_have_neither_dither_nor_modulation(tmp_path: Path) -> None:
+    orders = population(480)
+    tame = make(next(order for order in orders if order.category == "tame"), tmp_path, 500)
+    excited = make(next(order for order in orders if order.category == "single"), tmp_path, 500)
+    assert load_bench(tame / "bench.toml").controller.dither_mps2 == 0.0
+    assert load_bench(tame / "bench.toml").controller.amplitude_modulation == 0.0
+    controller, device = load_bench(excited / "bench.toml").controller, load_bench(excited / "bench.toml").device
+    k = sum(device.stiffness_per_s2[:2]) / 2
+    assert controller.amplitude_modulation == 0.3
+    assert controller.dither_mps2 >= 2e-3 * k * device.amplitude_m
+    assert controller.virtual_rotation_rad_s > 0.0
