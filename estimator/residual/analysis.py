@@ -21,6 +21,7 @@ LEVEL = 0.01
 
 _FAMILIES = 7  # floor, portmanteau, cumulative periodogram, bands, lines, dependence on motion, dependence on drive
 _ALONE = 1e-3  # resonances from a multiple beyond which a single line may as well have nothing to do with it
+_ENOUGH = 200_000  # samples, for what is regressed sample by sample
 _SMALLEST_POWER = -300.0  # of ten, as a chance is told
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TINY_FLOOR = np.finfo(float).tiny
@@ -178,14 +179,15 @@ def _moves_with(entry: Dependence, log_p: float) -> Finding:
 
 def _of_drive(series: Array, estimates: Estimates, record: Record, share: float) -> list[Finding]:
     """Sample by sample, what the drive of the interval just past adds, with the motion itself taken out."""
-    drive = np.asarray(record.drive[:, :, 0])
-    if not np.any(np.std(drive, axis=0) > 0.0) or len(estimates.index) < len(series):
+    if len(estimates.index) < len(series):
         return []
+    rows = slice(max(len(series) - _ENOUGH, 0), None)
+    series, drive = series[rows], np.asarray(record.drive[rows, :, 0])
     states = [name for name in ("x", "vx", "y", "vy") if name in estimates.names]
     axes = "xy"[: series.shape[1]]
     regressors = {f"u{axis}": drive[:, i] for i, axis in enumerate(axes)}
     valid = np.all(np.isfinite(series), axis=1)
-    moving = {name: estimates.of(name)[valid] for name in states}
+    moving = {name: estimates.of(name)[rows][valid] for name in states}
     components = {f"ν{axis}": series[valid, i] for i, axis in enumerate(axes)}
     entries = dependences(components, moving | {name: values[valid] for name, values in regressors.items()})
     entries = tuple(entry for entry in entries if entry.regressor in regressors)

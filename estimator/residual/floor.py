@@ -15,7 +15,10 @@ from estimator.scaling import Array
 
 _FEWEST_BINS = 64
 _AWAY = 0.125  # resonances to stay away from a multiple
-_PERIODIC = 1e-4  # of the drive's rms: a period that comes back is the same to this
+_PERIODIC = 1e-4  # of the drive's rms: a period that comes back is the same to this …
+_NEAR = 1e-3  # … and a stretch of so many samples, where one is looked for, to this
+_PATTERN = 32
+_CANDIDATES = 8
 
 
 @dataclass(frozen=True)
@@ -80,15 +83,18 @@ def repeated_noise(sense: Array, drive: Array) -> Array | None:
 def _period(drive: Array) -> int | None:
     """Samples after which the drive comes back exactly, for the rest of the record; None where it does not."""
     n = len(drive)
-    centred = drive - np.mean(drive, axis=0)
-    power = float(np.mean(centred**2))
-    if power == 0.0:
+    size = float(np.sqrt(np.mean(drive**2)))
+    if size == 0.0 or n < 2 * _PATTERN:
         return None
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(centred, size, axis=0)
-    correlation = np.sum(np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: n // 2 + 1], axis=1)
-    share = correlation / (n - np.arange(n // 2 + 1)) / (correlation[0] / n)
-    for lag in np.flatnonzero((share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] > 0.99)) + 1:
-        if np.mean((centred[lag:] - centred[:-lag]) ** 2) < _PERIODIC**2 * power:
-            return int(lag)
+    # Where does a stretch around the largest drive of the second half come back before?
+    late = n // 2 + int(np.argmax(np.abs(drive[n // 2 :, 0])))
+    start = min(late, n - _PATTERN)
+    places = np.arange(start)
+    for offset in range(_PATTERN):
+        near = np.all(np.abs(drive[places + offset] - drive[start + offset]) < _NEAR * size, axis=1)
+        places = places[near]
+    for place in places[::-1][:_CANDIDATES]:
+        lag = start - int(place)
+        if np.mean((drive[lag:] - drive[:-lag]) ** 2) < (_PERIODIC * size) ** 2:
+            return lag
     return None

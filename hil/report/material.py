@@ -32,11 +32,15 @@ class Reference:
 
 
 class Material:
-    """Records of one run, read once; each may be absent (None)."""
+    """Records of one run, read once; each may be absent (None).
 
-    def __init__(self, folder: RunFolder, truth: Truth | None = None) -> None:
+    `earlier` is the run before it, without what a trace of that one found.
+    """
+
+    def __init__(self, folder: RunFolder, truth: Truth | None = None, earlier: "Material | None" = None) -> None:
         self.folder = folder
         self.truth = truth
+        self.earlier = earlier
         self.capture: Capture | None = _unless_empty(folder.capture)
         self.estimates: Estimates | None = _unless_empty(folder.estimates)
         self.innovation: Innovation | None = _unless_empty(folder.innovation)

@@ -7,7 +7,7 @@ from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
 from hil.report import markup, tables
-from hil.report.figures import angle, innovation, parameters, pattern, rate, signals, spectrum, timing
+from hil.report.figures import angle, closing, innovation, parameters, pattern, rate, signals, spectrum, timing
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Material
 from hil.report.numbering import Figures
@@ -20,22 +20,24 @@ _INTERVALS = (
 )
 
 
-def write_report(run: Path, truth: Path | None = None) -> Path:
+def write_report(run: Path, truth: Path | None = None, *, earlier: tuple[Path, Path] | None = None) -> Path:
     """Write `run/report.html`, whole or not at all, and return its path.
 
     `truth` is the emulator's truth file; only the score passes it on. Without it the record's own rate
-    channel is the reference, if it has one. Figures whose records are missing are left out. Raises InputError
-    for a folder without records or a record that is not one.
+    channel is the reference, if it has one. `earlier` is a run without what its trace found, and its truth.
+    Figures whose records are missing are left out. Raises InputError for a folder without records or a record
+    that is not one.
     """
     folder = RunFolder.open(run)
-    page = render(folder, None if truth is None else read_truth(truth))
+    before = None if earlier is None else Material(RunFolder.open(earlier[0]), read_truth(earlier[1]))
+    page = render(folder, None if truth is None else read_truth(truth), before)
     write_text(folder.report_path, page)
     return folder.report_path
 
 
-def render(folder: RunFolder, truth: Truth | None = None) -> str:
+def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | None = None) -> str:
     """The page as text."""
-    material = Material(folder, truth)
+    material = Material(folder, truth, earlier)
     numbered = Figures()
 
     def drawn(draw: Callable[[Material], Drawing | None]) -> str:
@@ -43,6 +45,7 @@ def render(folder: RunFolder, truth: Truth | None = None) -> str:
 
     line = headline(material.result)
     sections = [
+        markup.section("closing", "What the residual told", _told(material), drawn(closing.draw)),
         markup.section("angle", "Angle", drawn(angle.draw), tables.angle(material)),
         markup.section("rate", "Rate", drawn(rate.draw)),
         markup.section(
@@ -67,6 +70,15 @@ def render(folder: RunFolder, truth: Truth | None = None) -> str:
         key=markup.key_figures(key_figures(material.result)),
         sections="".join(sections),
     )
+
+
+def _told(material: Material) -> str:
+    """What a trace found before this run, when it carries the finding."""
+    if material.result.diagnosis is None:
+        return ""
+    from hil.report.diagnosis.told import told  # loads what declares the effects: only where there is something to tell
+
+    return told(material)
 
 
 def _conventions(material: Material) -> str:

@@ -137,6 +137,7 @@ def test_only_what_explains_is_added() -> None:
         assert additions(to_model(answer(verdict=verdict), record="ride", bench="S-test")) == []
 
 
+@pytest.mark.slow
 def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
     page = written(tmp_path, answer())
     assert not re.search(r'(?:src|href)="(?!#)', page)
@@ -152,6 +153,7 @@ def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
     assert page.count("<figure") == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("verdict", "tone", "word"),
     [(traced.Verdict.ADEQUATE, "good", "Adequate"), (traced.Verdict.UNEXPLAINED, "bad", "Unexplained")],
@@ -164,6 +166,7 @@ def test_a_page_without_an_effect_has_no_after(tmp_path: Path, verdict: traced.V
     assert '<h2 id="error">Error</h2>' in page
 
 
+@pytest.mark.slow
 def test_a_record_of_one_axis_and_few_cycles_has_a_page(tmp_path: Path) -> None:
     found, short = answer(), slice(0, 400)
 

@@ -1,6 +1,7 @@
 """The report: one file, whole, readable by people and machines, with whatever records there are."""
 
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -11,11 +12,13 @@ import pytest
 
 from hil.errors import InputError
 from hil.interchange.importer import import_record
+from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
 from hil.records.result import load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
 from hil.score import score
+from tests.records.test_diagnosis import answer
 
 pytestmark = pytest.mark.slow  # whole pages
 
@@ -286,3 +289,22 @@ def test_importing_the_report_does_not_import_matplotlib():
         "print(sorted({'matplotlib', 'scipy'} & {name.split('.')[0] for name in sys.modules}))"
     )
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout == b"[]\n"
+
+
+def test_a_run_with_what_was_found_stands_beside_the_run_before(make_run, tmp_path):
+    folder, truth = make_run()
+    earlier = tmp_path / "runs" / "earlier"
+    shutil.copytree(folder, earlier)
+    for run in (folder, earlier):
+        score(run, truth)
+    found = to_model(answer(), record="ride", bench="S-test").model_dump(mode="json", by_alias=True)
+    result = load_result(folder / "result.json")
+    save_result(folder / "result.json", result.model_copy(update={"diagnosis": found}))
+    page = write_report(folder, truth, earlier=(earlier, truth)).read_text(encoding="utf-8")
+    assert figures(page)[0] == "Angle error before and after"
+    assert "What the residual told" in page
+    assert "The model lacks: cubic stiffness of each axis" in page
+    assert f"{result.angle_error_rms_rad * 1e3:.3g}" in page
+    alone = write_report(folder, truth).read_text(encoding="utf-8")
+    assert "The model lacks: cubic stiffness of each axis" in alone
+    assert "Angle error before and after" not in alone

@@ -50,7 +50,7 @@ def render(material: Material) -> str:
     tone, word = _WORDS[diagnosis.verdict]
     sections = [
         markup.section("why", "Why", *(markup.paragraph(_sentence(reason)) for reason in diagnosis.reasons)),
-        markup.section("effect", _missing(diagnosis), _equations(diagnosis), tables.coefficients(diagnosis),
+        markup.section("effect", _missing(diagnosis), equations_of(diagnosis), tables.coefficients(diagnosis),
                        figures.add(lambda: intervals.draw(material))),
         markup.section("error", "Error before and after" if material.changed else "Error", tables.fits(diagnosis),
                        figures.add(lambda: level.draw(material)), figures.add(lambda: spectrum.draw(material))),
@@ -92,7 +92,8 @@ def _missing(diagnosis: Diagnosis) -> str:
     return "What the model lacks" if len(diagnosis.effects) < 2 else "What the model lacks: several effects"
 
 
-def _equations(diagnosis: Diagnosis) -> str:
+def equations_of(diagnosis: Diagnosis) -> str:
+    """Title, equation and cure of each effect, as HTML."""
     parts = []
     for effect in diagnosis.effects:
         lines = "".join(f"<div>{typeset(equation)}</div>" for equation in effect.equations)
