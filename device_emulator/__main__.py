@@ -16,7 +16,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="device_emulator", description="An emulated gyro board.")
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="what the board really is (TOML)")
-    parser.add_argument("--link", choices=["pty"], default="pty", help="how the host reaches it")
+    parser.add_argument("--link", default="pty", help="how the host reaches it: pty, can:vcan0, udp:239.0.0.1:4242")
     parser.add_argument("--truth", type=Path, metavar="FILE", help="write the true states here (Arrow)")
     parser.add_argument("--truth-every", type=_positive, default=1, metavar="N", help="one row in N (default 1)")
     parser.add_argument("--seed", type=_seed, metavar="N", help="instead of the scenario's")
@@ -38,8 +38,8 @@ def _serve(options: argparse.Namespace) -> None:
     from device_emulator.scenario import load
     from device_emulator.serve import Server, stop_signal
     from device_emulator.truth import TruthFile, truth_metadata
+    from hil.wire.links import open_board_link
     from hil.wire.messages import ClockMode
-    from hil.wire.pty_link import open_pty
 
     scenario = load(options.scenario)
     Device(scenario).row(0, 0)  # compiles the plant before anybody waits for it
@@ -52,10 +52,10 @@ def _serve(options: argparse.Namespace) -> None:
             stack.callback(truth.close)
         device = Device(scenario, options.seed, None if truth is None else truth.add)
         stack.callback(device.close)
-        link = open_pty()
+        link = open_board_link(options.link)
         stack.callback(link.close)
-        board = Board(scenario, device, (ClockMode.PACED, ClockMode.LOCKSTEP))
-        print(f"ready serial:{link.path}", flush=True)
+        board = Board(scenario, device, (ClockMode.PACED, ClockMode.LOCKSTEP), link.format)
+        print(f"ready {link.url}", flush=True)
         line = Line(board, scenario, options.seed) if scenario.faults.on_the_line else None
         Server(board, link, scenario.true_rate_Hz, line).run(stop)
         if line is not None:

@@ -29,6 +29,7 @@ from device_emulator.feedback import Feedback, Matrix
 from device_emulator.registers import Refused, Registers
 from device_emulator.scenario import Scenario
 from hil.wire.codec import type_of
+from hil.wire.frame_format import FrameFormat
 from hil.wire.messages import (
     Arm,
     Capabilities,
@@ -53,6 +54,7 @@ from hil.wire.messages import (
     TimeSync,
 )
 from hil.wire.sense import Sense
+from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
 from hil.wire.stream import Receiver, Transmitter
 
@@ -64,11 +66,15 @@ _HELD, _CLIPPED, _SATURATED = (int(flag) for flag in SenseFlags)  # plain intege
 
 
 class Board:
-    """A board around a device. `clocks` are the modes its server can keep, the first in force at power-up."""
+    """A board around a device. `clocks` are the modes its server can keep, the first in force at power-up; `form` is
+    the format of its link."""
 
-    def __init__(self, scenario: Scenario, device: Device, clocks: tuple[ClockMode, ...]) -> None:
+    def __init__(
+        self, scenario: Scenario, device: Device, clocks: tuple[ClockMode, ...], form: FrameFormat = SERIAL
+    ) -> None:
         self._device = device
         self._clocks = clocks
+        self.format = form
         self._code_max = drive_code_max(scenario)
         self._width = 2 if max(scenario.sense.adc_bits, scenario.drive.dac_bits) <= 16 else 3
         self._latency = scenario.drive.latency_samples
@@ -91,8 +97,8 @@ class Board:
     def power_up(self) -> None:
         """Begin as after switching on: nothing remembered but what the device itself does. Its ticks go on."""
         self._schedule = Schedule()
-        self._rx = Receiver()
-        self._tx = Transmitter()
+        self._rx = Receiver(self.format)
+        self._tx = Transmitter(self.format)
         self.registers = Registers(self._clocks)
         self.state = State.BOOT
         self._reason = SafeReason.NONE

@@ -1,6 +1,6 @@
 """The line between board and link, and what the scenario's `[faults]` do to the frames on it.
 
-It stands in the place of the board's `exchange` and `block` and sees only delimited frames, so it is the same on
+It stands in the place of the board's `exchange` and `block` and sees only whole frames, so it is the same on
 every link. Each frame meets at most one fate, drawn from a stream of its own per direction.
 
 On wall time the line lets go of a frame when its time has come. In lockstep time is bench time: what arrives
@@ -24,7 +24,7 @@ from device_emulator.faults import Faults, Spell
 from device_emulator.scenario import Scenario
 from hil.wire.codec import type_of
 from hil.wire.errors import LinkClosed
-from hil.wire.framing import Decoder
+from hil.wire.frame_format import FrameFormat
 from hil.wire.messages import DriveForce, DriveGains, SafeReason
 from hil.wire.sense import Sense
 
@@ -55,7 +55,7 @@ class _Travelling(NamedTuple):
 class _Lane:
     """One direction of the line; its times are whatever the line takes as now."""
 
-    def __init__(self, name: str, faults: Faults, seed: int, inflicted: Counter[str]) -> None:
+    def __init__(self, name: str, faults: Faults, seed: int, inflicted: Counter[str], form: FrameFormat) -> None:
         self._name, self._faults, self._inflicted = name, faults, inflicted
         # What befalls samples and drives must not depend on how often somebody had to ask for something before.
         self._streams = [np.random.default_rng([seed, stream, *name.encode()]) for stream in range(2)]
@@ -65,6 +65,7 @@ class _Lane:
         self._free_s = -math.inf
         self._numbers = itertools.count()
         self._order = itertools.count()
+        self._format = form
         self._rest = b""
 
     @property
@@ -74,9 +75,8 @@ class _Lane:
 
     def cut(self, data: bytes) -> list[_Frame]:
         """The whole frames in a stretch of the byte stream."""
-        *runs, self._rest = (self._rest + data).split(b"\0")
-        frames = [b"\0" + run + b"\0" for run in runs if run]
-        return [_Frame(frame, _kind(frame), next(self._numbers)) for frame in frames]
+        frames, self._rest = self._format.cut(self._rest + data)
+        return [_Frame(frame, self._format.kind(frame), next(self._numbers)) for frame in frames]
 
     def put(self, frame: _Frame, now_s: float, bench_s: float, *, exempt: bool = False) -> None:
         """Send a frame on its way, or not."""
@@ -99,6 +99,8 @@ class _Lane:
         match self._fate(random, bench_s):
             case "lost":
                 pass
+            case "corrupted" if not self._format.sealed:
+                pass  # the controller at the other end drops it
             case "corrupted":
                 self._push(frame._replace(data=_flip(random, frame.data), kind=None), now_s)
             case "duplicated":
@@ -155,8 +157,8 @@ class Line:
         self._board = board
         self._interval_s = 1.0 / scenario.board.sample_rate_Hz
         seed = scenario.seed if seed is None else seed
-        self._to_host = _Lane("host", faults, seed, self.inflicted)
-        self._to_board = _Lane("board", faults, seed, self.inflicted)
+        self._to_host = _Lane("host", faults, seed, self.inflicted, board.format)
+        self._to_board = _Lane("board", faults, seed, self.inflicted, board.format)
         self._unplugged_s = math.inf if faults.unplugged_s is None else faults.unplugged_s
         self._brown_outs = sorted(faults.brown_out, key=lambda spell: -spell.start_s)  # the next one last
         self._off_until = 0  # tick before which the board has no supply
@@ -269,8 +271,3 @@ def _flip(random: np.random.Generator, data: bytes) -> bytes:
 
 def _just_after(now_s: float) -> float:
     return math.nextafter(now_s, math.inf)
-
-
-def _kind(frame: bytes) -> int | None:
-    body = Decoder().peek(frame)
-    return None if body is None else body[0]

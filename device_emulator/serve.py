@@ -1,4 +1,4 @@
-"""Serving a board on a pty: waiting for the host, and on wall time keeping the deadlines of the ticks.
+"""Serving a board on a link: waiting for the host, and on wall time keeping the deadlines of the ticks.
 
 Every wait is one `select` on the line and the stop signal until the next deadline; deadlines are absolute, so
 a late one does not move the next. A host that hangs up ends a lockstep board; a paced board goes to SAFE, its
@@ -18,8 +18,8 @@ from device_emulator.board import Board
 from device_emulator.line import Line, Unplugged
 from device_emulator.outbox import Outbox
 from hil.wire.errors import LinkClosed
+from hil.wire.link import BoardLink
 from hil.wire.messages import SafeReason
-from hil.wire.pty_link import PtyLink
 
 IDLE_S = 0.5
 """Longest wait; how often a board looks whether its parent is still there."""
@@ -31,12 +31,12 @@ _LEAD_S = 0.005  # from ARM to the first tick
 
 
 class Server:
-    """Serves one board on one pty until it is told to stop, its parent dies, or a lockstep host hangs up.
+    """Serves one board on one link until it is told to stop, its parent dies, or a lockstep host hangs up.
 
     `sample_rate_Hz` counts in true time; a `line` with faults stands between board and link.
     """
 
-    def __init__(self, board: Board, link: PtyLink, sample_rate_Hz: float, line: Line | None = None) -> None:
+    def __init__(self, board: Board, link: BoardLink, sample_rate_Hz: float, line: Line | None = None) -> None:
         self._board = board
         self._link = link
         self._outbox = Outbox(link)

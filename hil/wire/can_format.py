@@ -6,10 +6,9 @@ from classic.  Layouts and identifiers come from the spec; CAN has its own check
 
 import struct
 from bisect import bisect_left
-from typing import Literal
 
 from hil.wire.errors import ProtocolError
-from hil.wire.frame_format import UNSEQUENCED, Frame
+from hil.wire.frame_format import BOARD, HOST, UNSEQUENCED, Frame, Sender
 from hil.wire.messages import SafeReason
 from hil.wire.sense import COLUMNS
 from hil.wire.spec import SPEC, Field
@@ -21,10 +20,6 @@ BRS, FDF = 0x01, 0x04
 
 HEAD = struct.Struct("=IBBxx")
 """Start of a record, in the byte order of the machine: identifier, number of data bytes, flags."""
-
-HOST: Literal[0] = 0
-BOARD: Literal[1] = 1
-"""Senders, as in the identifier."""
 
 ROOM = CAN.lengths[-1] - 8
 """Bytes of payload, or of rows, in one CAN FD frame."""
@@ -95,7 +90,7 @@ class CanDecoder:
         "broken", "bytes", "frames", "malformed",
     )  # fmt: skip
 
-    def __init__(self, node: int, sender: int) -> None:
+    def __init__(self, node: int, sender: Sender) -> None:
         self._types = {CAN.identifier(type_, node, sender): type_ for type_ in range(1 << 11 - CAN.type_shift)}
         del self._types[CAN.identifier(_BRIEF, node, sender)]
         self._row_16, self._row_24, self._drive = (
@@ -228,7 +223,9 @@ class CanDecoder:
 class CanFormat:
     """Messages as records for one node of the bus, from the host's or from the board's end."""
 
-    def __init__(self, node: int, sender: Literal[0, 1]) -> None:
+    sealed = False
+
+    def __init__(self, node: int, sender: Sender) -> None:
         self._node = node
         self._sender = sender
         self._row_16, self._row_24 = (self._start(_SENSE, body.size) for body in (_ROW_16, _ROW_24))
@@ -276,9 +273,19 @@ class CanFormat:
             raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
         return self._drive + body + _DRIVE_PAD
 
+    def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
+        """As `FrameFormat.cut`: single CAN frames."""
+        whole = len(data) // RECORD_SIZE * RECORD_SIZE
+        return [data[at : at + RECORD_SIZE] for at in range(0, whole, RECORD_SIZE)], data[whole:]
+
+    def kind(self, frame: bytes) -> int | None:
+        """As `FrameFormat.kind`; the first part of a message is as good as the last."""
+        identifier, _, _ = HEAD.unpack_from(frame)
+        return int(identifier) >> CAN.type_shift & 0x7F
+
     def decoder(self) -> CanDecoder:
         """As `FrameFormat.decoder`."""
-        return CanDecoder(self._node, BOARD - self._sender)
+        return CanDecoder(self._node, BOARD if self._sender == HOST else HOST)
 
     def _encode_rows(self, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
         count, width, flags, matrix_id = _BLOCK.unpack_from(payload)

@@ -61,7 +61,7 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
         if payload is not None:
             break
         if time.monotonic() >= deadline or endpoint.link.fileno() is None:
-            raise LinkError(f"{endpoint.link.name}: no answer to HELLO; is it a gyro board, on, at this baud rate?")
+            raise LinkError(f"{endpoint.link.name}: no answer to HELLO; {endpoint.link.advice}")
     if len(payload) < _IDENTITY_START.size:
         raise ProtocolError(f"{endpoint.link.name}: IDENTITY of {len(payload)} bytes; is it a gyro board?")
     protocol, spec_hash = _IDENTITY_START.unpack_from(payload)

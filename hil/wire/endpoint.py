@@ -21,16 +21,17 @@ class Endpoint:
         rx: receiving direction with its counters (`rx.lost`, `rx.repeated`, `rx.bad`, `rx.decoder`), and
             `rx.tick`.
         tx: sending direction.
-        received_ns, sent_ns: monotonic clock right after the last receive that brought bytes, and the last
-            `send_drive`.
+        received_ns: monotonic clock when the last bytes came, by the kernel's stamp where the link has one, else
+            right after the receive.
+        sent_ns: monotonic clock right after the last `send_drive`.
     """
 
     __slots__ = ("_inbox", "_rows_kept", "link", "received_ns", "rx", "sent_ns", "tx")
 
     def __init__(self, link: Link) -> None:
         self.link = link
-        self.rx = Receiver()
-        self.tx = Transmitter()
+        self.rx = Receiver(link.format)
+        self.tx = Transmitter(link.format)
         self.received_ns = 0
         self.sent_ns = 0
         self._inbox: deque[Received] = deque(maxlen=INBOX)
@@ -116,5 +117,5 @@ class Endpoint:
     def _receive(self, timeout_s: float | None) -> bytes:
         data = self.link.receive(timeout_s)
         if data:
-            self.received_ns = time.monotonic_ns()
+            self.received_ns = self.link.arrived_ns or time.monotonic_ns()
         return data

@@ -9,12 +9,13 @@ import os
 import select
 
 from hil.wire.errors import LinkClosed
+from hil.wire.link import Link
 
 READ_SIZE = 4096
 _HANGUP = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF)
 
 
-class FdLink:
+class FdLink(Link):
     """A link on a terminal's descriptor, which it sets to non-blocking and owns.
 
     `name` is the link as the user knows it, for messages.

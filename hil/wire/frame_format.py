@@ -1,6 +1,11 @@
 """How messages become bytes on a link: on a byte stream (`serial_format`) or in CAN frames (`can_format`)."""
 
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
+
+Sender = Literal[0, 1]
+HOST: Sender = 0
+BOARD: Sender = 1
+"""The ends of a link, numbered as in a CAN identifier."""
 
 UNSEQUENCED = -1
 """In place of a sequence number: the frame stands outside the sequence, and has no tick."""
@@ -43,7 +48,13 @@ class FrameDecoder(Protocol):
 
 
 class FrameFormat(Protocol):
-    """Makes frames, and decoders for those of the other end. `seq` is u16; ticks may be of any width."""
+    """Makes frames, and decoders for those of the other end. `seq` is u16; ticks may be of any width.
+
+    Attributes:
+        sealed: whether frames bring a checksum of their own; where not, the medium drops damaged ones.
+    """
+
+    sealed: bool
 
     def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
         """Bytes for the link, and how many sequence numbers they take.
@@ -59,6 +70,14 @@ class FrameFormat(Protocol):
 
     def encode_drive(self, seq: int, tick: int, ux: int, uy: int, effective_tick: int) -> bytes:
         """DRIVE_FORCE, the short way. ProtocolError if a code is beyond 32 bits."""
+        ...
+
+    def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
+        """The whole frames in a stretch of what goes over the link, nobody having looked into them, and the rest."""
+        ...
+
+    def kind(self, frame: bytes) -> int | None:
+        """Message type of one frame, None if it cannot be read."""
         ...
 
     def decoder(self) -> FrameDecoder:

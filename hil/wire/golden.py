@@ -13,8 +13,9 @@ import numpy as np
 from cobs import cobs
 from crc32c import crc32c
 
-from hil.wire.can_format import BOARD, FDF, HEAD, HOST, RECORD_SIZE, CanFormat
+from hil.wire.can_format import FDF, HEAD, RECORD_SIZE, CanFormat
 from hil.wire.codec import field_value, pack, type_of
+from hil.wire.frame_format import BOARD, HOST
 from hil.wire.framing import encode_frame
 from hil.wire.messages import (
     Arm,

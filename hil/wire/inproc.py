@@ -4,6 +4,7 @@ from importlib.metadata import entry_points
 from typing import Protocol
 
 from hil.wire.errors import LinkClosed, LinkError
+from hil.wire.link import Link
 
 ENTRY_POINT_GROUP = "hil.emulators"
 
@@ -20,7 +21,7 @@ class Board(Protocol):
         ...
 
 
-class InprocLink:
+class InprocLink(Link):
     """A link to a board in the same process. Nothing ever arrives by itself: what can be received is the
     answer to what was sent, so `receive` does not wait."""
 

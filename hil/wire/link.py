@@ -2,14 +2,25 @@
 
 from typing import Protocol
 
+from hil.wire.frame_format import FrameFormat
+from hil.wire.serial_format import SERIAL
+
 
 class Link(Protocol):
-    """A byte stream to one peer. Implementations: serial port, pty, in-process board."""
+    """Bytes, or whole frames, to and from one peer. Implementations: serial port, pty, CAN, UDP, in-process board.
 
-    @property
-    def name(self) -> str:
-        """The link as the user knows it, for messages."""
-        ...
+    Attributes:
+        name: the link as the user knows it, for messages.
+        format: how messages become bytes on this link.
+        arrived_ns: when the newest of the bytes last received reached this machine, by the kernel's stamp on the
+            monotonic clock; 0 where nobody stamps them.
+        advice: what to look at when the peer is silent, for messages.
+    """
+
+    name: str
+    format: FrameFormat = SERIAL
+    arrived_ns: int = 0
+    advice: str = "is it a gyro board, on, at this baud rate?"
 
     def fileno(self) -> int | None:
         """Descriptor to wait on, or None where there is nothing to wait for."""
@@ -26,4 +37,25 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Let go of the link; a second call does nothing."""
+        ...
+
+
+class BoardLink(Link, Protocol):
+    """The board's end of a link, which outlives its hosts.
+
+    Attributes:
+        url: what a host opens to get here.
+        drop_when_full: lose what does not fit into the queue instead of waiting, as a port without flow control does:
+            for a board on wall time, which cannot wait for its host.
+    """
+
+    url: str
+    drop_when_full: bool
+
+    def fileno(self) -> int:
+        """Descriptor to wait on."""
+        ...
+
+    def await_host(self) -> None:
+        """After LinkClosed: be ready for another host."""
         ...

@@ -1,17 +1,20 @@
-"""Links by name: `serial:/dev/ttyUSB0`, `inproc:examples/s-slow.scenario.toml`."""
+"""Links by name: `serial:/dev/ttyUSB0`, `can:can0`, `udp:239.0.0.1:4242`, `inproc:examples/s-slow.scenario.toml`."""
 
 from collections.abc import Callable
 from urllib.parse import parse_qsl
 
 from hil.wire.errors import LinkError
-from hil.wire.link import Link
+from hil.wire.frame_format import BOARD, HOST, Sender
+from hil.wire.link import BoardLink, Link
+from hil.wire.spec import SPEC
 
 
 def open_link(url: str) -> Link:
-    """Open a link by name.
+    """Open the host's end of a link by name.
 
-    `serial:PATH[?baud=N]` a serial port or the host's end of a pty; `inproc:SCENARIO` an emulated board in
-    this process.
+    `serial:PATH[?baud=N]` a serial port or the host's end of a pty; `can:NAME[?node=N]` a Linux CAN interface;
+    `can:INTERFACE:CHANNEL[?node=N&…]` any other adapter, with the options python-can has for it;
+    `udp:GROUP:PORT[?interface=ADDRESS]` a multicast group; `inproc:SCENARIO` an emulated board in this process.
 
     Raises:
         LinkError: unknown scheme or option, or the link cannot be opened; one line that names the link and
@@ -20,20 +23,68 @@ def open_link(url: str) -> Link:
     scheme, colon, rest = url.partition(":")
     opener = _OPENERS.get(scheme)
     if opener is None or not colon or not rest:
-        known = ", ".join(f"{name}:…" for name in _OPENERS)
-        raise LinkError(f"link {url!r}: unknown kind of link; known are {known}")
+        raise _unknown(url, [f"{name}:…" for name in _OPENERS])
     return opener(rest)
+
+
+def open_board_link(url: str) -> BoardLink:
+    """Open the board's end of a link by name: `pty`, or `can:…` and `udp:…` as in `open_link`. Raises as that."""
+    if url == "pty":
+        from hil.wire.pty_link import open_pty
+
+        return open_pty()
+    scheme, _, rest = url.partition(":")
+    if scheme == "can" and rest:
+        return _can(rest, BOARD)
+    if scheme == "udp" and rest:
+        return _udp(rest, BOARD)
+    raise _unknown(url, ["pty", "can:…", "udp:…"])
+
+
+def _unknown(url: str, known: list[str]) -> LinkError:
+    return LinkError(f"link {url!r}: unknown kind of link; known are {', '.join(known)}")
+
+
+def _options(rest: str) -> tuple[str, dict[str, str]]:
+    place, _, query = rest.partition("?")
+    return place, dict(parse_qsl(query, keep_blank_values=True))
 
 
 def _serial(rest: str) -> Link:
     from hil.wire.serial_link import DEFAULT_BAUD, open_serial
 
-    path, _, query = rest.partition("?")
-    options = dict(parse_qsl(query, keep_blank_values=True))
+    path, options = _options(rest)
     baud = options.pop("baud", str(DEFAULT_BAUD))
     if options or not baud.isascii() or not baud.isdigit() or int(baud) == 0:
         raise LinkError(f"link 'serial:{rest}': bad option; expected serial:PATH or serial:PATH?baud=921600")
     return open_serial(path, int(baud))
+
+
+def _can(rest: str, sender: Sender = HOST) -> BoardLink:
+    place, options = _options(rest)
+    number = options.pop("node", "0")
+    if number not in map(str, range(SPEC.can.nodes)):
+        raise LinkError(f"link 'can:{rest}': node {number}; expected 0 to {SPEC.can.nodes - 1}")
+    interface, colon, channel = place.partition(":")
+    if colon:
+        from hil.wire.can_adapter import open_adapter
+
+        return open_adapter(f"can:{rest}", interface, channel, int(number), sender, options)
+    from hil.wire.can_link import open_can
+
+    if options:
+        raise LinkError(f"link 'can:{rest}': bad option; expected can:NAME or can:NAME?node=2")
+    return open_can(interface, int(number), sender)
+
+
+def _udp(rest: str, sender: Sender = HOST) -> BoardLink:
+    from hil.wire.udp_link import open_udp
+
+    place, options = _options(rest)
+    interface = options.pop("interface", None)
+    if options:
+        raise LinkError(f"link 'udp:{rest}': bad option; expected udp:GROUP:PORT or udp:GROUP:PORT?interface=ADDRESS")
+    return open_udp(place, interface, sender)
 
 
 def _inproc(rest: str) -> Link:
@@ -42,4 +93,4 @@ def _inproc(rest: str) -> Link:
     return open_inproc(rest)
 
 
-_OPENERS: dict[str, Callable[[str], Link]] = {"serial": _serial, "inproc": _inproc}
+_OPENERS: dict[str, Callable[[str], Link]] = {"serial": _serial, "can": _can, "udp": _udp, "inproc": _inproc}

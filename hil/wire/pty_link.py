@@ -16,7 +16,7 @@ class PtyLink(FdLink):
     leaves without a word goes unnoticed.
 
     Attributes:
-        path: the port to open on the host's side, such as /dev/pts/3.
+        path: the port to open on the host's side, such as /dev/pts/3; `url` as a link.
         drop_when_full: lose what does not fit into the kernel's queue (16.9 kB) instead of waiting, as a port
             without
             flow control does: for a board on wall time, which cannot wait for its host.
@@ -25,6 +25,7 @@ class PtyLink(FdLink):
 
     def __init__(self, master: int, slave: int) -> None:
         self.path = os.ttyname(slave)
+        self.url = f"serial:{self.path}"
         super().__init__(master, f"pty {self.path}")
         self._slave = slave
         self.drop_when_full = False

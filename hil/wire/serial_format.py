@@ -39,6 +39,8 @@ class SerialDecoder(Decoder):
 class SerialFormat:
     """COBS, CRC-32C and delimiters."""
 
+    sealed = True
+
     def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
         """As `FrameFormat.encode`; one frame, one number."""
         return encode_frame(type_, seq, tick, payload), 1
@@ -54,6 +56,16 @@ class SerialFormat:
         except struct.error:
             raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
         return seal(body)
+
+    def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
+        """As `FrameFormat.cut`."""
+        *runs, rest = data.split(b"\0")
+        return [b"\0" + run + b"\0" for run in runs if run], rest
+
+    def kind(self, frame: bytes) -> int | None:
+        """As `FrameFormat.kind`."""
+        body = Decoder().peek(frame)
+        return None if body is None else body[0]
 
     def decoder(self) -> SerialDecoder:
         """As `FrameFormat.decoder`."""

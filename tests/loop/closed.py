@@ -32,7 +32,7 @@ from hil.wire.link import Link
 from hil.wire.messages import ClockMode, SafeReason
 
 
-class HandPaced:
+class HandPaced(Link):
     """Link to a board in this process that goes on whether it is answered or not.
 
     `lost`: ticks whose SENSE never arrives. `unheard`: ticks whose answer never arrives. `stops`: from that

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.wire.can_format import BOARD, FDF, HEAD, HOST, RECORD_SIZE, CanFormat
+from hil.wire.can_format import FDF, HEAD, RECORD_SIZE, CanFormat
 from hil.wire.codec import type_of
 from hil.wire.errors import ProtocolError
-from hil.wire.frame_format import UNSEQUENCED
+from hil.wire.frame_format import BOARD, HOST, UNSEQUENCED
 from hil.wire.messages import Arm, DriveForce, FieldValue, Hello, Nack, NackReason, Safe, SafeReason, SenseFlags, Status
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC

@@ -11,6 +11,7 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError
 from hil.wire.framing import encode_frame
 from hil.wire.inproc import InprocLink
+from hil.wire.link import Link
 from hil.wire.messages import Arm, Nack, NackReason, Safe, SafeReason, State, Status, TimeSync
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC, FieldEntry, parse_spec
@@ -20,7 +21,7 @@ from .board import SmallBoard
 from .test_spec import TEXT
 
 
-class Script:
+class Script(Link):
     """A link that delivers prepared chunks and keeps what was sent; silence after the last chunk."""
 
     name = "script"

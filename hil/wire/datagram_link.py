@@ -1,0 +1,119 @@
+"""A link on a socket that carries whole frames: what CAN and UDP have in common.
+
+There is no hang-up on such a medium: a peer that leaves is only silent.  What is noticed is the loss of the interface.
+"""
+
+import errno
+import select
+import socket
+import time
+from abc import ABC, abstractmethod
+from contextlib import suppress
+
+from hil.wire.claim import Claim
+from hil.wire.errors import LinkClosed
+from hil.wire.frame_format import FrameFormat
+from hil.wire.stamp import ANCILLARY_SIZE, ask_for_stamps, stamp_ns
+
+BATCH = 256
+"""Datagrams taken in one call at most."""
+
+_FULL = (errno.ENOBUFS, errno.EAGAIN)
+_ROOM_S = 50e-6  # a full queue of an interface cannot be waited for, only tried again
+_WORDS = {
+    errno.ENETDOWN: "the interface is down",
+    errno.ENODEV: "the interface is gone",
+    errno.ENXIO: "the interface is gone",
+    errno.ENETUNREACH: "there is no way to this network",
+}
+
+
+class DatagramLink(ABC):
+    """A non-blocking socket and what `Link` asks for; `_out` and `_in` translate between frames and datagrams.
+
+    Attributes:
+        drop_when_full: as `BoardLink`.
+        dropped: datagrams lost that way.
+    """
+
+    def __init__(self, wire: socket.socket, name: str, form: FrameFormat, claim: Claim, advice: str) -> None:
+        wire.setblocking(False)
+        ask_for_stamps(wire)
+        self.name = name
+        self.url = name
+        self.format = form
+        self.advice = advice
+        self.arrived_ns = 0
+        self.drop_when_full = False
+        self.dropped = 0
+        self._wire = wire
+        self._watch = [wire]
+        self._claim = claim
+
+    def fileno(self) -> int:
+        """The socket's descriptor; -1 once closed."""
+        return self._wire.fileno()
+
+    def send(self, data: bytes) -> None:
+        """Send every frame in `data`, waiting for room or, with `drop_when_full`, losing what finds none. Raises
+        LinkClosed."""
+        for datagram in self._out(data):
+            while True:
+                try:
+                    self._put(datagram)
+                except OSError as error:
+                    if error.errno not in _FULL:
+                        raise self._closed(error) from None
+                    if not self.drop_when_full:
+                        time.sleep(_ROOM_S)
+                        continue
+                    self.dropped += 1
+                break
+
+    def receive(self, timeout_s: float | None) -> bytes:
+        """All frames that have arrived, BATCH at most; b"" if none came within `timeout_s` seconds (None: wait for
+        ever). Raises LinkClosed."""
+        if self._wire.fileno() < 0:
+            raise LinkClosed(f"{self.name}: the link is closed")
+        if not select.select(self._watch, (), (), timeout_s)[0]:
+            return b""
+        datagrams: list[bytes] = []
+        ancillary: list[tuple[int, int, bytes]] = []
+        try:
+            while len(datagrams) < BATCH:
+                datagram, ancillary, _, _ = self._wire.recvmsg(65536, ANCILLARY_SIZE)
+                datagrams.append(self._in(datagram))
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            if not datagrams:
+                raise self._closed(error) from None
+        self.arrived_ns = stamp_ns(ancillary)
+        return datagrams[0] if len(datagrams) == 1 else b"".join(datagrams)
+
+    def await_host(self) -> None:
+        """Be ready for another host: what the last one left unread is dropped. Hosts come and go unseen."""
+        with suppress(LinkClosed):
+            while self.receive(0.0):
+                pass
+
+    def close(self) -> None:
+        """Close the socket; a second call does nothing."""
+        self._wire.close()
+        self._claim.release()
+
+    @abstractmethod
+    def _put(self, datagram: bytes) -> None:
+        """Send one datagram or raise OSError."""
+
+    @abstractmethod
+    def _out(self, data: bytes) -> list[bytes]:
+        """The datagrams of one or several frames."""
+
+    @abstractmethod
+    def _in(self, datagram: bytes) -> bytes:
+        """The frame in a datagram."""
+
+    def _closed(self, error: OSError) -> LinkClosed:
+        what = "the link is closed" if error.errno == errno.EBADF else _WORDS.get(error.errno or 0, error.strerror)
+        return LinkClosed(f"{self.name}: {what}")

@@ -1,0 +1,410 @@
+"""What holds for every board on every link, seen from the host: subclass `Conformance` for yours.
+
+A subclass says how its board is started; see tests/wire/test_conformance.py. The board is only spoken to over its link.
+"""
+
+import contextlib
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from hil.wire import client
+from hil.wire.can_format import HEAD, RECORD_SIZE
+from hil.wire.codec import type_of
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import LinkClosed, LinkError, ProtocolError
+from hil.wire.framing import MAX_ENCODED
+from hil.wire.link import Link
+from hil.wire.links import open_link
+from hil.wire.messages import (
+    Arm,
+    Capabilities,
+    ClockMode,
+    Hello,
+    Identity,
+    Message,
+    Nack,
+    NackReason,
+    RegisterRead,
+    RegisterValue,
+    SafeReason,
+    State,
+    Status,
+    TimeSync,
+)
+from hil.wire.sense import SenseRow
+from hil.wire.serial_format import SERIAL
+from hil.wire.spec import SPEC
+
+PATIENCE_S = 5.0
+QUIET_S = 0.3
+"""Long enough for an answer that must not come."""
+
+WATCHDOG = SPEC.registers["WATCHDOG_TICKS"].id
+REQUESTS = 30
+
+
+class Board:
+    """A board to be spoken to at `url`: a process that said `ready URL`, or one that is simply there."""
+
+    def __init__(self, command: list[str] | None = None, url: str = "") -> None:
+        self.url = url
+        self.process: subprocess.Popen[str] | None = None
+        if command is not None:
+            self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            assert self.process.stdout is not None
+            line = self.process.stdout.readline().strip()
+            ready, _, self.url = line.partition(" ")
+            assert ready == "ready", f"expected a line 'ready LINK', got {line!r} {self.end()}"
+
+    def open(self) -> Link:
+        """The host's end."""
+        return open_link(self.url)
+
+    def end(self) -> str:
+        """Kill the process; what it wrote to standard error."""
+        if self.process is None:
+            return ""
+        self.process.kill()
+        return self.process.communicate()[1]
+
+
+class Cable(Link):
+    """A link whose frames a test can tamper with on the way: `outgoing` and `incoming` take frames, return frames."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.name, self.format, self.advice = link.name, link.format, link.advice
+        self.outgoing: Callable[[list[bytes]], list[bytes]] = list
+        self.incoming: Callable[[list[bytes]], list[bytes]] = list
+        self._part = b""
+
+    def fileno(self) -> int | None:
+        return self._link.fileno()
+
+    def send(self, data: bytes) -> None:
+        for frame in self.outgoing(self.format.cut(data)[0]):
+            self._link.send(frame)
+
+    def receive(self, timeout_s: float | None) -> bytes:
+        frames, self._part = self.format.cut(self._part + self._link.receive(timeout_s))
+        return b"".join(self.incoming(frames))
+
+    def close(self) -> None:
+        self._link.close()
+
+
+def answers(host: Endpoint, count: int, wait_s: float = PATIENCE_S) -> list[Message]:
+    """The next `count` messages beside samples, or what came within the time."""
+    found: list[Message] = []
+    until = time.monotonic() + wait_s
+    while len(found) < count and time.monotonic() < until:
+        found += [item.message for item in host.poll(0.02) if not hasattr(item.message, "codes")]
+    return found
+
+
+def status_of(host: Endpoint) -> Status:
+    """The board's counters, by way of SAFE."""
+    return client.make_safe(host, SafeReason.HOST_REQUEST, PATIENCE_S)
+
+
+def leave(host: Endpoint) -> None:
+    """Part with a board so that it is there for the next host: one in lockstep may end with this one."""
+    status_of(host)
+    if Capabilities.PACED in Capabilities(client.connect(host, PATIENCE_S).capabilities):
+        client.write_register(host, "CLOCK_MODE", ClockMode.PACED, PATIENCE_S)
+
+
+def samples(host: Endpoint) -> list[SenseRow]:
+    """The next samples, however many."""
+    until = time.monotonic() + PATIENCE_S
+    while not (rows := host.receive_rows(0.5)):
+        assert time.monotonic() < until, "no sample came"
+    return rows
+
+
+def drive(host: Endpoint, identity: Identity, rows: int) -> None:
+    """Answer so many samples with drives that differ, and check that each comes back where it acted."""
+    sent: dict[int, tuple[int, int]] = {}
+    seen = 0
+    expected: int | None = None
+    checked = 0
+    while seen < rows:
+        for tick, _, _, ux, uy, _ in samples(host):
+            assert expected in (None, tick), "a sample out of order"
+            expected = tick + 1
+            seen += 1
+            if tick - 1 in sent:
+                assert (ux, uy) == sent.pop(tick - 1)
+                checked += 1
+            codes = seen % 13 - 6, 5 - seen % 11
+            host.send_drive(*codes, tick + identity.latency_ticks)
+            sent[tick + identity.latency_ticks] = codes
+    assert checked >= rows - identity.latency_ticks - 2
+
+
+class Conformance:
+    """Handshake, order, loss, duplicates, oversize, version mismatch, restart of either side, unplugging, two hosts."""
+
+    alone = False
+    """Whether the board lives and dies with its host, as one in the same process does."""
+
+    @classmethod
+    def start(cls) -> Board:
+        """A board that is ready."""
+        raise NotImplementedError
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def served(cls) -> Iterator[list[Board]]:
+        """The board of this class, in a list of one so that a test can replace it."""
+        boards = [cls.start()]
+        yield boards
+        boards[0].end()
+
+    @pytest.fixture
+    def cable(self, served: list[Board]) -> Iterator[Cable]:
+        cable = Cable(served[0].open())
+        yield cable
+        cable.close()
+
+    @pytest.fixture
+    def host(self, cable: Cable) -> Iterator[Endpoint]:
+        """A host that has said HELLO to a board in SAFE."""
+        host = Endpoint(cable)
+        client.connect(host, PATIENCE_S)
+        status_of(host)
+        yield host
+        cable.outgoing = cable.incoming = list
+        with contextlib.suppress(LinkClosed):
+            leave(host)
+
+    def arm(self, host: Endpoint, *, paced: bool = False) -> Identity:
+        """Arm in lockstep, or on the board's own clock."""
+        identity = client.connect(host, PATIENCE_S)
+        able = Capabilities(identity.capabilities)
+        lockstep = not paced and Capabilities.LOCKSTEP in able
+        if paced and not able & Capabilities.PACED and able & Capabilities.LOCKSTEP:
+            pytest.skip("this board waits for its host")
+        clock = ClockMode.LOCKSTEP if lockstep else ClockMode.PACED if Capabilities.PACED in able else ClockMode.REAL
+        client.write_register(host, "CLOCK_MODE", clock, PATIENCE_S)
+        client.write_register(host, "BLOCK", 1, PATIENCE_S)
+        client.write_register(host, "WATCHDOG_TICKS", max(int(0.1 * identity.tick_rate_Hz), 2), PATIENCE_S)
+        client.arm(host, PATIENCE_S)
+        return identity
+
+    # -------------------------------------------------------------------------------------------------- conversation
+
+    def test_handshake(self, host):
+        first = client.connect(host, PATIENCE_S)
+        assert (first.protocol, first.spec_hash) == (SPEC.protocol, SPEC.hash)
+        assert first.tick_rate_Hz > 0
+        assert first.axes in (1, 2)
+        assert client.connect(host, PATIENCE_S) == first
+
+    def test_registers(self, host):
+        for value in (77, 78):
+            assert client.write_register(host, "WATCHDOG_TICKS", value, PATIENCE_S) == value
+            assert client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S) == value
+        for bad in (0.0, 2.0**40, 1.5, float("nan"), float("inf")):
+            with pytest.raises(ProtocolError, match="OUT_OF_RANGE"):
+                client.write_register(host, "WATCHDOG_TICKS", bad, PATIENCE_S)
+        assert client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S) == 78
+        with pytest.raises(ProtocolError, match="UNKNOWN_REGISTER"):
+            client.request(host, RegisterRead(0xFFFF), RegisterValue, PATIENCE_S)
+
+    def test_field_table(self, host):
+        """Its lines are the longest messages: on CAN they come in parts."""
+        assert client.read_field_table(host, PATIENCE_S) == SPEC.table
+
+    def test_clock_comes_back(self, host):
+        answer = client.request(host, TimeSync(2**63 + 5, 0), TimeSync, PATIENCE_S)
+        again = client.request(host, TimeSync(6, 0), TimeSync, PATIENCE_S)
+        assert (answer.host_ns, again.host_ns) == (2**63 + 5, 6)
+        assert again.board_ns >= answer.board_ns
+
+    def test_safe_is_answered(self, host):
+        assert status_of(host).state == State.SAFE
+
+    def test_what_is_not_understood_is_refused(self, host):
+        data, _ = host.link.format.encode(0x7E, host.tx.seq, 0, b"what?")
+        unknown, host.tx.seq = host.tx.seq, host.tx.seq + 1
+        host.link.send(data)
+        assert answers(host, 1) == [Nack(0x7E, unknown, NackReason.UNKNOWN_TYPE)]
+        data, _ = host.link.format.encode(type_of(Hello), host.tx.seq, 0, b"short")
+        short, host.tx.seq = host.tx.seq, host.tx.seq + 1
+        host.link.send(data)
+        assert answers(host, 1) == [Nack(type_of(Hello), short, NackReason.BAD_LENGTH)]
+
+    # ------------------------------------------------------------------------------------------ order, loss, repetition
+
+    def test_order(self, host):
+        before = status_of(host)
+        identity = self.arm(host)
+        drive(host, identity, 300)
+        after = status_of(host)
+        assert (host.rx.lost, host.rx.repeated, host.rx.bad) == (0, 0, 0)
+        assert after == before._replace(tick=after.tick, held=after.held, late=after.late, saturated=after.saturated)
+
+    def test_loss_towards_the_host_is_counted(self, host, cable):
+        arrived = iter(range(10**6))
+        cable.incoming = lambda frames: [frame for frame in frames if next(arrived) % 5 != 2]
+        for _ in range(REQUESTS):
+            host.send(RegisterRead(WATCHDOG))
+        found = answers(host, REQUESTS, 1.0)
+        assert len(found) == REQUESTS - REQUESTS // 5, found
+        assert (host.rx.lost, host.rx.repeated, host.rx.bad) == (REQUESTS // 5, 0, 0)
+
+    def test_loss_towards_the_board_is_counted(self, host, cable):
+        before = status_of(host).lost_seq
+        cable.outgoing = lambda frames: []
+        for _ in range(7):
+            host.send(RegisterRead(WATCHDOG))
+        cable.outgoing = list
+        assert status_of(host).lost_seq == before + 7
+
+    def test_duplicates_are_dropped(self, host, cable):
+        before = status_of(host)
+        cable.outgoing = lambda frames: [frame for frame in frames for _ in range(3)]
+        for _ in range(REQUESTS):
+            host.send(RegisterRead(WATCHDOG))
+        assert len(answers(host, REQUESTS + 1, 1.0)) == REQUESTS
+        cable.outgoing = list
+        cable.incoming = lambda frames: [frame for frame in frames for _ in range(2)]
+        for _ in range(REQUESTS):
+            host.send(RegisterRead(WATCHDOG))
+        assert len(answers(host, REQUESTS + 1, 1.0)) == REQUESTS
+        assert host.rx.repeated == REQUESTS
+        cable.incoming = list
+        after = status_of(host)
+        assert (after.lost_seq, after.bad_frames) == (before.lost_seq, before.bad_frames)
+
+    def test_nothing_is_used_out_of_order(self, host, cable):
+        before = status_of(host).lost_seq
+        held: list[bytes] = []
+        cable.outgoing = lambda frames: held.extend(frames) or []
+        host.send(RegisterRead(1))
+        host.send(RegisterRead(WATCHDOG))
+        cable.outgoing = list
+        cable.outgoing = lambda frames: held[::-1]
+        cable.send(b"")
+        cable.outgoing = list
+        assert [answer.register for answer in answers(host, 2, QUIET_S)] == [WATCHDOG]
+        assert status_of(host).lost_seq == before + 1
+
+    # -------------------------------------------------------------------------------------------------- broken frames
+
+    def test_damaged_frames_are_dropped_and_counted(self, host, cable):
+        def damage(frames: list[bytes]) -> list[bytes]:
+            return [frame[:9] + bytes([frame[9] ^ 0x55 or 1]) + frame[10:] for frame in frames]
+
+        def shorten(frames: list[bytes]) -> list[bytes]:
+            """CAN has its own checksum; what can be wrong is the length."""
+            return [HEAD.pack(*HEAD.unpack_from(frame)[:1], 7, 5) + frame[8:] for frame in frames]
+
+        before = status_of(host).bad_frames
+        cable.outgoing = damage if cable.format is SERIAL else shorten
+        for _ in range(5):
+            host.send(RegisterRead(WATCHDOG))
+        cable.outgoing = list
+        assert answers(host, 1, QUIET_S) == []
+        assert status_of(host).bad_frames == before + 5
+
+    def test_oversize_is_dropped_and_counted(self, host, cable):
+        before = status_of(host).bad_frames
+        if cable.format is SERIAL:
+            cable._link.send(b"\0" + b"\x55" * (MAX_ENCODED + 100) + b"\0")
+        else:
+            part, _ = cable.format.encode(type_of(RegisterRead), host.tx.seq, 0, bytes(56))
+            parts = [part[:14] + bytes([56, k]) + part[16:RECORD_SIZE] for k in range(150)]
+            cable._link.send(b"".join(parts) + part[RECORD_SIZE : RECORD_SIZE + 15] + bytes([150]) + part[-56:])
+        assert client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S)
+        assert status_of(host).bad_frames == before + 1
+
+    def test_noise_changes_nothing(self, host, cable):
+        before = client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S)
+        noise = bytes(k * k % 251 for k in range(1, 50 * RECORD_SIZE + 1))
+        if cable.format is SERIAL:
+            for at in range(0, len(noise), 100):
+                cable._link.send(b"\0" + noise[at : at + 100].replace(b"\0", b"\1") + b"\0")
+        else:  # on a bus other people's frames are no noise; these have the identifiers of the board's own messages
+            for k in range(50):
+                head = HEAD.pack((k % 2 + 0x42) << 4, 64, 5)
+                cable._link.send(head + noise[k * 64 : k * 64 + 64])
+        assert client.connect(host, PATIENCE_S).protocol == SPEC.protocol
+        assert client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S) == before
+
+    # ------------------------------------------------------------------------------------------------------- versions
+
+    def test_version_mismatch(self, host):
+        for hello in (Hello(SPEC.protocol + 1, SPEC.hash), Hello(SPEC.protocol, SPEC.hash ^ 1)):
+            host.send(hello)
+            (identity,) = answers(host, 1)
+            assert (identity.protocol, identity.spec_hash) == (SPEC.protocol, SPEC.hash)
+            with pytest.raises(ProtocolError, match="refused ARM: BAD_STATE"):
+                client.request(host, Arm(), Status, PATIENCE_S)
+            assert client.read_field_table(host, PATIENCE_S)[:3] == SPEC.table[:3]
+        self.arm(host)
+
+    # ------------------------------------------------------------------------------------------- restarts, unplugging
+
+    def test_the_host_starts_again(self, host, cable, served):
+        """Without a word, in the midst of a run."""
+        if self.alone:
+            pytest.skip("this board lives and dies with its host")
+        identity = self.arm(host, paced=True)
+        host.send_drive(1, 1, samples(host)[-1][0] + identity.latency_ticks + 8)
+        cable.close()
+        time.sleep(0.05)
+        again = Endpoint(served[0].open())
+        try:
+            assert client.connect(again, PATIENCE_S) == identity
+            assert status_of(again).state == State.SAFE
+            client.arm(again, PATIENCE_S)
+            samples(again)
+            status_of(again)
+        finally:
+            again.close()
+
+    def test_the_board_starts_again(self, host, cable, served):
+        if served[0].process is None:
+            pytest.skip("this board cannot be switched off from here")
+        self.arm(host, paced=True)
+        served[0].end()
+        served[0] = self.start()
+        if served[0].url != cable.name:
+            cable.close()
+            host = Endpoint(served[0].open())
+        identity = client.connect(host, PATIENCE_S)
+        self.arm(host)
+        drive(host, identity, 20)
+        leave(host)
+        host.close()
+
+    def test_unplugged_and_plugged_in_again(self, host, cable):
+        """The board's watchdog stops the drive; the host finds it where it was, its ticks gone on."""
+        identity = self.arm(host, paced=True)
+        tick = samples(host)[-1][0]
+        host.send_drive(1, 1, tick + identity.latency_ticks + 8)
+        cable.outgoing = cable.incoming = lambda frames: []
+        until = time.monotonic() + 0.4
+        while time.monotonic() < until:
+            assert host.receive_rows(0.05) == []
+            host.send_drive(1, 1, tick)
+        cable.outgoing = cable.incoming = list
+        status = status_of(host)
+        assert (status.state, status.reason) == (State.SAFE, SafeReason.WATCHDOG)
+        client.arm(host, PATIENCE_S)
+        assert samples(host)[0][0] > tick + 0.2 * identity.tick_rate_Hz
+
+    def test_a_second_host_is_refused(self, host, served):
+        if self.alone:
+            pytest.skip("nobody else can reach this board")
+        identity = self.arm(host)
+        with pytest.raises(LinkError, match=r"another|in use") as caught:
+            served[0].open()
+        assert "\n" not in str(caught.value)
+        drive(host, identity, 20)
+        assert host.rx.lost == 0

@@ -1,0 +1,61 @@
+"""The emulated board on every link. CAN on Linux has its own file, tests/vcan: not every kernel can."""
+
+import os
+import sys
+
+import pytest
+
+from hil.wire.inproc import open_inproc
+from tests.emulator.gyro import EXAMPLES
+
+from .conformance import Board, Conformance
+
+pytestmark = pytest.mark.slow  # whole processes
+
+SCENARIO = str(EXAMPLES / "s-slow.scenario.toml")
+
+
+def emulated(link: str) -> Board:
+    return Board([sys.executable, "-W", "error", "-m", "device_emulator", SCENARIO, "--link", link])
+
+
+class InprocBoard(Board):
+    """The entry point's board, a new one for every host."""
+
+    def open(self):
+        return open_inproc(SCENARIO)
+
+
+class TestInproc(Conformance):
+    alone = True
+
+    @classmethod
+    def start(cls):
+        return InprocBoard()
+
+
+class TestPty(Conformance):
+    @classmethod
+    def start(cls):
+        return emulated("pty")
+
+
+class TestUdp(Conformance):
+    @classmethod
+    def start(cls):
+        return emulated("udp:239.255.42.42:42420?interface=127.0.0.1")
+
+
+class TestPythonCan(Conformance):
+    """python-can's CAN FD between processes, on the loopback interface."""
+
+    @classmethod
+    def start(cls):
+        return emulated("can:udp_multicast:239.255.42.43?port=42423&node=3")
+
+
+@pytest.mark.skipif("HIL_TEST_SERIAL" not in os.environ, reason="HIL_TEST_SERIAL=serial:/dev/ttyACM0 names a board")
+class TestRealSerial(Conformance):
+    @classmethod
+    def start(cls):
+        return Board(url=os.environ["HIL_TEST_SERIAL"])
