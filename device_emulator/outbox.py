@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from hil.wire.fd_link import FdLink
+from hil.wire.link import BoardLink
 
 CAPACITY = 1 << 20
 """Bytes that may wait: a quarter of a second of the fastest stream."""
@@ -11,7 +11,7 @@ CAPACITY = 1 << 20
 class Outbox:
     """The queue between a streaming board and a link that may be full for a while."""
 
-    def __init__(self, link: FdLink, capacity: int = CAPACITY) -> None:
+    def __init__(self, link: BoardLink, capacity: int = CAPACITY) -> None:
         self._link = link
         self._capacity = capacity
         self._waiting: deque[memoryview] = deque()

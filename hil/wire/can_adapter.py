@@ -80,6 +80,11 @@ class AdapterLink:
             return b"".join(records)
         raise LinkClosed(f"{self.name}: {self._failure}")
 
+    def offer(self, data: bytes | memoryview) -> int:
+        """Send all of `data`: adapters do not tell whether they have room. Raises LinkClosed."""
+        self.send(bytes(data))
+        return len(data)
+
     def await_host(self) -> None:
         """Hosts come and go unseen; an adapter that failed has to be looked after. Raises LinkError."""
         raise LinkError(f"{self.name}: {self._failure}; see to the adapter and start again")

@@ -21,6 +21,8 @@ from hil.wire.frame_format import BOARD, HOST, Sender
 LISTEN_S = 0.05
 """How long a host listens for another one before it speaks."""
 
+_BUFFER = 1 << 22  # bytes to hold while a reader is away; the system may allow less
+
 CLASSIC_SIZE = 16
 """Bytes of `struct can_frame`, and the MTU of an interface without CAN FD."""
 
@@ -49,9 +51,9 @@ class CanLink(DatagramLink):
     def _put(self, datagram: bytes) -> None:
         self._wire.send(datagram)
 
-    def _out(self, data: bytes) -> list[bytes]:
+    def _out(self, data: bytes) -> list[tuple[bytes, int]]:
         return [
-            data[at : at + (RECORD_SIZE if data[at + _FLAGS_AT] & FDF else CLASSIC_SIZE)]
+            (data[at : at + (RECORD_SIZE if data[at + _FLAGS_AT] & FDF else CLASSIC_SIZE)], RECORD_SIZE)
             for at in range(0, len(data), RECORD_SIZE)
         ]
 
@@ -126,6 +128,10 @@ def _open(name: str, interface: str) -> socket.socket:
         raise LinkError(f"{name}: {cure}") from None
     try:
         _look_at(wire, name, interface)
+        # Of an adapter's queue, ten frames by default, the kernel does not tell when it has room again; of the socket's
+        # own buffer it does. The smallest one is less than the queue.
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 0)
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         wire.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         wire.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERR_ACK | _ERR_BUSOFF)
         wire.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")  # deaf until it is known what to hear

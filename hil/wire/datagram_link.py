@@ -33,7 +33,7 @@ class DatagramLink(ABC):
 
     Attributes:
         drop_when_full: as `BoardLink`.
-        dropped: datagrams lost that way.
+        dropped_bytes: what was lost that way.
     """
 
     def __init__(self, wire: socket.socket, name: str, form: FrameFormat, claim: Claim, advice: str) -> None:
@@ -45,7 +45,7 @@ class DatagramLink(ABC):
         self.advice = advice
         self.arrived_ns = 0
         self.drop_when_full = False
-        self.dropped = 0
+        self.dropped_bytes = 0
         self._wire = wire
         self._watch = [wire]
         self._claim = claim
@@ -57,18 +57,25 @@ class DatagramLink(ABC):
     def send(self, data: bytes) -> None:
         """Send every frame in `data`, waiting for room or, with `drop_when_full`, losing what finds none. Raises
         LinkClosed."""
-        for datagram in self._out(data):
-            while True:
-                try:
-                    self._put(datagram)
-                except OSError as error:
-                    if error.errno not in _FULL:
-                        raise self._closed(error) from None
-                    if not self.drop_when_full:
-                        time.sleep(_ROOM_S)
-                        continue
-                    self.dropped += 1
-                break
+        while (taken := self.offer(data)) < len(data):
+            data = data[taken:]
+            if self.drop_when_full:
+                self.dropped_bytes += len(data)
+                return
+            time.sleep(_ROOM_S)
+
+    def offer(self, data: bytes | memoryview) -> int:
+        """Send the frames that find room now; how many bytes of `data` that was. Raises LinkClosed."""
+        taken = 0
+        for datagram, size in self._out(bytes(data)):
+            try:
+                self._put(datagram)
+            except OSError as error:
+                if error.errno in _FULL:
+                    break
+                raise self._closed(error) from None
+            taken += size
+        return taken
 
     def receive(self, timeout_s: float | None) -> bytes:
         """All frames that have arrived, BATCH at most; b"" if none came within `timeout_s` seconds (None: wait for
@@ -107,8 +114,8 @@ class DatagramLink(ABC):
         """Send one datagram or raise OSError."""
 
     @abstractmethod
-    def _out(self, data: bytes) -> list[bytes]:
-        """The datagrams of one or several frames."""
+    def _out(self, data: bytes) -> list[tuple[bytes, int]]:
+        """The datagrams of one or several frames, and how much of `data` each stands for."""
 
     @abstractmethod
     def _in(self, datagram: bytes) -> bytes:

@@ -56,6 +56,11 @@ class BoardLink(Link, Protocol):
         """Descriptor to wait on."""
         ...
 
+    def offer(self, data: bytes | memoryview) -> int:
+        """Send what fits now, on a link of frames in whole ones, and return how many bytes that was. Raises
+        LinkClosed."""
+        ...
+
     def await_host(self) -> None:
         """After LinkClosed: be ready for another host."""
         ...

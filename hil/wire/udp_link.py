@@ -32,10 +32,10 @@ class UdpLink(DatagramLink):
     def _put(self, datagram: bytes) -> None:
         self._wire.sendto(datagram, self._target)
 
-    def _out(self, data: bytes) -> list[bytes]:
+    def _out(self, data: bytes) -> list[tuple[bytes, int]]:
         if data.find(b"\0", 1) == len(data) - 1:
-            return [data]
-        return [b"\0" + run + b"\0" for run in data.split(b"\0") if run]
+            return [(data, len(data))]
+        return [(b"\0" + run + b"\0", len(run) + 2) for run in data.split(b"\0") if run]
 
     def _in(self, datagram: bytes) -> bytes:
         return datagram
