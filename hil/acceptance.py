@@ -1,0 +1,155 @@
+"""A board as its acceptance tests see it: a conversation, and whole runs of the bench."""
+
+import time
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil.bench import Bench, override
+from hil.emulation import is_emulated, served
+from hil.errors import InputError
+from hil.progress import Progress
+from hil.records.result import Result
+from hil.records.runfolder import RunFolder
+from hil.wire import client
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import WireError
+from hil.wire.links import open_link
+from hil.wire.messages import Capabilities, ClockMode, Identity, Message, SafeReason, Status
+
+_SETTLE = 0.4  # of a run shorter than the bench file's, where the test does not say
+_CLOCKS = {"lockstep": Capabilities.LOCKSTEP, "paced": Capabilities.PACED}
+
+
+class CannotDo(Exception):
+    """This board, or this session, cannot do what a test asks for; the plugin skips the test with the reason."""
+
+
+class Run(NamedTuple):
+    """What came of a run: its folder (capture, estimates, innovation) and its figures."""
+
+    folder: RunFolder
+    result: Result
+
+
+class BoardUnderTest:
+    """The board at one link. It is connected when first talked to; a run of the bench has the link to itself.
+
+    Attributes:
+        bench, link: as given to the session.
+        emulated: whether the link starts its own board.
+    """
+
+    def __init__(self, bench: Bench, link: str, runs: Path, *, may_arm: bool, clock: str | None = None) -> None:
+        self.bench, self.link, self.emulated = bench, link, is_emulated(link)
+        self._runs, self._may_arm, self._clock = runs, may_arm, clock
+        self._open = ExitStack()
+        self._conversation: tuple[Endpoint, Identity] | None = None
+
+    @property
+    def endpoint(self) -> Endpoint:
+        """The conversation, for messages that have no method here. Raises WireError when nobody answers."""
+        return self._connected()[0]
+
+    @property
+    def identity(self) -> Identity:
+        """Who the board says it is."""
+        return self._connected()[1]
+
+    def read(self, register: str) -> float:
+        """Value of a register."""
+        return client.read_register(self.endpoint, register, self._patience_s)
+
+    def write(self, register: str, value: float) -> float:
+        """Set a register; returns the value in force. ProtocolError if the board refuses."""
+        return client.write_register(self.endpoint, register, value, self._patience_s)
+
+    def use_clock(self, name: str) -> None:
+        """Set CLOCK_MODE: `lockstep`, `paced` or `real`."""
+        self.write("CLOCK_MODE", ClockMode[name.upper()])
+
+    def arm(self) -> Status:
+        """Arm the board: SENSE streams from now on. Raises CannotDo without consent."""
+        self._require_consent()
+        return client.arm(self.endpoint, self._patience_s)
+
+    def safe(self) -> Status:
+        """Bring the board to SAFE; its state and counters."""
+        return client.make_safe(self.endpoint, SafeReason.HOST_REQUEST, self._patience_s)
+
+    def listen(self, seconds: float) -> list[Message]:
+        """Everything the board says within so many seconds."""
+        heard: list[Message] = []
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            heard += [item.message for item in self.endpoint.poll(left)]
+        return heard
+
+    def require_clock(self, name: str) -> None:
+        """Raises CannotDo where the board does not keep this clock."""
+        if not self._keeps(name):
+            raise CannotDo(f"{self.link}: this board does not keep the clock {name!r}")
+
+    def run(self, *, open_loop: bool = False, truth: bool = False, **changes: Any) -> Run:
+        """Run the bench with keys of `[loop]` changed (`duration_s=3.0`); with `truth` score it on an emulated board.
+
+        Raises CannotDo without consent to arm, or for `truth` of a board that is not emulated here; InputError and
+        WireError as `hil.loop.run.run`.
+        """
+        from hil.loop.run import run
+        from hil.score import score
+
+        self._require_consent()
+        if truth and not self.emulated:
+            raise CannotDo(f"{self.link}: no truth to compare with")
+        clock = str(changes.get("clock") or self._clock or self.bench.loop.clock)
+        if not self._keeps(clock):
+            clock = next((name for name in ("lockstep", "paced", "real") if self._keeps(name)), clock)
+        length_s = float(changes.get("duration_s", self.bench.loop.duration_s))
+        settle_s = min(self.bench.loop.settle_s, _SETTLE * length_s)
+        bench = override(self.bench, {"loop": {"settle_s": settle_s, **changes, "clock": clock}}, "the test")
+        self.close()
+        truth_file = self._runs.with_name("truth.arrow") if truth else None
+        done = run(bench, self.link, self._runs, open_loop=open_loop, truth=truth_file, progress=_unwatched)
+        if done.folder is None:
+            raise InputError(f"{self.link}: nothing was recorded")
+        folder = RunFolder(done.folder)
+        result = folder.result if truth_file is None else score(done.folder, truth_file)
+        if result is None:
+            raise InputError(f"{done.folder}: the run left no result")
+        return Run(folder, result)
+
+    def close(self) -> None:
+        """SAFE if it was armed, and let go of the link; the next use connects anew."""
+        if self._conversation is not None:
+            endpoint, _ = self._conversation
+            with suppress(WireError):  # a board that is gone went SAFE by its watchdog
+                client.make_safe(endpoint, SafeReason.HOST_REQUEST, self._patience_s)
+            self._conversation = None
+        self._open.close()
+
+    @property
+    def _patience_s(self) -> float:
+        return self.bench.link.timeout_s
+
+    def _connected(self) -> tuple[Endpoint, Identity]:
+        if self._conversation is None:
+            there = self._open.enter_context(served(self.link, seed=self.bench.loop.seed))
+            endpoint = Endpoint(open_link(there.url))
+            self._open.callback(endpoint.close)
+            self._conversation = endpoint, client.connect(endpoint, self._patience_s)
+        return self._conversation
+
+    def _keeps(self, clock: str) -> bool:
+        able = Capabilities(self.identity.capabilities)
+        if clock == "real":
+            return not self.emulated and Capabilities.PACED not in able
+        return clock in _CLOCKS and _CLOCKS[clock] in able
+
+    def _require_consent(self) -> None:
+        if not self._may_arm:
+            raise CannotDo(f"{self.link}: arming a board that is not emulated needs --hil-arm")
+
+
+def _unwatched(_: Progress) -> None:
+    """Nobody watches the progress of a test."""

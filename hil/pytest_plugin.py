@@ -1,0 +1,109 @@
+"""A pytest plugin for acceptance tests of a board: the same test on an emulated board, a virtual bus, or hardware.
+
+    pytest --hil-bench my.bench.toml --hil-link serial:/dev/ttyACM0 --hil-arm
+
+Fixtures: `bench`, the bench file; `board`, a `hil.acceptance.BoardUnderTest` of that link. Markers: `hil_clock(name)`,
+the test needs a board that keeps that clock; `hil_emulated`, it needs an emulated board (its truth, say).
+
+pytest loads this module in every project it runs in once the package is installed, so nothing is imported here that a
+session without these fixtures would have to pay for.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from hil.acceptance import BoardUnderTest
+    from hil.bench import Bench
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Options, and keys of pytest's ini file of the same names."""
+    group = parser.getgroup("hil", "acceptance tests of a gyro board")
+    for name, what in (
+        ("bench", "bench file of the board, or the name of an example"),
+        ("link", "link to the board (serial:…, can:…, udp:…, pty:SCENARIO, inproc:SCENARIO); default: [link] url"),
+        ("clock", "lockstep, paced or real; default: the bench file's, or what the board keeps"),
+    ):
+        group.addoption(f"--hil-{name}", help=what)
+        parser.addini(f"hil_{name}", what)
+    group.addoption(
+        "--hil-arm", action="store_true", help="consent to arming a board that is not emulated; else such tests skip"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Markers."""
+    config.addinivalue_line("markers", "hil_clock(name): needs a board that keeps this clock (lockstep, paced, real)")
+    config.addinivalue_line("markers", "hil_emulated: needs a board that is emulated here")
+
+
+@pytest.fixture(scope="session")
+def bench(request: pytest.FixtureRequest) -> "Bench":
+    """The bench file of `--hil-bench`."""
+    from hil.bench import load_bench
+    from hil.errors import InputError
+
+    try:
+        return load_bench(_bench_path(request.config))
+    except InputError as error:
+        pytest.fail(str(error), pytrace=False)
+
+
+@pytest.fixture
+def board(request: pytest.FixtureRequest, bench: "Bench", tmp_path: Path) -> Iterator["BoardUnderTest"]:
+    """The board at `--hil-link`, connected when first used and SAFE afterwards. Skips what it cannot do."""
+    from hil.acceptance import BoardUnderTest, CannotDo
+    from hil.emulation import is_emulated, located
+    from hil.errors import InputError
+
+    config = request.config
+    try:
+        path = _bench_path(config)
+        link = located(_setting(config, "link") or bench.link.url or "", beside=path)
+    except InputError as error:
+        pytest.fail(str(error), pytrace=False)
+    if not link:
+        pytest.fail(f"{path}: [link] url: missing; give it there or as --hil-link", pytrace=False)
+    if request.node.get_closest_marker("hil_emulated") and not is_emulated(link):
+        pytest.skip(f"{link} is not emulated here")
+    may_arm = is_emulated(link) or bool(config.getoption("--hil-arm"))
+    under_test = BoardUnderTest(bench, link, tmp_path / "runs", may_arm=may_arm, clock=_setting(config, "clock"))
+    try:
+        if clock := request.node.get_closest_marker("hil_clock"):
+            under_test.require_clock(*clock.args)
+        yield under_test
+    except CannotDo as reason:
+        pytest.skip(str(reason))
+    finally:
+        under_test.close()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Iterator[None]:
+    """A test that finds out on its way that this board cannot do what it needs is skipped."""
+    try:
+        return (yield)
+    except Exception as error:
+        if type(error).__name__ == "CannotDo" and type(error).__module__ == "hil.acceptance":
+            pytest.skip(str(error))
+        raise
+
+
+def _bench_path(config: pytest.Config) -> Path:
+    from hil.errors import InputError
+    from hil.examples import find
+
+    name = _setting(config, "bench")
+    if not name:
+        raise InputError("no bench file: give --hil-bench FILE, or hil_bench in pytest's ini file")
+    return find("bench", name, beside=config.inipath)
+
+
+def _setting(config: pytest.Config, name: str) -> str | None:
+    given = config.getoption(f"--hil-{name}")
+    value = given if given is not None else config.getini(f"hil_{name}")
+    return str(value) if value else None
