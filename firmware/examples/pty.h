@@ -10,7 +10,7 @@ typedef struct pty {
     int master;
     int slave; /* held open until a host has spoken: without one the kernel reports a hang-up */
     char path[64];
-    uint8_t queue[65536];
+    uint8_t queue[262144]; /* a third of a second of 100 kS/s */
     size_t queued;
 } pty;
 

@@ -260,11 +260,11 @@ static const resonator_device fast = {
     .start_m = 2e-6,
     .gain_V_per_m = 8.9e4,
     .offset_V = {0.012, -0.009},
-    .noise_V = 1.8e-4,
+    .noise_V = 6e-5,
     .sense_bits = 16,
     .sense_full_scale_V = 0.5,
     .drive_bits = 16,
-    .drive_full_scale_mps2 = 20.0,
+    .drive_full_scale_mps2 = 80.0,
 };
 
 int main(int argc, char **argv) {

@@ -11,8 +11,8 @@ from hil.records.runfolder import RunFolder
 
 from .process import pty_board
 
-BENCH = Path(__file__).parents[2] / "examples" / "c-board.bench.toml"
-TRUTH = {
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SLOW = {
     "phi_x": 6e-3,
     "phi_y": -4e-3,
     "kxx": 1.602e6,
@@ -22,52 +22,60 @@ TRUTH = {
     "dyy": 1.3,
     "dxy": 0.05,
 }
+FAST = {"phi_x": 0.012, "phi_y": -0.009, "kxx": 9.873e8, "kyy": 9.865e8, "kxy": 4e5, "dxx": 3.3, "dyy": 3.0, "dxy": 0.1}
 """firmware/examples/pty_board.c"""
 
+pytestmark = pytest.mark.slow
 
-@pytest.fixture
-def declared() -> Bench:
-    return load_bench(BENCH)
+
+@pytest.fixture(autouse=True)
+def _no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the page for people, which costs more than the run."""
+    monkeypatch.setattr("hil.report.write_report", lambda _: None)
 
 
 def quietly(_: Progress) -> None:
     """Watch nothing."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rate_rad_s", [1.0, -0.7])
-def test_a_run_in_lockstep_is_good_and_right(
-    built: Path, declared: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rate_rad_s: float
-) -> None:
-    monkeypatch.setattr("hil.report.write_report", lambda _: None)
-    with pty_board(built, "--rate", str(rate_rad_s)) as (_, url):
-        done = run(declared, url, tmp_path, progress=quietly)
+def ran(declared: Bench, url: str, place: Path) -> RunFolder:
+    """The folder of a run whose verdict is good."""
+    done = run(declared, url, place, progress=quietly)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result
     assert result is not None
     assert (result.verdict, result.reasons, result.lost, result.late) == ("good", (), 0, 0)
-    for name, truth in TRUTH.items():
+    return folder
+
+
+def check(folder: RunFolder, truth: dict[str, float], rate_rad_s: float, settle_s: float, tolerance: float) -> None:
+    """Parameters within five of their standard deviations of the truth, the angle's slope within `tolerance`."""
+    result, estimates = folder.result, folder.estimates
+    assert result is not None
+    assert estimates is not None
+    for name, value in truth.items():
         estimate = result.parameters[name]
         sd = (estimate.ci95[1] - estimate.ci95[0]) / 3.92
-        assert abs(estimate.value - truth) < 5.0 * sd, name
-    estimates = folder.estimates
-    assert estimates is not None
-    scored = estimates.t_s >= declared.loop.settle_s
+        assert abs(estimate.value - value) < 5.0 * sd, name
+    scored = estimates.t_s >= settle_s
     angle, t = estimates["angle_rad"][scored], estimates.t_s[scored]
-    assert (angle[-1] - angle[0]) / (t[-1] - t[0]) == pytest.approx(rate_rad_s, abs=2e-3)
+    assert (angle[-1] - angle[0]) / (t[-1] - t[0]) == pytest.approx(rate_rad_s, abs=tolerance)
 
 
-@pytest.mark.slow
-def test_latency_of_the_board_is_believed(
-    built: Path, declared: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("hil.report.write_report", lambda _: None)
-    shorter = override(declared, {"loop": {"duration_s": 4.0, "settle_s": 2.0}}, "test")
-    for latency in ("0", "3"):
-        with pty_board(built, "--latency", latency) as (_, url):
-            done = run(shorter, url, tmp_path / latency, progress=quietly)
-        assert done.folder is not None
-        result = RunFolder(done.folder).result
-        assert result is not None
-        assert result.verdict == "good"
+@pytest.mark.parametrize(("rate_rad_s", "latency"), [(1.0, 1), (-0.7, 3)])
+def test_force_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, rate_rad_s: float, latency: int) -> None:
+    declared = load_bench(EXAMPLES / "c-board.bench.toml")
+    shorter = override(declared, {"loop": {"duration_s": 6.0, "settle_s": 3.0}}, "test")
+    with pty_board(built, "--rate", str(rate_rad_s), "--latency", str(latency)) as (_, url):
+        folder = ran(shorter, url, tmp_path)
+    check(folder, SLOW, rate_rad_s, 3.0, 5e-3)
+
+
+@pytest.mark.parametrize("latency", [0, 2])
+def test_gain_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, latency: int) -> None:
+    declared = load_bench(EXAMPLES / "c-board-gain.bench.toml")
+    shorter = override(declared, {"loop": {"clock": "lockstep", "duration_s": 1.5, "settle_s": 0.7}}, "test")
+    with pty_board(built, "--fast", "--rate", "1.5", "--latency", str(latency)) as (_, url):
+        folder = ran(shorter, url, tmp_path)
+    check(folder, FAST, 1.5, 0.7, 5e-3)
