@@ -226,7 +226,7 @@ static void power_up(bench *b) {
     config.identity.tick_rate_Hz = 4000.0;
     config.identity.sense_bits = chance(2) ? 16u : 24u;
     config.identity.drive_bits = (uint8_t)(2u + chance(23));
-    config.identity.latency_ticks = (uint16_t)chance(HIL_WAITING);
+    config.identity.latency_ticks = (uint16_t)chance(HIL_LATENCY);
     config.clocks = 7u;
     config.blocks = b->blocks;
     config.blocks_size = sizeof b->blocks;

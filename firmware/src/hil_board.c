@@ -83,7 +83,7 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
         (uint32_t)((config->blocks_size / 2u - HIL_SENSE_SIZE) / (HIL_SENSE_COLUMNS * (size_t)board->width));
     if (config->blocks_size / 2u < HIL_SENSE_SIZE || board->room_rows == 0u)
         return false;
-    if (identity->latency_ticks >= HIL_WAITING)
+    if (identity->latency_ticks >= HIL_LATENCY)
         return false;
     board->block[0].payload = config->blocks;
     board->block[1].payload = config->blocks + config->blocks_size / 2u;
@@ -157,6 +157,7 @@ static void add_row(hil_board *b, int32_t vx, int32_t vy, uint8_t flags) {
 
 static void forget_drives(hil_board *b) {
     memset(b->waiting, 0, sizeof b->waiting);
+    memset(b->computed, 0, sizeof b->computed);
     memset(&b->held, 0, sizeof b->held);
     b->interval_flags = 0u;
 }
@@ -184,21 +185,39 @@ static void grant(hil_board *b) {
 
 /* -------------------------------------------------------------------------------------------------- ticks */
 
+/* The host's drive that is due now; false if there is none. */
 static bool take_command(hil_board *b) {
-    hil_command *command = &b->waiting[(uint64_t)b->tick % HIL_WAITING];
-    if (!command->waits || command->tick != b->tick)
-        return false;
-    b->held = *command;
-    command->waits = false;
-    return true;
+    for (unsigned k = 0; k < HIL_WAITING; k++) {
+        hil_command *command = &b->waiting[k];
+        if (command->waits && command->tick == b->tick) {
+            b->held = *command;
+            command->waits = false;
+            return true;
+        }
+    }
+    return false;
 }
 
-static void put_command(hil_board *b, int64_t tick, hil_drive codes, bool limited) {
-    hil_command *command = &b->waiting[(uint64_t)tick % HIL_WAITING];
-    command->codes = codes;
-    command->limited = limited;
-    command->waits = true;
-    command->tick = tick;
+/* Have a drive wait, in place of one for the same tick; false if too many wait already. */
+static bool put_command(hil_board *b, int64_t tick, hil_drive codes, bool limited) {
+    hil_command *place = NULL;
+    for (unsigned k = 0; k < HIL_WAITING; k++) {
+        hil_command *command = &b->waiting[k];
+        if (!command->waits) {
+            if (place == NULL)
+                place = command;
+        } else if (command->tick == tick) {
+            place = command;
+            break;
+        }
+    }
+    if (place == NULL)
+        return false;
+    place->codes = codes;
+    place->limited = limited;
+    place->waits = true;
+    place->tick = tick;
+    return true;
 }
 
 /* The drive that the codes just sampled lead to; true if it had to be limited. */
@@ -207,8 +226,9 @@ static bool close_loop(hil_board *b, int32_t vx, int32_t vy) {
     bool limited = hil_gain_step(&b->gain, b->tick, vx, vy, codes);
     if (limited)
         hil_count(&b->saturated, 1u);
-    hil_drive drive = {codes[0], codes[1]};
-    put_command(b, b->tick + (int64_t)b->config.identity.latency_ticks, drive, false);
+    hil_drive *drive = &b->computed[(uint64_t)(b->tick + (int64_t)b->config.identity.latency_ticks) % HIL_LATENCY];
+    drive->ux = codes[0];
+    drive->uy = codes[1];
     return limited;
 }
 
@@ -246,7 +266,9 @@ void hil_board_sample(hil_board *board, int32_t vx, int32_t vy, bool clipped) {
 }
 
 hil_drive hil_board_drive(hil_board *board) {
-    bool came = take_command(board);
+    bool came = !board->gain_mode && take_command(board);
+    if (board->gain_mode && hil_board_streaming(board))
+        board->held.codes = board->computed[(uint64_t)board->tick % HIL_LATENCY];
     if (board->state == HIL_STATE_RUNNING) {
         if (board->tick - board->fed >= (int64_t)board->watchdog) {
             hil_count(&board->trips, 1u);
@@ -343,14 +365,13 @@ static uint8_t drive_force(hil_board *b, const hil_drive_force *message, reply *
         grant(b);
         return 0;
     }
-    if (ahead >= HIL_WAITING)
-        return HIL_NACK_REASON_OUT_OF_RANGE;
     int32_t limit = (int32_t)b->drive_limit;
     hil_drive codes = {within(message->ux, limit), within(message->uy, limit)};
     bool limited = codes.ux != message->ux || codes.uy != message->uy;
+    if (!put_command(b, first_open + (int64_t)ahead, codes, limited))
+        return HIL_NACK_REASON_OUT_OF_RANGE;
     if (limited)
         hil_count(&b->saturated, 1u);
-    put_command(b, first_open + (int64_t)ahead, codes, limited);
     b->fed = b->tick;
     if (b->state == HIL_STATE_ARMED) {
         b->state = HIL_STATE_RUNNING;

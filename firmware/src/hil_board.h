@@ -26,8 +26,11 @@
 #include "hil_registers.h"
 #include "hil_spec.h"
 
-/* A drive may wait for its tick, and the latency may be, less than this; a power of two. */
+/* So many drives of the host may wait for their ticks. */
 #define HIL_WAITING 16u
+
+/* The latency is less than this; a power of two. */
+#define HIL_LATENCY 16u
 
 /* Memory for blocks of up to n samples of `width` bytes a code: one is sent while the next one fills. */
 #define HIL_BLOCKS_SIZE(n, width) (2u * (HIL_SENSE_SIZE + (size_t)(n) * HIL_SENSE_COLUMNS * (width)))
@@ -82,9 +85,10 @@ typedef struct hil_board {
     uint32_t drive_limit;
     uint32_t status_every;
     /* Timing. */
-    hil_command waiting[HIL_WAITING]; /* by effective tick, modulo its length */
+    hil_command waiting[HIL_WAITING];
     hil_command held;
     hil_gain gain;
+    hil_drive computed[HIL_LATENCY]; /* gain mode: drives by the tick from which they are held, modulo its length */
     uint8_t interval_flags; /* of the row at which the present interval ends */
     int64_t due;            /* next tick that needs a drive, while RUNNING */
     int64_t fed;            /* tick at which the watchdog was last fed */
@@ -114,7 +118,7 @@ typedef struct hil_board {
     uint16_t seq;
 } hil_board;
 
-/* The board after power-up, in BOOT. False if the configuration cannot work: a latency of HIL_WAITING or more,
+/* The board after power-up, in BOOT. False if the configuration cannot work: a latency of HIL_LATENCY or more,
  * no clock, or memory for less than one row. */
 bool hil_board_init(hil_board *board, const hil_config *config);
 

@@ -137,10 +137,6 @@ def test_a_drive_may_wait_for_its_tick_and_be_replaced(armed: Host) -> None:
     assert [row[2:] for row in rows(heard)] == [[0, 0], [0, 0], [6, 6]]
 
 
-def test_a_drive_too_far_ahead_is_refused(armed: Host) -> None:
-    assert refused(armed.say(DriveForce(5, 5, 1000))) is NackReason.OUT_OF_RANGE
-
-
 def test_late_drives_are_counted_and_the_last_one_is_held(armed: Host) -> None:
     armed.say(DriveForce(7, 8, 1), 2)
     heard = [armed.say(DriveForce(9, 9, 1))[0] for _ in range(3)]

@@ -12,6 +12,7 @@ from hil.wire.can_format import HEAD, HOST, RECORD_SIZE, CanFormat
 from hil.wire.messages import (
     Arm,
     ClockMode,
+    DriveForce,
     FieldValue,
     Hello,
     Message,
@@ -132,6 +133,26 @@ def test_unasked_status_comes_at_multiples_whatever_happened_between(host: Host)
         for _ in range(5):
             host.board.tick()
     assert told == [0, 7, 14, 28, 35, 42]
+
+
+def test_more_drives_than_can_wait_are_refused(host: Host) -> None:
+    host.say(RegisterWrite(SPEC.registers["CLOCK_MODE"].id, ClockMode.PACED))
+    host.say(RegisterWrite(SPEC.registers["WATCHDOG_TICKS"].id, 1e5))
+    host.say(Arm())
+    host.board.tick()
+    host.heard(b"")
+    for k in range(16):
+        assert len(host.say(DriveForce(k, k, 60000 - k))) == (k == 0)  # STATUS at the first
+    assert host.say(DriveForce(99, 99, 59990)) == []  # in place of another one
+    (nack,) = host.say(DriveForce(5, 5, 60001))
+    assert isinstance(nack, Nack)
+    assert nack.reason == NackReason.OUT_OF_RANGE
+    drives = [host.board.tick()[0] for _ in range(60002)]  # the first of them is that of tick 0
+    expected = [60000 - tick for tick in range(59985, 60001)]
+    expected[59990 - 59985] = 99
+    assert drives[59985:60001] == expected
+    assert drives[60001] == 0  # the one of tick 60000, held
+    assert not any(drives[:59985])
 
 
 def test_the_sample_interrupt_is_never_left_masked(host: Host) -> None:

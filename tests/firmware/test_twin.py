@@ -37,7 +37,7 @@ from tests.emulator.gyro import scenario
 from .c_board import CBoard
 
 TURNS = 2000
-AHEAD = (-3, -1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 5, 15)  # of the last row; the C board keeps 16 drives
+AHEAD = (-3, -1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 5, 15, 60)  # of the last row
 VALUES = (0, 1, 2, 3, 100, 32768, 8388607, 1e9, -1, 0.5, float("nan"))
 FIXED = ("CLOCK_MODE", "LOOP_MODE", "WATCHDOG_TICKS")  # what the conversation is about
 

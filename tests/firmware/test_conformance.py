@@ -1,0 +1,19 @@
+"""The C board holds what every board holds; on CAN that is tests/vcan."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.wire.conformance import Board, Conformance
+
+
+@pytest.mark.slow
+class TestCBoardOnPty(Conformance):
+    @pytest.fixture(scope="class", autouse=True)
+    @classmethod
+    def _program(cls, built: Path) -> None:
+        cls.program = str(built / "pty_board")
+
+    @classmethod
+    def start(cls) -> Board:
+        return Board([cls.program])
