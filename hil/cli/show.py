@@ -1,6 +1,7 @@
 """What a run came to, on standard output: one JSON object, or a table to read at a glance."""
 
 import json
+import math
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -82,14 +83,28 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
             f"{kind}:{Path(place).name if is_emulated(result.link) else place}, {result.clock}",
         )
     yield "length", f"{result.seconds:.3f} s, {result.samples} samples"
-    late = f"{result.late} ({result.late / result.samples:.2%})" if result.samples else str(result.late)
-    yield "lost, late", f"{result.lost}, {late}"
+    if result.sensor is None:
+        late = f"{result.late} ({result.late / result.samples:.2%})" if result.samples else str(result.late)
+        yield "lost, late", f"{result.lost}, {late}"
+    else:
+        yield "lost, damaged", f"{result.lost}, {result.counters['crc_errors']}"
     if result.turnaround_us is not None:
         times = result.turnaround_us
         yield "turnaround p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
     if result.bare_turnaround_us is not None:
         times = result.bare_turnaround_us
         yield "the same of a bare read and write", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+    if (sensor := result.sensor) is not None:
+        yield "sensor", f"{sensor.device}, {sensor.sample_rate_Hz:g} samples a second by its own clock"
+        if sensor.host_rate_Hz is not None:
+            apart = 1e6 * (sensor.host_rate_Hz / sensor.sample_rate_Hz - 1.0)
+            yield "its clock beside this machine's", f"{apart:+.0f} ppm"
+        for axis, channel in sensor.channels.items():
+            noise = "" if channel.noise_rad_s is None else f", noise {math.degrees(channel.noise_rad_s):.3g} °/s rms"
+            yield f"rate {axis}", f"{math.degrees(channel.mean_rad_s):+.5g} °/s mean{noise}"
+        if sensor.latency_us is not None:
+            times = sensor.latency_us
+            yield "its latency p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
     if result.innovation_rms is not None:
         floor = "" if result.noise_floor is None else f"; noise floor {_volts(result.noise_floor)}"
         yield "residual, rms", f"{_volts(result.innovation_rms)}{floor}"

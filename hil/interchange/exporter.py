@@ -10,6 +10,7 @@ from hil.errors import InputError
 from hil.records.atomic import replacing
 from hil.records.capture import Capture, read_capture
 from hil.records.layout import HEADER_KEY
+from hil.records.rates import rates_rad_s
 
 Format = Literal["csv", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -42,6 +43,7 @@ def channels(capture: Capture) -> dict[str, npt.NDArray[Any]]:
     columns |= {f"v{axis}_V": capture.sense_V[:, index] for index, axis in enumerate(axes)}
     if capture.has_drive:
         columns |= {f"u{axis}_{capture.drive_unit}": capture.drive[:, index] for index, axis in enumerate(axes)}
+    columns |= {f"rate_{axis}_rad_s": values for axis, values in rates_rad_s(capture).items()}
     for name, values in (("rate_rad_s", capture.rate_rad_s), ("temp_C", capture.temp_C)):
         if values is not None:
             columns[name] = values

@@ -5,7 +5,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -17,7 +16,7 @@ from hil.emulation import served
 from hil.errors import InputError
 from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
-from hil.records.atomic import write_text
+from hil.records.atomic import make_run_folder, write_text
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError
 
 _VERSIONS = ("gyrohil", "numpy", "numba", "scipy", "pyarrow")
@@ -80,18 +79,9 @@ def run(
 
 def new_folder(out: Path, bench: Bench) -> Path:
     """A new run folder below `out` with the bench as run in it; a name that is taken gets a number."""
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    for attempt in range(1000):
-        folder = out / (f"{stamp}-{bench.loop.name}" + (f"-{attempt + 1}" if attempt else ""))
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise InputError(f"{out}: no run folder can be made there ({error.strerror}); give another --out") from None
-        write_text(folder / "bench.toml", template(values_of(bench), "The bench as run."))
-        return folder
-    raise InputError(f"{out}: a thousand runs in one second; give another --name")
+    folder = make_run_folder(out, bench.loop.name)
+    write_text(folder / "bench.toml", template(values_of(bench), "The bench as run."))
+    return folder
 
 
 def conclude(

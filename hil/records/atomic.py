@@ -2,9 +2,12 @@
 
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from hil.errors import InputError
 
 
 @contextmanager
@@ -29,6 +32,21 @@ def write_text(path: Path, text: str) -> None:
     """Write `text` (UTF-8) to `path`, whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def make_run_folder(out: Path, name: str) -> Path:
+    """A new folder `<time>-<name>` below `out`; a name that is taken gets a number. Raises InputError."""
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    for attempt in range(1000):
+        folder = out / (f"{stamp}-{name}" + (f"-{attempt + 1}" if attempt else ""))
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(f"{out}: no run folder can be made there ({error.strerror}); give another --out") from None
+        return folder
+    raise InputError(f"{out}: a thousand runs in one second; give another --name")
 
 
 def _umask() -> int:

@@ -51,7 +51,7 @@ class Capture:
 
     @property
     def axes(self) -> int:
-        """Number of sense axes, 1 or 2."""
+        """Number of sense axes, 1 or 2; 0 for a sensor that puts out rates (`hil.records.rates`)."""
         return int(self.header["axes"])
 
     @property
@@ -163,7 +163,7 @@ class Capture:
 def read_capture(path: Path) -> Capture:
     """Read a capture, whole or cut; see `read_blocks` for what is refused."""
     blocks = read_blocks(path, "capture")
-    if "tick" not in blocks.columns or not any(name.startswith("vx_") for name in blocks.columns):
+    if "tick" not in blocks.columns or not any(name.startswith(("vx_", "rate_x_")) for name in blocks.columns):
         raise InputError(f"{path}: a capture without tick or vx column; record or import it again")
     return Capture(blocks.columns, blocks.header, blocks.complete)
 

@@ -72,6 +72,29 @@ class Score(_Model):
     )
 
 
+class Channel(_Model):
+    """One axis of a rate-output sensor over a record."""
+
+    mean_rad_s: float
+    sd_rad_s: NonNegative = Field(description="Spread of all samples, motion included")
+    noise_rad_s: NonNegative | None = Field(
+        default=None, description="White noise of a sample, from the differences of neighbours"
+    )
+
+
+class Sensor(_Model):
+    """A rate-output sensor as recorded."""
+
+    device: str
+    sample_rate_Hz: NonNegative = Field(description="By the sensor's clock, which is the record's")
+    host_rate_Hz: NonNegative | None = Field(default=None, description="The same by this machine's clock")
+    channels: dict[str, Channel] = Field(default_factory=dict)
+    status: dict[str, Count] = Field(default_factory=dict, description="Samples with each complaint of the sensor")
+    latency_us: Percentiles | None = Field(
+        default=None, description="From the sample to its first byte, as the sensor says"
+    )
+
+
 class Result(_Model):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
@@ -103,6 +126,7 @@ class Result(_Model):
     verdict: Literal["good", "failed", "interrupted"] | None = None
     reasons: tuple[str, ...] = Field(default=(), description="One line per limit that was not kept")
     score: Score | None = None
+    sensor: Sensor | None = Field(default=None, description="A sensor that was recorded, not driven")
     counters: dict[str, int] = Field(default_factory=dict)
     versions: dict[str, str] = Field(default_factory=dict)
     serial_number: str | None = None

@@ -1,0 +1,48 @@
+"""``hil record``: a sensor that speaks its maker's framing, recorded and checked."""
+
+from typing import Annotated
+
+import typer
+
+from hil.cli.options import RUNS, Json, Out
+
+PortLink = Annotated[str, typer.Argument(metavar="LINK", help="NAME:PATH[?baud=N], NAME being an adapter.")]
+Seconds = Annotated[float, typer.Option("--duration", min=0.1, help="Seconds of the sensor's time.")]
+RunName = Annotated[str | None, typer.Option("--name", help="Name of the run folder.  [default: the adapter's]")]
+Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
+
+
+def record(
+    link: PortLink,
+    duration: Seconds = 10.0,
+    out: Out = RUNS,
+    name: RunName = None,
+    note: Note = None,
+    json: Json = False,
+) -> None:
+    """Record a sensor that puts out rates and cannot be driven, and check the record.
+
+    The verdict counts checksum errors, gaps in the sensor's own counter, its status bits and its latency. Adapters
+    for framings are entry points of the group hil.boards; stim300 (Sensonor, rate-only datagram) comes with the bench.
+
+    Examples:
+
+    \b
+      hil record stim300:/dev/ttyUSB0 --duration 60
+      hil record "stim300:/dev/ttyUSB0?baud=1843200" --note "on the rate table"
+      python -m device_emulator.stim300             an emulated one; prints where it can be reached
+    """
+    from hil.boards.adapter import find_port
+    from hil.boards.record import record as record_port
+    from hil.cli.progress import watching
+    from hil.cli.show import finish, say
+
+    port = find_port(link)
+    called = name or link.partition(":")[0]
+    try:
+        with watching(called) as watch:
+            folder = record_port(port, link, out, name=called, seconds=duration, note=note, progress=watch)
+    except KeyboardInterrupt:
+        say("the record was closed")
+        raise
+    finish(folder, as_json=json)

@@ -1,0 +1,30 @@
+"""Adapters as a package that was just installed would bring them."""
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+Install = Callable[[str, str], None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+    """`install(name, "module:Class")`: an entry point of the group hil.boards, for the length of the test."""
+
+    def put(name: str, target: str) -> None:
+        folder = tmp_path / "site" / f"board_{name}-1.0.dist-info"
+        folder.mkdir(parents=True)
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: board-{name}\nVersion: 1.0\n")
+        (folder / "entry_points.txt").write_text(f"[hil.boards]\n{name} = {target}\n")
+        monkeypatch.syspath_prepend(str(folder.parent))
+
+    return put
+
+
+@pytest.fixture(autouse=True)
+def _own_adapters(install: Install) -> None:
+    """The bench's own ones, where this checkout has not been installed since they were declared."""
+    if "stim300" not in entry_points(group="hil.boards").names:
+        install("stim300", "hil.boards.stim300:Stim300")

@@ -1,0 +1,144 @@
+"""`hil record` against the emulated STIM300 on a pty: a good record, a bad line, a sensor that complains or stops."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil import cli
+from hil.boards.adapter import find_port
+from hil.boards.record import record
+from hil.errors import InputError
+from hil.interchange.exporter import channels
+from hil.progress import Progress
+from hil.records.capture import Capture, read_capture
+from hil.records.rates import rates_rad_s
+from hil.records.result import Result, load_result
+from hil.wire.errors import LinkError
+from tests.boards.conftest import Install
+
+
+@contextmanager
+def emulated(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """The link of an emulated sensor, and its process."""
+    command = [sys.executable, "-m", "device_emulator.stim300", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().removeprefix("ready ").strip(), process
+        process.terminate()
+
+
+def quietly(_: Progress) -> None:
+    """Watch nothing."""
+
+
+def go(tmp_path: Path, link: str, seconds: float = 1.0) -> tuple[Capture, Result]:
+    folder = record(find_port(link), link, tmp_path, name="sensor", seconds=seconds, note="n", progress=quietly)
+    return read_capture(folder / "capture.arrow"), load_result(folder / "result.json")
+
+
+def test_a_good_record(tmp_path: Path) -> None:
+    with emulated("--sample-rate", "1000", "--rate", "-25", "--noise", "0.05") as (link, _):
+        capture, result = go(tmp_path, link, 2.0)
+    assert (result.verdict, result.reasons, result.complete) == ("good", (), True)
+    assert (result.samples, result.lost, result.counters["crc_errors"]) == (2000, 0, 0)
+    assert capture.tick.tolist() == list(range(2000))
+    assert (capture.axes, capture.tick_rate_Hz) == (0, 1000.0)
+    rates = rates_rad_s(capture)
+    assert np.degrees(rates["z"].mean()) == pytest.approx(-25.0, abs=0.01)
+    assert np.degrees(rates["x"]).mean() == pytest.approx(0.0, abs=0.01)
+    assert result.sensor is not None
+    noise = result.sensor.channels["y"].noise_rad_s
+    assert noise is not None
+    assert np.degrees(noise) == pytest.approx(0.05, rel=0.1)
+    assert result.sensor.latency_us is not None
+    assert result.sensor.latency_us.p50 == 506
+    assert list(channels(capture)) == ["t_s", "rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"]
+
+
+def test_a_counter_of_datagrams(tmp_path: Path) -> None:
+    with emulated("--sample-rate", "250", "--count", "datagrams", "--crlf") as (link, _):
+        capture, result = go(tmp_path, link)
+    assert (result.verdict, result.samples, result.lost, capture.tick_rate_Hz) == ("good", 250, 0, 250.0)
+
+
+def test_a_bad_line_is_counted_and_fails_the_record(tmp_path: Path) -> None:
+    with emulated("--sample-rate", "2000", "--corrupted", "0.02", "--lost", "0.02") as (link, _):
+        capture, result = go(tmp_path, link)
+    assert result.verdict == "failed"
+    assert result.lost == 2000 - result.samples == pytest.approx(80, abs=45)
+    assert result.counters["crc_errors"] == pytest.approx(40, abs=30)
+    assert "datagrams had a wrong checksum" in " ".join(result.reasons)
+    assert "samples are missing in the sensor's count" in " ".join(result.reasons)
+    assert np.degrees(rates_rad_s(capture)["z"]).std() < 0.05  # what is left is sound
+
+
+def test_a_sensor_that_complains(tmp_path: Path) -> None:
+    with emulated("--status", "0x14", "--start-up", "0.2") as (link, _):
+        _, result = go(tmp_path, link)
+    assert result.verdict == "failed"
+    assert result.reasons == (f"the sensor reports: overload (z), in {result.samples} samples",)
+    assert any("starting up" in remark for remark in result.remarks)
+
+
+@pytest.mark.slow
+def test_a_sensor_that_stops(tmp_path: Path) -> None:
+    with emulated("--sample-rate", "500") as (link, process):
+        port = find_port(link)
+
+        def end(progress: Progress) -> None:
+            process.terminate()
+
+        folder = record(port, link, tmp_path, name="sensor", seconds=30.0, note=None, progress=end)
+    result = load_result(folder / "result.json")
+    assert (result.verdict, result.complete) == ("interrupted", True)
+    assert "hung up" in result.reasons[0] or "fell silent" in result.reasons[0]
+    assert result.samples > 50
+
+
+@pytest.mark.slow
+def test_nothing_to_hear(tmp_path: Path) -> None:
+    from hil.wire.pty_link import open_pty
+
+    line = open_pty()
+    link = f"stim300:{line.path}"
+    with pytest.raises(LinkError, match=r"nothing was heard in 2 s; check supply, wiring and \?baud="):
+        go(tmp_path, link)
+    line.close()
+    assert list(tmp_path.glob("*sensor*")) == []
+
+
+def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with emulated("--rate", "5") as (link, _):
+        assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path)]) == 0
+    told = capfd.readouterr().out
+    assert "Sensonor STIM300, rate, 500 samples a second by its own clock" in told
+    assert "lost, damaged" in told
+    assert "verdict  good" in told
+    with emulated("--corrupted", "0.2") as (link, _):
+        assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path), "--json"]) == 1
+    assert json.loads(capfd.readouterr().out)["verdict"] == "failed"
+    assert cli.execute(["record", "stim300:/dev/none", "--out", str(tmp_path)]) == 2
+    assert "/dev/none: no such port" in capfd.readouterr().err
+
+
+def test_links_of_adapters() -> None:
+    port = find_port("stim300:/dev/ttyUSB0?baud=1843200")
+    assert (port.path, port.baud, port.adapter.title) == ("/dev/ttyUSB0", 1_843_200, "Sensonor STIM300, rate")
+    for wrong, told in (
+        ("stim:/dev/ttyUSB0", "no adapter of that name; known: stim300"),
+        ("stim300:", "no adapter of that name"),
+        ("stim300:/dev/ttyUSB0?baut=1", "bad option; expected stim300:PATH or stim300:PATH?baud=921600"),
+    ):
+        with pytest.raises(InputError, match=told.replace("?", r"\?")):
+            find_port(wrong)
+
+
+def test_an_adapter_from_another_package(install: Install) -> None:
+    install("twin", "hil.boards.stim300:Stim300")
+    assert find_port("twin:/dev/ttyUSB3").path == "/dev/ttyUSB3"

@@ -1,0 +1,122 @@
+"""The STIM300's rate-only datagram: golden ones, a damaged stream, and the emulated source against the decoder."""
+
+import math
+from argparse import Namespace
+from itertools import islice
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from device_emulator import stim300 as emulated
+from hil.boards.stim300 import RATE_RAD_S, SIZE, Stim300, checksum
+from tests.boards.golden import golden, remainder
+
+# Written down once, so that code and hand calculation cannot drift together.
+WIRE = [
+    "90000000000000000000000000002E5DFC73",
+    "90004000FFC00000012400E101FA3B423886",
+    "907FFFFF80000064000051FFFFFF9199B668",
+]
+
+
+def options(**changes: object) -> Namespace:
+    plain = {
+        "sample_rate": 500,
+        "rate": 10.0,
+        "amplitude": 0.0,
+        "frequency": 1.0,
+        "noise": 0.02,
+        "status": 0,
+        "seed": 1,
+    }
+    sound = {"corrupted": 0.0, "lost": 0.0, "start_up": 0.0, "crlf": False, "count": "samples"}
+    return Namespace(**plain | sound | changes)
+
+
+def test_the_checksum_is_the_published_one() -> None:
+    """CRC-32/MPEG-2, whose check value of "123456789" is 0376E6E7."""
+    assert remainder(b"123456789") == 0x0376E6E7
+    assert checksum(b"1234567890abcd") == remainder(b"1234567890abcd\0\0") == emulated.checksum(b"1234567890abcd")
+
+
+@given(st.binary(min_size=14, max_size=14))
+def test_three_ways_to_the_same_checksum(body: bytes) -> None:
+    assert checksum(body) == remainder(body + b"\0\0") == emulated.checksum(body)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 18, 4096])
+def test_golden_datagrams(chunk: int) -> None:
+    wire = b"".join(datagram for datagram, *_ in golden())
+    assert len(wire) == 3 * SIZE
+    decoder = Stim300()
+    samples = [s for at in range(0, len(wire), chunk) for s in decoder.feed(wire[at : at + chunk])]
+    assert [(s.counter, s.codes, s.status, s.latency_us) for s in samples] == [tuple(m) for _, *m in golden()]
+    assert (decoder.crc_errors, decoder.skipped) == (0, 0)
+
+
+def test_golden_datagrams_as_written_down() -> None:
+    assert [datagram.hex().upper() for datagram, *_ in golden()] == WIRE
+
+
+def test_the_emulated_sensor_sends_golden_datagrams() -> None:
+    for datagram, counter, codes, status, latency_us in golden():
+        assert emulated.datagram(codes, status, counter, latency_us) == datagram
+
+
+def test_one_step_is_two_to_the_minus_14_degrees_per_second() -> None:
+    assert 400.0 / math.degrees(RATE_RAD_S) == 6553600
+    assert [column.name for column in Stim300.channels] == ["rate_x_code", "rate_y_code", "rate_z_code"]
+
+
+def test_status_in_words() -> None:
+    said = Stim300().complaints
+    assert said(0) == []
+    assert said(0x40) == ["starting up"]
+    assert said(0x14) == ["overload (z)"]
+    assert said(0x0B) == ["error in a channel (x, y)"]
+    assert said(0xA0) == ["system integrity error", "outside operating conditions"]
+
+
+def test_whatever_comes_before_the_first_datagram_is_no_fault() -> None:
+    decoder = Stim300()
+    noise = bytes([0x90, 1, 2, 3]) * 20 + b"\xb1 part number \xb5 serial"
+    samples = decoder.feed(noise + b"".join(islice(emulated.stream(options()), 5)))
+    assert len(samples) == 5
+    assert (decoder.crc_errors, decoder.skipped) == (0, 0)
+
+
+def test_damage_costs_one_datagram_and_is_counted() -> None:
+    datagrams = list(islice(emulated.stream(options()), 100))
+    for victim in range(10, 90, 10):
+        damaged = bytearray(datagrams[victim])
+        damaged[victim % SIZE] ^= 0x10
+        datagrams[victim] = bytes(damaged)
+    decoder = Stim300()
+    samples = decoder.feed(b"".join(datagrams))
+    assert len(samples) == 92
+    assert decoder.crc_errors == 8
+    assert decoder.skipped == 8 * SIZE
+
+
+def test_a_lost_byte_is_found_again() -> None:
+    datagrams = list(islice(emulated.stream(options()), 20))
+    wire = b"".join(datagrams)
+    decoder = Stim300()
+    samples = decoder.feed(wire[: 5 * SIZE + 4] + wire[5 * SIZE + 5 :])
+    assert [s.counter for s in samples] == [4 * k % 256 for k in range(20) if k != 5]
+    assert decoder.crc_errors == 1
+
+
+def test_lines_may_end_in_cr_lf() -> None:
+    decoder = Stim300()
+    assert len(decoder.feed(b"".join(islice(emulated.stream(options(crlf=True)), 50)))) == 50
+    assert (decoder.crc_errors, decoder.skipped) == (0, 0)
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_upset_the_decoder(data: bytes) -> None:
+    decoder = Stim300()
+    decoder.feed(data)
+    (datagram, *_), *_ = golden()
+    assert decoder.feed(bytes(SIZE) + datagram)[-1].codes == (0, 0, 0)
