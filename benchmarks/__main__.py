@@ -21,6 +21,8 @@ BENCHMARKS = {
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "soak": "ten million samples in lockstep",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
+    "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",
+    "stream": "gain mode over a pty in real time: 100, 250 kS/s, and as fast as it goes",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }
 TARGET = Path("runs/bench.json")

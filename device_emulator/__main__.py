@@ -34,6 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _serve(options: argparse.Namespace) -> None:
     from device_emulator.board import Board
     from device_emulator.device import Device
+    from device_emulator.feedback import Feedback
     from device_emulator.line import Line
     from device_emulator.scenario import load
     from device_emulator.serve import Server, stop_signal
@@ -42,7 +43,9 @@ def _serve(options: argparse.Namespace) -> None:
     from hil.wire.messages import ClockMode
 
     scenario = load(options.scenario)
-    Device(scenario).row(0, 0)  # compiles the plant before anybody waits for it
+    rehearsal = Device(scenario)  # compiles everything before anybody waits for it
+    rehearsal.row(0, 0)
+    rehearsal.closed_rows(Feedback(0, 0).record, 1)
     with contextlib.ExitStack() as stack:
         # From here on SIGTERM waits for the server, so that the truth file gets its end.
         stop = stack.enter_context(stop_signal())

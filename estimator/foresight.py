@@ -57,6 +57,6 @@ class Foresight:
 def rehearse(observer: Observer, board: BoardFilter) -> None:
     """Run everything that gain mode needs once, on nothing, so that its kernels are compiled; spoils the observer."""
     foresight = Foresight(observer, board, 1, (0, 1))
-    foresight.tell(*GainMatrix(observer, board, 2).solve(), 0)
+    foresight.tell(*GainMatrix(observer, board).solve(2), 0)
     foresight.follow(0, np.zeros((1, 4), np.int32))
     observer.run(np.zeros((1, 2)), foresight.foresee(1, 1))

@@ -47,16 +47,14 @@ def pair(delay: int) -> BoardFilter:
 class GainMatrix:
     """Folds an observer's estimates and its controller's settings into G and b.
 
-    `reign` is the time in samples from an estimate to the end of what it was used for: no hold acts faster than a
-    quarter in that time.  Effects that the observer carries are not undone.  Raises ModelError for a filter whose two
-    signals are nearly one at the target frequency.
+    Effects that the observer carries are not undone.  Raises ModelError for a filter whose two signals are nearly one
+    at the target frequency.
     """
 
-    def __init__(self, observer: Observer, board: BoardFilter, reign: int) -> None:
+    def __init__(self, observer: Observer, board: BoardFilter) -> None:
         self._observer = observer
         self._filter = tuple(np.array(part, dtype=float) for part in (board.a, board.b, board.c))
         self._delay = board.delay
-        self._fastest = _UNCHANGED / (reign * observer.h)
         self._gain = np.zeros((2, 4))
         self._bias = np.zeros(2)
         settings = observer.record[0]
@@ -69,9 +67,12 @@ class GainMatrix:
                 "gives one signal twice; choose a delay near a quarter of a cycle"
             )
 
-    def solve(self) -> tuple[Array, Array]:
+    def solve(self, reign: int) -> tuple[Array, Array]:
         """(G (2, 4) in drive codes per sense code, b (2,) in drive codes) for the newest estimate; lent until the next
         call.  Zeros where the estimate is not finite.
+
+        `reign` is the time in samples from the estimate to the end of what it will be used for: a hold does no more
+        than a quarter of its work in that time.
         """
         observer = self._observer
         self._gain[:] = 0.0
@@ -79,7 +80,7 @@ class GainMatrix:
         if not np.isfinite(observer.x).all():
             return self._gain, self._bias
         gain_matrix(
-            observer.record, observer.memory, observer.x, *self._filter, self._delay, self._fastest,
+            observer.record, observer.memory, observer.x, *self._filter, self._delay, _UNCHANGED / (reign * observer.h),
             self._gain, self._bias,
         )  # fmt: skip
         return self._gain, self._bias

@@ -33,6 +33,7 @@ from hil.wire.stream import Received
 _RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
 _LATER = 64  # matrices whose effect is still to be seen
+_RECENT = 16  # of those whose lateness the next is made for
 
 
 class _Sent(NamedTuple):
@@ -72,7 +73,9 @@ class GainLoop:
         # matrix can be meant for from its beginning.
         self._lead = 1 if lockstep else block
         board = board_filter_of(bench)
-        self._matrix = GainMatrix(observer, board, self._lead + block + identity.latency_ticks)
+        self._matrix = GainMatrix(observer, board)
+        self._reign = self._lead + block + identity.latency_ticks
+        self._late: deque[int] = deque((0,), maxlen=_RECENT)  # ticks by which matrices came into force too late
         self._foresight = Foresight(observer, board, self._drive_limit, board_dither_of(bench, identity))
         self._stride = min(bench.loop.estimate_every, block)
         self._every_blocks = max(bench.loop.estimate_every // block, 1)
@@ -150,7 +153,7 @@ class GainLoop:
 
     def _answer(self, last: int, received_ns: int, kernel_ns: int, estimated_ns: int) -> None:
         """Solve for the matrix and send it, zeros while the loop is open."""
-        gain, bias = self._matrix.solve()
+        gain, bias = self._matrix.solve(self._reign + max(self._late))
         if not self._closed:
             gain[:] = 0.0
             bias[:] = 0.0
@@ -199,6 +202,7 @@ class GainLoop:
             applied = -1
             if sent.matrix_id == matrix_id:
                 applied = max(sent.effective_tick, tick)
+                self._late.append(last - sent.effective_tick if tick > sent.effective_tick else 0)
             elif len(self._sent) == 1 or all(later.matrix_id != matrix_id for later in self._sent):
                 return  # late: it is still to come
             self._sent.popleft()

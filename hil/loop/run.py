@@ -94,7 +94,7 @@ def conclude(
     progress: Watcher,
 ) -> None:
     """Figures, verdict and report of a recorded run."""
-    from hil.records.result import save_result
+    from hil.records.result import Load, save_result
     from hil.records.runfolder import RunFolder
     from hil.records.summary import summarise
     from hil.report import write_report
@@ -114,6 +114,7 @@ def conclude(
             "verdict": verdict,
             "reasons": tuple(reasons),
             "counters": outcome.get("counters", {}),
+            "load": None if "load" not in outcome else Load.model_validate(outcome["load"]),
             "versions": {name: version(name) for name in _VERSIONS},
             "serial_number": f"{identity['unique_id']:016x}" if identity else None,
             "operator_note": note,

@@ -9,8 +9,10 @@ and leaves the record without its end marker.
 import json
 import math
 import os
+import resource
 import signal
 import sys
+import time
 from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
@@ -159,6 +161,7 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
             refused = realtime.prepare()
             os.set_blocking(1, False)
         client.arm(endpoint, bench.link.timeout_s)
+        begin = time.monotonic(), time.process_time()
         try:
             loop.run(samples, lambda done: tell(stage="run", done=done, total=samples), max(samples // REPORTS, 1))
             if loop.counters.residual_safe:
@@ -169,6 +172,7 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         except WireError as error:
             stopped = str(error)
         finally:
+            elapsed, busy = time.monotonic() - begin[0], time.process_time() - begin[1]
             loop.finish(_why_safe(loop))
             os.set_blocking(1, True)
         dropped = recording.dropped
@@ -183,7 +187,9 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     board = counters.pop("board")
     counters |= {f"board_{name}": value for name, value in board.items()}
     counters |= {f"records_dropped_{stem}": count for stem, count in dropped.items() if count}
-    return {"counters": counters, "stopped": stopped, "refused": refused}
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    load = {"loop": busy / elapsed, "recorder": (children.ru_utime + children.ru_stime) / elapsed}
+    return {"counters": counters, "stopped": stopped, "refused": refused, "load": load}
 
 
 def make_loop(

@@ -36,6 +36,13 @@ class Ledger(_Model):
     total: Percentiles = Field(description="All of it")
 
 
+class Load(_Model):
+    """Time on a processor over time, 1 being all of one core."""
+
+    loop: NonNegative = Field(description="Of the process that answers the board")
+    recorder: NonNegative = Field(description="Of the process that writes the records; 0 where the loop itself does")
+
+
 class Parameter(_Model):
     """An estimated constant at the end of the run."""
 
@@ -119,6 +126,7 @@ class Result(_Model):
     )
     turnaround_us: Percentiles | None = None
     ledger_us: Ledger | None = Field(default=None, description="Gain mode: the stages of a block")
+    load: Load | None = Field(default=None, description="What the host needed of a core, from ARM to SAFE")
     bare_turnaround_us: Percentiles | None = Field(
         default=None, description="A bare read and write, paced alike in the same run"
     )

@@ -57,7 +57,9 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
         ),
         markup.section("vibration", "Vibration", drawn(pattern.draw), drawn(signals.draw)),
         markup.section("innovation", "Innovation", drawn(innovation.draw), drawn(spectrum.draw)),
-        markup.section("timing", "Timing and link", drawn(timing.draw), tables.counters(material)),
+        markup.section(
+            "timing", "Timing and link", drawn(timing.draw), tables.ledger(material), tables.counters(material)
+        ),
         markup.section("run", "Run", tables.provenance(material), _conventions(material)),
         markup.section("bench", "Bench file as run", _listing(folder)),
     ]

@@ -101,6 +101,25 @@ def counters(material: Material) -> str:
     return table("What was counted", ("counter", "count", "meaning"), rows, (1,))
 
 
+def ledger(material: Material) -> str:
+    """Where the time of a block went, in gain mode, and what the host needed of a core."""
+    result = material.result
+    parts = []
+    if result.ledger_us is not None:
+        rows = [
+            (name, *(significant(value) for value in times.values()), field.description or "")
+            for (name, times), field in zip(
+                result.ledger_us.model_dump().items(), type(result.ledger_us).model_fields.values(), strict=True
+            )
+        ]
+        head = ("stage", "p50 / µs", "p99 / µs", "p99.9 / µs", "")
+        parts.append(table("A block of samples, from the sampling of its last row on", head, rows, (1, 2, 3)))
+    if result.load is not None:
+        rows = [(name, percent(share)) for name, share in result.load.model_dump().items()]
+        parts.append(table("What the host needed of a core", ("process", "share"), rows, (1,)))
+    return "".join(parts)
+
+
 def provenance(material: Material) -> str:
     """What ran, on what, with which versions."""
     result = material.result

@@ -36,7 +36,7 @@ def record(case: Case, observer: Observer, rows: int, start: int, second: int) -
     """Codes and drives (rows, 2) of a closed loop and the motion at each row; matrices from `start`, `second` on."""
     ad, bd = case.held()
     board = luenberger(observer.h)
-    gain, bias = GainMatrix(observer, board, 500).solve()
+    gain, bias = GainMatrix(observer, board).solve(500)
     loop = Rounded(board, np.zeros((2, 4)), np.zeros(2), case.latency)
     motion = np.array([2e-6, 0.0, 0.0, 0.0])
     codes, drives, motions = np.zeros((rows, 2)), np.zeros((rows, 2)), []
@@ -62,7 +62,7 @@ def test_a_gap_is_filled_with_what_the_board_did(latency: int) -> None:
     gap, missing, start, second = 300, 120, 40, 340
     codes, drives, motions = record(case, observer, 500, start, second)
     board = luenberger(observer.h)
-    gain, bias = (part.copy() for part in GainMatrix(observer, board, 500).solve())
+    gain, bias = (part.copy() for part in GainMatrix(observer, board).solve(500))
     foresight = Foresight(observer, board, LIMIT, (DITHER, SEED))
     foresight.follow(0, codes[:20].astype(np.int32))
     foresight.tell(gain, bias, start)
@@ -83,7 +83,7 @@ def test_a_board_that_is_armed_again_has_forgotten() -> None:
     observer = case.observer()
     board = pair(5)
     foresight = Foresight(observer, board, LIMIT, (DITHER, SEED))
-    foresight.tell(*GainMatrix(observer, board, 500).solve(), 0)
+    foresight.tell(*GainMatrix(observer, board).solve(500), 0)
     foresight.follow(0, np.full((10, 2), 1000, np.int32))
     assert foresight.foresee(10, 5).all()
     foresight.arm()

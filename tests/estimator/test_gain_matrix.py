@@ -160,7 +160,7 @@ def test_the_loop_has_the_frequencies_that_were_asked_for(case: Case, kind: str)
         "pair": pair(1),
         "late pair": pair(max(round(case.samples / 4), 1)),
     }[kind]
-    gain, _ = GainMatrix(observer, board, 500).solve()
+    gain, _ = GainMatrix(observer, board).solve(500)
     found = np.linalg.eigvals(loop_matrix(case, board, gain))
     found = found[np.argsort(-np.abs(found))]
     wanted = np.exp(np.linalg.eigvals(target(case)) * case.step)
@@ -184,7 +184,7 @@ def test_the_pattern_turns_as_it_should_in_a_continuous_gyro(case: Case) -> None
     """
     observer = case.observer(virtual_rotation=QUICK)
     board = luenberger(observer.h)
-    loop = Board(board, *GainMatrix(observer, board, 500).solve(), case.latency)
+    loop = Board(board, *GainMatrix(observer, board).solve(500), case.latency)
     a, b = case.plant()
     w, k = case.rate + QUICK, OMEGA0**2 - case.rate**2
     half_turn = round(np.pi / (w * case.step))
@@ -221,7 +221,7 @@ def test_holds_are_in_it_and_no_faster_than_the_host() -> None:
         hold = rate * (0.5 - energy) / 0.5 * OMEGA0
         square = -rate * x * vy / energy * OMEGA0**2
         board = luenberger(observer.h)
-        matrix, _ = GainMatrix(observer, board, reign).solve()
+        matrix, _ = GainMatrix(observer, board).solve(reign)
         found = np.linalg.eigvals(loop_matrix(case, board, matrix))
         for value in np.exp(np.linalg.eigvals(target(case, hold, square)) * case.step):
             assert np.min(np.abs(found - value)) < 1e-9
@@ -231,7 +231,7 @@ def test_offsets_cause_no_force() -> None:
     """The mass at rest: what the board sees is offset alone, and G s + b is nothing."""
     observer = Case().observer()
     for board in (luenberger(observer.h), pair(5)):
-        loop = Board(board, *GainMatrix(observer, board, 500).solve(), 1)
+        loop = Board(board, *GainMatrix(observer, board).solve(500), 1)
         for _ in range(200):
             drive = loop.drive(codes_of(np.zeros(4)))
         np.testing.assert_allclose(drive, 0.0, atol=1e-6)
@@ -239,10 +239,10 @@ def test_offsets_cause_no_force() -> None:
 
 def test_an_estimate_that_is_lost_makes_no_matrix() -> None:
     observer = Case().observer()
-    solver = GainMatrix(observer, luenberger(observer.h), 500)
-    assert np.abs(solver.solve()[0]).max() > 0.1
+    solver = GainMatrix(observer, luenberger(observer.h))
+    assert np.abs(solver.solve(500)[0]).max() > 0.1
     observer.x[7] = np.nan
-    gain, bias = solver.solve()
+    gain, bias = solver.solve(500)
     assert not gain.any()
     assert not bias.any()
 
@@ -250,7 +250,7 @@ def test_an_estimate_that_is_lost_makes_no_matrix() -> None:
 def test_a_pair_half_a_cycle_apart_is_one_signal() -> None:
     observer = Case().observer()
     with pytest.raises(ModelError, match=r"over 10 samples \(1 half cycles\) gives one signal twice"):
-        GainMatrix(observer, pair(10), 500)
+        GainMatrix(observer, pair(10))
 
 
 def test_the_matrix_takes_the_gyro_from_the_estimate() -> None:
@@ -258,7 +258,7 @@ def test_the_matrix_takes_the_gyro_from_the_estimate() -> None:
     case = Case()
     observer = replace(case, split=0.06).observer()
     board = luenberger(observer.h)
-    gain, _ = GainMatrix(observer, board, 500).solve()
+    gain, _ = GainMatrix(observer, board).solve(500)
     found = np.linalg.eigvals(loop_matrix(case, board, gain))
     shift = np.abs(np.angle(found[np.abs(found) > 0.9])) / (OMEGA0 * case.step) - 1.0
     assert np.max(np.abs(shift)) == pytest.approx(np.hypot(0.005, 0.006), rel=0.01)
