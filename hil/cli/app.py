@@ -3,6 +3,7 @@
 import typer
 
 from hil.cli.demo import demo
+from hil.cli.doctor import doctor
 from hil.cli.emulate import emulate
 from hil.cli.export import export
 from hil.cli.import_ import import_
@@ -21,5 +22,5 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (demo, run, record, emulate, init, replay, score, import_, export):
+for verb in (demo, run, record, emulate, doctor, init, replay, score, import_, export):
     app.command(verb.__name__.rstrip("_"))(verb)

@@ -1,0 +1,62 @@
+"""``hil doctor``: what this machine and a link can hold, what is missing, and how to get it."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.options import Json
+
+DoctorLink = Annotated[
+    str | None, typer.Option("--link", "-l", help="Look at this link, too, and measure it; no real board is armed.")
+]
+
+if TYPE_CHECKING:
+    from hil.doctor.finding import Finding
+
+_STYLES = {"good": "green", "missing": "yellow", "bad": "red"}
+
+
+def doctor(link: DoctorLink = None, json: Json = False) -> None:
+    """Look at what a loop needs here, and say in one line each what is missing and how to get it.
+
+    With --link the board is asked who it is, the round trip and its jitter are measured on this very link, and the
+    highest loop rate it can honestly hold is told for force and gain mode. Exit code 1: something is in the way.
+
+    Examples:
+
+    \b
+      hil doctor
+      hil doctor --link serial:/dev/ttyACM0
+      hil doctor --link can:can0 --json
+      hil doctor --link pty:s-slow
+    """
+    from hil.doctor import link as link_
+    from hil.doctor import machine, ports
+    from hil.emulation import located
+
+    findings = [*machine.examine(), *ports.examine()]
+    measured = None
+    if link is not None:
+        about_link, measured = link_.examine(located(link))
+        findings += about_link
+    # A port nobody asked for may be closed to us; that is worth a line, not a failure.
+    wrong = any(finding.state == "bad" for finding in (about_link if link is not None else ()))
+    if json:
+        from hil.cli.show import print_json
+
+        print_json({"findings": [finding._asdict() for finding in findings], "link": link, "measured": measured})
+    else:
+        _print(findings)
+    raise typer.Exit(1 if wrong else 0)
+
+
+def _print(findings: "list[Finding]") -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for finding in findings:
+        style = _STYLES[finding.state]
+        console.print(f"[{style}]{finding.state:<8}[/{style}]", end="")
+        console.print(f"{finding.subject:<24}{finding.told}", markup=False)
+        if finding.cure:
+            console.print(f"{'':<32}{finding.cure}", markup=False)

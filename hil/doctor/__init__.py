@@ -1,0 +1,1 @@
+"""What this machine and one link can honestly hold, what is missing, and how to get it."""

@@ -1,0 +1,58 @@
+"""From what was measured to the highest loop rate that a link can honestly hold, in both modes."""
+
+import math
+from typing import Any, NamedTuple
+
+from hil.wire.can_format import ROOM
+
+LATE = 0.01
+"""Share of late answers that force mode is allowed: the 99th percentile has to fit."""
+
+CORE = 0.5
+"""Share of one core that gain mode may take: the rest of it is for what a shared machine does now and then."""
+
+_ROW_BYTES = 8.0  # four codes of 16 bits
+_FRAMING = 1.08  # headers, checksums and stuffing of blocks of 250 rows
+_UART_BITS = 10.0
+# A CAN FD frame of 64 bytes: about 30 bits at the arbitration rate, 64 bytes with checksum and stuffing at the other.
+_ARBITRATION_BITS, _DATA_BITS = 30.0, 600.0
+
+
+class Capacity(NamedTuple):
+    """Rates in samples a second; None where it was not measured. `limit` says what the lower one depends on."""
+
+    force_Hz: float | None
+    force_limit: str
+    gain_Hz: float | None
+    gain_limit: str
+
+
+def capacity(
+    probed: dict[str, Any], *, baud: float | None = None, bit_rates: tuple[float, float] | None = None
+) -> Capacity:
+    """What `hil.doctor.probe` measured, on a UART of `baud`, or on CAN with (arbitration, data) `bit_rates`."""
+    tick, row = probed["tick_us"], probed["block_us_per_row"]
+    force_Hz = gain_Hz = None
+    force_limit = gain_limit = "the observer is not compiled, so its cost is not known"
+    if tick is not None:
+        round_trip, own = probed["round_trip_us"]["p99"], tick["p99"]
+        latency = max(int(probed["identity"]["latency_ticks"]), 1)
+        force_Hz = latency * 1e6 / (round_trip + own)
+        force_limit = f"round trip {round_trip:.0f} µs and observer {own:.0f} µs, p99, within {latency} sample"
+        force_limit += "s" if latency > 1 else ""
+    if row is not None:
+        gain_Hz, gain_limit = CORE * 1e6 / row, f"the observer takes {row:.2g} µs a sample, {CORE:.0%} of a core"
+        wire = wire_rate_Hz(baud, bit_rates)
+        if wire < gain_Hz:
+            gain_Hz, gain_limit = wire, "what the wire carries"
+    return Capacity(force_Hz, force_limit, gain_Hz, gain_limit)
+
+
+def wire_rate_Hz(baud: float | None, bit_rates: tuple[float, float] | None) -> float:
+    """Samples of four 16-bit codes a second that fit on the wire; infinite where it sets no limit."""
+    if baud is not None:
+        return baud / _UART_BITS / (_ROW_BYTES * _FRAMING)
+    if bit_rates is not None:
+        slow, fast = bit_rates
+        return (ROOM // _ROW_BYTES) / (_ARBITRATION_BITS / slow + _DATA_BITS / fast)
+    return math.inf

@@ -1,0 +1,97 @@
+"""One link: opened, asked, measured, judged."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hil.doctor import ports
+from hil.doctor.capacity import Capacity, capacity
+from hil.doctor.finding import Finding
+from hil.emulation import is_emulated, served
+from hil.errors import InputError
+from hil.wire.errors import WireError
+from hil.wire.messages import Capabilities
+
+
+def examine(link: str) -> tuple[list[Finding], dict[str, Any] | None]:
+    """Findings about the link, and what was measured; None where nobody answered. Arms emulated boards only."""
+    try:
+        with served(link) as there:
+            said = subprocess.run(
+                [sys.executable, "-m", "hil.doctor.probe", there.url, *(["--stream"] if is_emulated(link) else [])],
+                stdout=subprocess.PIPE,
+                text=True,
+                check=False,
+            )
+    except (InputError, WireError) as error:
+        return [Finding("link", "bad", str(error))], None
+    if not said.stdout.strip():
+        return [Finding("link", "bad", f"the measurement ended with code {said.returncode}")], None
+    probed: dict[str, Any] = json.loads(said.stdout)
+    if "error" in probed:
+        told, _, cure = str(probed["error"]).removeprefix(f"{link}: ").partition(": sudo ")
+        return [Finding("link", "bad", told, f"sudo {cure}" if cure else "")], None
+    held = capacity(probed, baud=uart_baud(link), bit_rates=_bit_rates(link))
+    probed["force_Hz"], probed["gain_Hz"] = held.force_Hz, held.gain_Hz
+    return list(judge(link, probed, held)), probed
+
+
+def judge(link: str, probed: dict[str, Any], held: Capacity) -> Iterator[Finding]:
+    """What the measurement means for this board."""
+    identity, trip, nap = probed["identity"], probed["round_trip_us"], probed["wake_up_us"]
+    rate, able = float(identity["tick_rate_Hz"]), Capabilities(identity["capabilities"])
+    yield Finding("link", "good", f"board {identity['unique_id']:016x} answers; it samples at {rate:g} Hz")
+    for refused in probed["refused"]:
+        yield Finding("this measurement", "missing", refused)
+    yield Finding(
+        "round trip", "good", f"p50 {trip['p50']:.0f} µs, p99 {trip['p99']:.0f} µs, worst {trip['max']:.0f} µs"
+    )
+    yield Finding(
+        "waking up late", "good", f"p50 {nap['p50']:.0f} µs, p99 {nap['p99']:.0f} µs, worst {nap['max']:.0f} µs"
+    )
+    for mode, bit, held_Hz, limit in (
+        ("force mode", Capabilities.FORCE_MODE, held.force_Hz, held.force_limit),
+        ("gain mode", Capabilities.GAIN_MODE, held.gain_Hz, held.gain_limit),
+    ):
+        if held_Hz is None:
+            yield Finding(mode, "missing", limit, "python -m estimator.warm")
+            continue
+        told = f"up to {rounded(held_Hz):g} Hz ({limit})"
+        if bit not in able:
+            yield Finding(mode, "missing", f"{told}; the board does not offer it")
+        elif held_Hz < rate:
+            cure = (
+                'use [loop] mode = "gain", or clock = "lockstep" on an emulated board'
+                if mode == "force mode"
+                else ("use a faster wire, or a lower sample rate")
+            )
+            yield Finding(mode, "missing", f"{told}; too slow for this board", cure)
+        else:
+            yield Finding(mode, "good", told)
+
+
+def rounded(rate_Hz: float) -> float:
+    """Two significant digits, downward: nobody should plan with the rest."""
+    scale = 10.0 ** (len(str(int(rate_Hz))) - 2)
+    return int(rate_Hz / scale) * scale
+
+
+def uart_baud(link: str) -> float | None:
+    """Baud rate of a real UART; None of ptys, of USB devices that have none, and of other links."""
+    kind, _, rest = link.partition(":")
+    path, _, query = rest.partition("?")
+    if kind != "serial" or path.startswith("/dev/pts/") or Path(path).name.startswith("ttyACM"):
+        return None
+    from hil.wire.serial_link import DEFAULT_BAUD
+
+    given = dict(part.partition("=")[::2] for part in query.split("&")).get("baud", "")
+    return float(given) if given.isdigit() else float(DEFAULT_BAUD)
+
+
+def _bit_rates(link: str) -> tuple[float, float] | None:
+    kind, _, rest = link.partition(":")
+    name = rest.partition("?")[0]
+    return ports.bit_rates(name) if kind == "can" and ":" not in name else None

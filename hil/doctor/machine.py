@@ -1,0 +1,98 @@
+"""The machine: what keeps a loop's deadlines, and the parts that make it fast. Looking changes nothing."""
+
+import os
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+
+from hil.doctor.finding import Finding
+
+AWAKE = Path("/dev/cpu_dma_latency")
+_LIMITS = "/etc/security/limits.d/gyrohil.conf"
+
+
+def examine() -> Iterator[Finding]:
+    """Findings, in the order of what they are worth."""
+    yield scheduling()
+    yield memory()
+    yield awake()
+    yield processors()
+    yield framing()
+    yield kernels()
+
+
+def scheduling() -> Finding:
+    """Whether a process of ours may run before ordinary ones."""
+    if _permitted():
+        return Finding("real-time scheduling", "good", "permitted")
+    cure = f"echo '@{_group()} - rtprio 50' | sudo tee -a {_LIMITS}, then log in again"
+    return Finding("real-time scheduling", "missing", "not permitted: other programs make answers late", cure)
+
+
+def memory() -> Finding:
+    """Whether a loop's memory can be kept from being paged out."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if soft == resource.RLIM_INFINITY or os.geteuid() == 0:
+        return Finding("locked memory", "good", "permitted")
+    cure = f"echo '@{_group()} - memlock unlimited' | sudo tee -a {_LIMITS}, then log in again"
+    return Finding("locked memory", "missing", f"only {soft >> 20} MB may be locked: paging can stop the loop", cure)
+
+
+def awake() -> Finding:
+    """Whether processors can be kept from sleeping between samples."""
+    if os.access(AWAKE, os.W_OK):
+        return Finding("processors kept awake", "good", str(AWAKE))
+    asleep = "waking up takes up to 100 µs"
+    if not AWAKE.exists():
+        return Finding("processors kept awake", "missing", f"no {AWAKE} here: {asleep}")
+    cure = f"sudo setfacl -m u:$USER:rw {AWAKE} (until the next start of the machine)"
+    return Finding("processors kept awake", "missing", f"{AWAKE} may not be written: {asleep}", cure)
+
+
+def processors() -> Finding:
+    """Enough of them, and not busy with something else."""
+    count = len(os.sched_getaffinity(0))
+    load = os.getloadavg()[0]
+    told = f"{count}, load {load:.1f}"
+    if count < 2:
+        cure = "give the machine a second one: loop and recorder want one each"
+        return Finding("processors", "missing", told, cure)
+    if load > 0.75 * count:
+        return Finding("processors", "missing", told, "end what else runs here, or expect late answers")
+    return Finding("processors", "good", told)
+
+
+def framing() -> Finding:
+    """Whether COBS is the C extension."""
+    from hil.wire.framing import COBS_IN_C
+
+    if COBS_IN_C:
+        return Finding("framing", "good", "cobs has its C part (0.1 µs a frame)")
+    cure = "sudo apt install gcc python3-dev, then pip install --force-reinstall --no-binary cobs cobs"
+    return Finding("framing", "missing", "cobs runs in Python (2 to 4 µs a frame)", cure)
+
+
+def kernels() -> Finding:
+    """Whether the estimator is compiled."""
+    from estimator.kernel.compiled import is_warm
+
+    if is_warm():
+        return Finding("compiled kernels", "good", "in the cache")
+    told = "not in the cache: the first run compiles them, half a minute"
+    return Finding("compiled kernels", "missing", told, "python -m estimator.warm")
+
+
+def _permitted() -> bool:
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, policy, parameters)
+    return True
+
+
+def _group() -> str:
+    import grp
+
+    return grp.getgrgid(os.getgid()).gr_name
