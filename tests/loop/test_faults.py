@@ -74,8 +74,10 @@ def test_the_same_seed_is_the_same_record_on_every_link(tmp_path: Path) -> None:
     """In lockstep bench time decides what a lost frame does, so neither link nor speed can change the record."""
     scenario, declared = faulty(tmp_path / "board.toml", BAD_LINE), gyro.bench(1.0)
     here, _ = go(declared, f"inproc:{scenario}", tmp_path / "here")
-    there, _ = go(declared, f"pty:{scenario}", tmp_path / "there")
-    assert here.capture_path.read_bytes() == there.capture_path.read_bytes()
+    for kind, link in (("pty", "pty"), ("udp", "udp:239.77.3.9:47139")):
+        with emulator(scenario, link=link, seed=declared.loop.seed) as board:
+            there, _ = go(declared, board.url, tmp_path / kind)
+        assert here.capture_path.read_bytes() == there.capture_path.read_bytes(), kind
 
 
 def test_an_unplugged_board_stops_the_run(tmp_path: Path) -> None:
