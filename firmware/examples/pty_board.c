@@ -74,6 +74,7 @@ static void tick(station *s) {
         resonator_step(&s->mass, drive.ux, drive.uy);
     int clipped = resonator_sense(&s->mass, &vx, &vy);
     hil_board_sample(&s->board, vx, vy, clipped != 0);
+    hil_board_poll(&s->board); /* a process that was late catches up several ticks at once: each block in its turn */
 }
 
 /* When to wake at the latest, and until then listen. */

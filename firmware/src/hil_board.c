@@ -64,6 +64,8 @@ static void registers_changed(hil_board *b) {
 
 bool hil_board_init(hil_board *board, const hil_config *config) {
     hil_identity *identity = &board->config.identity;
+    if (config->link == NULL || config->now_ns == NULL || config->blocks == NULL)
+        return false;
     memset(board, 0, sizeof *board);
     board->config = *config;
     identity->protocol = HIL_PROTOCOL;

@@ -118,8 +118,8 @@ typedef struct hil_board {
     uint16_t seq;
 } hil_board;
 
-/* The board after power-up, in BOOT. False if the configuration cannot work: a latency of HIL_LATENCY or more,
- * no clock, or memory for less than one row. */
+/* The board after power-up, in BOOT. False if the configuration cannot work: no link, no time, no clock, a latency
+ * of HIL_LATENCY or more, a drive converter of less than 2 or more than 24 bits, or memory for less than one row. */
 bool hil_board_init(hil_board *board, const hil_config *config);
 
 /* Take an intact frame from the host, and answer it. */
@@ -134,7 +134,8 @@ hil_drive hil_board_drive(hil_board *board);
 /* Send what is ready: a full block, a due STATUS. */
 void hil_board_poll(hil_board *board);
 
-/* Zero force and SAFE, for reasons of the board's own: HIL_SAFE_REASON_LINK_LOST, HIL_SAFE_REASON_FAULT. */
+/* Zero force and SAFE, for reasons of the board's own: HIL_SAFE_REASON_LINK_LOST, HIL_SAFE_REASON_FAULT. From the
+ * main loop, as it uses `lock`. */
 void hil_board_safe(hil_board *board, uint8_t reason);
 
 /* Whether SENSE is due at every tick. */
