@@ -164,6 +164,18 @@ static bool receive_arm(hil_board *board, const hil_can_frame *in) {
     return true;
 }
 
+/* SENSE, which no host sends: an intact one is for the board to refuse. */
+static bool receive_rows(hil_board *board, const hil_can_frame *in) {
+    hil_can_rows head;
+    if (!hil_unpack_can_rows(&head, in->data, in->length))
+        return false;
+    size_t end = HIL_CAN_ROWS_SIZE + (size_t)head.n * HIL_SENSE_COLUMNS * (head.wide ? 3u : 2u);
+    if (head.n == 0u || end > HIL_CAN_MOST || legal(end) != in->length)
+        return false;
+    give(board, HIL_TYPE_SENSE, true, head.seq, head.tick, in->data + HIL_CAN_ROWS_SIZE, end - HIL_CAN_ROWS_SIZE);
+    return true;
+}
+
 /* Take a part in; true once the message is whole. */
 static bool join(hil_can *can, uint8_t type, const hil_can_part *head, const uint8_t *payload) {
     if (can->joining && (type != can->type || head->seq != can->seq || head->part > can->parts)) {
@@ -218,6 +230,8 @@ void hil_can_receive(hil_can *can, hil_board *board, const hil_can_frame *frame)
         good = receive_safe(board, frame);
     else if (type == HIL_TYPE_ARM)
         good = receive_arm(board, frame);
+    else if (type == HIL_TYPE_SENSE)
+        good = receive_rows(board, frame);
     else
         good = receive_part(can, board, type, frame);
     if (!good)

@@ -8,12 +8,15 @@ dither, limits, and when a matrix acts, is what is compared then.
 import ctypes
 import random
 from collections import Counter
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from device_emulator.board import Board
 from device_emulator.device import Device
+from hil.wire.can_format import CanFormat
+from hil.wire.frame_format import BOARD, HOST
 from hil.wire.messages import (
     Arm,
     ClockMode,
@@ -30,6 +33,7 @@ from hil.wire.messages import (
     TimeSync,
 )
 from hil.wire.sense import Sense
+from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received, Receiver, Transmitter
 from tests.emulator.gyro import scenario
@@ -86,17 +90,18 @@ def comparable(received: Received) -> tuple[object, ...]:
     return tuple(received)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("kind", ["serial", "can"])
 @pytest.mark.parametrize("latency", [0, 1, 3])
 @pytest.mark.parametrize("mode", list(LoopMode))
 def test_the_same_conversation_gets_the_same_answers(
-    library: ctypes.CDLL, mode: LoopMode, latency: int, seed: int
+    library: ctypes.CDLL, mode: LoopMode, latency: int, kind: Literal["serial", "can"]
 ) -> None:
-    chance = random.Random(100 * latency + 10 * mode + seed)
+    host, form = (SERIAL, SERIAL) if kind == "serial" else (CanFormat(2, HOST), CanFormat(2, BOARD))
+    chance = random.Random(100 * latency + 10 * mode + len(kind))
     what = scenario({"sense": {"adc_bits": 16}, "drive": {"dac_bits": 16, "latency_samples": latency}})
     boards = [
-        (Board(what, Device(what), (ClockMode.LOCKSTEP, ClockMode.PACED)), Receiver()),
-        (CBoard(library, latency=latency), Receiver()),
+        (Board(what, Device(what), (ClockMode.LOCKSTEP, ClockMode.PACED), form), Receiver(host)),
+        (CBoard(library, kind, node=2, latency=latency), Receiver(host)),
     ]
     opening = [
         Hello(SPEC.protocol, SPEC.hash),
@@ -104,7 +109,7 @@ def test_the_same_conversation_gets_the_same_answers(
         RegisterWrite(SPEC.registers["LOOP_MODE"].id, mode),
         RegisterWrite(SPEC.registers["WATCHDOG_TICKS"].id, 1e6),
     ]
-    tx, tick = Transmitter(), 0
+    tx, tick = Transmitter(host), 0
     heard: Counter[str] = Counter()
     for turn in range(TURNS):
         said = opening[turn] if turn < len(opening) else remark(chance, tick)
