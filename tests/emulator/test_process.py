@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
@@ -17,7 +18,8 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed
 from hil.wire.inproc import InprocLink
 from hil.wire.links import open_link
-from hil.wire.messages import ClockMode, SafeReason, State, Status
+from hil.wire.messages import ClockMode, LoopMode, SafeReason, State, Status
+from hil.wire.sense import Sense
 from tests.emulator.gyro import EXAMPLES
 
 pytestmark = pytest.mark.slow  # whole processes
@@ -218,3 +220,23 @@ def test_bad_options_are_exit_2(arguments: list[str]) -> None:
         [sys.executable, "-m", "device_emulator", SLOW, *arguments], capture_output=True, timeout=PATIENCE_S
     )
     assert done.returncode == 2
+
+
+def test_a_stream_nobody_reads_waits_and_then_is_dropped_in_whole_blocks(start: Callable[..., Process]) -> None:
+    """8 bytes at 100 kHz for 2 s are more than pty and queue hold together; what is missing is counted at both ends."""
+    endpoint = start(str(EXAMPLES / "s-modern-5k.scenario.toml"), "--link", "pty").connect()
+    client.connect(endpoint, PATIENCE_S)
+    for name, value in (("CLOCK_MODE", ClockMode.PACED), ("LOOP_MODE", LoopMode.GAIN), ("BLOCK", 500)):
+        client.write_register(endpoint, name, value)
+    client.arm(endpoint)
+    time.sleep(2.0)
+    ticks = [0]
+    while ticks[-1] < 300_000:  # read as it comes from here on
+        ticks += [item.tick for item in endpoint.poll(PATIENCE_S) if isinstance(item.message, Sense)]
+    status = client.make_safe(endpoint, SafeReason.HOST_REQUEST)
+    ticks += [item.tick for item in endpoint.poll(0.0) if isinstance(item.message, Sense)]
+    endpoint.close()
+    jumps = np.diff(ticks[1:])
+    assert status.dropped > 0
+    assert not (jumps % 500).any()
+    assert np.sum(jumps // 500 - 1) == endpoint.rx.lost == status.dropped
