@@ -1,11 +1,11 @@
 # Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
-# make demo · make test · make quick · make check · make bench · make undeclared · make install
+# make demo · make test · make quick · make check · make bench · make undeclared · make measured · make install
 
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
 
-.PHONY: help install demo test quick check bench undeclared
+.PHONY: help install demo test quick check bench undeclared measured
 
 help:
 	@echo "make demo     close the loop with an emulated board in real time, and report"
@@ -14,6 +14,7 @@ help:
 	@echo "make check    lint, types, import contracts"
 	@echo "make bench    measured speed, into runs/bench.json"
 	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; docs/results/undeclared.md"
+	@echo "make measured real records traced (DATA=folder), into runs/measured.json and docs/results"
 	@echo "make install  the .venv that the others need (they do it themselves)"
 
 install: $(STAMP)
@@ -37,6 +38,9 @@ bench: $(STAMP)
 
 undeclared: $(STAMP)
 	$(BIN)/python -m benchmarks.undeclared
+
+measured: $(STAMP)
+	$(BIN)/python -m benchmarks.measured $(if $(DATA),--data $(DATA))
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
 $(STAMP): pyproject.toml

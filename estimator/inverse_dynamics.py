@@ -28,6 +28,7 @@ _ORDER = 4  # of both Butterworth filters
 _CUT = 5  # resampled rows at each end, where the filters have no past or no future
 _T95 = 1.959963984540054
 _EXCITED = 0.05  # of an effect's signature, what must be left when the base model is taken out
+_WORTH = 0.05  # of the held-out error, what an effect must take: the filters bend a kink by about a hundredth
 _ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
 Signature = Callable[[Array, Array], Array]
 
@@ -187,6 +188,13 @@ def trace_forces(fitting: Motion, held_out: Motion, scaling: Scaling) -> ForceTr
     current, evidence = before, dict[str, float]()
     while left:
         trials = {name: fit_forces(fitting, (*current.effects, name), scaling) for name in left}
+        for name, wrong in {name: _unphysical(trial) for name, trial in trials.items()}.items():
+            if wrong is not None:
+                rejected[name] = f"fits only with a negative {wrong}, which would be something else"
+                left.remove(name)
+        trials = {name: trials[name] for name in left}
+        if not trials:
+            break
         samples = effective_samples(min(trials.values(), key=lambda trial: trial.rms).residual)
         gains = {name: _gain(current, trial, samples) for name, trial in trials.items()}
         price = {name: _price(current, trial, samples, len(names)) for name, trial in trials.items()}
@@ -195,12 +203,22 @@ def trace_forces(fitting: Motion, held_out: Motion, scaling: Scaling) -> ForceTr
             rejected |= {name: f"evidence {gains[name]:.1f} does not outweigh its coefficients" for name in left}
             break
         left.remove(best)
-        if _rms(trials[best].residual_on(held_out, scaling)) >= _rms(current.residual_on(held_out, scaling)):
-            rejected[best] = "fits the fitting record better and the held-out record worse"
+        was, now = (_rms(fit.residual_on(held_out, scaling)) for fit in (current, trials[best]))
+        if now > (1.0 - _WORTH) * was:
+            rejected[best] = "fits the fitting record better and the held-out record no better, or worse"
             continue
         current = trials[best]
         evidence[best] = gains[best]
     return ForceTrace(before, current, evidence, rejected, _alike(fitting, current, rejected, scaling))
+
+
+def _unphysical(fit: ForceFit) -> str | None:
+    """Name of a coefficient that came out negative beyond doubt though it is declared positive."""
+    positive = {c.name for effect in fit.effects for c in effect_for(effect, 1)[1].coefficients if c.positive}
+    for name, value, half in zip(fit.names, fit.values, fit.half_widths, strict=True):
+        if name in positive and value + half < 0.0:
+            return name
+    return None
 
 
 def _rms(series: Array) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from estimator.errors import ModelError
@@ -16,7 +17,6 @@ from estimator.scaling import Array
 from estimator.simulation import simulate
 
 _T95 = 1.959963984540054
-_MOST = 60  # free runs of one refinement
 _BLIND = 1e-9  # of the largest singular value: below it the record says nothing of a direction
 
 
@@ -55,12 +55,13 @@ def refine(
     start: Array | None = None,
     free: Sequence[str] | None = None,
     step: Array | None = None,
-    rows: slice | None = None,
+    rows: slice | NDArray[np.bool_] | None = None,
+    runs: int = 60,
 ) -> Refined:
     """Fit a free run to a record: sense (n, axes) V (NaN where lost), drive and step as for `simulate`.
 
     start (states + constants,) SI, by default what the observer holds; free: the names that may change, by default all
-    that the observer estimates; rows: the samples whose residual counts, by default all.
+    that the observer estimates; rows: the samples whose residual counts, by default all; runs: free runs at most.
 
     Raises ModelError for unknown names, for rows without samples, and for a start from which the run leaves all bounds.
     """
@@ -116,7 +117,7 @@ def refine(
         ftol=1e-10,
         xtol=1e-10,
         gtol=1e-12,
-        max_nfev=_MOST,
+        max_nfev=runs,
     )
     state[index] = solution.x * scale
     deviation = np.zeros(len(names))

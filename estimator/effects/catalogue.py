@@ -19,6 +19,8 @@ EFFECTS: tuple[Effect, ...] = (
     drive.DRIVE_GAIN,
     drive.DRIVE_MISALIGNMENT,
     damping.DAMPING_ASYMMETRIC,
+    damping.DRAG,
+    damping.CUBIC_DAMPING,
 )
 
 

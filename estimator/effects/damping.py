@@ -5,7 +5,7 @@ import sympy as sp
 from estimator.effects.declaration import Coefficient, Effect, Undone
 from estimator.model.gyro import vx, vy, x, y
 
-d3x, d3y, d3, fx, fy, dax, day = sp.symbols("d3x d3y d3 fx fy dax day")
+d3x, d3y, d3, fx, fy, dax, day, dqx, dqy, dcx, dcy = sp.symbols("d3x d3y d3 fx fy dax day dqx dqy dcx dcy")
 SMOOTHING = sp.Float(0.01)  # of A ω0: below this velocity friction turns over smoothly
 
 NONLINEAR_DAMPING = Effect(
@@ -22,7 +22,10 @@ NONLINEAR_DAMPING = Effect(
 DRY_FRICTION = Effect(
     name="dry_friction",
     title="Dry friction",
-    coefficients=(Coefficient(fx, "fx", 0.01, 1, -2), Coefficient(fy, "fy", 0.01, 1, -2)),
+    coefficients=(
+        Coefficient(fx, "fx", 0.01, 1, -2, positive=True),
+        Coefficient(fy, "fy", 0.01, 1, -2, positive=True),
+    ),
     force=(-fx * sp.tanh(vx / SMOOTHING), -fy * sp.tanh(vy / SMOOTHING)),
     source="Coulomb's law, smoothed over 1 % of the nominal velocity",
     signature="ring-down that is linear in time and ends",
@@ -39,4 +42,26 @@ DAMPING_ASYMMETRIC = Effect(
     signature="a shift while it moves, in proportion to the speed",
     undone=Undone.CANCEL,
     look_alikes={"quadratic_stiffness": "moves at other frequencies"},
+)
+
+DRAG = Effect(
+    name="drag",
+    title="Drag that grows with the square of the speed",
+    coefficients=(Coefficient(dqx, "dqx", 0.01, -1, positive=True), Coefficient(dqy, "dqy", 0.01, -1, positive=True)),
+    force=(-dqx * vx**2 * sp.tanh(vx / SMOOTHING), -dqy * vy**2 * sp.tanh(vy / SMOOTHING)),
+    source="turbulent drag, ½ ρ c A v²; Nayfeh & Mook 1979, ch. 3",
+    signature="ring-down faster than exponential at first",
+    undone=Undone.CANCEL,
+    look_alikes={"cubic_damping": "steps of amplitude"},
+)
+
+CUBIC_DAMPING = Effect(
+    name="cubic_damping",
+    title="Damping that grows with the square of the speed",
+    coefficients=(Coefficient(dcx, "dcx", 0.01, -2, 1), Coefficient(dcy, "dcy", 0.01, -2, 1)),
+    force=(-dcx * vx**3, -dcy * vy**3),
+    source="Rayleigh's damping term; Nayfeh & Mook 1979, ch. 3",
+    signature="ring-down faster than exponential at first",
+    undone=Undone.CANCEL,
+    look_alikes={"nonlinear_damping": "forces off the resonance", "drag": "steps of amplitude"},
 )

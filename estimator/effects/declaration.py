@@ -27,7 +27,8 @@ class Coefficient:
     """A number an effect has.
 
     length, time: powers of metre and second in its SI unit, per unit mass; plausible: its largest likely size in scaled
-    units (amplitude 1, ω0 1), the standard deviation with which it enters an observer.
+    units (amplitude 1, ω0 1), the standard deviation with which it enters an observer; positive: a negative value would
+    be no such effect (friction that drives).
     """
 
     symbol: sp.Symbol
@@ -35,6 +36,7 @@ class Coefficient:
     plausible: float
     length: int = 0
     time: int = 0
+    positive: bool = False
 
     @property
     def unit(self) -> str:

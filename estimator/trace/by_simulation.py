@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.effects.catalogue import names as known_names
 from estimator.errors import ModelError
@@ -27,8 +28,12 @@ _TRIED = 3  # candidates that are fitted in earnest, a round
 _COMPARED = 24_000  # samples on which candidates are compared
 _CHOICE = 2.0 / 3.0  # of those: the rest, which comes after, must agree
 _VISIBLE = 0.03  # of a signature, what must be left beside the parameters so far
+_BLOCK = 16  # samples
+_ON_THE_WAY = 12  # free runs of a fit that only leads to the next
+_FIRST = 64  # samples of a free response that are fitted first
 _ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
 
+Rows = slice | NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 
 
@@ -66,14 +71,14 @@ def trace_by_simulation(
     """Name what `settings` lack on `record`, all of which may be used to choose; `skip` samples at its beginning are
     left to the start.
 
-    A candidate is taken when its gain of likelihood on the first two thirds, counted in independent samples, outweighs
-    its coefficients and the number of candidates (extended Bayesian criterion, Chen & Chen, Biometrika 95(3), 2008) and
-    the last third, which the free run reaches later, is predicted better as well.  Raises ModelError for a record on
+    A candidate is taken when its gain of likelihood on two thirds of the record, counted in independent samples,
+    outweighs its coefficients and the number of candidates (extended Bayesian criterion, Chen & Chen, Biometrika 95(3),
+    2008) and the other third is predicted better as well: the last one, or every third block of a free response, which
+    may have died away by then.  Raises ModelError for a record on
     which the base model has no free run.
     """
     part = record.part(slice(0, _COMPARED))
-    choice = slice(skip, int(_CHOICE * len(part)))
-    later = slice(int(_CHOICE * len(part)), len(part))
+    choice, later = _parts(part, skip)
     known = tuple(settings.effects)
     observer, current = _fitted(part, device, settings, known, None, choice)
     names = candidates(device, settings)
@@ -95,6 +100,10 @@ def trace_by_simulation(
                 trials[name] = _fitted(part, device, settings, (*taken, name), current, choice)
             except ModelError:
                 rejected[name] = "no free run with it stays within bounds"
+                continue
+            if wrong := unphysical(*trials[name]):
+                rejected[name] = f"fits only with a negative {wrong}, which would be something else"
+                del trials[name]
         gains = {name: _gain(current, trial, choice) for name, (_, trial) in trials.items()}
         ranked = sorted(trials, key=lambda name: promises[name].price - gains[name])
         chosen = None
@@ -102,7 +111,7 @@ def trace_by_simulation(
             if gains[name] <= promises[name].price:
                 continue
             if _rms(trials[name][1], later) >= _rms(current, later):
-                rejected[name] = "fits the fitting part better and what comes after it worse"
+                rejected[name] = "fits two thirds of the record better and the other third worse"
                 continue
             chosen = name
             break
@@ -132,6 +141,15 @@ def trace_by_simulation(
     return SimulationTrace(tuple(evidence), evidence, observer_before, observer, before, after, rejected, alike)
 
 
+def _parts(part: Record, skip: int) -> tuple[Rows, Rows]:
+    """The rows on which candidates compete, and those that must agree."""
+    if np.any(part.drive):
+        edge = int(_CHOICE * len(part))
+        return slice(skip, edge), slice(edge, len(part))
+    agreeing = np.asarray(np.arange(len(part)) // _BLOCK % 3 == 2)
+    return ~agreeing, agreeing
+
+
 def candidates(device: Device, settings: ObserverSettings) -> tuple[str, ...]:
     """Effects that the device can have and that need nothing given (no frequency, no threshold)."""
     possible = []
@@ -153,7 +171,7 @@ def promises_of(
     taken: list[str],
     left: list[str],
     current: Refined,
-    choice: slice,
+    choice: Rows,
 ) -> dict[str, Promise]:
     """What each candidate would explain of the present residual, by one free run that carries them all at zero."""
     observer = _observer(device, settings, (*taken, *left))
@@ -176,11 +194,11 @@ def promises_of(
         visible = np.linalg.norm(rest, axis=0) > _VISIBLE * np.linalg.norm(own, axis=0)
         price = own.shape[1] * math.log(samples) + 2.0 * math.log(max(len(left), 1))
         if not visible.any():
-            found[name] = Promise(0.0, price, rest)
+            found[name] = Promise(0.0, price, rest[:, visible])
             continue
         q = np.linalg.qr(rest[:, visible] / np.linalg.norm(rest[:, visible], axis=0))[0]
         explained = min(float(np.sum((q.T @ residual) ** 2)), power * (1.0 - 1e-12))
-        found[name] = Promise(-samples * math.log1p(-explained / power), price, rest)
+        found[name] = Promise(-samples * math.log1p(-explained / power), price, rest[:, visible])
     return found
 
 
@@ -204,20 +222,55 @@ def _fitted(
     settings: ObserverSettings,
     effects: tuple[str, ...],
     current: Refined | None,
-    rows: slice,
+    rows: Rows,
 ) -> tuple[Observer, Refined]:
     observer = _observer(device, settings, effects)
-    fit = refine(
-        observer, record.sense, record.drive, start=_carried_over(observer, current), step=record.step, rows=rows
-    )
-    return observer, fit
+    start = _carried_over(observer, current)
+    if not np.any(record.drive):
+        start = _followed(observer, record, start, current is None)
+    return observer, refine(observer, record.sense, record.drive, start=start, step=record.step, rows=rows)
 
 
-def _rms(fit: Refined, rows: slice) -> float:
+def _followed(observer: Observer, record: Record, start: Array, afresh: bool) -> Array:
+    """Where to start on a free response, which keeps no phase but its own: fitted to ever longer beginnings.
+
+    Afresh, the constants are those of one pass of the observer.
+    """
+    if afresh:
+        scratch = Observer(observer.device, observer.settings)
+        scratch.run(record.sense, record.drive, step=record.step)
+        constants = slice(observer.states, None)
+        if np.all(np.isfinite(scratch.state)):
+            start[constants] = scratch.state[constants]
+    length = _FIRST
+    while length < len(record):
+        beginning = record.part(slice(0, length))
+        if afresh and length == _FIRST:
+            motion = observer.names[: observer.states]
+            start = refine(
+                observer, beginning.sense, beginning.drive, start=start, free=motion, step=beginning.step
+            ).state
+        start = refine(
+            observer, beginning.sense, beginning.drive, start=start, step=beginning.step, runs=_ON_THE_WAY
+        ).state
+        length *= 3
+    return start
+
+
+def unphysical(observer: Observer, fit: Refined) -> str | None:
+    """Name of a coefficient that came out negative beyond doubt though it is declared positive."""
+    for _, effect in observer.effects:
+        for coefficient in effect.coefficients:
+            if coefficient.positive and fit.interval(coefficient.name)[1] < 0.0:
+                return coefficient.name
+    return None
+
+
+def _rms(fit: Refined, rows: Rows) -> float:
     return float(np.sqrt(np.nanmean(fit.residual[rows] ** 2)))
 
 
-def _gain(current: Refined, trial: Refined, rows: slice) -> float:
+def _gain(current: Refined, trial: Refined, rows: Rows) -> float:
     residual = np.ravel(trial.residual[rows])
     samples = effective_samples(residual[np.isfinite(residual)])
     return samples * 2.0 * math.log(_rms(current, rows) / _rms(trial, rows))
@@ -231,7 +284,7 @@ def _alike(
     known: tuple[str, ...],
     names: tuple[str, ...],
     current: Refined,
-    choice: slice,
+    choice: Rows,
 ) -> tuple[tuple[str, str, float], ...]:
     """Pairs of an effect that was taken and one that was not whose signatures this record does not tell apart."""
     pairs = []
@@ -246,7 +299,7 @@ def _alike(
             if candidate in taken:
                 continue
             rest = signatures[candidate].signature
-            if own.shape[1] == 0 or rest.shape[1] == 0 or not np.any(rest):
+            if own.shape[1] == 0 or rest.shape[1] == 0:
                 continue
             correlation = float(np.linalg.norm(np.linalg.qr(own)[0].T @ np.linalg.qr(rest)[0], 2))
             if correlation > _ALIKE:

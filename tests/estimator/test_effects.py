@@ -23,6 +23,7 @@ from estimator.settings import Device, ObserverSettings
 OMEGA0 = 2 * np.pi * 200.0
 STATE = np.array([0.8, 0.1, -0.3, 0.7])
 DRIVE = np.array([[0.02, 0.01], [-0.03, 0.005]])
+KINKED = ("dry_friction", "damping_asymmetric", "drag")
 FORCES = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.force)]
 
 
@@ -88,7 +89,7 @@ def test_flow_with_an_effect_is_that_of_an_integrator(name: str) -> None:
 
     # Dry friction and one-way damping have a kink where the velocity turns, which no scheme of a step a sample
     # resolves: away from there.
-    start = np.array([0.1, 0.9, -0.3, 0.7]) if name in ("dry_friction", "damping_asymmetric") else STATE
+    start = np.array([0.1, 0.9, -0.3, 0.7]) if name in KINKED else STATE
     with_effect, without = (
         solve_ivp(slope, (0, observer.h), start, "DOP853", rtol=1e-12, atol=1e-14, args=(share,)).y[:, -1]
         for share in (1.0, 0.0)

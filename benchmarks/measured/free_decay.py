@@ -1,0 +1,46 @@
+"""Free responses: a magnetic beam that rings down, two coupled masses on an air track."""
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measured.oscillator import declared, described, imported, record_of, traced
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms, verdict_of
+from estimator.simulation import simulate
+
+_RECORDS = {
+    "magnetic_beam": ("decay.csv.gz", "magnetic-beam", False, "Magnetic beam, free decay", 1e6, "µstrain"),
+    "coupled_masses": ("track.csv", "coupled-masses", True, "Coupled masses", 1.0, "motion-capture units"),
+}
+
+
+def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
+    """Trace the first part; the same free run, never corrected, is scored on the rest."""
+    file, name, nonuniform, title, factor, unit = _RECORDS[folder]
+    capture = imported(data / file, work, name, nonuniform=nonuniform)
+    record = record_of(capture)
+    first, last = capture.segments["train"], capture.segments["test"]
+    trace = traced(record.part(slice(*first)), name, 0, say)
+    device, _ = declared(name)
+    errors = [
+        record.sense - simulate(observer, fit.state, record.drive, step=record.step).sensed
+        for observer, fit in ((trace.observer_before, trace.before), (trace.observer, trace.after))
+    ]
+    before, after = (rms(error[slice(*last)]) for error in errors)
+    verdict = verdict_of(before, after, device.noise[0], trace.effects)
+    effects = list(trace.effects)
+    rows = [MeasuredRow(folder, "test", "free-run RMSE", unit, factor * before, factor * after, verdict.value, effects)]
+    signal = record.sense[slice(*last)] - np.mean(record.sense[slice(*last)], axis=0)
+    shares = [100.0 * error / rms(signal) for error in (before, after)]
+    rows.append(MeasuredRow(folder, "test", "free-run RMSE of the signal", "%", *shares, verdict.value, effects))
+    fitted = [factor * rms(error[slice(*first)]) for error in errors]
+    words = (
+        f"Over the fitted part the free run errs by {fitted[0]:.3g} {unit} before and {fitted[1]:.3g} after; the noise "
+        f"is taken as {factor * device.noise[0]:.3g}. The test part goes on from the same start."
+    )
+    curves = [("measured", record.sense), ("error before", errors[0]), ("error after", errors[1])]
+    panel = Panel(
+        name, f"{title}: measured, and free-run error", record.time, "time, s",
+        [(label, factor * series[:, 0]) for label, series in curves], unit,
+    )  # fmt: skip
+    return Outcome(title, rows, [words, *described(trace)], [panel])

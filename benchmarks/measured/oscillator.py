@@ -1,0 +1,82 @@
+"""A measured oscillator from its files to a trace: imported by its map, declared by its bench file."""
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measured.outcome import Say
+from estimator.observer import Observer
+from estimator.refinement import Refined, refine
+from estimator.scaling import Array
+from estimator.settings import Device, ObserverSettings
+from estimator.simulation import simulate
+from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
+from estimator.trace.record import Record
+from hil import examples
+from hil.bench import load_bench
+from hil.interchange.importer import import_record
+from hil.loop.declared import device_of, observer_settings_of
+from hil.records.capture import Capture
+from hil.replay import samples_of
+
+
+def imported(source: Path, work: Path, map_name: str, *, nonuniform: bool = False) -> Capture:
+    """The record at `source` as a capture in the folder `work`."""
+    target = work / f"{map_name}-{source.name.partition('.')[0]}.arrow"
+    return import_record(source, target, map_file=examples.find("map", map_name), nonuniform=nonuniform)
+
+
+def declared(name: str) -> tuple[Device, ObserverSettings]:
+    """Device and observer of an example bench file."""
+    bench = load_bench(examples.find("bench", name))
+    return device_of(bench), observer_settings_of(bench)
+
+
+def record_of(capture: Capture) -> Record:
+    """A capture as numbers."""
+    _, sense, drive, step = samples_of(capture)
+    return Record(sense, drive, step)
+
+
+def traced(record: Record, name: str, skip: int, say: Say) -> SimulationTrace:
+    """Effects of a record by its free run."""
+    device, settings = declared(name)
+
+    def progress(what: str, done: int, total: int) -> None:
+        say(f"{name}: {what} {done}/{total}")
+
+    return trace_by_simulation(record, device, settings, skip, progress)
+
+
+def started(observer: Observer, fit: Refined, record: Record, first: int) -> Array:
+    """Residual (n, axes) V of a free run on another record; its first outputs set the state and are NaN."""
+    state = fit.state.copy()
+    state[: observer.states] = 0.0
+    motion = observer.names[: observer.states]
+    beginning = record.part(slice(0, first))
+    state = refine(observer, beginning.sense, beginning.drive, start=state, free=motion, step=beginning.step).state
+    residual = record.sense - simulate(observer, state, record.drive, step=record.step).sensed
+    residual[:first] = np.nan
+    return residual
+
+
+def described(trace: SimulationTrace) -> list[str]:
+    """What was found, in Markdown: equations, coefficients with intervals, look-alikes, what was left out."""
+    lines = []
+    for number, effect in trace.observer.effects:
+        del number
+        if effect.name not in trace.effects:
+            continue
+        parts = []
+        for coefficient in effect.coefficients:
+            low, high = trace.after.interval(coefficient.name)
+            value = trace.after.value(coefficient.name)
+            parts.append(f"{coefficient.name} = {value:.5g} [{low:.5g}, {high:.5g}] {coefficient.unit}")
+        force = " , ".join(f"+ {e}" for e in (*effect.force, *effect.sense) if e != 0)
+        lines.append(f"- **{effect.name}** (`{force}`): {'; '.join(parts)}; evidence {trace.evidence[effect.name]:.0f}")
+    for taken, other, correlation in trace.alike:
+        lines.append(f"- {taken} and {other} look alike on this record (correlation {correlation:.4f})")
+    for name, reason in trace.rejected.items():
+        if reason.startswith("fits"):
+            lines.append(f"- left out: {name}, which {reason}")
+    return ["\n".join(lines)] if lines else ["Nothing was added."]

@@ -1,0 +1,83 @@
+"""Rate table: commercial gyros as rate-output sensors, steady and stepped."""
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measured.oscillator import imported
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
+from estimator.rate_sensor.trace import SensorDiagnosis
+from hil import examples
+from hil.bench import RateSensorBench, load_any_bench
+from hil.rate_sensor import trace_rate_sensor
+from hil.records.capture import Capture
+
+FOLDER = "rate_table"
+_SENSORS = ("crs03", "crs09", "crh02")
+_STEPPED = ("crs03", "crs09")
+
+
+def measure(data: Path, work: Path, say: Say) -> Outcome:
+    """Each sensor from the ±100 and ±200 °/s runs to the ±400 °/s run; the step by alternate blocks."""
+    rows, words, panels = [], [], []
+    for sensor in _SENSORS:
+        say(f"rate table: {sensor}, steady states")
+        capture, found = _traced(data / "static.csv", work, sensor, f"rate-table-{sensor}")
+        rows.append(_row(sensor, "±400 °/s", found, 1.0, "V"))
+        words.append(_described(f"{sensor.upper()}, steady states", found))
+        del capture
+    for sensor in _STEPPED:
+        say(f"rate table: {sensor}, step")
+        capture, found = _traced(data / "step_50dps.csv", work, sensor, f"rate-table-{sensor}-step")
+        rows.append(_row(sensor, "step, other blocks", found, 1e3, "mV"))
+        effects = [effect.name for effect in found.effects]
+        errors = (1e3 * rms(found.residual_before), 1e3 * rms(found.residual_after))
+        rows.append(
+            MeasuredRow(
+                FOLDER, f"{sensor} step, whole", "rms of the output", "mV", *errors, found.verdict.value, effects
+            )
+        )
+        words.append(_described(f"{sensor.upper()}, step", found))
+        panels.append(_panel(sensor, capture, found))
+    return Outcome("Rate table", rows, words, panels)
+
+
+def _traced(source: Path, work: Path, sensor: str, map_name: str) -> tuple[Capture, SensorDiagnosis]:
+    capture = imported(source, work, map_name)
+    bench = load_any_bench(examples.find("bench", f"rate-table-{sensor}"))
+    assert isinstance(bench, RateSensorBench)  # the example says axes = 0
+    return capture, trace_rate_sensor(work / f"{map_name}-{source.name.partition('.')[0]}.arrow", bench)
+
+
+def _row(sensor: str, split: str, found: SensorDiagnosis, factor: float, unit: str) -> MeasuredRow:
+    before, after = found.held_out_before.innovation_rms[0], found.held_out_after.innovation_rms[0]
+    effects = [effect.name for effect in found.effects]
+    verdict = found.verdict.value
+    return MeasuredRow(
+        FOLDER, f"{sensor} {split}", "rms of the output", unit, factor * before, factor * after, verdict, effects
+    )
+
+
+def _described(title: str, found: SensorDiagnosis) -> str:
+    lines = [f"{title}: {found.verdict.value}.", ""]
+    for effect in found.effects:
+        parts = [
+            f"{name} = {i.value:.5g} [{i.low:.5g}, {i.high:.5g}] {i.unit}" for name, i in effect.coefficients.items()
+        ]
+        lines.append(
+            f"- **{effect.name}** (`{effect.equation[0]}`): {'; '.join(parts)}; evidence {effect.evidence:.0f}"
+        )
+    lines += [f"- {c.effect} and {c.other} look alike on this record ({c.correlation:.4f})" for c in found.confusable]
+    lines += [f"- {reason}" for reason in found.reasons]
+    return "\n".join(lines)
+
+
+def _panel(sensor: str, capture: Capture, found: SensorDiagnosis) -> Panel:
+    moving = np.flatnonzero(np.abs(np.diff(found.residual_before)) > 6.0 * np.median(np.abs(found.residual_before)))
+    start = max(int(moving[0]) - 40, 0) if moving.size else 0
+    rows = slice(start, start + 200)
+    curves = [("error before", found.residual_before), ("error after", found.residual_after)]
+    return Panel(
+        f"rate-table-{sensor}", f"{sensor.upper()}, step to 50 °/s: output against the model", capture.t_s[rows],
+        "time, s", [(label, 1e3 * series[rows]) for label, series in curves], "mV",
+    )  # fmt: skip

@@ -1,0 +1,72 @@
+"""Effects named by the free run, on records made by an independent integrator."""
+
+import numpy as np
+import pytest
+
+from estimator.settings import ObserverSettings, Spread
+from estimator.trace.by_simulation import candidates, trace_by_simulation
+from estimator.trace.record import Record
+from tests.estimator.test_simulation import RATE, SINGLE, integrated, noise_drive
+
+SETTINGS = ObserverSettings(spread=Spread(offset=0.01))
+
+
+def made(more, samples, seed=1, start=(0.0, 0.0), push=1.5e4):
+    """Record of a driven or free oscillator with a further force per mass more(x, v)."""
+    drive = noise_drive(samples, 1, push)
+    steps = np.full(samples, 1.0 / RATE)
+
+    def field(m, t, s):
+        return [s[1], drive[m, 0] - 41.0 * s[1] - 1.92e5 * s[0] + more(*s)]
+
+    states = integrated(field, start, steps)
+    noise = np.random.default_rng(seed).standard_normal((samples, 1))
+    return Record(2.0 * states[:, :1] + 0.004 + 1e-4 * noise, drive[:, :, None], steps)
+
+
+def quiet(what, done, total):
+    assert done <= total, what
+
+
+@pytest.mark.slow
+def test_what_was_put_in_is_named_and_measured():
+    record = made(lambda x, v: -7e5 * x**3 - 3e4 * x**2, 900)
+    found = trace_by_simulation(record, SINGLE, SETTINGS, 0, quiet)
+    assert set(found.effects) == {"cubic_stiffness", "quadratic_stiffness"}
+    for name, value in (("k3x", 7e5), ("k2x", 3e4)):
+        low, high = found.after.interval(name)
+        assert low - 0.01 * value < value < high + 0.01 * value
+    assert found.after.rmse[0] == pytest.approx(1e-4, rel=0.08)
+    assert found.before.rmse[0] > 5.0 * found.after.rmse[0]
+    assert "cubic_isotropic" in {other for taken, other, _ in found.alike if taken == "cubic_stiffness"}
+
+
+@pytest.mark.slow
+def test_a_record_that_lacks_nothing_is_given_nothing():
+    for seed in (1, 2, 4):  # 3 is that of the drive: noise that is the drive again would be feedthrough
+        found = trace_by_simulation(made(lambda x, v: 0.0, 900, seed), SINGLE, SETTINGS, 0, quiet)
+        assert found.effects == ()
+        assert found.after is found.before
+
+
+@pytest.mark.slow
+def test_a_ring_down_names_what_it_shows():
+    record = made(lambda x, v: -7e5 * x**3, 500, start=(0.12, 0.0), push=0.0)
+    found = trace_by_simulation(record, SINGLE, SETTINGS, 0, quiet)
+    assert found.effects[0] in ("cubic_stiffness", "cubic_isotropic")
+    drawn = 1e-4 * np.random.default_rng(1).standard_normal(500)
+    assert found.after.rmse[0] == pytest.approx(np.std(drawn), rel=0.03)
+
+
+@pytest.mark.slow
+def test_friction_that_would_drive_is_not_called_friction():
+    record = made(lambda x, v: 30.0 * np.tanh(v / (0.01 * 0.1 * np.sqrt(1.9e5))), 900)
+    found = trace_by_simulation(record, SINGLE, SETTINGS, 0, quiet)
+    assert "dry_friction" not in found.effects
+    assert "negative fx" in found.rejected["dry_friction"]
+
+
+def test_candidates_are_those_that_the_device_can_have():
+    names = candidates(SINGLE, ObserverSettings(effects={"cubic_stiffness": {}}))
+    assert "nonlinear_damping" in names
+    assert not {"cubic_stiffness", "sense_gain", "nonreciprocal_stiffness"} & set(names)
