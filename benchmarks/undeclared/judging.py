@@ -50,6 +50,11 @@ class Judgement:
         return self.named[0] if self.verdict == "explained" and self.named else self.verdict
 
     @property
+    def surplus(self) -> int:
+        """How many more effects were named than hidden."""
+        return max(len(self.named) - len(self.truth), 0)
+
+    @property
     def misnamed(self) -> bool:
         """A wrong name, without reserve."""
         return self.verdict == "explained" and self.alone and not self.first_class

@@ -29,6 +29,7 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
             one["told_apart"],
             "95 %",
         ),
+        ("… and another effect named beside it", one["surplus"], one["n"], ""),
         ("… innovation on the held-out part within 2 % of the true noise", one["down_to_noise"], one["n"], ""),
         ("no effect: adequate", summary["clean"]["adequate"], summary["clean"]["n"], "98 %"),
         ("an effect outside the catalogue: no confident wrong name", out["not_misnamed"], out["n"], "95 %"),

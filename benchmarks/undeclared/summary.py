@@ -28,6 +28,7 @@ def summarise(judged: Sequence[Judgement]) -> dict[str, Any]:
             "down_to_noise": sum(j.after is not None and j.after <= CONFIDENT for j in single),
             "adequate": sum(j.verdict == "adequate" for j in single),
             "misnamed": sum(j.misnamed for j in single),
+            "surplus": sum(j.surplus > 0 for j in single),
         },
         "clean": {"n": len(clean), "adequate": sum(j.verdict == "adequate" for j in clean)},
         "outside": {

@@ -58,6 +58,8 @@ def test_the_right_name_and_its_interval() -> None:
     assert judged.error["gy"] == pytest.approx(-0.5)
     assert judged.after == pytest.approx(1.01)
     assert judged.column == "sense_gain"
+    more = judge(truth("single", GAIN), said("explained", ("sense_gain", {}), ("dry_friction", {})))
+    assert summarise([judged, more])["single"]["surplus"] == 1
 
 
 def test_an_interval_beside_the_truth_is_counted() -> None:
@@ -99,6 +101,7 @@ def test_two_effects_need_both() -> None:
     one = judge(hidden, said("explained", ("cubic_stiffness", {}), ("drive_gain", {})))
     assert both.right_class == (True, True)
     assert one.right_class == (True, False)
+    assert (both.surplus, one.surplus) == (0, 0)
     assert summarise([both, one])["double"]["both_named"] == 1
 
 

@@ -8,19 +8,32 @@ import pytest
 from benchmarks.undeclared.judging import Judgement, judge
 from benchmarks.undeclared.population import Order
 from benchmarks.undeclared.record import make
+from hil import replay
 from hil.bench import load_bench
+from hil.loop.declared import device_of, observer_settings_of
+from hil.records.capture import read_capture
+from hil.records.diagnosis import to_model
 
+engine = pytest.importorskip("estimator.trace.tracing")
 tracing = pytest.importorskip("hil.trace")
 
 pytestmark = pytest.mark.slow  # closed loops, and whole traces of them
 
-SAMPLES = 30_000
+SAMPLES = 24_000
 
 
 def traced(order: Order, folder: Path) -> Judgement:
+    """Record, trace (what `hil trace` does, less its report), judge."""
     place = make(order, folder, SAMPLES)
-    found = tracing.trace(place / "capture.arrow", load_bench(place / "bench.toml"), place / "traces")
-    said = json.loads((found.folder / "diagnosis.json").read_text())
+    capture, bench = read_capture(place / "capture.arrow"), load_bench(place / "bench.toml")
+    found = engine.trace(
+        tracing.record_of(capture),
+        device_of(bench),
+        observer_settings_of(bench),
+        replay.control_of(bench, capture),
+        split=round(0.6 * SAMPLES),
+    )
+    said = json.loads(to_model(found, record="", bench="").model_dump_json(by_alias=True))
     return judge(json.loads((place / "truth.json").read_text()), said)
 
 
