@@ -11,8 +11,9 @@ _INTRODUCTION = """\
 # Measured records
 
 Real oscillators and gyros, measured by others, through the same model, observer and tracing as a record of the bench.
-Every error is on a part of the record, or a second record, that neither the choice of the effects nor their
-coefficients ever saw. Made by `make measured`, with the figures; the records themselves stay with their owners.
+Every error is on a part of the record, or a second record, that no coefficient was fitted to and no effect was chosen
+on; on the rate table it has a veto, a term that makes it worse is taken back. Made by `make measured`, with the
+figures; the records themselves stay with their owners.
 """
 _COLUMNS = ("record", "split", "error", "before", "after", "verdict", "what was missing")
 

@@ -19,13 +19,8 @@ _STEPPED = ("crs03", "crs09")
 
 def measure(data: Path, work: Path, say: Say) -> Outcome:
     """Each sensor from the ±100 and ±200 °/s runs to the ±400 °/s run; the step by alternate blocks."""
-    rows, words, panels = [], [], []
-    for sensor in _SENSORS:
-        say(f"rate table: {sensor}, steady states")
-        capture, found = _traced(data / "static.csv", work, sensor, f"rate-table-{sensor}")
-        rows.append(_row(sensor, "±400 °/s", found, 1.0, "V"))
-        words.append(_described(f"{sensor.upper()}, steady states", found))
-        del capture
+    rows, words = steady(data / "static.csv", work, say)
+    panels = []
     for sensor in _STEPPED:
         say(f"rate table: {sensor}, step")
         capture, found = _traced(data / "step_50dps.csv", work, sensor, f"rate-table-{sensor}-step")
@@ -40,6 +35,17 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
         words.append(_described(f"{sensor.upper()}, step", found))
         panels.append(_panel(sensor, capture, found))
     return Outcome("Rate table", rows, words, panels)
+
+
+def steady(table: Path, work: Path, say: Say) -> tuple[list[MeasuredRow], list[str]]:
+    """Rows and words of the static curves."""
+    rows, words = [], []
+    for sensor in _SENSORS:
+        say(f"rate table: {sensor}, steady states")
+        _, found = _traced(table, work, sensor, f"rate-table-{sensor}")
+        rows.append(_row(sensor, "±400 °/s", found, 1.0, "V"))
+        words.append(_described(f"{sensor.upper()}, steady states", found))
+    return rows, words
 
 
 def _traced(source: Path, work: Path, sensor: str, map_name: str) -> tuple[Capture, SensorDiagnosis]:

@@ -1,0 +1,79 @@
+"""`python -m benchmarks.measured` without any record: what it says, keeps and writes."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks.measured.__main__ import keep
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, rms, verdict_of
+from benchmarks.measured.page import write_page
+from estimator.trace.diagnosis import Verdict
+
+ROW = MeasuredRow("box", "test", "free-run RMSE", "mV", 7.0, 0.25, "explained", ["cubic_stiffness"])
+
+
+def run(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "benchmarks.measured", *arguments], capture_output=True, text=True, check=False
+    )
+
+
+def test_a_folder_that_is_not_there_is_one_line(tmp_path):
+    done = run("--data", str(tmp_path / "none"), "--out", str(tmp_path / "m.json"))
+    assert done.returncode == 2
+    assert "no such folder; say where the records are with --data or GYROHIL_DATA" in done.stderr
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_absent_records_are_named_and_nothing_is_written_over(tmp_path):
+    (tmp_path / "m.json").write_text(json.dumps([ROW._asdict()]))
+    page = tmp_path / "page.md"
+    page.write_text("as it was")
+    done = run("emps", "--data", str(tmp_path), "--out", str(tmp_path / "m.json"), "--page", str(page))
+    assert done.returncode == 1
+    assert f"emps: skipped, {tmp_path / 'emps'} is not there" in done.stderr
+    assert json.loads((tmp_path / "m.json").read_text()) == [ROW._asdict()]
+    assert page.read_text() == "as it was"
+
+
+def test_rows_of_a_record_replace_its_old_ones(tmp_path):
+    path = tmp_path / "runs" / "m.json"
+    keep(path, [Outcome("Box", [ROW], [])])
+    keep(path, [Outcome("Other", [ROW._replace(record="other")], [])])
+    keep(path, [Outcome("Box", [ROW._replace(after=0.2)], [])])
+    assert [(row["record"], row["after"]) for row in json.loads(path.read_text())] == [("other", 0.25), ("box", 0.2)]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "effects", "verdict"),
+    [
+        (1.1, 1.1, [], Verdict.ADEQUATE),
+        (9.0, 9.0, [], Verdict.UNEXPLAINED),
+        (9.0, 1.1, ["a"], Verdict.EXPLAINED),
+        (90.0, 20.0, ["a"], Verdict.EXPLAINED),
+        (90.0, 40.0, ["a"], Verdict.UNEXPLAINED),
+    ],
+)
+def test_verdict_by_what_is_left(before, after, effects, verdict):
+    assert verdict_of(before, after, 1.0, effects) is verdict
+
+
+def test_the_page_holds_table_words_and_the_same_figure_each_time(tmp_path):
+    x = np.linspace(0.0, 1.0, 9)
+    panel = Panel("box", "Box", x, "time, s", [("before", x), ("after", x**2)], "mV")
+    figures = []
+    for _ in range(2):
+        write_page(tmp_path / "docs" / "page.md", [Outcome("Box", [ROW], ["Some words."], [panel])])
+        figures.append((tmp_path / "docs" / "measured-box.svg").read_bytes())
+    text = (tmp_path / "docs" / "page.md").read_text()
+    assert "| box | test | free-run RMSE, mV | 7 | 0.25 | explained | cubic_stiffness |" in text
+    assert "![Box](measured-box.svg)" in text
+    assert figures[0] == figures[1]
+    assert b"<svg" in figures[0]
+
+
+def test_rms_leaves_out_what_is_no_number():
+    assert rms(np.array([3.0, np.nan, -3.0])) == 3.0
