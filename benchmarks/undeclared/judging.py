@@ -50,6 +50,12 @@ class Judgement:
         return self.named[0] if self.verdict == "explained" and self.named else self.verdict
 
     @property
+    def right(self) -> bool:
+        """The best answer of its category: the class named first; nothing named where nothing is to be named."""
+        best = {"clean": "adequate", "never": "adequate", "outside": "unexplained"}.get(self.category)
+        return self.first_class if best is None else self.verdict == best
+
+    @property
     def surplus(self) -> int:
         """How many more effects were named than hidden."""
         return max(len(self.named) - len(self.truth), 0)

@@ -1,6 +1,6 @@
 """docs/results/undeclared.md and its confusion matrix."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ _INK, _PAPER, _RIGHT, _WRONG = "#1b2530", "#ffffff", "#1d5fa6", "#b3261e"
 def write_page(folder: Path, summary: Mapping[str, Any], judged: Sequence[Judgement]) -> None:
     """Write `undeclared.md` and `undeclared.svg` into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    _draw(folder / "undeclared.svg", summary["confusion"])
+    right = {(j.row, j.column) for j in judged if j.right}
+    _draw(folder / "undeclared.svg", summary["confusion"], right)
     write_text(folder / "undeclared.md", _page(summary, judged))
 
 
@@ -82,8 +83,8 @@ def _share(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.1f} %"
 
 
-def _draw(path: Path, confusion: Mapping[str, Mapping[str, int]]) -> None:
-    """The confusion matrix: each row's shares as shades, counts as figures; blue on the diagonal, red off it."""
+def _draw(path: Path, confusion: Mapping[str, Mapping[str, int]], right: Set[tuple[str, str]]) -> None:
+    """The confusion matrix: each row's shares as shades, counts as figures; blue what is right, red a wrong name."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -100,9 +101,8 @@ def _draw(path: Path, confusion: Mapping[str, Mapping[str, int]]) -> None:
             for x, column in enumerate(columns):
                 count = confusion[row].get(column, 0)
                 if count:
-                    good = column == row or (row == NOTHING and column == "adequate")
                     shade = count / total
-                    colour = _RIGHT if good else _WRONG if column not in verdicts else _INK
+                    colour = _RIGHT if (row, column) in right else _WRONG if column not in verdicts else _INK
                     axes.add_patch(mpl.patches.Rectangle((x - 0.5, y - 0.5), 1, 1, color=colour, alpha=shade, lw=0))
                     ink = _PAPER if shade > 0.5 else _INK
                     axes.text(x, y, str(count), ha="center", va="center", color=ink)

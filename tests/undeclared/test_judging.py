@@ -1,10 +1,12 @@
 """Judging by the truth: classes, members, coverage, misnaming, bounds, and the counts made of them."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks.undeclared.judging import Judgement, judge
+from benchmarks.undeclared.page import write_page
 from benchmarks.undeclared.summary import summarise
 
 DEVICE = {
@@ -141,3 +143,17 @@ def test_confusion_counts_what_was_named_first() -> None:
         "sense_gain": {"sense_gain": 1},
     }
     assert summary["clean"] == {"n": 2, "adequate": 1}
+    assert [j.right for j in judged] == [True, False, True]
+
+
+def test_the_page_has_every_row(tmp_path: Path) -> None:
+    judged = [
+        judge(truth("single", GAIN), said("explained", ("sense_gain", {"gy": interval(0.02, 0.001)}))),
+        judge(truth("outside", BACKLASH), said("unexplained")),
+    ]
+    write_page(tmp_path, summarise(judged), judged)
+    page, picture = (tmp_path / "undeclared.md").read_text(), (tmp_path / "undeclared.svg").read_text()
+    assert "| one effect: its class named first | 1 of 1 | 100.0 % | 95 % |" in page
+    for name in ("sense_gain", "backlash", "unexplained"):
+        assert name in picture
+    assert page.count("1.5, 1.5, 1.5") == 2
