@@ -92,7 +92,7 @@ class _Lane:
             self._free_s = now_s = max(now_s, self._free_s) + len(frame.data) * byte_s
         for spell in faults.stall:
             if spell.start_s <= bench_s < (end := spell.start_s + spell.duration_s):
-                now_s += end - bench_s
+                now_s = round(now_s + end - bench_s, 9)  # all at once, not apart by rounding
                 self._inflicted[f"stalled_to_{self._name}"] += 1
         overtaken, self._overtaken = self._overtaken, []
         random = self._streams[frame.kind in _STREAMED]
@@ -219,7 +219,7 @@ class Line:
             rows = board.rows
             for frame in self._to_board.due(max(board.rows, 1) * self._interval_s):
                 self._hear(frame)
-            for frame in self._to_host.due(max(board.rows, 1) * self._interval_s):
+            for frame in self._one_sample(self._to_host.due(max(board.rows, 1) * self._interval_s)):
                 arrived += frame.data
                 if frame.kind is not None and frame.number > self._newest:
                     self._newest = frame.number
@@ -228,6 +228,18 @@ class Line:
                 return arrived
             if board.rows == rows:
                 self._say(board.block())
+
+    def _one_sample(self, arrived: list[_Frame]) -> list[_Frame]:
+        """What arrives before one tick, of several samples only the newest: whether a host gets them in one piece or in
+        several must not decide how many of them it answers.
+        """
+        news = [frame for frame in arrived if frame.kind == _SENSE and frame.number > self._newest]
+        if len(news) < 2:
+            return arrived
+        newest = arrived.index(max(news, key=lambda frame: frame.number))
+        kept = [frame for frame in arrived[:newest] if frame not in news] + arrived[newest:]
+        self.inflicted["overtaken_to_host"] += len(arrived) - len(kept)
+        return kept
 
     def _hear(self, frame: _Frame) -> None:
         if self._board.rows >= self._off_until:

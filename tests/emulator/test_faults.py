@@ -134,6 +134,16 @@ def test_a_late_frame_that_is_no_news_leaves_nobody_waiting() -> None:
     assert host.rx.repeated > 50
 
 
+@pytest.mark.parametrize("faults", [{"delayed": 0.5, "delay_s": [0.0, 0.002]}, {"baud": 500_000.0}])
+def test_before_one_tick_the_host_gets_one_sample_to_answer(faults: dict[str, object]) -> None:
+    """However a link cuts what it carries: found over UDP, where two samples came as two and were both answered."""
+    host = armed(**faults)
+    for _ in range(1000):
+        before = len(host.ticks)
+        host.answer(1)
+        assert len(host.ticks) == before + 1
+
+
 def test_delayed_drives_come_late_and_are_counted() -> None:
     host = armed(delayed=0.2, delay_s=[0.0005, 0.003], toward="board")
     host.answer(1000)
