@@ -67,7 +67,7 @@ def run(
             "sense": {"noise_V": math.hypot(noise_V, 0.5 / 2**16 / math.sqrt(12.0))},
             "drive": {"full_scale": full},
         },
-        loop={"mode": mode, "clock": "lockstep", "seed": seed},
+        loop={"mode": mode, "clock": "lockstep", "block": 250, "seed": seed},
         observer={
             "memory_s": memory_s,
             "initial_sd": {"rate_rad_s": 2.0 * RATE},

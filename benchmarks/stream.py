@@ -1,5 +1,5 @@
-"""Gain mode in real time over a pty: S-modern at 5 kHz, the board a process of its own on wall time, blocks of 250
-samples at 100 kS/s and of 500 above; and the highest rate at which nothing is lost for half a minute.
+"""Gain mode in real time over a pty: S-modern at 5 kHz, the board a process of its own on wall time, blocks of 500
+samples; and the highest rate at which nothing is lost for half a minute.
 
 Load is time on a processor over time, of the host's loop and of its recorder, as the run itself reports it, and of the
 emulated board from /proc.  A rate is held when no sample is missing, no block was dropped and the watchdog never
@@ -88,11 +88,10 @@ def told(rate_Hz: float, streamed: Streamed) -> str:
 
 def stream(rate_Hz: float, seconds: float) -> Streamed:
     """One run at a sampling rate."""
-    block = 250 if rate_Hz < 200e3 else 500
     bench = bench_of(
         EXAMPLE,
         device={"sample_rate_Hz": rate_Hz},
-        loop={"clock": "paced", "duration_s": seconds, "block": block, "estimate_every": block, "seed": 1},
+        loop={"clock": "paced", "duration_s": seconds, "settle_s": 0.0, "seed": 1},
     )
     with tempfile.TemporaryDirectory() as place:
         scenario = Path(place) / "board.scenario.toml"

@@ -211,7 +211,8 @@ class GainLoop:
 
     def _guard(self, innovation: NDArray[np.float64], since: int) -> None:
         """Stop the run when the residual leaves its bounds."""
-        mean = float(np.mean((innovation / self._noise_V) ** 2))
+        flat = innovation.ravel()
+        mean = float(flat @ flat) / (len(flat) * self._noise_V**2)
         self._residual += (mean - self._residual) * min(len(innovation) / _RESIDUAL_SAMPLES, 1.0)
         within = self._residual <= self._limits.residual_safe**2  # which NaN is not
         if since >= self._guarded and not within:

@@ -30,7 +30,7 @@ from hil.wire.messages import (
     TimeSync,
 )
 from hil.wire.sense import Sense, decode_sense, encode_sense
-from hil.wire.spec import SPEC, Field, Spec
+from hil.wire.spec import SPEC, Spec
 
 _CLASSES: dict[str, type[Message]] = {
     "SAFE": Safe,
@@ -60,6 +60,7 @@ class _Codec:
         self._struct = struct.Struct(self.layout.struct)
         fields = self.layout.fields
         self._plain = not self.layout.open_ended and all(field.count == 1 for field in fields)
+        self._shape = [(field.name, field.type == "text", field.count) for field in fields]
         self._ticks = [k for k, field in enumerate(fields) if field.type == "u32" and field.unit == "tick"]
 
     def pack(self, message: Message) -> bytes:
@@ -71,7 +72,7 @@ class _Codec:
                 values[k] &= 0xFFFFFFFF
             if self._plain:
                 return self._struct.pack(*values)
-            numbers, text = _flatten(self.layout.fields, values)
+            numbers, text = _flatten(self._shape, values)
             return self._struct.pack(*numbers) + text
         except (struct.error, OverflowError) as error:
             raise ProtocolError(f"{self.layout.name}: {error} in {message}") from None
@@ -85,36 +86,39 @@ class _Codec:
         numbers = self._struct.unpack_from(payload)
         if self._plain:
             return self.cls(*numbers)
-        return self.cls(*_gather(self.layout.fields, numbers, payload[size:]))
+        return self.cls(*_gather(self._shape, numbers, payload[size:]))
 
 
-def _flatten(fields: Sequence[Field], values: Sequence[Any]) -> tuple[list[Any], bytes]:
+_Shape = Sequence[tuple[str, bool, int]]  # of each field: its name, whether it is text, how many numbers it has
+
+
+def _flatten(shape: _Shape, values: Sequence[Any]) -> tuple[list[Any], bytes]:
     """Numbers in wire order, and the text behind them; the length of every array is checked."""
     numbers: list[Any] = []
     text = b""
-    for field, value in zip(fields, values, strict=True):
-        if field.type == "text":
+    for (name, is_text, count), value in zip(shape, values, strict=True):
+        if is_text:
             text = str(value).encode()
-        elif field.count == 1:
+        elif count == 1:
             numbers.append(value)
-        elif isinstance(value, Sequence) and len(value) == field.count:
+        elif isinstance(value, Sequence) and len(value) == count:
             numbers.extend(value)
         else:
-            raise struct.error(f"{field.name} needs {field.count} numbers")
+            raise struct.error(f"{name} needs {count} numbers")
     return numbers, text
 
 
-def _gather(fields: Sequence[Field], numbers: tuple[Any, ...], tail: bytes) -> list[Any]:
+def _gather(shape: _Shape, numbers: tuple[Any, ...], tail: bytes) -> list[Any]:
     """The opposite of `_flatten`; text that is not UTF-8 is shown with replacement characters."""
     values: list[Any] = []
     taken = 0
-    for field in fields:
-        if field.type == "text":
+    for _, is_text, count in shape:
+        if is_text:
             values.append(tail.decode("utf-8", "replace"))
             continue
-        part = numbers[taken : taken + field.count]
-        taken += field.count
-        values.append(part[0] if field.count == 1 else part)
+        part = numbers[taken : taken + count]
+        taken += count
+        values.append(part[0] if count == 1 else part)
     return values
 
 
