@@ -3,9 +3,10 @@
     ẍ + dxx ẋ + dxy ẏ + kxx x + kxy y = ux + 2Ω ẏ + Ω² x + Ω̇ y + hidden effects + force noise
     ÿ + dxy ẋ + dyy ẏ + kxy x + kyy y = uy - 2Ω ẋ + Ω² y - Ω̇ x + hidden effects + force noise
 
-per unit mass. Explicit Runge-Kutta of order 6 (Butcher 1964, seven stages) at `substeps` ≥ 8 steps per sample
-and ≥ 128 per cycle: its frequency error is below 1e-11, far from what any observer here resolves. Effects with states
-of their own (a parasitic mode, a support) have them integrated along, at ≥ 32 steps per cycle of theirs.
+per unit mass. Explicit Runge-Kutta of order 6 (Butcher 1964, seven stages) at 8 steps per sample; more where these
+would be fewer than 128 per cycle, less where 256 per cycle are enough. Its frequency error is below 1e-11, far from
+what any observer here resolves. Effects with states of their own (a parasitic mode, a support) have them integrated
+along, at ≥ 32 steps per cycle of theirs.
 
 The force noise is white: Brownian, of intensity 2 kB T D / m² for the whole damping matrix D (fluctuation and
 dissipation), plus the drive amplifier's. It is drawn once per sub-step and held over it.
@@ -75,7 +76,8 @@ def plant_constants(scenario: Scenario) -> NDArray[Any]:
     dxx, dyy, dxy = (d / truth.mass_kg for d in truth.damping_N_s_per_m)
     ts = 1.0 / scenario.true_rate_Hz
     own = STEPS_PER_CYCLE * math.sqrt(max(kxx, kyy)) / (2.0 * math.pi)
-    substeps = max(8, math.ceil(ts * max(own, STEPS_PER_INNER_CYCLE * resonance_Hz(scenario.effect))))
+    needed = math.ceil(ts * max(own, STEPS_PER_INNER_CYCLE * resonance_Hz(scenario.effect)))
+    substeps = max(needed, min(8, math.ceil(2.0 * ts * own)))
     thermal = 2.0 * BOLTZMANN_J_PER_K * truth.temperature_K / truth.mass_kg
     intensity = thermal * np.array([[dxx, dxy], [dxy, dyy]])
     intensity += 0.5 * scenario.drive.noise_mps2_per_rtHz**2 * np.eye(2)

@@ -167,6 +167,16 @@ def test_ring_down_in_closed_form() -> None:
     np.testing.assert_array_equal(truth["y_m"], 0.0)
 
 
+@pytest.mark.parametrize("samples_per_cycle", [5, 20, 50, 100, 400])
+def test_its_frequency_is_right_at_any_sampling_rate(samples_per_cycle: int) -> None:
+    """A hundred cycles without loss: few steps between samples that are close together are as good as many."""
+    rate_Hz = 200.0 * samples_per_cycle
+    what = scenario(IDEAL, {"board": {"sample_rate_Hz": rate_Hz}})
+    truth = record(what, undriven(100 * samples_per_cycle)).truth
+    expected = AMPLITUDE_M * np.cos(OMEGA * np.arange(100 * samples_per_cycle) / rate_Hz)
+    np.testing.assert_allclose(truth["x_m"], expected, rtol=0, atol=1e-8 * AMPLITUDE_M)
+
+
 @pytest.mark.parametrize(
     "rate",
     [
