@@ -49,6 +49,7 @@ def test_options_keys_and_markers_are_explained(pytester: pytest.Pytester) -> No
     assert "@pytest.mark.hil_emulated" in told
 
 
+@pytest.mark.slow
 def test_without_a_bench_file_the_cure_is_named(pytester: pytest.Pytester) -> None:
     result = run(pytester, "def test(bench): pass")
     result.assert_outcomes(errors=1)
@@ -58,6 +59,7 @@ def test_without_a_bench_file_the_cure_is_named(pytester: pytest.Pytester) -> No
     assert "Traceback" not in result.stdout.str()
 
 
+@pytest.mark.slow
 def test_a_board_in_this_process(pytester: pytest.Pytester) -> None:
     pytester.makeini("[pytest]\nhil_bench = s-slow\nhil_link = inproc:s-slow\n")
     result = run(

@@ -61,12 +61,14 @@ def test_a_good_record(tmp_path: Path) -> None:
     assert list(channels(capture)) == ["t_s", "rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"]
 
 
+@pytest.mark.slow
 def test_a_counter_of_datagrams(tmp_path: Path) -> None:
     with emulated("--sample-rate", "250", "--count", "datagrams", "--crlf") as (link, _):
         capture, result = go(tmp_path, link)
     assert (result.verdict, result.samples, result.lost, capture.tick_rate_Hz) == ("good", 250, 0, 250.0)
 
 
+@pytest.mark.slow
 def test_a_bad_line_is_counted_and_fails_the_record(tmp_path: Path) -> None:
     with emulated("--sample-rate", "2000", "--corrupted", "0.02", "--lost", "0.02") as (link, _):
         capture, result = go(tmp_path, link)
@@ -78,6 +80,7 @@ def test_a_bad_line_is_counted_and_fails_the_record(tmp_path: Path) -> None:
     assert np.degrees(rates_rad_s(capture)["z"]).std() < 0.05  # what is left is sound
 
 
+@pytest.mark.slow
 def test_a_sensor_that_complains(tmp_path: Path) -> None:
     with emulated("--status", "0x14", "--start-up", "0.2") as (link, _):
         _, result = go(tmp_path, link)
@@ -113,6 +116,7 @@ def test_nothing_to_hear(tmp_path: Path) -> None:
     assert list(tmp_path.glob("*sensor*")) == []
 
 
+@pytest.mark.slow
 def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with emulated("--rate", "5") as (link, _):
         assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path)]) == 0

@@ -41,6 +41,7 @@ def go(declared: Bench, link: str, out: Path, truth: Path | None = None) -> tupl
     return folder, folder.result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7, 8])
 def test_a_bad_line_is_survived_and_told(tmp_path: Path, seed: int) -> None:
     scenario, truth = faulty(tmp_path / "board.toml", BAD_LINE), tmp_path / "truth.arrow"
@@ -61,6 +62,7 @@ def test_a_bad_line_is_survived_and_told(tmp_path: Path, seed: int) -> None:
     assert np.sqrt(np.mean((innovation.nu_V[late] / innovation.sd_V[late]) ** 2)) < 1.2
 
 
+@pytest.mark.slow
 def test_samples_lost_beyond_the_limit_fail_the_run(tmp_path: Path) -> None:
     scenario = faulty(tmp_path / "board.toml", 'lost = 0.05\ntoward = "host"')
     declared = gyro.bench(1.0, limits={"lost_fraction": 0.02})
@@ -108,6 +110,7 @@ def test_a_brown_out_stops_the_run_and_is_named(tmp_path: Path, link: str) -> No
     assert result.samples == 801
 
 
+@pytest.mark.slow
 def test_a_stall_is_survived(tmp_path: Path) -> None:
     scenario = faulty(tmp_path / "board.toml", "[[faults.stall]]\nstart_s = 0.5\nduration_s = 0.1")
     truth = tmp_path / "truth.arrow"
@@ -119,6 +122,7 @@ def test_a_stall_is_survived(tmp_path: Path) -> None:
     assert np.abs(estimates["energy_ratio"][estimates.t_s > 1.0] - 1.0).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_stuck_channel_is_named(tmp_path: Path) -> None:
     stuck = '[[faults.stuck]]\naxis = "x"\nstart_s = 0.5\nduration_s = 0.1'
     scenario = faulty(tmp_path / "board.toml", stuck)
@@ -127,6 +131,7 @@ def test_a_stuck_channel_is_named(tmp_path: Path) -> None:
     assert "channel x repeated one code for 0.1 s from 0.4998 s on: it is stuck" in result.reasons
 
 
+@pytest.mark.slow
 def test_a_saturated_channel_is_named(tmp_path: Path) -> None:
     saturated = '[[faults.saturated]]\naxis = "y"\nstart_s = 0.3\nduration_s = 0.5\nlimit_V = 0.05'
     scenario = faulty(tmp_path / "board.toml", saturated)
