@@ -1,15 +1,16 @@
 # Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
-# make demo · make test · make quick · make check · make bench · make undeclared · make measured · make install
+# make demo · make test · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make install
 
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
 
-.PHONY: help install demo test quick check bench undeclared measured
+.PHONY: help install demo test test-vcan quick check bench undeclared measured
 
 help:
 	@echo "make demo     close the loop with an emulated board in real time, and report"
 	@echo "make test     all tests, with coverage"
+	@echo "make test-vcan  those of them that need a CAN interface, in user-mode Linux where the kernel has no CAN"
 	@echo "make quick    the tests of daily work, under a minute"
 	@echo "make check    lint, types, import contracts"
 	@echo "make bench    measured speed, into runs/bench.json"
@@ -24,6 +25,10 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest --cov --cov-report=term
+	$(BIN)/python -m tests.vcan --quiet
+
+test-vcan: $(STAMP)
+	$(BIN)/python -m tests.vcan --quiet
 
 quick: $(STAMP)
 	$(BIN)/python -m pytest -m "not slow"

@@ -82,7 +82,7 @@ class DatagramLink(ABC):
         ever). Raises LinkClosed."""
         if self._wire.fileno() < 0:
             raise LinkClosed(f"{self.name}: the link is closed")
-        if not select.select(self._watch, (), (), timeout_s)[0]:
+        if timeout_s != 0.0 and not select.select(self._watch, (), (), timeout_s)[0]:
             return b""
         datagrams: list[bytes] = []
         ancillary: list[tuple[int, int, bytes]] = []
@@ -95,6 +95,8 @@ class DatagramLink(ABC):
         except OSError as error:
             if not datagrams:
                 raise self._closed(error) from None
+        if not datagrams:
+            return b""
         self.arrived_ns = stamp_ns(ancillary)
         return datagrams[0] if len(datagrams) == 1 else b"".join(datagrams)
 

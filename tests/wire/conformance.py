@@ -145,6 +145,20 @@ def drive(host: Endpoint, identity: Identity, rows: int) -> None:
     assert checked >= rows - identity.latency_ticks - 2
 
 
+def set_running(host: Endpoint) -> int:
+    """Drive an armed board until it says RUNNING; the tick of the newest sample. How far ahead a drive must point
+    depends on how old samples are when they arrive, how far it may, on the board."""
+    for ahead in (1, 2, 4, 8, 16, 32, 64, 128, 256, 512):
+        tick = samples(host)[-1][0]
+        while rows := host.receive_rows(0.0):  # what had piled up
+            tick = rows[-1][0]
+        host.send_drive(1, 1, tick + ahead)
+        heard = [item.message for item in host.poll(0.02)]
+        if any(isinstance(message, Status) and message.state == State.RUNNING for message in heard):
+            return tick
+    raise AssertionError("no drive made the board run")
+
+
 class Conformance:
     """Handshake, order, loss, duplicates, oversize, version mismatch, restart of either side, unplugging, two hosts."""
 
@@ -264,9 +278,9 @@ class Conformance:
         cable.incoming = lose
         for _ in range(REQUESTS):
             host.send(RegisterRead(WATCHDOG))
-        found = len(answers(host, REQUESTS, 1.0))
+        assert len(answers(host, REQUESTS - REQUESTS // 5)) == REQUESTS - REQUESTS // 5
+        assert answers(host, 1, QUIET_S) == []
         assert len(arrived) == REQUESTS
-        assert found == REQUESTS - REQUESTS // 5
         assert (host.rx.lost, host.rx.repeated, host.rx.bad) == (REQUESTS // 5, 0, 0)
 
     def test_loss_towards_the_board_is_counted(self, host, cable):
@@ -282,12 +296,14 @@ class Conformance:
         cable.outgoing = lambda frames: [frame for frame in frames for _ in range(3)]
         for _ in range(REQUESTS):
             host.send(RegisterRead(WATCHDOG))
-        assert len(answers(host, REQUESTS + 1, 1.0)) == REQUESTS
+        assert len(answers(host, REQUESTS)) == REQUESTS
+        assert answers(host, 1, QUIET_S) == []
         cable.outgoing = list
         cable.incoming = lambda frames: [frame for frame in frames for _ in range(2)]
         for _ in range(REQUESTS):
             host.send(RegisterRead(WATCHDOG))
-        assert len(answers(host, REQUESTS + 1, 1.0)) == REQUESTS
+        assert len(answers(host, REQUESTS)) == REQUESTS
+        assert answers(host, 1, QUIET_S) == []
         assert host.rx.repeated == REQUESTS
         cable.incoming = list
         after = status_of(host)
@@ -367,7 +383,7 @@ class Conformance:
         if self.alone:
             pytest.skip("this board lives and dies with its host")
         identity = self.arm(host, paced=True)
-        host.send_drive(1, 1, samples(host)[-1][0] + identity.latency_ticks + 8)
+        set_running(host)
         cable.close()
         time.sleep(0.05)
         again = Endpoint(served[0].open())
@@ -398,8 +414,7 @@ class Conformance:
     def test_unplugged_and_plugged_in_again(self, host, cable):
         """The board's watchdog stops the drive; the host finds it where it was, its ticks gone on."""
         identity = self.arm(host, paced=True)
-        tick = samples(host)[-1][0]
-        host.send_drive(1, 1, tick + int(0.05 * identity.tick_rate_Hz))  # ahead, as some links are slow
+        tick = set_running(host)
         cable.outgoing = cable.incoming = lambda frames: []
         until = time.monotonic() + 0.4
         while time.monotonic() < until:

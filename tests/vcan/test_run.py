@@ -1,0 +1,114 @@
+"""`hil run` over a CAN interface, the bus watched by can-utils' candump and read with cantools from the DBC."""
+
+import contextlib
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import cantools.database
+import numpy as np
+import pytest
+
+from hil.records.capture import read_capture
+from hil.wire.spec import SPEC
+
+pytestmark = pytest.mark.slow  # an interface, which `make quick` does not set up
+
+TREE = Path(__file__).parents[2]
+EXAMPLES = TREE / "examples"
+PATIENCE_S = 120.0
+SAMPLES = 8000
+COLUMNS = ("vx", "vy", "ux", "uy")
+
+
+@contextlib.contextmanager
+def serving(*command: str) -> Iterator[str]:
+    """A board process; the link that it says it is ready at."""
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        ready, _, url = process.stdout.readline().strip().partition(" ")
+        assert ready == "ready"
+        yield url
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=PATIENCE_S)
+
+
+@contextlib.contextmanager
+def watching(log: Path) -> Iterator[None]:
+    """candump, writing everything on the interface into its log format."""
+    with log.open("w", encoding="ascii") as out:
+        process = subprocess.Popen(["candump", "-L", "-r", "8388608", "vcan0"], stdout=out)
+        try:
+            yield
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE_S)
+
+
+def run(example: str, url: str, place: Path) -> dict[str, object]:
+    """`hil run` of an example in lockstep, short, as a process that ends well; the object it prints."""
+    bench = place / "short.bench.toml"
+    text = (EXAMPLES / f"{example}.bench.toml").read_text(encoding="utf-8")
+    bench.write_text(re.sub(r"^settle_s = .*$", "settle_s = 1.5", text, flags=re.MULTILINE), encoding="utf-8")
+    arguments = [str(bench), "--link", url, "--arm", "--clock", "lockstep", "--duration", str(SAMPLES / 4000)]
+    done = subprocess.run(
+        [sys.executable, "-m", "hil", "run", *arguments, "--out", str(place), "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    result: dict[str, object] = json.loads(done.stdout)
+    return result
+
+
+def heard(log: Path) -> Iterator[tuple[str, dict[str, int], can.Message]]:
+    """What candump heard, as the DBC reads it."""
+    database = cantools.database.load_file(TREE / "firmware" / "gyrohil.dbc")
+    for frame in can.CanutilsLogReader(log):
+        message = database.get_message_by_frame_id(frame.arbitration_id)
+        signals = message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
+        yield message.name, signals, frame
+
+
+@pytest.mark.skipif(shutil.which("candump") is None, reason="candump is missing: sudo apt install can-utils")
+def test_a_run_and_an_independent_witness(tmp_path):
+    log = tmp_path / "bus.log"
+    emulate = (sys.executable, "-m", "device_emulator", str(EXAMPLES / "s-slow.scenario.toml"))
+    with serving(*emulate, "--link", "can:vcan0") as url, watching(log):
+        assert url == "can:vcan0"
+        result = run("s-slow", url, tmp_path)
+    assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
+    capture = read_capture(Path(str(result["run"])) / "capture.arrow")
+    rows, drives, said = [], [], []
+    for name, signals, frame in heard(log):
+        said.append(name)
+        assert frame.is_fd == (name not in SPEC.can.classic), name
+        if name == "SENSE":
+            assert (signals["n"], frame.bitrate_switch, frame.dlc) == (1, True, 16)
+            rows.append((signals["tick"], *(signals[f"{column}0"] for column in COLUMNS)))
+        elif name == "DRIVE_FORCE":
+            drives.append((signals["seq"], signals["ux"], signals["uy"], signals["effective_tick"]))
+    recorded = np.column_stack([capture.tick, *(capture.columns[f"{column}_code"] for column in COLUMNS)])
+    assert np.array_equal(np.array(rows)[: len(recorded)], recorded)
+    assert len(recorded) <= len(rows) <= len(recorded) + 1
+    assert np.all(np.diff([seq for seq, *_ in drives]) % 2**16 == 1)
+    assert said[0] == "HELLO"
+    assert said.count("ARM") == 1
+    assert said.index("SAFE") > said.index("DRIVE_FORCE")
+    assert said.count("STATUS") == said.count("STATUS_BRIEF") >= 3
+
+
+def test_a_run_of_the_c_board(c_board, tmp_path):
+    with serving(str(c_board), "--link", "can:vcan0?node=2", "--rate", "1.0") as url:
+        assert url == "can:vcan0?node=2"
+        result = run("c-board", url, tmp_path)
+    assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
