@@ -11,7 +11,7 @@ class Link(Section):
     """How the board is reached and how long either side waits for the other."""
 
     url: str | None = None
-    """where the board is, when `hil run` has no --link: serial:PORT, pty:SCENARIO or inproc:SCENARIO"""
+    """where the board is, when `hil run` has no --link: serial:PORT, can:NAME, pty:SCENARIO and the other links"""
     watchdog_s: Positive = 0.02
     """silence after which the board drops the drive and goes SAFE, in bench time"""
     timeout_s: Positive = 2.0

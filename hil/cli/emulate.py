@@ -9,7 +9,9 @@ from hil.cli.options import Json, Seed, Truth
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Scenario file, or the name of an example (s-slow).")
 ]
-BoardLink = Annotated[str, typer.Option("--link", "-l", help="What the board is to be reached by: pty.")]
+BoardLink = Annotated[
+    str, typer.Option("--link", "-l", help="What the board is to be reached by: pty, can:NAME or udp:GROUP:PORT.")
+]
 
 
 def emulate(
@@ -21,8 +23,8 @@ def emulate(
 ) -> None:
     """Serve an emulated board until told to stop.
 
-    Prints one line, `ready serial:/dev/pts/N`, when it can be connected to. Ends with Ctrl-C or SIGTERM, or
-    when a lockstep host hangs up.
+    Prints one line, `ready serial:/dev/pts/N` or `ready` with the link given, when it can be connected to. Ends with
+    Ctrl-C or SIGTERM, or when a lockstep host hangs up.
 
     Examples:
 
@@ -30,6 +32,8 @@ def emulate(
       hil emulate s-slow
       hil emulate my.scenario.toml --truth truth.arrow --seed 7
       hil run s-slow --link serial:/dev/pts/N --arm       (in a second terminal)
+      hil emulate s-slow --link can:vcan0
+      hil emulate s-slow --link udp:239.0.0.1:4242
     """
     from json import dumps
 

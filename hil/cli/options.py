@@ -14,7 +14,11 @@ Duration = Annotated[float | None, typer.Option("--duration", help="Length of th
 Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, alone on standard output.")]
 Link = Annotated[
     str | None,
-    typer.Option("--link", "-l", help="Where the board is: serial:PORT, pty:SCENARIO or inproc:SCENARIO."),
+    typer.Option(
+        "--link",
+        "-l",
+        help="Where the board is: serial:PORT, can:NAME, udp:GROUP:PORT, pty:SCENARIO or inproc:SCENARIO.",
+    ),
 ]
 Name = Annotated[str | None, typer.Option("--name", help="Last part of the run folder's name.  [default: the bench's]")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder in which the run folder TIME-NAME is made.")]

@@ -43,6 +43,7 @@ def run(
       hil run s-slow
       hil run s-slow --link inproc:s-slow --clock lockstep --duration 20
       hil run my.bench.toml --link serial:/dev/ttyACM0 --dry-run
+      hil run my.bench.toml --link can:can0 --arm
       hil run my.bench.toml --link serial:/dev/ttyACM0 --arm --note "after rework"
     """
     from hil.bench import load_bench, override
