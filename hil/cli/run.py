@@ -1,5 +1,6 @@
 """``hil run``: the loop against a board, real or emulated."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -13,6 +14,10 @@ Clock = Annotated[
 Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Connect and compare board and bench; do not arm.")]
+WireLog = Annotated[
+    Path | None,
+    typer.Option("--wire-log", help="File for the frames of a CAN link: NAME.log (candump), .blf or .asc."),
+]
 OpenLoop = Annotated[bool, typer.Option("--open-loop", help="Hold the drive at zero: ring-down, noise floor.")]
 
 
@@ -29,6 +34,7 @@ def run(
     arm: Arm = False,
     dry_run: DryRun = False,
     open_loop: OpenLoop = False,
+    wire_log: WireLog = None,
     json: Json = False,
 ) -> None:
     """Connect to a board, arm it, close the loop, record, and report.
@@ -43,7 +49,7 @@ def run(
       hil run s-slow
       hil run s-slow --link inproc:s-slow --clock lockstep --duration 20
       hil run my.bench.toml --link serial:/dev/ttyACM0 --dry-run
-      hil run my.bench.toml --link can:can0 --arm
+      hil run my.bench.toml --link can:can0 --arm --wire-log bus.blf
       hil run my.bench.toml --link serial:/dev/ttyACM0 --arm --note "after rework"
     """
     from hil.bench import load_bench, override
@@ -78,6 +84,7 @@ def run(
                 dry_run=dry_run,
                 truth=truth,
                 note=note,
+                log=wire_log,
                 progress=watch,
             )
     except KeyboardInterrupt:

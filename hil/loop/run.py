@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -40,19 +41,20 @@ def run(
     dry_run: bool = False,
     truth: Path | None = None,
     note: str | None = None,
+    log: Path | None = None,
     progress: Watcher,
 ) -> RunResult:
     """Run the bench against `link` and record below `out`.
 
-    The board of `pty:SCENARIO` is started and stopped here; `truth` goes to an emulated board.  `open_loop`
-    holds the drive at zero.  A run that was interrupted or failed leaves its folder with what was recorded
-    and a result that says so.  Raises InputError or WireError, and leaves nothing, when no run could begin;
-    KeyboardInterrupt is passed on after SAFE and a closed record.
+    The board of `pty:SCENARIO` is started and stopped here; `truth` goes to an emulated board, `log` takes the
+    frames of a CAN link.  `open_loop` holds the drive at zero.  A run that was interrupted or failed leaves its
+    folder with what was recorded and a result that says so.  Raises InputError or WireError, and leaves nothing,
+    when no run could begin; KeyboardInterrupt is passed on after SAFE and a closed record.
     """
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})
-    with served(link, truth=truth, seed=bench.loop.seed) as board:
+    with served(link, truth=truth, seed=bench.loop.seed) as board, _logged(log, board.url):
         folder = out if dry_run else new_folder(out, bench)
         order = Order(
             bench.model_dump_json(),
@@ -75,6 +77,15 @@ def run(
     if not (dry_run or recorded):
         raise LinkError(f"{link}: nothing was recorded: {outcome['stopped']}")
     return RunResult(folder if recorded else None, outcome.get("identity", {}))
+
+
+def _logged(log: Path | None, url: str) -> AbstractContextManager[None]:
+    """The wire log of a run, where one is asked for."""
+    if log is None:
+        return nullcontext()
+    from hil.wire.wire_log import wire_log
+
+    return wire_log(log, url)
 
 
 def new_folder(out: Path, bench: Bench) -> Path:

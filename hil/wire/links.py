@@ -1,6 +1,7 @@
 """Links by name: `serial:/dev/ttyUSB0`, `can:can0`, `udp:239.0.0.1:4242`, `inproc:examples/s-slow.scenario.toml`."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 from urllib.parse import parse_qsl
 
 from hil.wire.errors import LinkError
@@ -60,21 +61,36 @@ def _serial(rest: str) -> Link:
     return open_serial(path, int(baud))
 
 
-def _can(rest: str, sender: Sender = HOST) -> BoardLink:
+class CanPlace(NamedTuple):
+    """Where a CAN link leads: `interface` is python-can's name of it, "" for a Linux interface."""
+
+    interface: str
+    channel: str
+    node: int
+    options: dict[str, str]
+
+
+def parse_can(rest: str) -> CanPlace:
+    """What stands behind `can:` in a link's name. Raises LinkError, one line."""
     place, options = _options(rest)
     number = options.pop("node", "0")
     if number not in map(str, range(SPEC.can.nodes)):
         raise LinkError(f"link 'can:{rest}': node {number}; expected 0 to {SPEC.can.nodes - 1}")
-    interface, colon, channel = place.partition(":")
-    if colon:
+    interface, channel = place.split(":", 1) if ":" in place else ("", place)
+    if options and not interface:
+        raise LinkError(f"link 'can:{rest}': bad option; expected can:NAME or can:NAME?node=2")
+    return CanPlace(interface, channel, int(number), options)
+
+
+def _can(rest: str, sender: Sender = HOST) -> BoardLink:
+    where = parse_can(rest)
+    if where.interface:
         from hil.wire.can_adapter import open_adapter
 
-        return open_adapter(f"can:{rest}", interface, channel, int(number), sender, options)
+        return open_adapter(f"can:{rest}", *where[:3], sender, where.options)
     from hil.wire.can_link import open_can
 
-    if options:
-        raise LinkError(f"link 'can:{rest}': bad option; expected can:NAME or can:NAME?node=2")
-    return open_can(interface, int(number), sender)
+    return open_can(where.channel, where.node, sender)
 
 
 def _udp(rest: str, sender: Sender = HOST) -> BoardLink:

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -53,14 +54,14 @@ def watching(log: Path) -> Iterator[None]:
             process.wait(PATIENCE_S)
 
 
-def run(example: str, url: str, place: Path) -> dict[str, object]:
+def run(example: str, url: str, place: Path, *more: str) -> dict[str, object]:
     """`hil run` of an example in lockstep, short, as a process that ends well; the object it prints."""
     bench = place / "short.bench.toml"
     text = (EXAMPLES / f"{example}.bench.toml").read_text(encoding="utf-8")
     bench.write_text(re.sub(r"^settle_s = .*$", "settle_s = 1.5", text, flags=re.MULTILINE), encoding="utf-8")
     arguments = [str(bench), "--link", url, "--arm", "--clock", "lockstep", "--duration", str(SAMPLES / 4000)]
     done = subprocess.run(
-        [sys.executable, "-m", "hil", "run", *arguments, "--out", str(place), "--json"],
+        [sys.executable, "-m", "hil", "run", *arguments, "--out", str(place), "--json", *more],
         capture_output=True,
         text=True,
         check=False,
@@ -87,7 +88,7 @@ def test_a_run_and_an_independent_witness(tmp_path):
         assert url == "can:vcan0"
         result = run("s-slow", url, tmp_path)
     assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
-    capture = read_capture(Path(str(result["run"])) / "capture.arrow")
+    capture = read_capture(tmp_path / str(result["run"]) / "capture.arrow")
     rows, drives, said = [], [], []
     for name, signals, frame in heard(log):
         said.append(name)
@@ -110,5 +111,10 @@ def test_a_run_and_an_independent_witness(tmp_path):
 def test_a_run_of_the_c_board(c_board, tmp_path):
     with serving(str(c_board), "--link", "can:vcan0?node=2", "--rate", "1.0") as url:
         assert url == "can:vcan0?node=2"
-        result = run("c-board", url, tmp_path)
+        result = run("c-board", url, tmp_path, "--wire-log", str(tmp_path / "bus.blf"))
     assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
+    with can.LogReader(tmp_path / "bus.blf") as log:
+        heard = Counter(frame.arbitration_id for frame in log)
+    identifiers = {name: SPEC.can.identifier(layout.type, 2, 1) for name, layout in SPEC.messages.items()}
+    assert SAMPLES <= heard[identifiers["SENSE"]] <= SAMPLES + 1
+    assert heard[identifiers["DRIVE_FORCE"] - 1] == SAMPLES
