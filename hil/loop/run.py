@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
 from hil.bench.template import template, values_of
@@ -19,6 +19,9 @@ from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, write_text
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError
+
+if TYPE_CHECKING:
+    from hil.wire.wire_log import WireLog
 
 _VERSIONS = ("gyrohil", "numpy", "numba", "scipy", "pyarrow")
 _ERRORS = {kind.__name__: kind for kind in (LinkError, LinkClosed, ProtocolError)}  # others become InputError
@@ -54,7 +57,7 @@ def run(
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})
-    with served(link, truth=truth, seed=bench.loop.seed) as board, _logged(log, board.url):
+    with served(link, truth=truth, seed=bench.loop.seed) as board, _logged(log, board.url) as logged:
         folder = out if dry_run else new_folder(out, bench)
         order = Order(
             bench.model_dump_json(),
@@ -70,6 +73,9 @@ def run(
                 outcome["stopped"] = f"the emulated board died: {words}"
         finally:
             recorded = not dry_run and _keep_if_recorded(folder)
+    if logged is not None and logged.lost:
+        remark = f"wire log: {logged.lost} frames are missing, as they came faster than they could be written"
+        outcome["refused"] = [*outcome.get("refused", ()), remark]
     if recorded:
         conclude(folder, bench, outcome, link=link, note=note, progress=progress)
     if interrupted:
@@ -79,7 +85,7 @@ def run(
     return RunResult(folder if recorded else None, outcome.get("identity", {}))
 
 
-def _logged(log: Path | None, url: str) -> AbstractContextManager[None]:
+def _logged(log: Path | None, url: str) -> "AbstractContextManager[WireLog | None]":
     """The wire log of a run, where one is asked for."""
     if log is None:
         return nullcontext()

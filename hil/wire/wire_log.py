@@ -4,12 +4,15 @@ It listens beside the link, in this process, as any other node of the bus would:
 loop.  python-can chooses the format by the file's name.
 """
 
+import socket
+import struct
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import can
+from can.interfaces.socketcan import SocketcanBus
 
 from hil.wire.can_adapter import open_bus
 from hil.wire.errors import LinkError
@@ -18,11 +21,33 @@ from hil.wire.links import parse_can
 FORMATS = (".log", ".blf", ".asc")
 """candump, Vector's binary format, Vector's text format."""
 
+_SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # Linux
+_MEMINFO = struct.Struct("=9I")  # the last one counts what found no room
+_BUFFER = 1 << 26  # bytes to hold while a file or a processor is busy; less where this is not permitted
 _TAIL_S = 0.2  # for the last frames to come through
 
 
+class WireLog:
+    """A log while it is being written; `lost` frames are missing from it because they came too fast."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self.lost = 0
+        self._wire = bus.socket if isinstance(bus, SocketcanBus) else None
+        if self._wire is not None:
+            try:
+                self._wire.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER)
+            except PermissionError:
+                self._wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+
+    def finish(self) -> None:
+        """See what the kernel could not keep for us."""
+        if self._wire is not None:
+            memory = self._wire.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
+            self.lost = int(_MEMINFO.unpack(memory)[-1])
+
+
 @contextmanager
-def wire_log(path: Path, url: str) -> Iterator[None]:
+def wire_log(path: Path, url: str) -> Iterator[WireLog]:
     """Log the frames of the CAN link `url` into `path` for the length of the block.
 
     Raises:
@@ -41,11 +66,13 @@ def wire_log(path: Path, url: str) -> Iterator[None]:
             log = can.Logger(path)
         except OSError as error:
             raise LinkError(f"wire log: {path}: {error.strerror}; give another file") from None
+        listening = WireLog(bus)
         notifier = can.Notifier(bus, [log], timeout=0.1)
         try:
-            yield
+            yield listening
         finally:
             time.sleep(_TAIL_S)
             notifier.stop()
+            listening.finish()
     finally:
         bus.shutdown()

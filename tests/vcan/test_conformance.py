@@ -1,23 +1,16 @@
 """Boards on a CAN interface: the emulated one and the C one, the same tests as on every other link."""
 
 import os
-import sys
-import tempfile
 import time
-from pathlib import Path
 
 import pytest
 
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError
-from tests.emulator.gyro import EXAMPLES
-from tests.wire.conformance import Board, Conformance, samples, set_running, status_of
+from tests.wire.conformance import Board, Conformance, emulated, samples, set_running, status_of
 
 pytestmark = pytest.mark.slow  # an interface, which `make quick` does not set up
-
-SLOWLY = ("sample_rate_Hz = 4000", "sample_rate_Hz = 500")
-"""The one processor of user-mode Linux is not up to 4 kHz on wall time with both ends on it."""
 
 
 def hear_nothing_more(host: Endpoint) -> None:
@@ -53,12 +46,7 @@ class OnVcan(Conformance):
 class TestEmulatedBoard(OnVcan):
     @classmethod
     def start(cls):
-        text = (EXAMPLES / "s-slow.scenario.toml").read_text(encoding="utf-8")
-        assert SLOWLY[0] in text
-        with tempfile.TemporaryDirectory() as place:
-            scenario = Path(place, "slow.scenario.toml")
-            scenario.write_text(text.replace(*SLOWLY), encoding="utf-8")
-            return Board([sys.executable, "-W", "error", "-m", "device_emulator", str(scenario), "--link", "can:vcan0"])
+        return emulated("can:vcan0")
 
 
 @pytest.mark.usefixtures("c_board")

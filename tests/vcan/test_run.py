@@ -74,10 +74,10 @@ def run(example: str, url: str, place: Path, *more: str) -> dict[str, object]:
 def heard(log: Path) -> Iterator[tuple[str, dict[str, int], can.Message]]:
     """What candump heard, as the DBC reads it."""
     database = cantools.database.load_file(TREE / "firmware" / "gyrohil.dbc")
-    for frame in can.CanutilsLogReader(log):
-        message = database.get_message_by_frame_id(frame.arbitration_id)
-        signals = message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
-        yield message.name, signals, frame
+    with can.CanutilsLogReader(log) as frames:
+        for frame in frames:
+            message = database.get_message_by_frame_id(frame.arbitration_id)
+            yield message.name, message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True), frame
 
 
 @pytest.mark.skipif(shutil.which("candump") is None, reason="candump is missing: sudo apt install can-utils")
@@ -95,7 +95,7 @@ def test_a_run_and_an_independent_witness(tmp_path):
         assert frame.is_fd == (name not in SPEC.can.classic), name
         if name == "SENSE":
             assert (signals["n"], frame.bitrate_switch, frame.dlc) == (1, True, 16)
-            rows.append((signals["tick"], *(signals[f"{column}0"] for column in COLUMNS)))
+            rows.append((signals["tick"], *(signals[f"{column}_0"] for column in COLUMNS)))
         elif name == "DRIVE_FORCE":
             drives.append((signals["seq"], signals["ux"], signals["uy"], signals["effective_tick"]))
     recorded = np.column_stack([capture.tick, *(capture.columns[f"{column}_code"] for column in COLUMNS)])
@@ -113,6 +113,7 @@ def test_a_run_of_the_c_board(c_board, tmp_path):
         assert url == "can:vcan0?node=2"
         result = run("c-board", url, tmp_path, "--wire-log", str(tmp_path / "bus.blf"))
     assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
+    assert not any("wire log" in remark for remark in result["remarks"])
     with can.LogReader(tmp_path / "bus.blf") as log:
         heard = Counter(frame.arbitration_id for frame in log)
     identifiers = {name: SPEC.can.identifier(layout.type, 2, 1) for name, layout in SPEC.messages.items()}

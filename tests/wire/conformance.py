@@ -5,8 +5,11 @@ A subclass says how its board is started; see tests/wire/test_conformance.py. Th
 
 import contextlib
 import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -37,6 +40,7 @@ from hil.wire.messages import (
 from hil.wire.sense import SenseRow
 from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
+from tests.emulator.gyro import EXAMPLES
 
 PATIENCE_S = 5.0
 QUIET_S = 0.3
@@ -69,6 +73,20 @@ class Board:
             return ""
         self.process.kill()
         return self.process.communicate()[1]
+
+
+SLOWLY = ("sample_rate_Hz = 4000", "sample_rate_Hz = 500")
+"""On wall time both ends may have to share one processor, with links that take a millisecond a frame."""
+
+
+def emulated(link: str) -> Board:
+    """The emulated board on a link."""
+    text = (EXAMPLES / "s-slow.scenario.toml").read_text(encoding="utf-8")
+    assert SLOWLY[0] in text
+    with tempfile.TemporaryDirectory() as place:
+        scenario = Path(place, "slow.scenario.toml")
+        scenario.write_text(text.replace(*SLOWLY), encoding="utf-8")
+        return Board([sys.executable, "-W", "error", "-m", "device_emulator", str(scenario), "--link", link])
 
 
 class Cable(Link):

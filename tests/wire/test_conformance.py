@@ -1,22 +1,17 @@
 """The emulated board on every link. CAN on Linux has its own file, tests/vcan: not every kernel can."""
 
 import os
-import sys
 
 import pytest
 
 from hil.wire.inproc import open_inproc
 from tests.emulator.gyro import EXAMPLES
 
-from .conformance import Board, Conformance
+from .conformance import Board, Conformance, emulated
 
 pytestmark = pytest.mark.slow  # whole processes
 
 SCENARIO = str(EXAMPLES / "s-slow.scenario.toml")
-
-
-def emulated(link: str) -> Board:
-    return Board([sys.executable, "-W", "error", "-m", "device_emulator", SCENARIO, "--link", link])
 
 
 class InprocBoard(Board):
