@@ -24,7 +24,8 @@ FORMATS = (".log", ".blf", ".asc")
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # Linux
 _MEMINFO = struct.Struct("=9I")  # the last one counts what found no room
 _BUFFER = 1 << 26  # bytes to hold while a file or a processor is busy; less where this is not permitted
-_TAIL_S = 0.2  # for the last frames to come through
+_QUIET_S = 0.2  # without a frame: everything has come through
+_PATIENCE_S = 60.0  # with a bus that does not fall quiet
 
 
 class WireLog:
@@ -32,6 +33,7 @@ class WireLog:
 
     def __init__(self, bus: can.BusABC) -> None:
         self.lost = 0
+        self._newest_s = time.monotonic()
         self._wire = bus.socket if isinstance(bus, SocketcanBus) else None
         if self._wire is not None:
             try:
@@ -39,8 +41,15 @@ class WireLog:
             except PermissionError:
                 self._wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
 
+    def hear(self, _: can.Message) -> None:
+        """A frame is in the log."""
+        self._newest_s = time.monotonic()
+
     def finish(self) -> None:
-        """See what the kernel could not keep for us."""
+        """Write what waits still, and see what the kernel could not keep for us."""
+        end = time.monotonic()
+        while self._newest_s > time.monotonic() - _QUIET_S and time.monotonic() < end + _PATIENCE_S:
+            time.sleep(_QUIET_S)
         if self._wire is not None:
             memory = self._wire.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
             self.lost = int(_MEMINFO.unpack(memory)[-1])
@@ -67,12 +76,11 @@ def wire_log(path: Path, url: str) -> Iterator[WireLog]:
         except OSError as error:
             raise LinkError(f"wire log: {path}: {error.strerror}; give another file") from None
         listening = WireLog(bus)
-        notifier = can.Notifier(bus, [log], timeout=0.1)
+        notifier = can.Notifier(bus, [log, listening.hear], timeout=0.1)
         try:
             yield listening
         finally:
-            time.sleep(_TAIL_S)
-            notifier.stop()
             listening.finish()
+            notifier.stop()
     finally:
         bus.shutdown()
