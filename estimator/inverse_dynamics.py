@@ -17,13 +17,14 @@ import sympy as sp
 from scipy.signal import butter, filtfilt
 
 from estimator.effects.catalogue import EFFECTS, effect_for
-from estimator.effects.declaration import Coefficient
+from estimator.effects.declaration import Coefficient, Source
 from estimator.errors import ModelError
 from estimator.model.gyro import vx, x
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array, Scaling
 
 BASE = ("inertia", "damping", "stiffness", "offset")
+_REST = 0.01  # of A ω0: about as slow, friction turns over
 _ORDER = 4  # of both Butterworth filters
 _CUT = 5  # resampled rows at each end, where the filters have no past or no future
 _T95 = 1.959963984540054
@@ -102,7 +103,8 @@ def _signatures(name: str) -> tuple[tuple[Coefficient, Signature], ...]:
     _, effect = effect_for(name, 1)
     found = []
     for coefficient in effect.coefficients:
-        signature = sp.diff(effect.force[0], coefficient.symbol)
+        directions = {s.symbol: sp.tanh(vx / _REST) for s in effect.signals if s.source is Source.DIRECTION}
+        signature = sp.diff(effect.force[0], coefficient.symbol).subs(directions)
         strangers = signature.free_symbols - {x, vx}  # the drive stands on the other side of the equation
         if signature == 0 or strangers:
             raise ModelError(f"effect {name!r} is no force linear in {coefficient.name} on a single axis")

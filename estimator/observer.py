@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.effects.catalogue import effect_for
+from estimator.effects.declaration import Source
 from estimator.errors import ModelError
 from estimator.kernel import block
 from estimator.kernel.flow import taylor_order
-from estimator.kernel.layout import MAX_EFFECTS, MAX_LATENCY, MEMORY, OUTPUT, SETTINGS
+from estimator.kernel.layout import MAX_EFFECTS, MAX_LATENCY, MAX_SIGNALS, MEMORY, OUTPUT, SETTINGS
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
@@ -60,18 +61,25 @@ def active_constants(model: Model, variant: Variant) -> NDArray[np.int64]:
 class Observer:
     """Observer (7)(8) with the gain of choice, and the controller (9) when its settings are given.
 
+    The last `watched` of the settings' effects are not carried: `estimator.trace.scan` follows their signatures.
+
     Holds the filter's whole memory; `run` and `tick` advance it.  Raises ModelError for a device or setting that makes
     no observer (no model for the axes, fewer than four samples a cycle, latency beyond the queue).
     """
 
     def __init__(
-        self, device: Device, settings: ObserverSettings, controller: ControllerSettings | None = None
+        self,
+        device: Device,
+        settings: ObserverSettings,
+        controller: ControllerSettings | None = None,
+        watched: int = 0,
     ) -> None:
         self.device = device
         self.settings = settings
         self.number, self.model = model_for(device.axes)
         self.scaling = Scaling(math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain)
         self.effects = tuple(effect_for(name, device.axes) for name in settings.effects)
+        self.carried = len(self.effects) - watched
         coefficients = [coefficient for _, effect in self.effects for coefficient in effect.coefficients]
         self.names = (*self.model.names, *(coefficient.name for coefficient in coefficients))
         self.factors = np.concatenate(
@@ -85,9 +93,8 @@ class Observer:
             )
         self.states = len(self.model.states)
         base = len(self.model.constants)
-        self.active = np.concatenate(
-            [active_constants(self.model, settings.variant), np.arange(base, base + len(coefficients))]
-        )
+        estimated = sum(len(effect.coefficients) for _, effect in self.effects[: self.carried])
+        self.active = np.concatenate([active_constants(self.model, settings.variant), base + np.arange(estimated)])
         self.estimated_index = np.concatenate([np.arange(self.states), self.states + self.active])
         spread, walk = self._spreads()
         self.x = self._initial()
@@ -97,6 +104,7 @@ class Observer:
         self.walk = walk[self.active] ** 2
         self.record = self._record(controller)
         self.guess = self.x[self.states :][self.active]
+        self.first_temperature: float | None = None
         self.memory = np.zeros(1, MEMORY)
         self.memory["surprise"] = 1.0
         self.memory["dither"] = 0x9E3779B97F4A7C15
@@ -161,12 +169,15 @@ class Observer:
             )
         for _, effect in self.effects:
             given = self.settings.effects[effect.name]
-            known = [coefficient.name for coefficient in effect.coefficients]
+            bare = {coefficient.name.partition(":")[0]: coefficient.name for coefficient in effect.coefficients}
+            known = [*bare, *(parameter.name for parameter in effect.parameters)]
+            if missing := [p.name for p in effect.parameters if p.name not in given and p.default is None]:
+                raise ModelError(f"effect {effect.name}: {', '.join(missing)} must be given; it is not estimated")
             if strange := set(given) - set(known):
                 raise ModelError(
                     f"effect {effect.name}: no coefficient {', '.join(sorted(strange))}; known: {', '.join(known)}"
                 )
-            nominal |= given
+            nominal |= {name: given[key] for key, name in bare.items() if key in given}
         return np.asarray([nominal.get(name, 0.0) for name in self.names] / self.factors)
 
     def _record(self, controller: ControllerSettings | None) -> NDArray[np.void]:
@@ -175,14 +186,11 @@ class Observer:
         record["model"] = self.number
         record["states"] = self.states
         record["sense_constants"] = len(self.model.sense_constants)
-        record["flow_constants"] = len(self.names) - self.states - len(self.model.sense_constants)
+        followed = sum(len(effect.coefficients) for _, effect in self.effects[self.carried :])
+        record["flow_constants"] = len(self.names) - followed - self.states - len(self.model.sense_constants)
         if len(self.effects) > MAX_EFFECTS:
             raise ModelError(f"{len(self.effects)} effects at once; {MAX_EFFECTS} are supported")
-        first = len(self.model.constants)
-        for index, (number, effect) in enumerate(self.effects):
-            record["effects"][0, index] = number, first
-            first += len(effect.coefficients)
-        record["effect_count"] = len(self.effects)
+        self._enlist(record)
         record["axes"] = device.axes
         record["h"] = self.h
         record["order"] = taylor_order(self.h)
@@ -204,6 +212,35 @@ class Observer:
         if controller is not None:
             self._control(record, controller)
         return record
+
+    def _enlist(self, record: NDArray[np.void]) -> None:
+        """The effects, what they depend on, and which path they delay."""
+        first, signals = len(self.model.constants), 0
+        for path in ("sense_delay", "drive_delay", "watched_sense_delay", "watched_drive_delay"):
+            record[path] = -1
+        for index, (number, effect) in enumerate(self.effects):
+            record["effects"][0, index] = number, first, signals
+            if effect.delayed is not None:
+                record[f"{'' if index < self.carried else 'watched_'}{effect.delayed.value}_delay"] = first
+            given = self.settings.effects[effect.name]
+            scaled = {
+                p.symbol: given[p.name] / self.scaling.coefficient(p) if p.name in given else p.default
+                for p in effect.parameters
+            }
+            for signal in effect.signals:
+                if signals == MAX_SIGNALS:
+                    raise ModelError(f"more than {MAX_SIGNALS} signals for the effects; leave one of them out")
+                record["signals"][0, signals] = signal.source.value, signal.axis
+                own = [scaled[signal.symbol]] if signal.source is Source.PARAMETER else list(scaled.values())
+                record["signal_parameters"][0, signals, : len(own)] = own
+                signals += 1
+            first += len(effect.coefficients)
+            if index < self.carried and any(signal.source is Source.DIRECTION for signal in effect.signals):
+                record["kinked"] = 1
+            record["pushes"] += index < self.carried and any(force != 0 for force in effect.force)
+        record["effect_count"] = self.carried
+        record["candidate_count"] = len(self.effects) - self.carried
+        record["signal_count"] = signals
 
     def _control(self, record: NDArray[np.void], controller: ControllerSettings) -> None:
         if not 0 <= controller.latency <= MAX_LATENCY:
@@ -297,6 +334,25 @@ class Observer:
         deviation[self.estimated_index] = np.sqrt(np.diagonal(actual))
         return (self.x * self.factors).tolist(), (deviation * np.abs(self.factors)).tolist()
 
+    def scaled(
+        self, sense: Array, drive: Array, step: Array | None, temperature: Array | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """What `run` is given, as the kernels take it: z (n, axes), u (n, axes, degree + 1), h (n,), temperature."""
+        n, axes = len(sense), self.device.axes
+        z = np.ascontiguousarray(sense, dtype=float) / [self.scaling.sense(axis) for axis in range(axes)]
+        u = np.ascontiguousarray(np.asarray(drive, dtype=float).reshape(n, axes, -1) / self.scaling.drive)
+        h = np.full(n, self.h) if step is None else np.asarray(step, dtype=float) * self.scaling.omega0
+        return z, u, h, self._warmth(temperature)
+
+    def _warmth(self, temperature: Array | None) -> Array:
+        """Temperature less its first reading (n,), none where none is measured."""
+        if temperature is None:
+            return np.zeros(0)
+        readings = np.ascontiguousarray(temperature, dtype=float)
+        if self.first_temperature is None and len(readings):
+            self.first_temperature = float(readings[0])
+        return np.asarray(readings - (self.first_temperature or 0.0))
+
     @staticmethod
     def _require_rows(rows: int, **arrays: Array | None) -> None:
         for name, array in arrays.items():
@@ -310,23 +366,23 @@ class Observer:
         *,
         step: Array | None = None,
         every: int = 1,
+        temperature: Array | None = None,
         truth: Array | None = None,
     ) -> Estimates:
         """Estimate over a record: sense (n, axes) in volts, drive (n, axes) or (n, axes, degree + 1) in the drive's
         unit.
 
         drive[m] acted over the interval that ends at sample m, as a constant or as polynomial coefficients in
-        normalised time (`estimator.hold`); step (n,) [s] gives each interval its own length; truth (n, states +
-        constants) SI replaces the state before each step (for the Cramér–Rao recursion, `estimator.bound`).
+        normalised time (`estimator.hold`); step (n,) [s] gives each interval its own length; temperature (n,) [°C or K]
+        serves the effects that move with it; truth (n, states + constants) SI replaces the state before each step (for
+        the Cramér–Rao recursion, `estimator.bound`).
 
         Raises ModelError for arrays of unequal length and for an interval too long for the flow.
         """
-        self._require_rows(len(sense), drive=drive, step=step, truth=truth)
+        self._require_rows(len(sense), drive=drive, step=step, temperature=temperature, truth=truth)
         n = len(sense)
         axes = self.device.axes
-        z = np.ascontiguousarray(sense, dtype=float) / [self.scaling.sense(axis) for axis in range(axes)]
-        u = np.asarray(drive, dtype=float).reshape(n, axes, -1) / self.scaling.drive
-        h = np.full(n, self.h) if step is None else np.asarray(step, dtype=float) * self.scaling.omega0
+        z, u, h, warmth = self.scaled(sense, drive, step, temperature)
         true = np.zeros((0, len(self.x))) if truth is None else np.ascontiguousarray(truth / self.factors)
         rows = np.zeros(n, OUTPUT)
         states = np.zeros((n // every, len(self.x)))
@@ -336,7 +392,7 @@ class Observer:
         block.observe_block(
             self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
             self.x, self.p, self.c, self.memory,
-            z, np.ascontiguousarray(u), h, true, rows, states, deviations, every,
+            z, u, h, warmth, true, rows, states, deviations, every,
         )  # fmt: skip
         self.record["order"] = order
         volts = np.array([abs(self.scaling.sense(axis)) for axis in range(axes)])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.effects.declaration import Coefficient
+from estimator.effects.declaration import Coefficient, Parameter
 from estimator.model.declaration import Model, Quantity
 
 Array = NDArray[np.float64]
@@ -36,8 +36,8 @@ class Scaling:
         """Volts per scaled unit of position."""
         return self.sense_gain[axis] * self.length
 
-    def coefficient(self, coefficient: Coefficient) -> float:
-        """SI value of one scaled unit of an effect's coefficient."""
+    def coefficient(self, coefficient: Coefficient | Parameter) -> float:
+        """SI value of one scaled unit of an effect's coefficient or parameter."""
         return self.length**coefficient.length * self.omega0**-coefficient.time
 
     def state(self, model: Model) -> Array:

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.effects.declaration import Source
 from estimator.errors import ModelError
 from estimator.kernel.flow import taylor_order
 from estimator.observer import Observer
 from estimator.scaling import Array
 
+_REMEMBERED = (Source.TEMPERATURE, Source.INTEGRAL, Source.RESONATOR)
 _LONGEST = 0.3  # of 1/ω0, the longest part of a step: an effect of 15 % is then integrated to 3e-6 of the amplitude
 
 
@@ -40,9 +42,12 @@ def simulate(
     and the effects' coefficients; drive (n, axes) or (n, axes, degree + 1) and step (n,) [s] as for `Observer.run`: row
     m acted over the interval that ends at sample m, so that row 0 moves nothing.
 
-    Raises ModelError for arrays that do not fit, for a step too long for the flow, and for a run that leaves all
-    bounds.
+    Raises ModelError for arrays that do not fit, for a step too long for the flow, for effects with a delay or a memory
+    of their own, and for a run that leaves all bounds.
     """
+    for _, effect in observer.effects:
+        if effect.delayed is not None or any(signal.source in _REMEMBERED for signal in effect.signals):
+            raise ModelError(f"effect {effect.name} depends on the past and cannot be run freely; leave it out")
     n, axes = len(drive), observer.device.axes
     if len(state) != len(observer.names):
         raise ModelError(

@@ -40,7 +40,7 @@ def stationary_table(observer: "Observer") -> Array:
     total = np.zeros((ANGLES, PHASES, n, 2))
     weight = np.zeros((ANGLES, PHASES))
     gather_gains(
-        observer.record, observer.active, observer.walk, observer.prior, observer.p.copy(), _PRECESSION,
-        observer.h * 1.007, settle, samples, total, weight,
+        observer.record, observer.memory, observer.active, observer.walk, observer.prior, observer.p.copy(),
+        _PRECESSION, observer.h * 1.007, settle, samples, total, weight,
     )  # fmt: skip
     return np.asarray(total / np.maximum(weight, 1.0)[:, :, None, None])

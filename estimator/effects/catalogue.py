@@ -1,6 +1,6 @@
 """All effects, numbered: the number is what a compiled kernel dispatches on."""
 
-from estimator.effects import damping, drive, sense, stiffness
+from estimator.effects import damping, delay, drive, line, sense, stiffness, temperature
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 
@@ -21,6 +21,22 @@ EFFECTS: tuple[Effect, ...] = (
     damping.DAMPING_ASYMMETRIC,
     damping.DRAG,
     damping.CUBIC_DAMPING,
+    delay.SENSE_DELAY,
+    delay.DRIVE_DELAY,
+    damping.DRY_FRICTION_ASYMMETRIC,
+    stiffness.CONSTANT_FORCE,
+    sense.SENSE_LOW_PASS,
+    sense.SENSE_HIGH_PASS,
+    sense.SENSE_CLIPPING,
+    sense.PARASITIC_MODE,
+    drive.ELECTROSTATIC_DRIVE,
+    drive.DRIVE_SATURATION,
+    drive.DRIVE_DEAD_BAND,
+    line.INTERFERENCE,
+    line.BASE_VIBRATION,
+    temperature.TEMPERATURE_STIFFNESS,
+    temperature.TEMPERATURE_DAMPING,
+    temperature.TEMPERATURE_OFFSET,
 )
 
 
@@ -32,12 +48,15 @@ def names() -> tuple[str, ...]:
 def effect_for(name: str, axes: int) -> tuple[int, Effect]:
     """Number and declaration of an effect on a device with that many axes.
 
+    An effect that is there more than once has a label behind a colon, `interference:2`.
+
     Raises ModelError for an unknown name, and for an effect of which a single axis has nothing.
     """
-    if name not in names():
-        raise ModelError(f"no effect {name!r}; known: {', '.join(names())}")
-    number = names().index(name)
+    kind, _, label = name.partition(":")
+    if kind not in names():
+        raise ModelError(f"no effect {kind!r}; known: {', '.join(names())}")
+    number = names().index(kind)
     effect = EFFECTS[number].on(axes)
     if effect is None:
-        raise ModelError(f"effect {name!r} needs two axes")
-    return number, effect
+        raise ModelError(f"effect {kind!r} needs two axes")
+    return number, effect.labelled(label) if label else effect

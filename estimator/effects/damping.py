@@ -2,11 +2,16 @@
 
 import sympy as sp
 
-from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.model.gyro import vx, vy, x, y
 
-d3x, d3y, d3, fx, fy, dax, day, dqx, dqy, dcx, dcy = sp.symbols("d3x d3y d3 fx fy dax day dqx dqy dcx dcy")
-SMOOTHING = sp.Float(0.01)  # of A ω0: below this velocity friction turns over smoothly
+d3x, d3y, d3, fx, fy, fax, fay = sp.symbols("d3x d3y d3 fx fy fax fay")
+dax, day, dqx, dqy, dcx, dcy = sp.symbols("dax day dqx dqy dcx dcy")
+SMOOTHING = sp.Float(0.01)  # of A ω0: below this velocity asymmetric damping turns over smoothly
+directionx, directiony, v0 = sp.symbols("directionx directiony v0")
+
+_REST = (Parameter(v0, "v0", 1, -1, default=0.01),)  # about as slow, friction turns over
+_DIRECTIONS = (Signal(directionx, Source.DIRECTION, 0), Signal(directiony, Source.DIRECTION, 1))
 
 NONLINEAR_DAMPING = Effect(
     name="nonlinear_damping",
@@ -26,8 +31,10 @@ DRY_FRICTION = Effect(
         Coefficient(fx, "fx", 0.01, 1, -2, positive=True),
         Coefficient(fy, "fy", 0.01, 1, -2, positive=True),
     ),
-    force=(-fx * sp.tanh(vx / SMOOTHING), -fy * sp.tanh(vy / SMOOTHING)),
-    source="Coulomb's law, smoothed over 1 % of the nominal velocity",
+    parameters=_REST,
+    signals=_DIRECTIONS,
+    force=(-fx * directionx, -fy * directiony),
+    source="Coulomb's law, direction = tanh(v/v0); Nayfeh & Mook 1979",
     signature="ring-down that is linear in time and ends",
     undone=Undone.CANCEL,
     look_alikes={"nonlinear_damping": "steps of amplitude"},
@@ -64,4 +71,17 @@ CUBIC_DAMPING = Effect(
     signature="ring-down faster than exponential at first",
     undone=Undone.CANCEL,
     look_alikes={"nonlinear_damping": "forces off the resonance", "drag": "steps of amplitude"},
+)
+
+DRY_FRICTION_ASYMMETRIC = Effect(
+    name="dry_friction_asymmetric",
+    title="Dry friction that is larger one way than the other",
+    coefficients=(Coefficient(fax, "fax", 0.01, 1, -2), Coefficient(fay, "fay", 0.01, 1, -2)),
+    parameters=_REST,
+    signals=_DIRECTIONS,
+    force=(-fax * directionx**2, -fay * directiony**2),
+    source="half the difference of Coulomb friction there and back; Janot, Gautier & Brunot 2019",
+    signature="a shift while it moves, none at rest",
+    undone=Undone.CANCEL,
+    look_alikes={"constant_force": "standing still"},
 )

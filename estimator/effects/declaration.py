@@ -6,7 +6,7 @@ units, plausible sizes, what it looks like, what undoes it, and where it comes f
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import sympy as sp
@@ -19,16 +19,66 @@ class Undone(Enum):
 
     CANCEL = "the control law subtracts its force"
     INVERT = "the control law divides by it"
+    PREDICT = "the control law predicts that much further ahead"
     MAP = "the observer's state has it taken out of the measurement"
+
+
+class Source(Enum):
+    """Where a signal comes from; the number is what the kernel dispatches on."""
+
+    PARAMETER = 0  # the effect's parameter of the same symbol, a constant
+    COSINE = 1  # cos ωt with ω the effect's first parameter
+    SINE = 2
+    TEMPERATURE = 3  # measured, less its first value
+    INTEGRAL = 4  # ∫ position dt of an axis, leaking at the rate of that axis' parameter
+    RESONATOR = 5  # p of p̈ + 2ζω ṗ + ω² p = drive of an axis, with ω, ζ the first two parameters
+    DIRECTION = 6  # tanh(v/v0) of an axis, v0 the first parameter; the flow stops where the velocity turns
+    DECAY = 7  # exp(−λt) from the first sample on, with λ the parameter of that axis
+
+
+class Delayed(Enum):
+    """Which path of an axis is late by the effect's coefficients, exactly."""
+
+    SENSE = "sense"
+    DRIVE = "drive"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of an effect that is given, not estimated: a frequency, a threshold; tracing searches for it.
+
+    length, time: powers of metre and second in its SI unit, per unit mass; default: in scaled units, where there is a
+    sensible one.
+    """
+
+    symbol: sp.Symbol
+    name: str
+    length: int = 0
+    time: int = 0
+    default: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """The SI unit."""
+        return si_unit(self.length, self.time)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A series that an effect depends on beside state and drive, computed sample by sample from what is measured."""
+
+    symbol: sp.Symbol
+    source: Source
+    axis: int = 0
 
 
 @dataclass(frozen=True)
 class Coefficient:
     """A number an effect has.
 
-    length, time: powers of metre and second in its SI unit, per unit mass; plausible: its largest likely size in scaled
-    units (amplitude 1, ω0 1), the standard deviation with which it enters an observer; positive: a negative value would
-    be no such effect (friction that drives).
+    length, time, kelvin: powers of metre, second and kelvin in its SI unit, per unit mass; plausible: its largest
+    likely size in scaled units (amplitude 1, ω0 1), the standard deviation with which it enters an observer; positive:
+    a negative value would be no such effect (friction that drives).
     """
 
     symbol: sp.Symbol
@@ -36,22 +86,21 @@ class Coefficient:
     plausible: float
     length: int = 0
     time: int = 0
+    kelvin: int = 0
     positive: bool = False
 
     @property
     def unit(self) -> str:
         """The SI unit."""
-        powers = [(name, power) for name, power in (("m", self.length), ("s", self.time)) if power]
-        above = "·".join(name + _superscript(power) for name, power in powers if power > 0)
-        below = "·".join(name + _superscript(-power) for name, power in powers if power < 0)
-        return (above or "1") + (f"/({below})" if "·" in below else f"/{below}" if below else "")
+        return si_unit(self.length, self.time, self.kelvin)
 
 
 @dataclass(frozen=True)
 class Effect:
     """Force per unit mass added to (ẍ, ÿ), and displacement added to what each axis senses, in scaled units.
 
-    `force` may depend on states, drives and coefficients, `sense` on the same; both are zero where not given.
+    `force` and `sense` may depend on states, drives, coefficients, signals and the constants of the base model; both
+    are zero where not given.  `delayed` names the path that is late by the coefficients, one per axis.
     """
 
     name: str
@@ -63,11 +112,21 @@ class Effect:
     force: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
     sense: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
     look_alikes: Mapping[str, str] = field(default_factory=dict)
+    parameters: tuple[Parameter, ...] = ()
+    signals: tuple[Signal, ...] = ()
+    delayed: Delayed | None = None
+
+    def labelled(self, label: str) -> "Effect":
+        """One of several of the same kind: names of effect and coefficients carry the label."""
+        coefficients = tuple(replace(c, name=f"{c.name}:{label}") for c in self.coefficients)
+        return replace(self, name=f"{self.name}:{label}", coefficients=coefficients)
 
     def on(self, axes: int) -> "Effect | None":
         """The effect on a device with that many axes, None where nothing of it is left."""
         if axes == 2:
             return self
+        if self.delayed is not None:
+            return replace(self, coefficients=self.coefficients[:1])
         absent = {y: 0, vy: 0, uy: 0}
         force = sp.sympify(self.force[0]).subs(absent)
         sense = sp.sympify(self.sense[0]).subs(absent)
@@ -75,17 +134,20 @@ class Effect:
         if not left:
             return None
         zero = sp.Integer(0)
-        return Effect(
-            self.name,
-            self.title,
-            left,
-            self.source,
-            self.signature,
-            self.undone,
-            (force, zero),
-            (sense, zero),
-            self.look_alikes,
-        )
+        return replace(self, coefficients=left, force=(force, zero), sense=(sense, zero))
+
+
+def si_unit(length: int, time: int, kelvin: int = 0) -> str:
+    """Unit of those powers of metre, second and kelvin."""
+    powers = [(name, power) for name, power in (("m", length), ("s", time), ("K", kelvin)) if power]
+    above = "·".join(name + _superscript(power) for name, power in powers if power > 0)
+    below = "·".join(name + _superscript(-power) for name, power in powers if power < 0)
+    return (above or "1") + (f"/({below})" if "·" in below else f"/{below}" if below else "")
+
+
+def clipped(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
+    """`value` no further from zero than `limit`."""
+    return sp.Piecewise((limit, value > limit), (-limit, value < -limit), (value, True))
 
 
 STATES = (x, vx, y, vy)

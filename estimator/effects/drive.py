@@ -2,10 +2,10 @@
 
 import sympy as sp
 
-from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
 from estimator.model.gyro import ux, uy
 
-hx, hy, mx, my = sp.symbols("hx hy mx my")
+hx, hy, mx, my, qx, qy, sx, sy, zx, zy, limit, band = sp.symbols("hx hy mx my qx qy sx sy zx zy limit band")
 
 DRIVE_GAIN = Effect(
     name="drive_gain",
@@ -25,5 +25,42 @@ DRIVE_MISALIGNMENT = Effect(
     force=(mx * uy, my * ux),
     source="forcer misalignment; IEEE Std 1431",
     signature="scales with the other axis' drive",
+    undone=Undone.INVERT,
+)
+
+ELECTROSTATIC_DRIVE = Effect(
+    name="electrostatic_drive",
+    title="Force with a term in the square of the drive",
+    coefficients=(Coefficient(qx, "qx", 0.1, -1, 2), Coefficient(qy, "qy", 0.1, -1, 2)),
+    force=(qx * ux**2, qy * uy**2),
+    source="(V + v)² of an electrostatic forcer; Senturia 2001, ch. 6",
+    signature="even harmonics of the drive",
+    undone=Undone.INVERT,
+)
+
+DRIVE_SATURATION = Effect(
+    name="drive_saturation",
+    title="The drive amplifier stops short of what was commanded",
+    coefficients=(Coefficient(sx, "sx", 0.5), Coefficient(sy, "sy", 0.5)),
+    parameters=(Parameter(limit, "limit", 1, -2),),
+    signals=(Signal(limit, Source.PARAMETER),),
+    force=(
+        sx * (clipped(ux, limit) - ux),
+        sy * (clipped(uy, limit) - uy),
+    ),
+    source="u → clip(u), share s of what goes over the limit is lost",
+    signature="a threshold in the drive, odd harmonics",
+    undone=Undone.INVERT,
+)
+
+DRIVE_DEAD_BAND = Effect(
+    name="drive_dead_band",
+    title="Small drives do nothing",
+    coefficients=(Coefficient(zx, "zx", 0.5), Coefficient(zy, "zy", 0.5)),
+    parameters=(Parameter(band, "band", 1, -2),),
+    signals=(Signal(band, Source.PARAMETER),),
+    force=(-zx * clipped(ux, band), -zy * clipped(uy, band)),
+    source="u → u − clip(u) at the band, share z of it",
+    signature="a threshold in the drive, odd harmonics",
     undone=Undone.INVERT,
 )

@@ -1,9 +1,8 @@
 """The reference page of effects, written from their declarations: `python -m estimator.effects.page`."""
 
-import sympy as sp
-
 from estimator.effects.catalogue import EFFECTS
-from estimator.effects.declaration import Effect
+from estimator.effects.declaration import Effect, Source
+from estimator.effects.equation import equations
 
 _INTRODUCTION = """\
 # Effects
@@ -13,6 +12,16 @@ file, `[effects.NAME]`, with first guesses of its coefficients; they are estimat
 effect does is undone as its entry says. Per unit mass, SI. Generated: `python -m estimator.effects.page`.
 """
 
+_SIGNALS = {
+    Source.COSINE: "cos(omega t)",
+    Source.SINE: "sin(omega t)",
+    Source.TEMPERATURE: "measured temperature, less its first reading",
+    Source.INTEGRAL: "∫ {axis} dt, leaking at `leak_{axis}`",
+    Source.RESONATOR: "p of p̈ + 2 zeta omega ṗ + omega² p = u{axis}",
+    Source.DIRECTION: "tanh(v{axis}/v0)",
+    Source.DECAY: "exp(−leak_{axis} t) from the first sample on",
+}
+
 
 def page() -> str:
     """The whole page in Markdown."""
@@ -21,11 +30,14 @@ def page() -> str:
 
 def _entry(effect: Effect) -> str:
     lines = [f"\n## {effect.name}\n\n{effect.title}.\n"]
-    for what, expressions in (("force", effect.force), ("sensed displacement", effect.sense)):
-        for axis, expression in zip("xy", expressions, strict=True):
-            if expression != 0:
-                lines.append(f"- {what} {axis}: `+ {sp.sstr(expression)}`")
+    lines += [f"- `{equation}`" for equation in equations(effect)]
     lines.append("- coefficients: " + ", ".join(f"`{c.name}` [{c.unit}]" for c in effect.coefficients))
+    if effect.parameters:
+        named = ", ".join(f"`{p.name}` [{p.unit}]" for p in effect.parameters)
+        lines.append(f"- parameters, given and not estimated (a trace searches for them): {named}")
+    for signal in effect.signals:
+        if signal.source is not Source.PARAMETER:
+            lines.append(f"- `{signal.symbol}`: {_SIGNALS[signal.source].format(axis='xy'[signal.axis])}")
     lines.append(f"- signature: {effect.signature}")
     for name, separator in effect.look_alikes.items():
         lines.append(f"- looks like {name.replace('_', ' ')}; told apart: {separator}")

@@ -2,10 +2,13 @@
 
 import sympy as sp
 
-from estimator.effects.declaration import Coefficient, Effect, Undone
-from estimator.model.gyro import ux, uy, x, y
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
+from estimator.model.gyro import phi_x, phi_y, ux, uy, vx, vy, x, y
 
 gy, ey, ex, a2x, a2y, a3x, a3y, fdx, fdy = sp.symbols("gy ey ex a2x a2y a3x a3y fdx fdy")
+tlx, tly, hpx, hpy, clx, cly, ix, iy, level = sp.symbols("tlx tly hpx hpy clx cly ix iy level")
+odx, ody, wane_x, wane_y, leak_x, leak_y = sp.symbols("odx ody wane_x wane_y leak_x leak_y")
+rx, ry, px, py, omega, zeta = sp.symbols("rx ry px py omega_p zeta_p")
 
 SENSE_GAIN = Effect(
     name="sense_gain",
@@ -59,4 +62,67 @@ DRIVE_FEEDTHROUGH = Effect(
     signature="innovation follows the drive without delay",
     undone=Undone.MAP,
     look_alikes={"drive_gain": "dither off the resonance"},
+)
+
+SENSE_LOW_PASS = Effect(
+    name="sense_low_pass",
+    title="A low-pass pole in the sense path",
+    coefficients=(Coefficient(tlx, "tlx", 0.1, 0, 1), Coefficient(tly, "tly", 0.1, 0, 1)),
+    sense=(-tlx * vx - tlx**2 * x, -tly * vy - tly**2 * y),
+    source="1/(1 + sT) on the motion, to second order in T, ẍ taken as −ω0² x",
+    signature="a delay T and a gain 1 − (ωT)²/2",
+    undone=Undone.MAP,
+    look_alikes={"sense_delay": "nothing, far above the resonance"},
+)
+
+SENSE_HIGH_PASS = Effect(
+    name="sense_high_pass",
+    title="A high-pass corner in the sense path",
+    coefficients=(
+        Coefficient(hpx, "hpx", 0.05, 0, -1),
+        Coefficient(hpy, "hpy", 0.05, 0, -1),
+        Coefficient(odx, "odx", 0.1, 1),
+        Coefficient(ody, "ody", 0.1, 1),
+    ),
+    parameters=(Parameter(leak_x, "leak_x", 0, -1), Parameter(leak_y, "leak_y", 0, -1)),
+    signals=(
+        Signal(ix, Source.INTEGRAL, 0),
+        Signal(iy, Source.INTEGRAL, 1),
+        Signal(wane_x, Source.DECAY, 0),
+        Signal(wane_y, Source.DECAY, 1),
+    ),
+    sense=(-hpx * ix + odx * wane_x, -hpy * iy + ody * wane_y),
+    source="charge amplifier with feedback resistor, sRC/(1 + sRC); what its mismatch shows at first wanes",
+    signature="phase lead atan(1/ωRC), constants blocked",
+    undone=Undone.MAP,
+    look_alikes={"sense_delay": "a slow motion"},
+)
+
+SENSE_CLIPPING = Effect(
+    name="sense_clipping",
+    title="The sense chain saturates inside its range",
+    coefficients=(Coefficient(clx, "clx", 0.5), Coefficient(cly, "cly", 0.5)),
+    parameters=(Parameter(level, "level", 1),),
+    signals=(Signal(level, Source.PARAMETER),),
+    sense=(
+        clx * (clipped(x + phi_x, level) - x - phi_x),
+        cly * (clipped(y + phi_y, level) - y - phi_y),
+    ),
+    source="V → clip(V), share of what goes over the level is lost",
+    signature="flat tops, odd harmonics",
+    undone=Undone.MAP,
+    look_alikes={"sense_cubic": "larger amplitude"},
+)
+
+PARASITIC_MODE = Effect(
+    name="parasitic_mode",
+    title="Another mode, driven and seen",
+    coefficients=(Coefficient(rx, "rx", 1.0), Coefficient(ry, "ry", 1.0)),
+    parameters=(Parameter(omega, "omega", 0, -1), Parameter(zeta, "zeta")),
+    signals=(Signal(px, Source.RESONATOR, 0), Signal(py, Source.RESONATOR, 1)),
+    sense=(rx * px, ry * py),
+    source="p̈ + 2ζωp ṗ + ωp² p = γ u, sensed as + c p; only γc is seen",
+    signature="a resonant peak of the innovation, its phase that of the drive",
+    undone=Undone.MAP,
+    look_alikes={"interference": "its phase follows the drive"},
 )

@@ -5,7 +5,7 @@ import sympy as sp
 from estimator.effects.declaration import Coefficient, Effect, Undone
 from estimator.model.gyro import x, y
 
-k3x, k3y, k3, k2x, k2y, kn = sp.symbols("k3x k3y k3 k2x k2y kn")
+k3x, k3y, k3, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k2x k2y kn ax ay")
 
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
@@ -48,4 +48,15 @@ NONRECIPROCAL_STIFFNESS = Effect(
     signature="quadrature of one sign at every angle",
     undone=Undone.CANCEL,
     look_alikes={"rotation (Euler term)": "vanishes at a constant rate"},
+)
+
+CONSTANT_FORCE = Effect(
+    name="constant_force",
+    title="A constant force",
+    coefficients=(Coefficient(ax, "ax", 0.01, 1, -2), Coefficient(ay, "ay", 0.01, 1, -2)),
+    force=(ax, ay),
+    source="gravity on a tilted bench",
+    signature="none beside the sense offset",
+    undone=Undone.CANCEL,
+    look_alikes={"sense offset": "nothing on one bench; tilt it"},
 )

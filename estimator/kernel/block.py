@@ -7,7 +7,7 @@ import numpy as np
 from estimator.kernel.compiled import compiled
 from estimator.kernel.controller import advance_queue, command
 from estimator.kernel.layout import RATE, Floats, Ints, Record
-from estimator.kernel.observer import correct, predict, workspace
+from estimator.kernel.observer import correct, predict, remember_drive, workspace
 from estimator.kernel.pattern import pattern, unwrap_half_turns
 
 
@@ -38,8 +38,9 @@ def advance(
     predict(settings, active, walk, x, p, c, memory, u, h, work)
     if settings.axes == 2:
         note_forced_rotation(settings, memory, x, h)
-    correct(settings, active, prior, spread, guess, table, x, p, c, memory, z, u, work, nu, variance)
+    correct(settings, active, prior, spread, guess, table, x, p, c, memory, z, u, h, work, nu, variance)
     memory.time += h
+    remember_drive(settings, memory, u)
     for axis in range(settings.axes):
         row.nu[axis] = nu[axis]
         row.s[axis] = variance[axis]
@@ -110,6 +111,7 @@ def observe_block(
     z: Floats,
     u: Floats,
     h: Floats,
+    temperature: Floats,
     truth: Floats,
     rows: Record,
     states_out: Floats,
@@ -117,7 +119,7 @@ def observe_block(
     every: int,
 ) -> int:
     """Run the observer over n samples: z (n, axes), u (n, axes, degree + 1) the drive over the interval that ends at
-    each, h (n,).
+    each, h (n,), temperature (n,) or (0,).
 
     rows (n,) of OUTPUT; every `every` samples the state vector goes to states_out and its standard deviations to
     deviations_out.  With truth of n rows (else 0 rows) the state vector is replaced by the truth before each step, so
@@ -135,6 +137,8 @@ def observe_block(
     for m in range(z.shape[0]):
         if truth.shape[0] > 0:
             x[:] = truth[m]
+        if temperature.shape[0] > 0:
+            memory.temperature = temperature[m]
         if settings.axes == 2:
             driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
             memory.virtual_applied = settings.virtual_rate if settings.control == 1 and driven else 0.0

@@ -54,12 +54,15 @@ def mark_warm() -> None:
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`numba.njit` with the cache in `kernel_cache()`; the interpreter's global setting is left as it was."""
+    """`numba.njit` with the cache in `kernel_cache()`; the interpreter's global setting is left as it was.
+
+    A division by zero gives infinity, as in NumPy: a filter that diverges ends in numbers that say so.
+    """
     settings: Any = numba.config
     before = settings.CACHE_DIR
     settings.CACHE_DIR = str(kernel_cache() / "numba")
     try:
-        kernel: Callable[..., Any] = numba.njit(cache=True, nogil=True)(function)
+        kernel: Callable[..., Any] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
         return kernel
     finally:
         settings.CACHE_DIR = before

@@ -11,7 +11,9 @@ import numpy as np
 from estimator.kernel.compiled import compiled
 from estimator.kernel.flow import effect_forces, flow, taylor
 from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, RATE, Floats, Record
+from estimator.kernel.observer import shift_drives
 from estimator.kernel.pattern import pattern
+from estimator.kernel.signals import line_values, signal_values
 
 _INVERSIONS = 5
 
@@ -74,13 +76,36 @@ def undo_effects(settings: Record, c: Floats, s: Floats, push: tuple[Floats, ...
     """Change the force so that with the effects' own it is what it was: what depends on the state is cancelled, what
     depends on the drive (its gain, its misalignment) inverted by iteration, which converges as the gain error's powers.
     """
-    extra, by_states, by_constants, drive = push
+    extra, drive = push[0], push[3]
     wanted = force.copy()
     for _ in range(_INVERSIONS):
         drive[:] = force
-        effect_forces(settings, c, s, drive, extra, by_states, by_constants)
+        effect_forces(settings, c, s, push)
         for axis in range(2):
             force[axis] = wanted[axis] - extra[axis]
+
+
+@compiled
+def steer(settings: Record, memory: Record, s: Floats, c: Floats, ahead: float, work: tuple[Floats, ...]) -> Floats:
+    """Force (2,) wanted from a drive that begins to be held where the state is s, and acts `ahead` later on average."""
+    a, b, out = work[:3]
+    push = work[12:17]
+    target = c.copy()
+    target[RATE] = c[RATE] + settings.virtual_rate
+    target[KXX] = settings.stiffness
+    target[KYY] = settings.stiffness
+    target[KXY] = 0.0
+    target[DXX] = 0.0
+    target[DYY] = 0.0
+    target[DXY] = 0.0
+    for i in range(settings.states):
+        out[i, 0] = s[i]
+    taylor(settings.model, target, np.zeros((2, 1)), ahead, settings.order, 1, a, b, out)
+    force = np.zeros(2)
+    control_law(settings, memory, out[:, 0].copy(), c, force)
+    if settings.pushes > 0:
+        undo_effects(settings, c, out[:, 0].copy(), push, force)
+    return force
 
 
 @compiled
@@ -88,42 +113,36 @@ def command(settings: Record, memory: Record, x: Floats, work: tuple[Floats, ...
     """Drive codes (out, 2) for the interval `latency` samples ahead, and their place in the queue.
 
     x is the state vector after the update with the newest sample.  The queue holds what was commanded for the intervals
-    that begin at this sample and later.
+    that begin at this sample and later.  A drive that is late by more than was declared is asked for that much earlier.
     """
     a, b, ahead = work[:3]
-    push = work[12:16]
+    push = work[12:17]
     states = settings.states
     latency = settings.latency
+    h = settings.h
     s = x[:states].copy()
     c = x[states:].copy()
     u = np.zeros((2, 1))
     force = np.zeros(2)
     virtual = 0.0
     if settings.control == 1:
+        past = memory.past.copy()
+        signal_values(settings, memory, memory.time, push[4])
         for j in range(latency):
             u[0, 0] = memory.queue[j, 0]
             u[1, 0] = memory.queue[j, 1]
-            flow(settings, c, s, u, settings.h, 1, a, b, ahead, push)
+            flow(settings, memory.time + j * h, past, c, s, u, h, 1, a, b, ahead, push)
             for i in range(states):
                 s[i] = ahead[i, 0]
-        target = c.copy()
-        target[RATE] = c[RATE] + settings.virtual_rate
-        target[KXX] = settings.stiffness
-        target[KYY] = settings.stiffness
-        target[KXY] = 0.0
-        target[DXX] = 0.0
-        target[DYY] = 0.0
-        target[DXY] = 0.0
-        u[0, 0] = 0.0
-        u[1, 0] = 0.0
-        for i in range(states):
-            ahead[i, 0] = s[i]
-        taylor(settings.model, target, u, 0.5 * settings.h, settings.order, 1, a, b, ahead)
-        for i in range(states):
-            s[i] = ahead[i, 0]
-        control_law(settings, memory, s, c, force)
-        if settings.effect_count > 0:
-            undo_effects(settings, c, s, push, force)
+            if settings.drive_delay >= 0:
+                shift_drives(past, u)
+        line_values(settings, memory.time + (latency + 0.5) * h, push[4])
+        if settings.drive_delay >= 0:
+            for axis in range(2):
+                late = c[settings.drive_delay + axis]
+                force[axis] = steer(settings, memory, s, c, 0.5 * h + late, work)[axis]
+        else:
+            force[:] = steer(settings, memory, s, c, 0.5 * h, work)
         virtual = settings.virtual_rate
     for axis in range(2):
         value = force[axis] / settings.hold

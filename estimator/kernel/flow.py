@@ -1,5 +1,5 @@
 """The flow over one step, with its sensitivities: exact for the linear part as a Taylor series, effects as impulses in
-it.
+it, a late drive in the pieces that really acted.
 
 Order and step are chosen so that the remainder is below rounding (`taylor_order`): one Runge–Kutta step at 20 samples a
 cycle biases the stiffness by 1.3e-4 (PHYSICS.md §3).
@@ -11,12 +11,13 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled, generated
-from estimator.kernel.layout import Floats, Record
+from estimator.kernel.layout import MAX_DELAY, Floats, Record
+from estimator.kernel.signals import directions, line_values
 
 _field_columns = generated().field_columns
 _effect_force = generated().effect_force
 _MAX_ORDER = 60
-Push = tuple[Floats, Floats, Floats, Floats]  # force, its derivatives by states and by constants, drive
+Push = tuple[Floats, Floats, Floats, Floats, Floats]  # force, its derivatives by states, by constants; drive; signals
 _DRIFTS = (
     0.07534696026989288842,
     0.51791685468825678230,
@@ -71,19 +72,19 @@ def taylor(
 
 
 @compiled
-def effect_forces(
-    settings: Record, c: Floats, s: Floats, u: Floats, force: Floats, by_states: Floats, by_constants: Floats
-) -> None:
-    """Sum of the effects' forces (axes,) at state s and drive u, and its derivatives (axes, states), (axes,
-    constants).
+def effect_forces(settings: Record, c: Floats, s: Floats, push: Push) -> None:
+    """Sum of the effects' forces (axes,) at state s, drive and signals in push, and its derivatives (axes, states),
+    (axes, constants).
     """
+    force, by_states, by_constants, drive, signals = push
+    if settings.kinked == 1:
+        directions(settings, s, signals)
     force[:] = 0.0
     by_states[:] = 0.0
     by_constants[:] = 0.0
     for e in range(settings.effect_count):
-        _effect_force(
-            settings.effects[e, 0], settings.model, c, s, u, settings.effects[e, 1], force, by_states, by_constants
-        )
+        number, first, signal = settings.effects[e]
+        _effect_force(number, settings.model, c, s, drive, signals, first, signal, force, by_states, by_constants)
 
 
 @compiled
@@ -93,9 +94,9 @@ def push_columns(
     """out ← start with the velocities pushed by weight × the effects' forces at the columns `at`, sensitivities
     alike.
     """
-    force, by_states, by_constants, drive = push
+    force, by_states, by_constants = push[:3]
     states = out.shape[0]
-    effect_forces(settings, c, at[:, 0], drive, force, by_states, by_constants)
+    effect_forces(settings, c, at[:, 0], push)
     for axis in range(settings.axes):
         row = 2 * axis + 1
         out[row, 0] = start[row, 0] + weight * force[axis]
@@ -110,30 +111,23 @@ def push_columns(
 
 
 @compiled
+def drive_at(u: Floats, at: float, out: Floats) -> None:
+    """out (axes,) ← the polynomial u (axes, degree + 1) at normalised time `at`."""
+    for axis in range(u.shape[0]):
+        value = 0.0
+        for n in range(u.shape[1] - 1, -1, -1):
+            value = value * at + u[axis, n]
+        out[axis] = value
+
+
+@compiled
 def kick(
-    settings: Record,
-    c: Floats,
-    u: Floats,
-    at: float,
-    weight: float,
-    columns: int,
-    a: Floats,
-    b: Floats,
-    out: Floats,
-    push: Push,
+    settings: Record, c: Floats, weight: float, columns: int, a: Floats, b: Floats, out: Floats, push: Push
 ) -> None:
-    """Give the velocities in the columns of out the impulse weight × the effects' forces, u taken at normalised time
-    `at`.
+    """Give the velocities in the columns of out the impulse weight × the effects' forces.
 
     A force that depends on the velocity changes during the impulse: it is taken from its middle.
     """
-    drive = push[3]
-    for axis in range(u.shape[0]):
-        drive[axis] = 0.0
-        power = 1.0
-        for n in range(u.shape[1]):
-            drive[axis] += u[axis, n] * power
-            power *= at
     for i in range(out.shape[0]):
         for j in range(columns):
             a[i, j] = out[i, j]
@@ -157,8 +151,199 @@ def part_of(u: Floats, start: float, length: float) -> Floats:
 
 
 @compiled
-def flow(
+def advance_columns(
     settings: Record,
+    time: float,
+    c: Floats,
+    u: Floats,
+    h: float,
+    columns: int,
+    a: Floats,
+    b: Floats,
+    out: Floats,
+    push: Push,
+) -> None:
+    """Advance the columns of out by h from `time` under the input polynomial u (axes, degree + 1), effects included.
+
+    The linear part is exact; effects, which are small, enter as impulses between exact drifts, the symmetric scheme of
+    orders (8, 4) of Blanes, Casas, Farrés, Laskar, Makazaga & Murua (Appl. Numer. Math. 68, 2013): an error of ε h⁸ +
+    ε² h⁴ for an effect of relative size ε.
+    """
+    order = settings.order
+    if settings.pushes == 0:
+        taylor(settings.model, c, u, h, order, columns, a, b, out)
+        return
+    at = 0.0
+    for stage in range(len(_DRIFTS)):
+        length = _DRIFTS[stage]
+        taylor(settings.model, c, part_of(u, at, length), length * h, order, columns, a, b, out)
+        at += length
+        if stage < len(_KICKS):
+            drive_at(u, at, push[3])
+            line_values(settings, time + at * h, push[4])
+            kick(settings, c, _KICKS[stage] * h, columns, a, b, out, push)
+
+
+@compiled
+def late_polynomial(u: Floats, past: Floats, axis: int, delay: float, start: float, length: float, out: Floats) -> None:
+    """out (degree + 1,) ← drive of one axis, late by `delay` intervals, over [start, start + length] of this interval,
+    in the normalised time of that part; the part must not reach over a boundary of the recorded intervals.
+
+    past (intervals, axes, terms) holds the drives of the intervals before, newest first.
+    """
+    begin = start - delay
+    back = min(int(np.ceil(-begin - 1e-12)), past.shape[0]) if begin < 0.0 else 0
+    terms = out.shape[0]
+    if back == 0:
+        shifted = part_of(u, begin, length)
+    else:
+        shifted = part_of(past[back - 1, : u.shape[0], :terms], begin + back, length)
+    for n in range(terms):
+        out[n] = shifted[axis, n]
+
+
+@compiled
+def late_parts(settings: Record, c: Floats, h: float) -> tuple[float, float, float, float]:
+    """Delay of each axis in intervals, within what is kept, and where in an interval the recorded drives change."""
+    longest = MAX_DELAY - 1.0
+    first = max(min(c[settings.drive_delay] / h, longest), 0.0)  # in this order a NaN becomes a number
+    second = first
+    if settings.axes == 2:
+        second = max(min(c[settings.drive_delay + 1] / h, longest), 0.0)
+    return first, second, first - np.floor(first), second - np.floor(second)
+
+
+@compiled
+def flow_late(
+    settings: Record,
+    time: float,
+    past: Floats,
+    c: Floats,
+    u: Floats,
+    h: float,
+    columns: int,
+    a: Floats,
+    b: Floats,
+    out: Floats,
+    push: Push,
+) -> None:
+    """`advance_columns` under a drive that is late by the constants at settings.drive_delay, sensitivities to them
+    included.
+
+    A shift of the input u(t − τ) moves what it forces by −(B u(h − τ) − Φ B u(−τ) + M x_forced): the integral of
+    −Φ B u̇ by parts, jumps and all.
+    """
+    delays = late_parts(settings, c, h)
+    terms = u.shape[1]
+    axes = settings.axes
+    cuts = np.array([0.0, min(delays[2], delays[3]), max(delays[2], delays[3]), 1.0])
+    part = np.zeros((axes, terms))
+    states = out.shape[0]
+    forced = np.zeros((axes, states, 1))
+    for piece in range(3):
+        length = cuts[piece + 1] - cuts[piece]
+        if length <= 0.0:
+            continue
+        for axis in range(axes):
+            late_polynomial(u, past, axis, delays[axis], cuts[piece], length, part[axis])
+        advance_columns(settings, time + cuts[piece] * h, c, part, length * h, columns, a, b, out, push)
+        if columns > 1:
+            for axis in range(axes):
+                alone = np.zeros((axes, terms))
+                alone[axis] = part[axis]
+                taylor(settings.model, c, alone, length * h, settings.order, 1, a, b, forced[axis])
+    ends = np.zeros((axes, 2))  # the late drive just before this interval and at its end
+    for axis in range(axes):
+        late_polynomial(u, past, axis, delays[axis], 1.0 - 1e-9, 1e-9, part[axis])
+        ends[axis, 1] = part[axis].sum()
+        late_polynomial(u, past, axis, delays[axis] + 1.0, 1.0 - 1e-9, 1e-9, part[axis])
+        ends[axis, 0] = part[axis].sum()
+    for axis in range(axes):
+        row = 2 * axis + 1
+        early = min(c[settings.drive_delay + axis], 0.0)  # a delay below zero, by its derivative at zero
+        if columns > 1:
+            column = 1 + states + settings.drive_delay + axis - settings.sense_constants
+            a[:, 0] = forced[axis, :, 0]
+            _field_columns(settings.model, c, a, np.zeros(axes), b, 1)
+            for i in range(states):
+                out[i, column] += out[i, 1 + row] * ends[axis, 0] - b[i, 0]
+            out[row, column] -= ends[axis, 1]
+            for i in range(states):
+                out[i, 0] += early * out[i, column]
+        elif early < 0.0:
+            out[row, 0] += early * (ends[axis, 0] - ends[axis, 1])
+
+
+@compiled
+def turning_point(before: float, slope_before: float, after: float, slope_after: float) -> float:
+    """Where in [0, 1] a cubic with those ends and slopes (per unit) is zero; its ends differ in sign."""
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        t = 0.5 * (low + high)
+        value = (
+            before * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+            + slope_before * t * (1.0 - t) ** 2
+            + after * t * t * (3.0 - 2.0 * t)
+            + slope_after * t * t * (t - 1.0)
+        )
+        if (value > 0.0) == (before > 0.0):
+            low = t
+        else:
+            high = t
+    return 0.5 * (low + high)
+
+
+@compiled
+def turning_points(
+    settings: Record, c: Floats, s: Floats, u: Floats, h: float, a: Floats, b: Floats, turns: Floats
+) -> None:
+    """turns (axes,) ← where in the interval a velocity changes sign, 1 where none does."""
+    states = s.shape[0]
+    end = np.zeros((states, 1))
+    for i in range(states):
+        end[i, 0] = s[i]
+    taylor(settings.model, c, u, h, settings.order, 1, a, b, end)
+    drive = np.zeros(u.shape[0])
+    for i in range(states):
+        a[i, 0] = s[i]
+    drive_at(u, 0.0, drive)
+    _field_columns(settings.model, c, a, drive, b, 1)
+    first = b[:, 0].copy()
+    drive_at(u, 1.0, drive)
+    _field_columns(settings.model, c, end, drive, b, 1)
+    for axis in range(settings.axes):
+        row = 2 * axis + 1
+        turns[axis] = 1.0
+        if s[row] * end[row, 0] < 0.0:
+            turns[axis] = turning_point(s[row], first[row] * h, end[row, 0], b[row, 0] * h)
+
+
+@compiled
+def turn(
+    settings: Record, c: Floats, u: Floats, at: float, axis: int, out: Floats, a: Floats, b: Floats, push: Push
+) -> None:
+    """Sensitivities of a velocity that turns: they jump with its acceleration (the saltation of a switched flow)."""
+    row = 2 * axis + 1
+    for i in range(out.shape[0]):
+        a[i, 0] = out[i, 0]
+    drive_at(u, at, push[3])
+    _field_columns(settings.model, c, a, push[3], b, 1)
+    linear = b[row, 0]
+    sides = np.zeros(2)
+    s = out[:, 0].copy()
+    for side in range(2):
+        s[row] = (1.0 if side == 1 else -1.0) * (1.0 if linear > 0.0 else -1.0)
+        effect_forces(settings, c, s, push)
+        sides[side] = linear + push[0][axis]
+    if sides[0] * sides[1] > 0.0:
+        for j in range(1, out.shape[1]):
+            out[row, j] *= sides[1] / sides[0]
+
+
+@compiled
+def flow_turning(
+    settings: Record,
+    time: float,
     c: Floats,
     s: Floats,
     u: Floats,
@@ -169,12 +354,41 @@ def flow(
     out: Floats,
     push: Push,
 ) -> None:
-    """Advance s by h under the input polynomial u (axes, degree + 1) in normalised time t/h.
+    """`advance_columns` with forces that depend on the direction of motion: in pieces between its turning points."""
+    turns = np.ones(settings.axes)
+    turning_points(settings, c, s, u, h, a, b, turns)
+    order = np.argsort(turns)
+    at = 0.0
+    for piece in range(settings.axes + 1):
+        axis = order[piece] if piece < settings.axes else -1
+        until = turns[axis] if axis >= 0 else 1.0
+        if until > at:
+            part = part_of(u, at, until - at)
+            advance_columns(settings, time + at * h, c, part, (until - at) * h, columns, a, b, out, push)
+        if axis >= 0 and until < 1.0 and columns > 1:
+            turn(settings, c, u, until, axis, out, a, b, push)
+        at = max(at, until)
+
+
+@compiled
+def flow(
+    settings: Record,
+    time: float,
+    past: Floats,
+    c: Floats,
+    s: Floats,
+    u: Floats,
+    h: float,
+    columns: int,
+    a: Floats,
+    b: Floats,
+    out: Floats,
+    push: Push,
+) -> None:
+    """Advance s by h from `time` under the input polynomial u (axes, degree + 1) in normalised time t/h.
 
     out[:, 0] is the new state; with columns > 1 also ∂/∂s and ∂/∂(flow and effect constants).  a, b are scratch of
-    out's shape.  The linear part is exact; effects, which are small, enter as impulses between exact drifts, the
-    symmetric scheme of orders (8, 4) of Blanes, Casas, Farrés, Laskar, Makazaga & Murua (Appl. Numer. Math. 68, 2013):
-    an error of ε h⁸ + ε² h⁴ for an effect of relative size ε.
+    out's shape; past holds the drives of earlier intervals for a drive that is late.
     """
     states = s.shape[0]
     for i in range(states):
@@ -183,14 +397,49 @@ def flow(
         out[i, 0] = s[i]
         if columns > 1:
             out[i, 1 + i] = 1.0
-    order = settings.order
-    if settings.effect_count == 0:
-        taylor(settings.model, c, u, h, order, columns, a, b, out)
-        return
-    at = 0.0
-    for stage in range(len(_DRIFTS)):
-        length = _DRIFTS[stage]
-        taylor(settings.model, c, part_of(u, at, length), length * h, order, columns, a, b, out)
-        at += length
-        if stage < len(_KICKS):
-            kick(settings, c, u, at, _KICKS[stage] * h, columns, a, b, out, push)
+    if settings.drive_delay >= 0:
+        flow_late(settings, time, past, c, u, h, columns, a, b, out, push)
+    elif settings.kinked == 1:
+        flow_turning(settings, time, c, s, u, h, columns, a, b, out, push)
+    else:
+        advance_columns(settings, time, c, u, h, columns, a, b, out, push)
+
+
+@compiled
+def sensed_before(
+    settings: Record,
+    past: Floats,
+    c: Floats,
+    s: Floats,
+    u: Floats,
+    h: float,
+    axis: int,
+    a: Floats,
+    b: Floats,
+    out: Floats,
+) -> None:
+    """Columns out of the state at the delay of one sense axis (constants at settings.sense_delay) before state s.
+
+    u is the drive of the interval that ends at s; effects, small, are left out of that short way.
+    """
+    states = s.shape[0]
+    for i in range(states):
+        for j in range(out.shape[1]):
+            out[i, j] = 0.0
+        out[i, 0] = s[i]
+        out[i, 1 + i] = 1.0
+    left = min(c[settings.sense_delay + axis] / h, MAX_DELAY - 1.0)
+    if not np.isfinite(left):
+        left = 0.0
+    back = 0
+    while True:
+        length = min(left, 1.0) if left > 0.0 else left
+        if back == 0:
+            reversed_drive = part_of(u, 1.0, -length)
+        else:
+            reversed_drive = part_of(past[back - 1, : u.shape[0], : u.shape[1]], 1.0, -length)
+        taylor(settings.model, c, reversed_drive, -length * h, settings.order, out.shape[1], a, b, out)
+        left -= length
+        back += 1
+        if not left > 0.0:
+            return

@@ -15,7 +15,10 @@ Record = Any  # one row of a dtype below, as Numba sees it: fields are attribute
 
 MAX_LATENCY = 15
 MAX_AXES = 2
-MAX_EFFECTS = 16
+MAX_EFFECTS = 64  # carried and watched
+MAX_SIGNALS = 96
+MAX_DEGREE = 8  # terms of a drive polynomial that are kept for a delay
+MAX_DELAY = 8  # samples
 
 # Order of the constants in the gyro's state vector; tests hold it equal to the declaration.
 PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
@@ -31,8 +34,18 @@ SETTINGS = np.dtype(
         (
             "effects",
             "i8",
-            (MAX_EFFECTS, 2),
-        ),  # number of each, and the index of its first coefficient among the constants
+            (MAX_EFFECTS, 3),
+        ),  # number of each, index of its first coefficient among the constants, of its first signal
+        ("candidate_count", "i8"),  # effects behind those that are watched and not carried
+        ("pushes", "i8"),  # effects among them that are forces
+        ("kinked", "i8"),  # a force depends on the direction of motion
+        ("signal_count", "i8"),
+        ("signals", "i8", (MAX_SIGNALS, 2)),  # source of each, and its axis
+        ("signal_parameters", "f8", (MAX_SIGNALS, 2)),  # a constant's value in the first
+        ("sense_delay", "i8"),  # index of its first coefficient among the constants, −1 without
+        ("drive_delay", "i8"),
+        ("watched_sense_delay", "i8"),  # the same of effects that are watched and not carried
+        ("watched_drive_delay", "i8"),
         ("h", "f8"),  # sample interval
         ("order", "i8"),  # of the Taylor flow
         ("fade", "f8"),  # factor on the predicted covariance, 1 without fading
@@ -78,6 +91,9 @@ MEMORY = np.dtype(
         ("rate_integral", "f8"),
         ("virtual_integral", "f8"),
         ("virtual_applied", "f8"),
+        ("temperature", "f8"),  # above the first reading
+        ("signals", "f8", (MAX_SIGNALS, 2)),  # value, and what else its recursion carries
+        ("past", "f8", (MAX_DELAY + 1, MAX_AXES, MAX_DEGREE)),  # drives of the intervals before, newest first
         ("queue", "f8", (MAX_LATENCY + 1, 3)),  # commanded ux, uy and the virtual rate in them, oldest first
     ],
     align=True,

@@ -10,9 +10,10 @@ carried.
 import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
-from estimator.kernel.flow import flow
-from estimator.kernel.layout import Floats, Ints, Record
+from estimator.kernel.flow import drive_at, flow, sensed_before
+from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
+from estimator.kernel.signals import advance_signals, signal_values
 
 _sense = generated().sense
 _jump = generated().jump
@@ -253,8 +254,8 @@ def runs_riccati(settings: Record, memory: Record) -> bool:
 @compiled
 def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
     """Scratch of one observer, made once per block: flow a, b, out; g, scratch; jacobian, full; gain, ph; kick,
-    predicted, noise; the effects' force, its derivatives by states and constants, drive; assumed
-    noise.
+    predicted, noise; the effects' force, its derivatives by states and constants, drive, signals; assumed
+    noise; the state before the interval.
 
     n counts states and active constants, total states and all constants.
     """
@@ -277,16 +278,23 @@ def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
         np.zeros((2, states)),
         np.zeros((2, total - states)),
         np.zeros(2),
+        np.zeros(MAX_SIGNALS),
         np.zeros(2),
+        np.zeros(states),
     )
 
 
 @compiled
-def predict_state(settings: Record, active: Ints, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]) -> None:
+def predict_state(
+    settings: Record, active: Ints, memory: Record, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]
+) -> None:
     """Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]."""
     states = settings.states
     a, b, out, g = work[:4]
-    flow(settings, x[states:], x[:states], u, h, out.shape[1], a, b, out, work[12:16])
+    signal_values(settings, memory, memory.time, work[16])
+    flow(
+        settings, memory.time, memory.past, x[states:], x[:states], u, h, out.shape[1], a, b, out, work[12:17]
+    )  # fmt: skip
     for i in range(states):
         x[i] = out[i, 0]
         for j in range(states):
@@ -297,12 +305,42 @@ def predict_state(settings: Record, active: Ints, x: Floats, u: Floats, h: float
 
 
 @compiled
+def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]) -> None:
+    """Add to predicted measurement and Jacobian in work what the effects do to the measurement at the end of the
+    interval.
+    """
+    states = settings.states
+    a, b, out = work[:3]
+    full, predicted, drive, signals = work[6], work[10], work[15], work[16]
+    c = x[states:]
+    drive_at(u, 1.0, drive)
+    signal_values(settings, memory, memory.time + h, signals)
+    for e in range(settings.effect_count):
+        number, first, signal = settings.effects[e]
+        _effect_sense(
+            number, settings.model, c, x[:states], drive, signals, first, signal,
+            predicted, full[:, :states], full[:, states:],
+        )  # fmt: skip
+    if settings.sense_delay >= 0:
+        for axis in range(settings.axes):
+            row = 2 * axis
+            sensed_before(settings, memory.past, c, x[:states], u, h, axis, a, b, out)
+            predicted[axis] += out[row, 0] - x[row]
+            full[axis, row] -= 1.0
+            for j in range(states + settings.flow_constants):
+                full[axis, j if j < states else j + settings.sense_constants] += out[row, 1 + j]
+            full[axis, states + settings.sense_delay + axis] -= out[row + 1, 0]
+
+
+@compiled
 def predict_measurement(
     settings: Record,
     active: Ints,
+    memory: Record,
     x: Floats,
     z: Floats,
     u: Floats,
+    h: float,
     work: tuple[Floats, ...],
     nu: Floats,
     variance: Floats,
@@ -314,23 +352,10 @@ def predict_measurement(
     jacobian = work[5]
     full = work[6]
     predicted = work[10]
-    drive = work[15]
     full[:] = 0.0
     _sense(settings.model, x[states:], x[:states], predicted, full)
-    for axis in range(settings.axes):
-        drive[axis] = u[axis].sum()  # at the end of the interval
-    for e in range(settings.effect_count):
-        _effect_sense(
-            settings.effects[e, 0],
-            settings.model,
-            x[states:],
-            x[:states],
-            drive,
-            settings.effects[e, 1],
-            predicted,
-            full[:, :states],
-            full[:, states:],
-        )
+    if settings.effect_count > 0:
+        sense_effects(settings, memory, x, u, h, work)
     measured = False
     for channel in range(settings.axes):
         usable = np.isfinite(z[channel])
@@ -358,9 +383,12 @@ def predict(
     work: tuple[Floats, ...],
 ) -> None:
     """Advance state and covariances over h with the drive u (axes, degree + 1) that acted."""
-    g, scratch, kick = work[3], work[4], work[9]
+    g, scratch, kick, before = work[3], work[4], work[9], work[18]
     s = x[: settings.states]
-    predict_state(settings, active, x, u, h, work)
+    before[:] = s
+    predict_state(settings, active, memory, x, u, h, work)
+    if settings.signal_count > 0:
+        advance_signals(settings, memory, before, s, u, h)
     if settings.twin == 1:
         propagate(c, g, scratch, 1.0)
         add_process_noise(c, settings, h, s, active, walk, kick)
@@ -383,6 +411,7 @@ def correct(
     memory: Record,
     z: Floats,
     u: Floats,
+    h: float,
     work: tuple[Floats, ...],
     nu: Floats,
     variance: Floats,
@@ -393,8 +422,8 @@ def correct(
     states = settings.states
     channels = settings.axes
     n = p.shape[0]
-    jacobian, gain, ph, noise, assumed = work[5], work[7], work[8], work[11], work[16]
-    measured = predict_measurement(settings, active, x, z, u, work, nu, noise)
+    jacobian, gain, ph, noise, assumed = work[5], work[7], work[8], work[11], work[17]
+    measured = predict_measurement(settings, active, memory, x, z, u, h, work, nu, noise)
     actual = c if settings.twin == 1 else p
     for channel in range(channels):
         variance[channel] = noise[channel]
@@ -425,3 +454,21 @@ def correct(
         joseph(p, jacobian, assumed, channels, gain, ph)
         if settings.fade > 1.0 and active.shape[0] > 0:
             remember_prior(settings, active, prior, spread, guess, x, p, c, memory)
+
+
+@compiled
+def remember_drive(settings: Record, memory: Record, u: Floats) -> None:
+    """Keep the drive of the interval that has ended, for a path that is late."""
+    if settings.drive_delay >= 0 or settings.sense_delay >= 0 or settings.watched_drive_delay >= 0:
+        shift_drives(memory.past, u)
+
+
+@compiled
+def shift_drives(past: Floats, u: Floats) -> None:
+    """past (intervals, axes, terms), newest first, gets u in front and loses its oldest."""
+    for j in range(past.shape[0] - 1, 0, -1):
+        past[j] = past[j - 1]
+    past[0] = 0.0
+    for axis in range(u.shape[0]):
+        for n in range(min(u.shape[1], MAX_DEGREE)):
+            past[0, axis, n] = u[axis, n]

@@ -4,7 +4,8 @@ import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import flow, part_of
-from estimator.kernel.layout import Floats, Record
+from estimator.kernel.layout import MAX_DEGREE, MAX_DELAY, MAX_SIGNALS, Floats, Record
+from estimator.kernel.signals import line_values
 
 _sense = generated().sense
 _effect_sense = generated().effect_sense
@@ -12,9 +13,16 @@ _effect_sense = generated().effect_sense
 
 @compiled
 def sensed_at(
-    settings: Record, c: Floats, s: Floats, drive: Floats, predicted: Floats, by_states: Floats, by_constants: Floats
+    settings: Record,
+    c: Floats,
+    s: Floats,
+    drive: Floats,
+    signals: Floats,
+    predicted: Floats,
+    by_states: Floats,
+    by_constants: Floats,
 ) -> None:
-    """Measurement (axes,) at state s and drive, and its derivatives (axes, states), (axes, constants)."""
+    """Measurement (axes,) at state s, drive and signals, and its derivatives (axes, states), (axes, constants)."""
     full = np.zeros((2, s.shape[0] + c.shape[0]))
     _sense(settings.model, c, s, predicted, full)
     for axis in range(settings.axes):
@@ -23,17 +31,10 @@ def sensed_at(
         for j in range(c.shape[0]):
             by_constants[axis, j] = full[axis, s.shape[0] + j]
     for e in range(settings.effect_count):
+        number, first, signal = settings.effects[e]
         _effect_sense(
-            settings.effects[e, 0],
-            settings.model,
-            c,
-            s,
-            drive,
-            settings.effects[e, 1],
-            predicted,
-            by_states,
-            by_constants,
-        )
+            number, settings.model, c, s, drive, signals, first, signal, predicted, by_states, by_constants
+        )  # fmt: skip
 
 
 @compiled
@@ -60,7 +61,12 @@ def free_run(
     a = np.zeros((states, columns))
     b = np.zeros((states, columns))
     out = np.zeros((states, columns))
-    push = (np.zeros(2), np.zeros((2, states)), np.zeros((2, total - states)), np.zeros(2))
+    push = (np.zeros(2), np.zeros((2, states)), np.zeros((2, total - states)), np.zeros(2), np.zeros(MAX_SIGNALS))
+    past = np.zeros((MAX_DELAY + 1, 2, MAX_DEGREE))
+    signals = push[4]
+    time = 0.0
+    for i in range(settings.signal_count):
+        signals[i] = settings.signal_parameters[i, 0]  # what is not a constant is written over as it moves
     drive = np.zeros(2)
     predicted = np.zeros(2)
     by_states = np.zeros((2, states))
@@ -75,7 +81,8 @@ def free_run(
         if m > 0:
             for part in range(parts):
                 piece = u[m] if parts == 1 else part_of(u[m], part / parts, 1.0 / parts)
-                flow(settings, c, s, piece, h[m] / parts, columns, a, b, out, push)
+                flow(settings, time, past, c, s, piece, h[m] / parts, columns, a, b, out, push)
+                time += h[m] / parts
                 for i in range(states):
                     s[i] = out[i, 0]
                 if sensitive:
@@ -94,7 +101,8 @@ def free_run(
         predicted[:] = 0.0
         by_states[:] = 0.0
         by_constants[:] = 0.0
-        sensed_at(settings, c, s, drive, predicted, by_states, by_constants)
+        line_values(settings, time, signals)
+        sensed_at(settings, c, s, drive, signals, predicted, by_states, by_constants)
         for axis in range(settings.axes):
             sensed[m, axis] = predicted[axis]
             if sensitive:

@@ -22,6 +22,7 @@ from estimator.kernel.pattern import phase_and_angle
 @compiled
 def gather_gains(
     settings_record: Record,
+    memory_record: Record,
     active: Ints,
     walk: Floats,
     prior: Floats,
@@ -39,12 +40,13 @@ def gather_gains(
     precesses at `rotation`; the first `settle` samples only bring the covariance to its periodic state.
     """
     settings = settings_record[0]
+    memory = memory_record[0]
     states = settings.states
     n = p.shape[0]
     x = np.zeros(states + settings.sense_constants + settings.flow_constants)
     work = workspace(settings, n, x.shape[0])
     g, scratch, jacobian, gain, ph, kick, noise = work[3], work[4], work[5], work[7], work[8], work[9], work[11]
-    assumed = work[16]
+    assumed = work[17]
     nu = np.zeros(2)
     z = np.zeros(2)
     u = np.zeros((2, 1))
@@ -55,11 +57,11 @@ def gather_gains(
     x[states + KYY] = 1.0
     cursor = 0
     for m in range(settle + samples):
-        predict_state(settings, active, x, u, h, work)
+        predict_state(settings, active, memory, x, u, h, work)
         s = x[:states]
         propagate(p, g, scratch, settings.fade)
         add_process_noise(p, settings, h, s, active, walk, kick)
-        predict_measurement(settings, active, x, z, u, work, nu, noise)
+        predict_measurement(settings, active, memory, x, z, u, h, work, nu, noise)
         for axis in range(settings.axes):
             assumed[axis] = noise[axis] + settings.ignored[axis]
         kalman_gain(p, jacobian, assumed, settings.axes, nu, gain)

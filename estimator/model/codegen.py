@@ -110,14 +110,21 @@ def _jumps(model: Model) -> str:
     return "\n".join(lines)
 
 
+_EFFECT_ARGUMENTS = "c, s, u, w, first, signal, value, by_states, by_constants"
+
+
 def _effect(model: Model, effect: Effect) -> str:
     """`<model>_<effect>_force` and `_sense`: add force or sensed displacement and its derivatives to what is there.
 
-    Arguments: constants c, states s, drive u, index of the first coefficient among the constants, then what to add to:
-    values (axes,), derivatives by states (axes, states) and by constants (axes, constants).
+    Arguments: constants c, states s, drive u, signals w, index of the first coefficient among the constants and of the
+    first signal in w, then what to add to: values (axes,), derivatives by states (axes, states) and by constants
+    (axes, constants).  What an effect takes from the base model's constants is not differentiated by them: that is of
+    the effect's second order.
     """
     states = [state.symbol for state in model.states]
+    constants = [constant.symbol for constant in model.constants]
     coefficients = [coefficient.symbol for coefficient in effect.coefficients]
+    signals = [signal.symbol for signal in effect.signals]
     parts = []
     for what, expressions in (("force", effect.force), ("sense", effect.sense)):
         pairs: list[tuple[str, sp.Expr]] = []
@@ -129,10 +136,11 @@ def _effect(model: Model, effect: Effect) -> str:
             ]
         pairs = [(name, sp.sympify(e)) for name, e in pairs if e != 0]
         used = _free(e for _, e in pairs)
-        lines = ["@compiled", f"def {model.name}_{effect.name}_{what}(c, s, u, first, value, by_states, by_constants):"]
-        lines += _unpack(coefficients, "c[first + {i}]", used) + _unpack(states, "s[{i}]", used)
-        lines += _unpack(model.inputs, "u[{i}]", used)
-        lines += [line.replace("] = ", "] += ", 1) for line in _assignments(pairs, "w", "    ")]
+        lines = ["@compiled", f"def {model.name}_{effect.name}_{what}({_EFFECT_ARGUMENTS}):"]
+        lines += _unpack(constants, "c[{i}]", used) + _unpack(coefficients, "c[first + {i}]", used)
+        lines += _unpack(states, "s[{i}]", used) + _unpack(model.inputs, "u[{i}]", used)
+        lines += _unpack(signals, "w[signal + {i}]", used)
+        lines += [line.replace("] = ", "] += ", 1) for line in _assignments(pairs, "t", "    ")]
         if not pairs:
             lines.append("    return")
         parts.append("\n".join(lines))
@@ -140,15 +148,15 @@ def _effect(model: Model, effect: Effect) -> str:
 
 
 def _dispatch_effects(models: Sequence[Model], effects: Sequence[Effect], what: str) -> str:
-    arguments = "c, s, u, first, value, by_states, by_constants"
-    lines = ["@compiled", f"def effect_{what}(effect, model, {arguments}):"]
+    lines = ["@compiled", f"def effect_{what}(effect, model, {_EFFECT_ARGUMENTS}):"]
     branch = "if"
     for number, effect in enumerate(effects):
         for index, model in enumerate(models):
-            if effect.on(model.axes) is not None:
+            present = effect.on(model.axes)
+            if present is not None and any(expression != 0 for expression in getattr(present, what)):
                 lines += [
                     f"    {branch} effect == {number} and model == {index}:",
-                    f"        {model.name}_{effect.name}_{what}({arguments})",
+                    f"        {model.name}_{effect.name}_{what}({_EFFECT_ARGUMENTS})",
                 ]
                 branch = "elif"
     return "\n".join(lines)

@@ -59,6 +59,7 @@ class NumpyObserver(Observer):
         *,
         step: Array | None = None,
         every: int = 1,
+        temperature: Array | None = None,
         truth: Array | None = None,
     ) -> Estimates:
         """As `Observer.run`."""

@@ -1,0 +1,21 @@
+"""An effect's equations as a reader expects them."""
+
+import sympy as sp
+
+from estimator.effects.declaration import Delayed, Effect
+
+
+def equations(effect: Effect) -> tuple[str, ...]:
+    """What the effect adds to each axis, a line each."""
+    if effect.delayed is not None:
+        what = "sensed" if effect.delayed is Delayed.SENSE else "drive"
+        return tuple(
+            f"{what} {axis}(t) → {axis}(t − {coefficient.symbol})"
+            for axis, coefficient in zip("xy", effect.coefficients, strict=False)
+        )
+    lines = []
+    for expressions, left in ((effect.force, "{axis}̈ += {term}"), (effect.sense, "sensed {axis} += {term}")):
+        for axis, expression in zip("xy", expressions, strict=True):
+            if expression != 0:
+                lines.append(left.format(axis=axis, term=sp.sstr(expression)))
+    return tuple(lines)

@@ -1,0 +1,37 @@
+"""A sinusoid that is not the gyro's: on the sense side, or as a force.  Its frequency is found, not given."""
+
+import sympy as sp
+
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
+
+omega, cosine, sine = sp.symbols("omega cosine sine")
+lcx, lsx, lcy, lsy, bcx, bsx, bcy, bsy = sp.symbols("lcx lsx lcy lsy bcx bsx bcy bsy")
+
+_SIGNALS = (Signal(cosine, Source.COSINE), Signal(sine, Source.SINE))
+_OMEGA = (Parameter(omega, "omega", 0, -1),)
+
+INTERFERENCE = Effect(
+    name="interference",
+    title="A line of another source in the sensed signal",
+    coefficients=tuple(Coefficient(symbol, symbol.name, 0.02, 1) for symbol in (lcx, lsx, lcy, lsy)),
+    parameters=_OMEGA,
+    signals=_SIGNALS,
+    sense=(lcx * cosine + lsx * sine, lcy * cosine + lsy * sine),
+    source="coupled-in line, V + a sin(ωt + ψ)",
+    signature="one line, unrelated to the drive",
+    undone=Undone.MAP,
+    look_alikes={"base_vibration": "nothing, where both axes see it"},
+)
+
+BASE_VIBRATION = Effect(
+    name="base_vibration",
+    title="The base shakes at one frequency",
+    coefficients=tuple(Coefficient(symbol, symbol.name, 0.02, 1, -2) for symbol in (bcx, bsx, bcy, bsy)),
+    parameters=_OMEGA,
+    signals=_SIGNALS,
+    force=(bcx * cosine + bsx * sine, bcy * cosine + bsy * sine),
+    source="inertial force of a vibrating package; IEEE Std 1431",
+    signature="one line, unrelated to the drive",
+    undone=Undone.CANCEL,
+    look_alikes={"interference": "nothing, where both axes see it"},
+)

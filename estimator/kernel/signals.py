@@ -1,0 +1,83 @@
+"""The signals that effects depend on beside state and drive, advanced from sample to sample."""
+
+import math
+
+from estimator.effects.declaration import Source
+from estimator.kernel.compiled import compiled
+from estimator.kernel.layout import Floats, Record
+
+_PARAMETER = Source.PARAMETER.value
+_COSINE = Source.COSINE.value
+_SINE = Source.SINE.value
+_TEMPERATURE = Source.TEMPERATURE.value
+_INTEGRAL = Source.INTEGRAL.value
+_RESONATOR = Source.RESONATOR.value
+_DIRECTION = Source.DIRECTION.value
+_DECAY = Source.DECAY.value
+
+
+@compiled
+def line_values(settings: Record, time: float, w: Floats) -> None:
+    """Write the signals that are functions of time into w (signals,)."""
+    for i in range(settings.signal_count):
+        if settings.signals[i, 0] == _COSINE:
+            w[i] = math.cos(settings.signal_parameters[i, 0] * time)
+        elif settings.signals[i, 0] == _SINE:
+            w[i] = math.sin(settings.signal_parameters[i, 0] * time)
+        elif settings.signals[i, 0] == _DECAY:
+            w[i] = math.exp(-settings.signal_parameters[i, settings.signals[i, 1]] * time)
+
+
+@compiled
+def directions(settings: Record, s: Floats, w: Floats) -> None:
+    """Write the directions of motion of state s into w (signals,), smooth through rest."""
+    for i in range(settings.signal_count):
+        axis = settings.signals[i, 1]
+        if settings.signals[i, 0] == _DIRECTION and axis < settings.axes:
+            w[i] = math.tanh(s[2 * axis + 1] / settings.signal_parameters[i, 0])
+
+
+@compiled
+def signal_values(settings: Record, memory: Record, time: float, w: Floats) -> None:
+    """Write all signals as they stand in memory, and those of `time`, into w (signals,)."""
+    for i in range(settings.signal_count):
+        source = settings.signals[i, 0]
+        if source == _PARAMETER:
+            w[i] = settings.signal_parameters[i, 0]
+        elif source == _TEMPERATURE:
+            w[i] = memory.temperature
+        else:
+            w[i] = memory.signals[i, 0]
+    line_values(settings, time, w)
+
+
+@compiled
+def advance_signals(settings: Record, memory: Record, before: Floats, after: Floats, u: Floats, h: float) -> None:
+    """Carry the signals' recursions in memory over an interval h.
+
+    before, after: states at its ends; u (axes, degree + 1) the drive, of which the mean over the interval is taken.
+    """
+    for i in range(settings.signal_count):
+        source = settings.signals[i, 0]
+        axis = settings.signals[i, 1]
+        if axis >= settings.axes:
+            continue
+        if source == _INTEGRAL:
+            x = 2 * axis
+            grown = 0.5 * h * (before[x] + after[x]) + h * h / 12.0 * (before[x + 1] - after[x + 1])
+            memory.signals[i, 0] = math.exp(-settings.signal_parameters[i, axis] * h) * memory.signals[i, 0] + grown
+        elif source == _RESONATOR:
+            mean = 0.0
+            for n in range(u.shape[1]):
+                mean += u[axis, n] / (n + 1.0)
+            omega = settings.signal_parameters[i, 0]
+            decay = settings.signal_parameters[i, 1] * omega
+            ringing = math.sqrt(omega * omega - decay * decay)
+            rest = mean / (omega * omega)
+            p = memory.signals[i, 0] - rest
+            v = memory.signals[i, 1]
+            cosine = math.cos(ringing * h)
+            sine = math.sin(ringing * h) / ringing
+            fade = math.exp(-decay * h)
+            memory.signals[i, 0] = rest + fade * (p * cosine + (v + decay * p) * sine)
+            memory.signals[i, 1] = fade * (v * cosine - (decay * v + omega * omega * p) * sine)

@@ -1,0 +1,111 @@
+"""What to watch for on a record: every effect of the catalogue, those with parameters at several values of them.
+
+A frequency is taken from the residual's lines and from where it follows the drive; a threshold from how far drive and
+signal reach.
+"""
+
+import numpy as np
+from scipy.signal import csd, welch
+
+from estimator.effects.catalogue import EFFECTS
+from estimator.effects.declaration import Source
+from estimator.residual.spectrum import lines, periodogram
+from estimator.scaling import Array
+from estimator.settings import Device
+from estimator.trace.record import Record
+
+_LINES = 5
+_LINE_CHANCE = 1e-3
+_PEAKS = 3
+_DAMPING_RATIOS = (0.003, 0.02)
+_SATURATION = (0.5, 0.7, 0.85, 0.95)  # of the largest drive
+_DEAD_BAND = (0.02, 0.06, 0.15)  # of the drive's rms
+_CLIPPING = (0.6, 0.75, 0.9, 0.98)  # of the largest sensed displacement
+_CORNER = 0.01  # of ω0: a high-pass whose corner is that low integrates what it passes
+_REST = 0.01  # of A ω0: about as slow, friction turns over
+_SEGMENT = 4096
+
+Parameters = dict[str, float]
+
+
+def watch_list(record: Record, device: Device, innovation: Array, deviation: Array) -> dict[str, Parameters]:
+    """Effects to watch, by name (with a label where there are several), each with its parameters in SI.
+
+    innovation, deviation (n, axes) V: of an observer that carries what is known so far.
+    """
+    watched: dict[str, Parameters] = {}
+    for effect in EFFECTS:
+        if effect.on(device.axes) is None or not _has_signals(effect.signals, record):
+            continue
+        if effect.delayed is not None and not np.any(record.drive):
+            continue
+        if not effect.parameters:
+            watched[effect.name] = {}
+    omega0 = float(np.sqrt(device.target))
+    watched["sense_high_pass"] = {"leak_x": _CORNER * omega0, "leak_y": _CORNER * omega0}
+    for name in ("dry_friction", "dry_friction_asymmetric"):
+        watched[name] = {"v0": _REST * device.amplitude * omega0}
+    watched |= _of_lines(record, device, innovation / deviation)
+    watched |= _of_thresholds(record, device)
+    watched |= _of_modes(record, innovation / deviation)
+    return watched
+
+
+def _has_signals(signals: tuple[object, ...], record: Record) -> bool:
+    return "temperature" in record.channels or all(
+        getattr(signal, "source", None) is not Source.TEMPERATURE for signal in signals
+    )
+
+
+def _of_lines(record: Record, device: Device, whitened: Array) -> dict[str, Parameters]:
+    sample_rate = 1.0 / float(np.mean(record.step))
+    resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
+    found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _LINE_CHANCE)
+    strongest = sorted(found, key=lambda line: -line.rms)[:_LINES]
+    watched = {}
+    for label, line in enumerate(strongest, start=1):
+        for name in ("interference", "base_vibration"):
+            watched[f"{name}:{label}"] = {"omega": 2.0 * np.pi * line.frequency}
+    return watched
+
+
+def _of_thresholds(record: Record, device: Device) -> dict[str, Parameters]:
+    watched = {}
+    drive = np.abs(record.drive[:, :, 0]) * device.drive_gain
+    if np.any(drive):
+        largest, usual = float(np.max(drive)), float(np.sqrt(np.mean(drive**2)))
+        for label, share in enumerate(_SATURATION, start=1):
+            watched[f"drive_saturation:{label}"] = {"limit": share * largest}
+        for label, share in enumerate(_DEAD_BAND, start=1):
+            watched[f"drive_dead_band:{label}"] = {"band": share * usual}
+    reach = np.nanmax(np.abs(record.sense / np.abs(device.sense_gain)))
+    for label, share in enumerate(_CLIPPING, start=1):
+        watched[f"sense_clipping:{label}"] = {"level": share * float(reach)}
+    return watched
+
+
+def _of_modes(record: Record, whitened: Array) -> dict[str, Parameters]:
+    """Frequencies at which the residual follows the drive more than around them."""
+    drive = record.drive[:, :, 0]
+    if not np.any(drive):
+        return {}
+    sample_rate = 1.0 / float(np.mean(record.step))
+    length = min(_SEGMENT, len(record) // 8)
+    coherence: Array = np.zeros(length // 2 + 1)
+    frequency = np.zeros_like(coherence)
+    filled = np.nan_to_num(whitened)
+    for axis in range(drive.shape[1]):
+        frequency, across = csd(drive[:, axis], filled[:, axis], sample_rate, nperseg=length)
+        _, of_drive = welch(drive[:, axis], sample_rate, nperseg=length)
+        _, of_residual = welch(filled[:, axis], sample_rate, nperseg=length)
+        coherence = coherence + np.abs(across) ** 2 / np.maximum(of_drive * of_residual, np.finfo(float).tiny)
+    watched: dict[str, Parameters] = {}
+    inner = coherence[1:-1]
+    peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
+    for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[:_PEAKS], start=1):
+        for sharpness, zeta in enumerate(_DAMPING_RATIOS, start=1):
+            watched[f"parasitic_mode:{label}{sharpness}"] = {
+                "omega": 2.0 * np.pi * float(frequency[peak]),
+                "zeta": zeta,
+            }
+    return watched

@@ -1,0 +1,90 @@
+"""How much each watched effect would explain, how sure that is, and which of them look the same on this record."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimator.scaling import Array
+from estimator.trace.scan import Scan
+
+SAME = 0.9992
+"""Likeness of signatures above which a record cannot tell two effects apart (PHYSICS.md §4)."""
+
+_BLIND = 1e-9  # of the largest information: below it the record says nothing of a coefficient
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one effect would explain of a residual.
+
+    gain: twice the gain of log-likelihood, χ² of `degrees` by chance alone; scatter: how much its coefficients differ
+    between parts of the record, 1 when no more than noise makes them; coefficients, deviation: in SI.
+    """
+
+    name: str
+    gain: float
+    degrees: int
+    scatter: float
+    coefficients: Array
+    deviation: Array
+
+    @property
+    def significance(self) -> float:
+        """log10 of the probability that chance makes as much, the gain taken down by the scatter; large is sure."""
+        return float(-chi2.logsf(self.gain / max(self.scatter, 1.0), max(self.degrees, 1)) / np.log(10.0))
+
+
+def solve(normal: Array, score: Array) -> tuple[Array, int]:
+    """Least-squares coefficients of N c = b, and how many directions the record says something of."""
+    values, vectors = np.linalg.eigh(normal)
+    seen = values > _BLIND * max(float(values[-1]), 1e-300)
+    shares = vectors[:, seen].T @ score / values[seen]
+    return np.asarray(vectors[:, seen] @ shares), int(seen.sum())
+
+
+def evidence(scan: Scan) -> dict[str, Evidence]:
+    """Evidence of every watched effect by itself, best first."""
+    total, score = scan.normal.sum(axis=0), scan.score.sum(axis=0)
+    found = []
+    for name, columns in scan.columns.items():
+        normal, b = total[columns, columns], score[columns]
+        coefficients, degrees = solve(normal, b)  # what the innovations lose by it, so with the sign turned
+        own = scan.normal[:, columns, columns]
+        left = scan.score[:, columns] - own @ coefficients
+        misfit, freedom = 0.0, 0
+        for part_normal, part_left in zip(own, left, strict=True):
+            shift, rank = solve(part_normal, part_left)
+            misfit += float(part_left @ shift)
+            freedom += rank
+        information = np.maximum(np.diag(np.linalg.pinv(normal, rcond=_BLIND, hermitian=True)), 0.0)
+        found.append(
+            Evidence(
+                name,
+                float(b @ coefficients),
+                degrees,
+                misfit / max(freedom - degrees, 1),
+                -coefficients * scan.plausible[columns],
+                np.sqrt(information) * scan.plausible[columns],
+            )
+        )
+    return {item.name: item for item in sorted(found, key=lambda item: -item.gain)}
+
+
+def likeness(scan: Scan, name: str, coefficients: Array | None = None) -> dict[str, float]:
+    """How well each other watched effect can imitate `name`: the correlation of its signature, with the coefficients
+    given (SI; else those found), with what the other could make of it, everything the observer estimates projected out.
+    """
+    total, score = scan.normal.sum(axis=0), scan.score.sum(axis=0)
+    columns = scan.columns[name]
+    own = total[columns, columns]
+    c = solve(own, score[columns])[0] if coefficients is None else -coefficients / scan.plausible[columns]
+    size = float(c @ own @ c)
+    alike = {}
+    for other, others in scan.columns.items():
+        if other == name or size <= 0.0:
+            continue
+        cross = total[others, columns] @ c
+        imitated = float(cross @ solve(total[others, others], cross)[0])
+        alike[other] = float(np.sqrt(np.clip(imitated / size, 0.0, 1.0)))
+    return alike

@@ -1,0 +1,121 @@
+"""A model's predictions over the whole record as the bench would make them: the part that was fitted, then the rest."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.observer import Estimates, Observer
+from estimator.residual.analysis import analyse
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.trace.diagnosis import Finding, Fit, Residual
+from estimator.trace.fitting import Effects, run
+from estimator.trace.record import Record
+
+_MOST_STATES = 200_000
+
+
+@dataclass(frozen=True)
+class Examination:
+    """Fit of the part up to the split and of the rest, what the residual of the first part still holds, the residual
+    of all of it, and the estimates behind (n samples).
+    """
+
+    fitted: Fit
+    held_out: Fit
+    findings: tuple[Finding, ...]
+    residual: Residual
+    estimates: Estimates
+
+
+def examine(
+    record: Record,
+    device: Device,
+    settings: ObserverSettings,
+    controller: ControllerSettings | None,
+    effects: Effects,
+    split: int,
+) -> Examination:
+    """Run the observer as the bench has it over the record, `effects` carried with coefficients that stay as given."""
+    observer = Observer(device, replace(settings, effects=dict(effects)), controller)
+    hold(observer)
+    cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
+    every = 1 if len(record) <= _MOST_STATES else max(int(cycle / 4.0), 1)
+    split = split // every * every
+    estimates = run(observer, record, every=every)
+    resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
+    settled = min(settling(settings, device), split // 4) // every * every
+    begin, end = slice(settled, split), slice(split, len(record) // every * every)
+    parts = []
+    for rows in (begin, end):
+        part = part_of(estimates, rows, every)
+        parts.append(analyse(part.innovation, part.innovation_deviation, part, record.part(rows), resonance))
+    (fitted, findings, _), (held_out, _, _) = parts
+    whole = analyse_spectrum(estimates, parts)
+    return Examination(
+        scored(fitted, record, estimates, begin, every),
+        scored(held_out, record, estimates, end, every),
+        findings,
+        whole,
+        estimates,
+    )
+
+
+def hold(observer: Observer) -> None:
+    """Keep the coefficients of all effects where they are: known, so that nothing of them is learnt or forgotten."""
+    first = observer.states + len(observer.active) - sum(len(e.coefficients) for _, e in observer.effects)
+    for covariance in (observer.p, observer.c):
+        covariance[first:, :] = 0.0
+        covariance[:, first:] = 0.0
+    constants = first - observer.states
+    observer.spread[constants:] = 0.0
+    observer.prior[constants:] = 0.0
+
+
+def settling(settings: ObserverSettings, device: Device) -> int:
+    """Samples after which a start from the declared guess is over."""
+    return int(3.0 * min(settings.memory, 1.0) * device.sample_rate)
+
+
+def part_of(estimates: Estimates, rows: slice, every: int) -> Estimates:
+    """The estimates of the samples of `rows`, which begin and end on whole strides."""
+    states = slice(rows.start // every, rows.stop // every)
+    index = np.arange(every - 1, rows.stop - rows.start, every)
+    fields = {
+        name: getattr(estimates, name)[rows]
+        for name in (
+            "innovation",
+            "innovation_deviation",
+            "angle",
+            "angle_pattern",
+            "angle_plain",
+            "angle_rate_integral",
+            "energy_ratio",
+            "quadrature_ratio",
+        )
+    }
+    return replace(
+        estimates, index=index, state=estimates.state[states], deviation=estimates.deviation[states], **fields
+    )
+
+
+def analyse_spectrum(estimates: Estimates, parts: list[tuple[Fit, tuple[Finding, ...], Residual]]) -> Residual:
+    """Innovation of the whole record with the spectrum of the fitted part."""
+    return Residual(estimates.innovation, parts[0][2].frequency, parts[0][2].density)
+
+
+def scored(fit: Fit, record: Record, estimates: Estimates, rows: slice, every: int) -> Fit:
+    """`fit` with the errors of rate and angle where the record has a reference for the rate."""
+    reference = record.channels.get("rate")
+    if reference is None or "rate" not in estimates.names:
+        return fit
+    states = slice(rows.start // every, rows.stop // every)
+    index = estimates.index[states]
+    rate_error = estimates.of("rate")[states] - reference[index]
+    turned: Array = np.cumsum(reference * record.step)
+    angle_error = estimates.angle[rows] - turned[rows]
+    return replace(
+        fit,
+        rate_error_rms=float(np.sqrt(np.nanmean(rate_error**2))),
+        angle_error_rms=float(np.nanstd(angle_error)),
+    )

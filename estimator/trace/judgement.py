@@ -1,0 +1,82 @@
+"""Whether anything is left that the model, with what was found, does not account for.
+
+A long record shows the smallest of imperfections: what counts is not whether the residual could be told from white
+noise, but whether what stands above it is of a size that matters.
+"""
+
+import numpy as np
+
+from estimator.residual.floor import quiet_bins
+from estimator.residual.spectrum import lines, periodogram
+from estimator.scaling import Array
+from estimator.trace.fitting import Fitted
+from estimator.trace.record import Record
+from estimator.trace.selection import Selection
+
+_START = 8  # cycles until a start from the declared guess is over
+_LEVEL = 0.05  # of the predicted power, above it
+_PREDICTABLE = 0.01  # of the power, from the innovations before
+_LAGS = 4  # cycles
+_JUMP = 3.0  # times the usual power: what lies around a jump of the rate counts less from there on
+_LINE_CHANCE = 1e-6
+_LINE_POWER = 1e-3  # of the power
+
+
+def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple[str, ...]:
+    """Reasons, in words, why the residual of the fitted part is not explained; none when it is."""
+    model = selection.after
+    if not np.isfinite(model.likelihood):
+        return ("the observer does not converge on this record",)
+    sample_rate = 1.0 / float(np.mean(record.step))
+    cycle = max(int(sample_rate / resonance_hz), 1)
+    series = steadied(model, _START * cycle, cycle)
+    reasons = []
+    excess = power_over_prediction(model, series, record, _START * cycle, sample_rate, resonance_hz) - 1.0
+    if excess > _LEVEL:
+        reasons.append(f"the innovation is {np.sqrt(excess + 1.0):.3g} × what its prediction and the noise floor allow")
+    share = predictable_share(series, _LAGS * cycle)
+    if share > _PREDICTABLE:
+        how_much = f"{share:.1%}" if share < 1.0 else "nearly all"
+        reasons.append(f"{how_much} of the innovation can be predicted from those before")
+    spectrum = periodogram(series, sample_rate, resonance_hz)
+    for line in lines(spectrum, sample_rate, resonance_hz, _LINE_CHANCE):
+        if line.rms**2 > _LINE_POWER * float(np.sum(np.nanmean(series**2, axis=0))):
+            reasons.append(f"a line is left at {line.frequency:.6g} Hz")
+            break
+    return tuple(reasons)
+
+
+def steadied(model: Fitted, first: int, cycle: int) -> Array:
+    """Innovations from `first` on over their predicted deviation (m, axes), those around a jump of the rate reduced."""
+    normalised = np.nan_to_num(model.estimates.innovation / model.estimates.innovation_deviation)[first:]
+    power = np.convolve(np.mean(normalised**2, axis=1), np.ones(cycle) / cycle, "same")
+    usual = float(np.median(power))
+    share = np.sqrt(np.minimum(1.0, _JUMP * usual / np.maximum(power, np.finfo(float).tiny)))
+    return np.asarray(normalised * share[:, None])
+
+
+def power_over_prediction(
+    model: Fitted, series: Array, record: Record, first: int, sample_rate: float, resonance_hz: float
+) -> float:
+    """Power of the steadied innovations over what was predicted, were the noise what the record's floor says."""
+    spectrum = periodogram(series, sample_rate, resonance_hz)
+    quiet = quiet_bins(spectrum.frequency, sample_rate, resonance_hz)
+    floor = np.median(spectrum.density[quiet], axis=0) / np.log(2.0) * sample_rate / 2.0
+    predicted = model.estimates.innovation_deviation[first:] ** 2
+    noise = np.array(model.observer.device.noise) ** 2
+    # The floor is the noise's, the rest of the prediction the estimate's own uncertainty.
+    allowed = np.mean(1.0 + (np.minimum(floor, 4.0) - 1.0) * noise / predicted, axis=0)
+    return float(np.mean(np.mean(series**2, axis=0) / np.maximum(allowed, np.finfo(float).tiny)))
+
+
+def predictable_share(series: Array, lags: int) -> float:
+    """Share of the power that the sum of squared autocorrelations puts down to the past, chance taken off."""
+    n = len(series)
+    shares = []
+    for column in series.T:
+        centred = column - np.mean(column)
+        transform = np.fft.rfft(centred, 2 * n)
+        correlation = np.fft.irfft(np.abs(transform) ** 2)[: lags + 1]
+        correlation = correlation[1:] / max(float(correlation[0]), np.finfo(float).tiny)
+        shares.append(float(np.sum(correlation**2 - 1.0 / n)))
+    return float(np.mean(shares))

@@ -1,0 +1,149 @@
+"""Which experiment would tell two effects apart: each is played through with the model, and the signatures compared."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.kernel.experiment import experiment_block
+from estimator.observer import Observer
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.trace.evidence import SAME, likeness
+from estimator.trace.record import Record
+from estimator.trace.scan import scan
+from estimator.trace.selection import Selection
+
+_CYCLES = 400
+_FIRM = 0.1  # gain of both holds, in ω0
+_VIRTUAL = 2e-3  # of ω0
+_TURNED = 1e-3  # of ω0: rate of the table
+_STEP = 0.02  # of the target stiffness
+_DITHER = 3e-3  # of k A
+_SWING = 0.3
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is done to a device on the bench, beside holding its amplitude: all in relative size, 0 where it is not."""
+
+    name: str
+    words: str
+    virtual: float = 0.0
+    modulation: float = 0.0
+    dither: float = 0.0
+    turning: float = 0.0
+    stiffness: float = 0.0
+
+
+EXPERIMENTS = (
+    Experiment("virtual_rotation", "impose a virtual rotation", virtual=_VIRTUAL),
+    Experiment("amplitude", "modulate the amplitude by 30 %", virtual=_VIRTUAL, modulation=_SWING),
+    Experiment("dither", "dither the drive off the resonance", virtual=_VIRTUAL, dither=_DITHER),
+    Experiment("stiffness", "step the target stiffness by 2 %", virtual=_VIRTUAL, stiffness=_STEP),
+    Experiment("rate", "turn the gyro at a varying rate", virtual=_VIRTUAL, turning=_TURNED),
+    Experiment(
+        "all",
+        "modulate the amplitude, dither, step the target stiffness and turn the gyro",
+        virtual=_VIRTUAL, modulation=_SWING, dither=_DITHER, turning=_TURNED, stiffness=_STEP,
+    ),
+)  # fmt: skip
+
+Advice = tuple[str | None, float | None]
+
+
+def separations(
+    pairs: list[tuple[str, str]],
+    selection: Selection,
+    device: Device,
+    observer: ObserverSettings,
+    controller: ControllerSettings | None,
+    progress: Callable[[str, int, int], None],
+) -> list[Advice]:
+    """For each pair (named, other): the simplest experiment that separates them, and their likeness in it.
+
+    None and None where none does.  A single axis has no controller to experiment with.
+    """
+    if not pairs or device.axes != 2:
+        return [(None, None)] * len(pairs)
+    watched = {name: _parameters(name, selection) for pair in pairs for name in pair}
+    alike: dict[str, dict[str, dict[str, float]]] = {}
+    for done, experiment in enumerate(EXPERIMENTS):
+        record = played(experiment, device, observer, controller, selection)
+        settings = replace(observer, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
+        seen = scan(record, device, settings, None, watched)
+        alike[experiment.name] = {
+            name: likeness(seen, name, _coefficients(name, selection, seen.columns)) for name, _ in pairs
+        }
+        progress("experiments", done + 1, len(EXPERIMENTS))
+    return [_advice(name, other, alike) for name, other in pairs]
+
+
+def _advice(name: str, other: str, alike: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Advice:
+    values = {experiment.name: alike[experiment.name][name][other] for experiment in EXPERIMENTS}
+    able = [experiment for experiment in EXPERIMENTS if values[experiment.name] < SAME]
+    if not able:
+        return None, None
+    single = min(able, key=lambda experiment: values[experiment.name] + (0.001 if experiment.name == "all" else 0.0))
+    return single.words, values[single.name]
+
+
+def played(
+    experiment: Experiment,
+    device: Device,
+    observer: ObserverSettings,
+    controller: ControllerSettings | None,
+    selection: Selection,
+) -> Record:
+    """A record of the experiment on a device with the constants that were found and no effect."""
+    omega0 = math.sqrt(device.target)
+    scale = device.amplitude * device.target
+    law = ControllerSettings(
+        latency=controller.latency if controller is not None else 1,
+        force_quantum=1e-6 * scale / device.drive_gain,
+        force_limit=10.0 * scale / device.drive_gain,
+        sense_quantum=min(device.noise) / 10.0,
+        energy_gain=_FIRM,
+        quadrature_gain=_FIRM,
+        virtual_rotation=experiment.virtual * omega0,
+        dither=experiment.dither * scale / device.drive_gain,
+        modulation=experiment.modulation,
+        modulation_rate=omega0 / 200.0,
+    )
+    settings = replace(observer, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
+    loop = Observer(device, settings, law)
+    samples = int(_CYCLES * 2.0 * math.pi / loop.h)
+    t = np.arange(samples) * loop.h
+    truth = loop.x.copy()
+    truth[:4] = 1.0, 0.0, 0.0, 0.0
+    loop.x[:4] = truth[:4]
+    random = np.random.default_rng(0)
+    noise = random.standard_normal((samples, 2)) * np.sqrt(loop.record["noise"][0])
+    rates = experiment.turning * np.sin(t / 150.0)
+    stiffness = 1.0 + experiment.stiffness * np.sign(np.sin(t / 120.0))
+    sensed, drive = np.zeros((samples, 2)), np.zeros((samples, 2))
+    experiment_block(
+        loop.record, loop.active, loop.walk, loop.prior, loop.spread, loop.guess, loop.table,
+        loop.x, loop.p, loop.c, loop.memory, truth, rates, stiffness, noise, loop.rows, sensed, drive,
+    )  # fmt: skip
+    volts = np.array([loop.scaling.sense(axis) for axis in range(2)])
+    step = np.full(samples, 1.0 / device.sample_rate)
+    return Record(sensed * volts, (drive * loop.scaling.drive)[:, :, None], step)
+
+
+def _parameters(name: str, selection: Selection) -> dict[str, float]:
+    for step in selection.rounds:
+        if name in step.watched:
+            return dict(step.watched[name])
+    return {}
+
+
+def _coefficients(name: str, selection: Selection, columns: Mapping[str, slice]) -> Array | None:
+    """What was found of the effect, in the order of the scan's columns."""
+    found = selection.effects.get(name)
+    if found is None:
+        return None
+    values = list(found.values())
+    size = columns[name].stop - columns[name].start
+    return np.array(values[:size])

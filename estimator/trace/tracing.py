@@ -1,0 +1,195 @@
+"""From a record to a diagnosis: which effect the model lacks, how large it is, and what the error is with it."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.stats import norm
+
+from estimator.effects.catalogue import effect_for
+from estimator.effects.equation import equations
+from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.trace.diagnosis import (
+    Confusable,
+    Diagnosis,
+    Found,
+    Interval,
+    Rejected,
+    Verdict,
+)
+from estimator.trace.evidence import SAME
+from estimator.trace.examination import examine
+from estimator.trace.fitness import require_traceable
+from estimator.trace.fitting import Effects, Fitted
+from estimator.trace.judgement import leftover
+from estimator.trace.record import Record
+from estimator.trace.selection import Selection, select, threshold
+from estimator.trace.separation import separations
+
+_TWO_SIDED = float(norm.ppf(0.975))
+
+
+def trace(
+    record: Record,
+    device: Device,
+    observer: ObserverSettings,
+    controller: ControllerSettings | None,
+    *,
+    split: int,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> Diagnosis:
+    """Choose effects on the samples before `split`, score them on the rest.
+
+    `observer` is the bench's; effects that it carries already stay.  Raises ModelError for a record that cannot be
+    traced, with what to record instead.
+    """
+    require_traceable(record, device, split)
+    known = {name: dict(given) for name, given in observer.effects.items()}
+    selection = select(record.part(slice(0, split)), device, observer, controller, progress)
+    progress("before and after", 0, 2)
+    before = examine(record, device, observer, controller, known, split)
+    progress("before and after", 1, 2)
+    chosen = {name: given for name, given in selection.effects.items() if name not in known}
+    after = examine(record, device, observer, controller, selection.effects, split) if chosen else before
+    progress("before and after", 2, 2)
+    resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
+    reasons = leftover(selection, record.part(slice(0, selection.samples)), resonance)
+    named = chosen if not reasons else {}
+    found = tuple(_found(name, _short(name, named), selection, device) for name in named)
+    verdict = Verdict.UNEXPLAINED if reasons else Verdict.EXPLAINED if found else Verdict.ADEQUATE
+    return Diagnosis(
+        verdict=verdict,
+        effects=found,
+        confusable=_confusable(named, selection, device, observer, controller, progress),
+        rejected=_rejected(named, chosen, selection, device),
+        findings=before.findings,
+        before=before.fitted,
+        after=after.fitted,
+        held_out_before=before.held_out,
+        held_out_after=after.held_out,
+        residual_before=before.residual,
+        residual_after=after.residual,
+        split=split,
+        reasons=reasons,
+    )
+
+
+def _short(name: str, named: Effects) -> str:
+    """The name without its label, where that says which is meant."""
+    return name if sum(kind(other) == kind(name) for other in named) > 1 else kind(name)
+
+
+def _found(name: str, shown: str, selection: Selection, device: Device) -> Found:
+    _, effect = effect_for(name, device.axes)
+    return Found(
+        name=shown,
+        title=effect.title,
+        equation=equations(effect),
+        coefficients=_intervals(name, selection.after, device) | _parameters(name, selection.effects, device),
+        evidence=selection.gain[name],
+        undone=effect.undone.value,
+    )
+
+
+def _intervals(name: str, model: Fitted, device: Device) -> dict[str, Interval]:
+    """Coefficients with 95 % intervals, wider where the innovation is larger than predicted."""
+    observer = model.observer
+    deviation = dict(zip(observer.estimated, np.sqrt(np.diag(observer.covariance)), strict=True))
+    value = dict(zip(observer.names, observer.state, strict=True))
+    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
+    wider = max(float(np.sqrt(np.nanmean(normalised))), 1.0)
+    _, effect = effect_for(name, device.axes)
+    return {
+        c.name.partition(":")[0]: Interval(
+            float(value[c.name]),
+            float(value[c.name] - _TWO_SIDED * wider * deviation[c.name]),
+            float(value[c.name] + _TWO_SIDED * wider * deviation[c.name]),
+            c.unit,
+        )
+        for c in effect.coefficients
+    }
+
+
+def _parameters(name: str, effects: Effects, device: Device) -> dict[str, Interval]:
+    """Parameters were searched for, not estimated: the interval is the value itself."""
+    _, effect = effect_for(name, device.axes)
+    given = effects[name]
+    return {
+        p.name: Interval(given[p.name], given[p.name], given[p.name], p.unit)
+        for p in effect.parameters
+        if p.name in given
+    }
+
+
+def _confusable(
+    named: Effects,
+    selection: Selection,
+    device: Device,
+    observer: ObserverSettings,
+    controller: ControllerSettings | None,
+    progress: Callable[[str, int, int], None],
+) -> tuple[Confusable, ...]:
+    """Who looks like a named effect on this record, and what would tell them apart."""
+    pairs = [
+        (step.taken, other, likeness)
+        for step in selection.rounds
+        if step.taken is not None and step.taken in named
+        for other, likeness in step.alike.items()
+        if likeness > SAME and kind(other) != kind(step.taken)
+    ]
+    pairs = [
+        (name, other, likeness)
+        for index, (name, other, likeness) in enumerate(pairs)
+        if kind(other) not in {kind(before) for taken, before, _ in pairs[:index] if taken == name}
+    ]
+    advice = separations([(name, other) for name, other, _ in pairs], selection, device, observer, controller, progress)
+    return tuple(
+        Confusable(_short(name, named), kind(other), likeness, *told)
+        for (name, other, likeness), told in zip(pairs, advice, strict=True)
+    )
+
+
+def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Device) -> tuple[Rejected, ...]:
+    """Every other candidate once, with what it would have explained at best and a bound on its coefficients."""
+    if not selection.rounds:
+        return ()
+    last = selection.rounds[-1]
+    kinds = {kind(name) for name in named}
+    rejected: dict[str, Rejected] = {}
+    enough = threshold(len(last.evidence))
+    for name, item in last.evidence.items():
+        if kind(name) in kinds or kind(name) in rejected:
+            continue
+        _, effect = effect_for(name, device.axes)
+        bound = {
+            c.name.partition(":")[0]: Interval(
+                float(value), float(value - _TWO_SIDED * sd), float(value + _TWO_SIDED * sd), c.unit
+            )
+            for c, value, sd in zip(effect.coefficients, item.coefficients, item.deviation, strict=True)
+            if sd > 0.0
+        }
+        rejected[kind(name)] = Rejected(kind(name), _why(name, item.significance > enough, chosen, selection), bound)
+    for name in chosen:
+        if kind(name) not in kinds:
+            rejected[kind(name)] = Rejected(
+                kind(name), f"explains part of the residual (gain {selection.gain[name]:.4g}) and leaves the rest", {}
+            )
+    return tuple(rejected.values())
+
+
+def _why(name: str, serious: bool, chosen: Effects, selection: Selection) -> str:
+    tried = selection.rounds[-1].tried.get(name)
+    if tried is not None:
+        return f"carried, it gains {tried:.4g} in twice the log-likelihood: no more than chance"
+    alike = max((step.alike.get(name, 0.0) for step in selection.rounds if step.taken in chosen), default=0.0)
+    if alike > SAME:
+        return f"looks like what was taken (likeness {alike:.5f}) and explains less"
+    if serious:
+        return "what it would explain is not the same from part to part of the record"
+    if alike > 0.9:
+        return f"nothing is left for it (likeness {alike:.3f} to what was taken)"
+    return "explains no more than chance would"
+
+
+def kind(name: str) -> str:
+    """Name of an effect without its label."""
+    return name.partition(":")[0]
