@@ -69,9 +69,10 @@ def separations(
         return [(None, None)] * len(pairs)
     watched = {name: _parameters(name, selection) for pair in pairs for name in pair}
     alike: dict[str, dict[str, dict[str, float]]] = {}
+    settings = replace(observer, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
+    latency = controller.latency if controller is not None else 1
     for done, experiment in enumerate(EXPERIMENTS):
-        record = played(experiment, device, observer, controller, selection)
-        settings = replace(observer, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
+        record = loop_record(experiment, device, settings, latency=latency)
         seen = scan(record, device, settings, None, watched)
         alike[experiment.name] = {
             name: likeness(seen, name, _coefficients(name, selection, seen.columns)) for name, _ in pairs
@@ -89,43 +90,40 @@ def _advice(name: str, other: str, alike: Mapping[str, Mapping[str, Mapping[str,
     return single.words, values[single.name]
 
 
-def played(
-    experiment: Experiment,
-    device: Device,
-    observer: ObserverSettings,
-    controller: ControllerSettings | None,
-    selection: Selection,
+def loop_record(
+    experiment: Experiment, device: Device, settings: ObserverSettings, *, latency: int, noise: float = 1.0
 ) -> Record:
-    """A record of the experiment on a device with the constants that were found and no effect."""
+    """A record of the experiment on a device with the constants of `settings` and no effect.
+
+    noise: times what the device declares.
+    """
     omega0 = math.sqrt(device.target)
-    scale = device.amplitude * device.target
+    scale = device.amplitude * device.target / device.drive_gain
     law = ControllerSettings(
-        latency=controller.latency if controller is not None else 1,
-        force_quantum=1e-6 * scale / device.drive_gain,
-        force_limit=10.0 * scale / device.drive_gain,
+        latency=latency,
+        force_quantum=1e-6 * scale,
+        force_limit=10.0 * scale,
         sense_quantum=min(device.noise) / 10.0,
         energy_gain=_FIRM,
         quadrature_gain=_FIRM,
         virtual_rotation=experiment.virtual * omega0,
-        dither=experiment.dither * scale / device.drive_gain,
+        dither=experiment.dither * scale,
         modulation=experiment.modulation,
         modulation_rate=omega0 / 200.0,
     )
-    settings = replace(observer, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
-    loop = Observer(device, settings, law)
+    loop = Observer(device, replace(settings, gain=Gain.EKF, effects={}), law)
     samples = int(_CYCLES * 2.0 * math.pi / loop.h)
     t = np.arange(samples) * loop.h
     truth = loop.x.copy()
-    truth[:4] = 1.0, 0.0, 0.0, 0.0
-    loop.x[:4] = truth[:4]
+    truth[:4] = loop.x[:4] = 1.0, 0.0, 0.0, 0.0
     random = np.random.default_rng(0)
-    noise = random.standard_normal((samples, 2)) * np.sqrt(loop.record["noise"][0])
+    added = noise * random.standard_normal((samples, 2)) * np.sqrt(loop.record["noise"][0])
     rates = experiment.turning * np.sin(t / 150.0)
     stiffness = 1.0 + experiment.stiffness * np.sign(np.sin(t / 120.0))
     sensed, drive = np.zeros((samples, 2)), np.zeros((samples, 2))
     experiment_block(
         loop.record, loop.active, loop.walk, loop.prior, loop.spread, loop.guess, loop.table,
-        loop.x, loop.p, loop.c, loop.memory, truth, rates, stiffness, noise, loop.rows, sensed, drive,
+        loop.x, loop.p, loop.c, loop.memory, truth, rates, stiffness, added, loop.rows, sensed, drive,
     )  # fmt: skip
     volts = np.array([loop.scaling.sense(axis) for axis in range(2)])
     step = np.full(samples, 1.0 / device.sample_rate)

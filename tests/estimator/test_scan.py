@@ -1,0 +1,92 @@
+"""The scan's signatures against what carrying a small effect really does to the innovations; evidence; likeness."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from estimator.effects.catalogue import EFFECTS, effect_for
+from estimator.observer import Observer
+from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.trace.evidence import evidence, likeness
+from estimator.trace.examination import hold
+from estimator.trace.fitting import run
+from estimator.trace.record import Record
+from estimator.trace.scan import scan
+from estimator.trace.separation import EXPERIMENTS, loop_record
+
+OMEGA0 = 2 * np.pi * 200.0
+K = OMEGA0**2
+PARAMETERS = {
+    "sense_high_pass": {"leak_x": 10.0, "leak_y": 20.0},
+    "sense_clipping": {"level": 0.8e-4},
+    "parasitic_mode": {"omega": 3 * OMEGA0, "zeta": 0.02},
+    "drive_saturation": {"limit": 0.02e-4 * K},
+    "drive_dead_band": {"band": 0.005e-4 * K},
+    "interference": {"omega": 777.0},
+    "base_vibration": {"omega": 777.0},
+}
+WITHOUT_CHANNEL = ("temperature_stiffness", "temperature_damping", "temperature_offset")
+# Beside an offset nothing is left of it but what happens while a velocity turns, which three nodes a step do not see.
+HIDDEN = ("dry_friction_asymmetric",)
+KINKED = (
+    "dry_friction",
+    "dry_friction_asymmetric",
+    "damping_asymmetric",
+    "drag",
+)  # three nodes a step see them coarsely
+
+DEVICE = Device(
+    sample_rate=4000.0,
+    stiffness=(K * 1.02, K * 0.98, K * 0.01),
+    damping=(1.3, 1.1, 0.06),
+    amplitude=1e-4,
+    sense_gain=(-890.0, -890.0),
+    noise=(9e-5, 9e-5),
+    target_stiffness=K,
+)
+SETTINGS = ObserverSettings(
+    gain=Gain.EKF,
+    spread=Spread(offset=1e-3, rate=0.1, stiffness=1e-4, damping=0.01),
+    process_noise=ProcessNoise(rate=0.5),
+    initial={"x": 1e-4, "vx": 0.0},
+)
+
+
+@cache
+def record() -> Record:
+    """Everything excited at once, no noise."""
+    everything = next(experiment for experiment in EXPERIMENTS if experiment.name == "all")
+    return loop_record(everything, DEVICE, SETTINGS, latency=1, noise=0.0)
+
+
+@pytest.mark.parametrize("name", [effect.name for effect in EFFECTS if effect.name not in (*WITHOUT_CHANNEL, *HIDDEN)])
+def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: str) -> None:
+    given = PARAMETERS.get(name, {})
+    seen = scan(record(), DEVICE, SETTINGS, None, {name: given})
+    normal = seen.normal.sum(axis=0)
+    without = run(Observer(DEVICE, SETTINGS), record()).innovation
+    _, effect = effect_for(name, 2)
+    for column, coefficient in enumerate(effect.coefficients):
+        small = 1e-4 * seen.plausible[column]
+        carrying = replace(SETTINGS, effects={name: {**given, coefficient.name: small}})
+        observer = Observer(DEVICE, carrying)
+        hold(observer)
+        moved = (run(observer, record()).innovation - without) / 1e-4
+        expected = np.sum((moved / seen.deviation) ** 2)
+        assert normal[column, column] == pytest.approx(expected, rel=0.1 if name in KINKED else 0.01)
+
+
+def test_nothing_is_evident_where_nothing_is_missing() -> None:
+    watched = {effect.name: {} for effect in EFFECTS if not effect.parameters and effect.name not in WITHOUT_CHANNEL}
+    noisy = loop_record(EXPERIMENTS[-1], DEVICE, SETTINGS, latency=1, noise=1.0)
+    found = evidence(scan(noisy, DEVICE, SETTINGS, None, watched))
+    assert max(item.significance for item in found.values()) < 4.0
+
+
+def test_a_low_pass_far_above_looks_like_a_delay_and_nothing_like_a_cubic() -> None:
+    seen = scan(record(), DEVICE, SETTINGS, None, {"sense_delay": {}, "sense_low_pass": {}, "cubic_stiffness": {}})
+    alike = likeness(seen, "sense_delay", np.array([1e-6, 2e-6]))
+    assert alike["sense_low_pass"] > 0.9999
+    assert alike["cubic_stiffness"] < 0.9
