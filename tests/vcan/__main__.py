@@ -14,6 +14,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from hil.wire.can_link import interfaces
@@ -121,7 +122,7 @@ def inside(command: list[str], environment: dict[str, str], place: Path) -> int:
     """In user-mode Linux."""
     missing = [tool for tool in ("linux.uml", "insmod", "ip", "busybox", "candump") if find(tool) is None]
     if missing:
-        raise NotHere(f"this kernel has no CAN, and {', '.join(missing)} is missing: sudo apt install {PACKAGES}")
+        raise NotHere(f"this kernel has no CAN, and there is no {', '.join(missing)}: sudo apt install {PACKAGES}")
     warm()
     kept = ("HOME", "LANG", "PYTHONPATH", "VIRTUAL_ENV", "HIL_PTY_BOARD", "OPENBLAS_NUM_THREADS", "NUMBA_CACHE_DIR")
     settings = {name: environment[name] for name in kept if name in environment}
@@ -149,10 +150,15 @@ def inside(command: list[str], environment: dict[str, str], place: Path) -> int:
         "con0=fd:0,fd:1",
         "quiet",
     ]
+    machine = subprocess.Popen([linux, *options], stdin=subprocess.DEVNULL, start_new_session=True)
     try:
-        subprocess.run([linux, *options], stdin=subprocess.DEVNULL, timeout=PATIENCE_S, check=False)
+        machine.wait(PATIENCE_S)
     except subprocess.TimeoutExpired:
         raise SystemExit(f"tests on vcan: not finished after {PATIENCE_S:.0f} s") from None
+    finally:
+        with suppress(ProcessLookupError):  # its helpers outlive it when it is killed
+            os.killpg(machine.pid, signal.SIGKILL)
+        machine.wait()
     if not code.exists():
         raise SystemExit("tests on vcan: the machine inside stopped before they had ended")
     return int(code.read_text())
