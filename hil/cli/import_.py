@@ -7,7 +7,7 @@ import typer
 
 from hil.cli.options import Json
 
-Source = Annotated[Path, typer.Argument(metavar="CSV", help="Text file with a header line, plain or gzipped.")]
+Source = Annotated[Path, typer.Argument(metavar="CSV", help="Text file with a header line, plain or gzipped; or .mat.")]
 Target = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Capture to write.  [default: the CSV's name with .arrow]"),
@@ -34,13 +34,14 @@ def import_(
     """Turn a CSV file into a capture that `hil replay` can run over.
 
     The header is t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N), and optionally rate_rad_s, temp_C;
-    single-axis records leave out y. Files that look different come with a map.
+    single-axis records leave out y. Files that look different come with a map, MATLAB files always.
 
     Examples:
 
     \b
       hil import ride.csv
       hil import SNLS80mV.csv.gz --map silverbox -o silverbox.arrow
+      hil import DATA_EMPS.mat --map emps
     """
     from hil.cli.files import fresh
     from hil.cli.show import print_json, say

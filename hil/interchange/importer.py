@@ -73,6 +73,8 @@ def import_record(
 
 
 def _read_plain(source: Path) -> _Record:
+    if is_matlab(source):
+        raise InputError(f"{source}: a MATLAB file; give a --map that says which variable is which channel")
     header = read_header(source)
     fault = fault_in(header, needs_time=True)
     if fault:

@@ -55,6 +55,11 @@ def test_matlab_vectors_become_columns(bring, vectors):
     assert (capture.tick_rate_Hz, capture.drive_unit) == (100.0, "N")
 
 
+def test_a_matlab_file_needs_a_map(vectors, tmp_path):
+    with pytest.raises(InputError, match=r"record.mat: a MATLAB file; give a --map"):
+        import_record(vectors(), tmp_path / "record.arrow")
+
+
 def test_rows_of_a_matlab_file(bring, vectors):
     capture = bring(vectors(), "rows = [1, 4]\n" + VECTORS)
     np.testing.assert_allclose(capture.sense_V[:, 0], [1e-3, 2e-3, 3e-3])
