@@ -15,7 +15,6 @@ from estimator.inverse_dynamics import (
     Motion,
     fit_forces,
     motion_of,
-    resampled,
     trace_forces,
 )
 from estimator.observer import Observer
@@ -53,8 +52,8 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
     motion = motion_in(captures[1])
     time = np.arange(len(after)) * _FILTERS.every / motion.rate
     panel = Panel(
-        "emps", "EMPS, second file: force and what the model lacks of it", time, "time, s",
-        [("force", resampled(motion, motion.drive)), ("before", before), ("after", after)], "N",
+        "emps", "EMPS, second file: force that the model lacks", time, "time, s",
+        [("before", before), ("after", after)], "N",
     )  # fmt: skip
     return Outcome("EMPS", rows, [words, _described(found.after, found.evidence, found.rejected)], [panel])
 

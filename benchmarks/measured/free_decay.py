@@ -38,9 +38,9 @@ def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
         f"Over the fitted part the free run errs by {fitted[0]:.3g} {unit} before and {fitted[1]:.3g} after; the noise "
         f"is taken as {factor * device.noise[0]:.3g}. The test part goes on from the same start."
     )
-    curves = [("measured", record.sense), ("error before", errors[0]), ("error after", errors[1])]
+    curves = [("before", errors[0]), ("after", errors[1])]
     panel = Panel(
-        name, f"{title}: measured, and free-run error", record.time, "time, s",
+        name, f"{title}: error of the free run", record.time, "time, s",
         [(label, factor * series[:, 0]) for label, series in curves], unit,
     )  # fmt: skip
     return Outcome(title, rows, [words, *described(trace)], [panel])
