@@ -292,6 +292,10 @@ class Observer:
         """Switch the commanded force between the control law and zero."""
         self.record["control"] = int(on)
 
+    def scale_target(self, factor: float) -> None:
+        """Make the controller's target stiffness so many times the declared one."""
+        self.record["stiffness"] = factor
+
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
         block.tick(

@@ -1,5 +1,6 @@
 """Effects written into a bench file that exists: text is added, the rest of the file stays as it is."""
 
+import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -12,7 +13,7 @@ from hil.bench.text import toml_value
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.records.atomic import write_text
-from hil.records.diagnosis import Diagnosis
+from hil.records.diagnosis import Coefficient, Diagnosis
 from hil.strict_toml import parse_table
 
 _COLUMN = 36  # where the remarks begin
@@ -36,7 +37,7 @@ def additions(diagnosis: Diagnosis) -> list[Addition]:
             effect.name,
             f"{effect.title}; traced in {diagnosis.record}",
             {
-                symbol: (found.value or 0.0, f"95 %: {_bound(found.ci95[0])} to {_bound(found.ci95[1])} {found.unit}")
+                symbol: (_rounded(found), f"95 %: {_ends(found)} {found.unit}")
                 for symbol, found in effect.coefficients.items()
             },
         )
@@ -95,5 +96,16 @@ def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)
 
 
-def _bound(value: float | None) -> str:
-    return "unbounded" if value is None else f"{value:.4g}"
+def _rounded(found: Coefficient) -> float:
+    """The estimate to a hundredth of its interval: what is behind that is noise."""
+    value, (low, high) = found.value or 0.0, found.ci95
+    if low is None or high is None or not high > low:
+        return float(f"{value:.10g}")
+    return float(f"{round(value, 2 - math.floor(math.log10(high - low))):.15g}")
+
+
+def _ends(found: Coefficient) -> str:
+    low, high = found.ci95
+    if found.value is None or low is None or high is None:
+        return " to ".join("unbounded" if end is None else f"{end:.4g}" for end in (low, high))
+    return f"± {max(high - found.value, found.value - low):.2g}"

@@ -1,48 +1,95 @@
-"""The whole bench once over: an emulated board in its own process, the loop in real time, score, report."""
+"""The whole bench once over, on a board with an effect that nobody told the host of: run, trace, add, run again."""
 
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil import examples
-from hil.bench import load_bench, override
+from hil.bench import Bench, load_bench, override
 from hil.progress import Progress, Watcher
 
-EXAMPLE = "s-slow"
+EXAMPLE = "s-undeclared"
 GAIN_MODE_EXAMPLE = "s-modern-5k"
 
 
+class Circle(NamedTuple):
+    """Run folder without the effect, trace folder, run folder with it; None where the trace found nothing to add."""
+
+    before: Path
+    trace: Path
+    after: Path | None
+
+
 def demo(
-    out: Path,
-    *,
-    name: str = "demo",
-    duration_s: float | None = None,
-    seed: int | None = None,
-    gain_mode: bool = False,
-    progress: Watcher,
-) -> Path:
-    """Run the example in paced real time over a pty and return the run folder, made below ``out``. In gain mode it is
-    a 5 kHz gyro at 100 kS/s, whose board closes the loop itself with matrices from the host.
+    out: Path, *, name: str = "demo", duration_s: float | None = None, seed: int | None = None, progress: Watcher
+) -> Circle:
+    """Close the loop in paced real time over a pty, trace the record, and close it again with what was found.
 
-    The board writes its truth into a temporary file, which only the score reads, once the run is over.
-    `hil.errors.InputError` or `hil.wire.errors.WireError` when board or bench cannot be had.
+    The second run's result.json has the diagnosis, its report both runs.  Each board writes its truth into a temporary
+    file, which only the score reads.  `hil.errors.InputError` or `hil.wire.errors.WireError` when board or bench cannot
+    be had.
     """
-    from hil.loop.run import run
+    from hil.addition import add_effects, additions
+    from hil.records.result import load_result, save_result
+    from hil.records.runfolder import RunFolder
     from hil.report.page import write_report
-    from hil.score import score
+    from hil.trace import trace
 
-    example = GAIN_MODE_EXAMPLE if gain_mode else EXAMPLE
-    path = examples.find("bench", example)
+    path = examples.find("bench", EXAMPLE)
+    options = (duration_s, seed)
+    with tempfile.TemporaryDirectory() as aside:
+        truths = Path(aside) / "before.arrow", Path(aside) / "after.arrow"
+        before = _run(_bench(path, f"{name}-before", *options), EXAMPLE, out, truths[0], progress)
+        record = RunFolder(before).capture_path
+        traced = trace(record, _bench(path, f"{name}-trace", *options), out, progress=progress)
+        found = additions(traced.diagnosis)
+        after: Path | None = None
+        if found:
+            completed = traced.folder / "completed.bench.toml"
+            add_effects(path, completed, found)
+            after = _run(_bench(completed, name, *options), EXAMPLE, out, truths[1], progress)
+        last = RunFolder(after or before)
+        diagnosis = traced.diagnosis.model_dump(mode="json", by_alias=True)
+        save_result(last.result_path, load_result(last.result_path).model_copy(update={"diagnosis": diagnosis}))
+        progress(Progress("report", 0, 0))
+        if after is None:
+            write_report(before, truths[0])
+        else:
+            write_report(after, truths[1], earlier=(before, truths[0]))
+    return Circle(before, traced.folder, after)
+
+
+def in_gain_mode(
+    out: Path, *, name: str = "demo", duration_s: float | None = None, seed: int | None = None, progress: Watcher
+) -> Path:
+    """One run, scored and reported, of a 5 kHz gyro at 100 kS/s, whose board closes the loop with the host's matrices;
+    its folder.  Errors as of `demo`.
+    """
+    from hil.report.page import write_report
+
+    path = examples.find("bench", GAIN_MODE_EXAMPLE)
+    with tempfile.TemporaryDirectory() as aside:
+        truth = Path(aside) / "truth.arrow"
+        folder = _run(_bench(path, name, duration_s, seed), GAIN_MODE_EXAMPLE, out, truth, progress)
+        progress(Progress("report", 0, 0))
+        write_report(folder, truth)
+    return folder
+
+
+def _bench(source: Path, name: str, duration_s: float | None, seed: int | None) -> Bench:
     changes: dict[str, Any] = {"name": name, "clock": "paced", "seed": seed}
     if duration_s is not None:
         changes["duration_s"] = duration_s
-    bench = override(load_bench(path), {"loop": changes}, f"{path} with the options given")
-    with tempfile.TemporaryDirectory() as aside:
-        truth = Path(aside) / "truth.arrow"
-        link = f"pty:{examples.find('scenario', example)}"
-        folder = run(bench, link, out, truth=truth, progress=progress).folder
-        assert folder is not None  # only a dry run leaves none
-        progress(Progress("score and report", 0, 0))
-        score(folder, truth)
-        write_report(folder, truth=truth)
+    return override(load_bench(source), {"loop": changes}, f"{source} with the options given")
+
+
+def _run(bench: Bench, scenario: str, out: Path, truth: Path, progress: Watcher) -> Path:
+    """A run against an example's board in its own process, scored."""
+    from hil.loop.run import run
+    from hil.score import score
+
+    folder = run(bench, f"pty:{examples.find('scenario', scenario)}", out, truth=truth, progress=progress).folder
+    assert folder is not None  # only a dry run leaves none
+    progress(Progress("score", 0, 0))
+    score(folder, truth)
     return folder

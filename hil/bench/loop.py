@@ -74,6 +74,10 @@ class Controller(Section):
     """modulation of the held amplitude, as a fraction"""
     modulation_Hz: Positive = 1.0
     """frequency of that modulation"""
+    stiffness_step: Annotated[float, Field(ge=0, lt=0.2)] = 0.0
+    """steps of the target stiffness, up and down, as a fraction"""
+    stiffness_step_Hz: Positive = 1.0
+    """frequency of these steps"""
     force_limit_mps2: Positive | None = None
     """largest commanded force per mass; without it the drive's full scale"""
 

@@ -12,6 +12,7 @@ from hil.cli.record import record
 from hil.cli.replay import replay
 from hil.cli.run import run
 from hil.cli.score import score
+from hil.cli.trace import trace
 
 app = typer.Typer(
     help="Hardware-in-the-loop bench for angle-measuring gyros: close the loop with a board, real or "
@@ -22,5 +23,5 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (demo, run, record, emulate, doctor, init, replay, score, import_, export):
+for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, import_, export):
     app.command(verb.__name__.rstrip("_"))(verb)

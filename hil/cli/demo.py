@@ -20,13 +20,14 @@ def demo(
     gain_mode: GainMode = False,
     json: Json = False,
 ) -> None:
-    """Close the loop with an emulated board in real time.
+    """Close the loop in real time, find what the model lacks, and close it again without that error.
 
-    Starts the board S-slow as a process of its own on a pty, runs observer and controller against it, scores
-    the estimates against the board's truth, writes a report and prints the figures. Needs no hardware.
+    Starts the board S-undeclared, which has an effect the host is not told of, as a process of its own on a pty; runs
+    observer and controller against it; traces the record; adds what it finds; runs again; scores both runs against the
+    board's truth, and prints the figures of the second beside those of the first. Needs no hardware.
 
     With --gain-mode the board is S-modern at 5 kHz, too fast for an answer to every sample: the host observes blocks
-    of samples and sends the board the matrix to close the loop with.
+    of samples and sends the board the matrix to close the loop with. That is one run, and nothing is hidden in it.
 
     Examples:
 
@@ -38,10 +39,15 @@ def demo(
     """
     from hil import demo as showcase
     from hil.cli.progress import watching
-    from hil.cli.show import finish
+    from hil.cli.show import finish, print_before_and_after
 
+    called = name or "demo"
     with watching("demo") as watch:
-        folder = showcase.demo(
-            out, name=name or "demo", duration_s=duration, seed=seed, gain_mode=gain_mode, progress=watch
-        )
+        if gain_mode:
+            folder = showcase.in_gain_mode(out, name=called, duration_s=duration, seed=seed, progress=watch)
+        else:
+            circle = showcase.demo(out, name=called, duration_s=duration, seed=seed, progress=watch)
+            folder = circle.after or circle.before
+    if not (gain_mode or json):
+        print_before_and_after(circle)
     finish(folder, as_json=json)

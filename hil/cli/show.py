@@ -12,6 +12,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from hil.demo import Circle
     from hil.records.result import Result
 
 _VERDICT_STYLE = {"good": "green", "failed": "red", "interrupted": "yellow"}
@@ -39,6 +40,29 @@ def finish(folder: Path, *, as_json: bool) -> NoReturn:
     else:
         _print_tables(result, run.report_path)
     raise typer.Exit(0 if result.verdict in (None, "good") else 1)
+
+
+def print_before_and_after(circle: "Circle") -> None:
+    """What the trace of the first run found, and the figures of both runs beside each other."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from hil.cli.show_diagnosis import print_diagnosis
+    from hil.records.diagnosis import load_diagnosis
+    from hil.records.result import load_result
+    from hil.records.runfolder import RunFolder
+
+    print_diagnosis(load_diagnosis(circle.trace / "diagnosis.json"))
+    if circle.after is None:
+        print("\nnothing to add to the model: no second run\n")
+        return
+    table = Table("", "before", "after", box=None, pad_edge=False, header_style="dim")
+    before, after = (dict(_figures(load_result(RunFolder(run).result_path))) for run in (circle.before, circle.after))
+    for label in ("angle error, rms", "angle per rotation", "rate error, rms", "residual, rms"):
+        table.add_row(label, before.get(label, ""), after.get(label, ""))
+    print("\nthe loop without it and with it")
+    Console(highlight=False, soft_wrap=True).print(table)
+    print()
 
 
 def show_identity(link: str, identity: Mapping[str, Any], *, as_json: bool) -> None:

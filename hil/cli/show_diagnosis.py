@@ -31,6 +31,8 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     """Verdict, residual, effects, before and after, what cannot be told apart, what was ruled out."""
     from rich.console import Console
 
+    from hil.report.diagnosis.equations import plain
+    from hil.report.diagnosis.tables import estimate
     from hil.report.numbers import quantity
 
     console = Console(highlight=False, soft_wrap=True)
@@ -41,11 +43,9 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     for effect in diagnosis.effects:
         console.print(f"\n[bold]{effect.title}[/bold]  \\[effects.{effect.name}]")
         for equation in effect.equations:
-            console.print(f"  {equation}", markup=False)
+            console.print(f"  {plain(equation)}", markup=False)
         for symbol, found in effect.coefficients.items():
-            low, high = ("?" if end is None else f"{end:.5g}" for end in found.ci95)
-            value = "?" if found.value is None else f"{found.value:.5g}"
-            console.print(f"  {symbol} = {value} {found.unit}, 95 % interval {low} to {high}", markup=False)
+            console.print(f"  {symbol} = {estimate(found)}, 95 %", markup=False)
         console.print(f"  {effect.undone}", markup=False)
     console.print()
     console.print(_fits(diagnosis))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.loop.armed import ArmedBoard
+from hil.loop.target import TargetSteps
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
@@ -66,6 +67,7 @@ class ForceLoop:
         self._latency = identity.latency_ticks
         self._every = bench.loop.estimate_every
         self._waiting = bench.controller.enabled  # to close the loop
+        self._step_target = TargetSteps(observer, bench)
         self._acquired = math.ceil(bench.observer.acquisition_s * rate)
         self._long_gap = max(round(_LONG_GAP_S * rate), 2)
         self._silence_s = bench.link.timeout_s
@@ -115,6 +117,7 @@ class ForceLoop:
                 if self._waiting and tick - first >= self._acquired:
                     self._waiting = False
                     observer.enable_control(True)
+                self._step_target(tick - first)
                 kernel = time.monotonic_ns()
                 codes = observer.tick(row[1], row[2], row[3], row[4])
                 kernel = time.monotonic_ns() - kernel

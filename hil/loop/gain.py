@@ -22,6 +22,7 @@ from hil.bench import Bench
 from hil.loop.armed import ArmedBoard
 from hil.loop.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.loop.force import Counters
+from hil.loop.target import TargetSteps
 from hil.loop.tracks import estimate_rows, innovation_rows, run_layouts
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
@@ -82,6 +83,7 @@ class GainLoop:
         self._waiting = bench.controller.enabled  # to close the loop
         self._closed = False
         self._acquired = math.ceil(bench.observer.acquisition_s * rate)
+        self._step_target = TargetSteps(observer, bench)
         self._long_gap = max(round(_LONG_GAP_S * rate), 2)
         self._silence_s = bench.link.timeout_s
         patient = lockstep and endpoint.link.fileno() is not None
@@ -137,6 +139,7 @@ class GainLoop:
         if self._waiting and block.tick - first >= self._acquired:
             self._waiting, self._closed = False, True
             self._observer.enable_control(True)
+        self._step_target(block.tick - first)
         kernel_ns = time.monotonic_ns()
         si = codes * self._scale
         estimates = self._observer.run(si[:, :2], si[:, 2:], every=self._stride)

@@ -114,7 +114,7 @@ class Diagnosis(_Model):
     record: str = Field(description="Name of the record")
     bench: str = Field(description="[device] name of the bench file")
     samples: Count
-    split: Count = Field(description="First sample of the part held out")
+    split: Count = Field(description="Samples that were fitted; the rest was held out")
 
 
 def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:

@@ -17,7 +17,7 @@ from hil.addition import additions
 from hil.errors import InputError
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.report.diagnosis import write_report
-from hil.report.diagnosis.equations import typeset
+from hil.report.diagnosis.equations import plain, typeset
 
 N, RATE, RESONANCE, NOISE = 16000, 4000.0, 200.0, 9e-5
 DEVICE = Device(
@@ -132,7 +132,8 @@ def test_only_what_explains_is_added() -> None:
     (addition,) = additions(to_model(answer(), record="ride", bench="S-test"))
     assert addition.name == "cubic_stiffness"
     assert addition.coefficients["k3x"][0] == 1e13
-    assert "9.9e+12 to 1.01e+13" in addition.coefficients["k3x"][1]
+    assert addition.coefficients["k3x"][1] == "95 %: ± 1e+11 1/(m²·s²)"
+    assert addition.coefficients["k3y"][1] == "95 %: 1e+12 to unbounded 1"
     for verdict in (traced.Verdict.UNEXPLAINED, traced.Verdict.ADEQUATE):
         assert additions(to_model(answer(verdict=verdict), record="ride", bench="S-test")) == []
 
@@ -197,8 +198,17 @@ def test_a_record_of_one_axis_and_few_cycles_has_a_page(tmp_path: Path) -> None:
         ("-k3x*x**3", "− <i>k</i><sub>3x</sub>\u202f<i>x</i><sup>3</sup>"),
         ("ẍ = -d3y*vy*y**2", "<i>ẍ</i> = − <i>d</i><sub>3y</sub>\u202f<i>ẏ</i>\u202f<i>y</i><sup>2</sup>"),
         ("fx*tanh(100.0*vx)", "<i>f</i><sub>x</sub>\u202ftanh(100\u202f<i>ẋ</i>)"),
+        ("x\u0308 += -k3x*x**3", "<i>ẍ</i> = … − <i>k</i><sub>3x</sub>\u202f<i>x</i><sup>3</sup>"),
+        ("sensed y += gy*y", "sensed <i>y</i> = … + <i>g</i><sub>y</sub>\u202f<i>y</i>"),
+        ("Ω → Ω + c Ω³/R²", "<i>Ω</i> → <i>Ω</i> + <i>c</i> <i>Ω</i>³/<i>R</i>²"),
+        ("V → hi above hi", "<i>V</i> → hi above hi"),
         ("a < b", "<i>a</i> &lt; <i>b</i>"),
     ],
 )
 def test_equations_are_set(plain: str, set_: str) -> None:
     assert typeset(plain) == set_
+
+
+def test_equations_on_a_terminal() -> None:
+    assert plain("x\u0308 += -k3x*x**3") == "ẍ = … − k3x x³"
+    assert plain("sensed y += gy*y") == "sensed y = … + gy y"

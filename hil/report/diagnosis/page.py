@@ -1,5 +1,7 @@
 """Puts the page of a trace together and writes it."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
@@ -43,32 +45,64 @@ def write_report(
     return path
 
 
+@dataclass(frozen=True)
+class Pictures:
+    """Figures as HTML, by the section they belong to."""
+
+    effect: str = ""
+    error: str = ""
+    residual: str = ""
+    candidates: str = ""
+
+
 def render(material: Material) -> str:
     """The page as text."""
-    diagnosis = material.diagnosis
     figures = Figures()
+    pictures = Pictures(
+        effect=figures.add(lambda: intervals.draw(material)),
+        error=figures.add(lambda: level.draw(material)) + figures.add(lambda: spectrum.draw(material)),
+        residual=figures.add(lambda: dependence.draw(material)),
+        candidates=figures.add(lambda: evidence.draw(material)),
+    )
+    diagnosis = material.diagnosis
+    held_out = f"{significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % held out"
+    seconds = f"{significant(float(material.record.time[-1]))} s"
+    record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {held_out}")
+    return page_of(diagnosis, pictures, material.bench_text, record)
+
+
+def page_of(
+    diagnosis: Diagnosis, pictures: Pictures, bench_text: str, record: tuple[str, str, str], *, declarable: bool = True
+) -> str:
+    """The page as text, from the diagnosis as written and the figures; `record` is the last of the key figures.
+
+    declarable: whether a bench file can declare the effects.
+    """
     tone, word = _WORDS[diagnosis.verdict]
+    why = (markup.paragraph(_sentence(reason)) for reason in diagnosis.reasons)
+    error = "Error before and after" if diagnosis.effects else "Error"
     sections = [
-        markup.section("why", "Why", *(markup.paragraph(_sentence(reason)) for reason in diagnosis.reasons)),
-        markup.section("effect", _missing(diagnosis), equations_of(diagnosis), tables.coefficients(diagnosis),
-                       figures.add(lambda: intervals.draw(material))),
-        markup.section("error", "Error before and after" if material.changed else "Error", tables.fits(diagnosis),
-                       figures.add(lambda: level.draw(material)), figures.add(lambda: spectrum.draw(material))),
-        markup.section("residual", "What the residual holds", tables.findings(diagnosis),
-                       figures.add(lambda: dependence.draw(material))),
+        markup.section("why", "Why", *why),
+        markup.section(
+            "effect",
+            _missing(diagnosis),
+            equations_of(diagnosis, declarable=declarable),
+            tables.coefficients(diagnosis),
+            pictures.effect,
+        ),
+        markup.section("error", error, tables.fits(diagnosis), pictures.error),
+        markup.section("residual", "What the residual holds", tables.findings(diagnosis), pictures.residual),
         markup.section("alike", "What this record cannot tell apart", tables.confusable(diagnosis)),
-        markup.section("candidates", "Candidates", figures.add(lambda: evidence.draw(material)),
-                       tables.rejected(diagnosis)),
-        markup.section("bench", "Bench file as traced",
-                       markup.listing(material.bench_text) if material.bench_text else ""),
-    ]  # fmt: skip
+        markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
+        markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
+    ]
     return markup.page(
         kind="Gyro bench · trace of a residual",
         title=f"{diagnosis.bench}: {diagnosis.record}",
         tone=tone,
         word=word,
         sentence=headline(diagnosis),
-        key=markup.key_figures(_key_figures(material)),
+        key=markup.key_figures([*_key_figures(diagnosis), record]),
         sections="".join(sections),
     )
 
@@ -79,63 +113,53 @@ def headline(diagnosis: Diagnosis) -> str:
         return _SAYS[diagnosis.verdict]
     titles = [effect.title[0].lower() + effect.title[1:].rstrip(".") for effect in diagnosis.effects]
     before, after = diagnosis.held_out.before.ratio, diagnosis.held_out.after.ratio
-    said = f"The model lacks: {', and '.join(titles)}"
+    said = f"The model lacks: {_listed(titles)}"
     if before is not None and after is not None:
-        said += f"; with it the residual falls from {significant(before)} to {significant(after)} × the noise floor"
+        them = "it" if len(titles) == 1 else "them"
+        said += f"; with {them} the residual falls from {significant(before)} to {significant(after)} × the noise floor"
     if diagnosis.confusable:
         others = sorted({pair.with_.replace("_", " ") for pair in diagnosis.confusable})
-        said += f"; on this record it cannot be told from {', '.join(others)}"
+        said += f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be told from {_listed(others)}"
     return said
+
+
+def _listed(words: Sequence[str]) -> str:
+    *others, last = words
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _missing(diagnosis: Diagnosis) -> str:
     return "What the model lacks" if len(diagnosis.effects) < 2 else "What the model lacks: several effects"
 
 
-def equations_of(diagnosis: Diagnosis) -> str:
+def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
     """Title, equation and cure of each effect, as HTML."""
     parts = []
     for effect in diagnosis.effects:
         lines = "".join(f"<div>{typeset(equation)}</div>" for equation in effect.equations)
+        key = f" <code>[effects.{escape(effect.name)}]</code>" if declarable else ""
+        cure = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone)
         parts.append(
-            f"<h3>{escape(effect.title.rstrip('.'))} <code>[effects.{escape(effect.name)}]</code></h3>"
-            f'<div class="equation">{lines}</div>{markup.paragraph(_sentence("Once declared: " + effect.undone))}'
+            f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation">{lines}</div>'
+            f"{markup.paragraph(cure)}"
         )
     return "".join(parts)
 
 
-def _key_figures(material: Material) -> list[tuple[str, str, str]]:
-    diagnosis = material.diagnosis
+def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     before, after = diagnosis.held_out.before, diagnosis.held_out.after
+    changed = bool(diagnosis.effects)
     entries: list[tuple[str, str, str]] = []
-    if before.ratio is not None:
-        entries.append(
-            (
-                "Residual before" if material.changed else "Residual",
-                f"{significant(before.ratio)} ×",
-                f"the noise floor; {_volts(before.innovation_rms)}",
-            )
-        )
-    if material.changed and after.ratio is not None:
-        entries.append(
-            ("Residual after", f"{significant(after.ratio)} ×", f"the noise floor; {_volts(after.innovation_rms)}")
-        )
+    for what, fit in (("Residual before" if changed else "Residual", before), ("Residual after", after)):
+        if fit.ratio is not None and (changed or fit is before):
+            entries.append((what, f"{significant(fit.ratio)} ×", f"the noise floor; {_volts(fit.innovation_rms)}"))
     for what, was, now, unit in (
         ("Angle error", before.angle_error_rms_rad, after.angle_error_rms_rad, "rad"),
         ("Rate error", before.rate_error_rms_rad_s, after.rate_error_rms_rad_s, "rad/s"),
         ("Free run, error", before.simulation_rmse, after.simulation_rmse, "V"),
     ):
-        if was is not None and now is not None and material.changed:
+        if was is not None and now is not None and changed:
             entries.append((what, quantity(now, unit), f"rms; before {quantity(was, unit)}"))
-    seconds = float(material.record.time[-1])
-    entries.append(
-        (
-            "Record",
-            f"{significant(seconds)} s",
-            f"{count(diagnosis.samples)} samples, {significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % "
-            "held out",
-        )
-    )
     return entries
 
 

@@ -31,8 +31,8 @@ def fits(diagnosis: Diagnosis) -> str:
         if any(value is not None for value in values):
             rows.append((label, *(_chance(value) if key == "whiteness_p" else _shown(value, unit) for value in values)))
     caption = (
-        f"Fitted: the first {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which "
-        "the choice never saw"
+        f"Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the choice "
+        "never saw"
     )
     return table(caption, head, rows, range(1, len(head)))
 
@@ -105,6 +105,11 @@ def _chance(value: float | None) -> str:
     return "< 10⁻³⁰⁰" if value == 0.0 else significant(value, 2)
 
 
+def estimate(found: Coefficient) -> str:
+    """Value, half of its 95 % interval, unit."""
+    return f"{_estimate(found)} {shown_unit(found.unit)}".rstrip()
+
+
 def _estimate(found: Coefficient) -> str:
     low, high = found.ci95
     if found.value is None:
@@ -115,7 +120,10 @@ def _estimate(found: Coefficient) -> str:
 
 
 def _interval(found: Coefficient) -> str:
-    return " to ".join("unbounded" if end is None else significant(end, 4) for end in found.ci95)
+    low, high = found.ci95
+    if found.value is None or low is None or high is None:
+        return " to ".join("unbounded" if end is None else significant(end, 4) for end in found.ci95)
+    return " to ".join(plus_minus(found.value, (high - low) / 2.0, beside=end) for end in (low, high))
 
 
 def _bound(symbol: str, found: Coefficient) -> str:

@@ -12,7 +12,11 @@ from hil.report.numbers import quantity, significant
 def told(material: Material) -> str:
     """Sentence, equation, coefficients, and the figures of the run before beside those of this one."""
     diagnosis = Diagnosis.model_validate(material.result.diagnosis)
-    parts = [markup.paragraph(headline(diagnosis) + "."), equations_of(diagnosis), coefficients(diagnosis)]
+    parts = [
+        markup.paragraph(f"Traced in {diagnosis.record}. {headline(diagnosis)}."),
+        equations_of(diagnosis),
+        coefficients(diagnosis),
+    ]
     if material.earlier is not None:
         parts.append(_beside(material.earlier.result, material.result))
     return "".join(parts)

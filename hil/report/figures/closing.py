@@ -27,7 +27,7 @@ def draw(material: Material) -> Drawing | None:
         ax.set_ylabel(f"{name} / {prefix}deg")
         words.append(f"{name} {quantity(size, 'deg')} rms")
         sizes.append(size)
-        span_time([ax], t)
+        span_time([ax], t[scored])
     caption = f"Reported angle minus the true rotation: {', '.join(words)}. Mind the scales: they differ "
     caption += f"{significant(sizes[0] / sizes[1], 2)}-fold in rms."
     return Drawing(figure, "Angle error before and after", caption, caption)

@@ -1,0 +1,134 @@
+"""``hil trace``: from the residual of a record to the effect that the model lacks."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out
+
+if TYPE_CHECKING:
+    from hil.bench import Bench
+    from hil.trace import Traced
+
+Add = Annotated[
+    Path | None,
+    typer.Option("--add", help="Bench file to write: the one given, with the effect found declared in it."),
+]
+Fraction = Annotated[
+    float | None,
+    typer.Option(
+        "--fraction",
+        help="Share of the record that is fitted; the rest only judges.  [default: the record's own segments, or 0.6]",
+    ),
+]
+Live = Annotated[
+    bool,
+    typer.Option("--live", help="Make the experiment that tells apart what the record cannot, on the board at --link."),
+]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw report.html; without it, for many records.")]
+Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board for it; emulated ones need none.")]
+
+
+def trace(
+    capture: CaptureArgument,
+    bench: BenchOption,
+    out: Out = RUNS,
+    name: Name = None,
+    add: Add = None,
+    fraction: Fraction = None,
+    live: Live = False,
+    link: Link = None,
+    arm: Arm = False,
+    report: Report = True,
+    json: Json = False,
+) -> None:
+    """Find the effect that the model lacks.
+
+    Looks at what the observer of a bench file leaves of a record, tries the effects of the catalogue on one part of
+    it, and judges them on the other, which the choice never saw. Writes diagnosis.json and report.html. Exit code 0:
+    nothing is missing, or what is missing has been found; 1: something is missing and nothing accounts for it.
+
+    Examples:
+
+    \b
+      hil trace runs/first --bench s-undeclared
+      hil trace runs/first --bench s-undeclared --add better.bench.toml
+      hil trace runs/first --bench my.bench.toml --live --link serial:/dev/ttyACM0 --arm
+      hil trace silverbox.arrow --bench silverbox --json
+    """
+    from hil.bench import RateSensorBench, load_any_bench
+    from hil.cli.files import capture_in, fresh
+    from hil.cli.progress import watching
+    from hil.cli.show import say
+    from hil.cli.show_diagnosis import finish
+    from hil.errors import InputError
+    from hil.examples import find
+
+    path = find("bench", bench)
+    declared = load_any_bench(path)
+    if add is not None:
+        fresh(add)
+    if isinstance(declared, RateSensorBench) and (add is not None or live):
+        raise InputError(f"{path}: a rate sensor, which no observer runs on; leave out --add and --live")
+    if (arm or link is not None) and not live:
+        raise InputError("--link and --arm belong to --live; give it, or leave them out")
+    board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
+    from hil.trace import trace_file  # loads the estimator: after what can be refused without it
+
+    with watching("trace") as watch:
+        done = trace_file(capture_in(capture), path, out, name=name, fraction=fraction, report=report, progress=watch)
+    if board is not None and not isinstance(declared, RateSensorBench):
+        done = _separated(done, declared, board, out, fraction)
+    if add is not None:
+        from hil.addition import add_effects, additions
+
+        found = additions(done.diagnosis)
+        if found:
+            add_effects(path, add, found)
+            say(f"{add}: written; it declares {', '.join(one.name for one in found)}")
+        else:
+            say(f"{add}: not written; there is nothing to add")
+    finish(done.folder, done.diagnosis, as_json=json)
+
+
+def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> str:
+    """The link of the board for the experiment, consent to arm it given."""
+    from hil.cli import consent
+    from hil.emulation import is_emulated, located
+    from hil.errors import InputError
+
+    if (place := link or declared.link.url) is None:
+        raise InputError(f"{path}: [link] url: missing; give it there or as --link")
+    url = located(place, beside=path)
+    if not is_emulated(url):
+        consent.require(url, declared, given=armed, open_loop=False)
+    return url
+
+
+def _separated(done: "Traced", bench: "Bench", board: str, out: Path, fraction: float | None) -> "Traced":
+    """What the last experiment came to; what was there before, where none was to be made."""
+    from hil.cli.progress import watching
+    from hil.cli.show import say
+    from hil.separate import separable, separate
+
+    if not separable(done.diagnosis):
+        say("no experiment to make: nothing on this record is alike that an experiment would tell apart")
+        return done
+    with watching("experiment") as watch:
+        made = separate(
+            done.diagnosis,
+            bench,
+            board,
+            out,
+            fraction=fraction,
+            before_run=lambda words: say(f"experiment: {words}"),
+            progress=watch,
+        )
+    for one in made:
+        say(f"{one.run}: {one.experiment}")
+        for pair in one.apart:
+            say(f"  tells {pair.effect} from {pair.with_}")
+        for pair in one.still_alike:
+            say(f"  does not tell {pair.effect} from {pair.with_}")
+    return made[-1].traced

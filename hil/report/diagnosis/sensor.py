@@ -1,0 +1,47 @@
+"""report.html of a rate sensor's trace: its static curve or its response, before and after."""
+
+from pathlib import Path
+
+import numpy as np
+
+from estimator.rate_sensor.trace import SensorDiagnosis
+from estimator.scaling import Array
+from hil.records.atomic import write_text
+from hil.records.diagnosis import Diagnosis
+from hil.report.diagnosis.page import Pictures, page_of
+from hil.report.figures.drawing import Drawing
+from hil.report.numbering import Figures
+from hil.report.numbers import count, prefix_for
+from hil.report.theme import FIRST, INK, SECOND, legend, new_figure
+
+
+def write_sensor_report(folder: Path, found: SensorDiagnosis, diagnosis: Diagnosis, rate_rad_s: Array) -> Path:
+    """Write `folder/report.html`, whole or not at all, and return its path. rate_rad_s (n,): the reference."""
+    figures = Figures()
+    pictures = Pictures(error=figures.add(lambda: draw(found, rate_rad_s)))
+    record = ("Record", count(diagnosis.samples), f"samples, {count(diagnosis.split)} of them fitted")
+    text = (folder / "bench.toml").read_text(encoding="utf-8")
+    path = folder / "report.html"
+    write_text(path, page_of(diagnosis, pictures, text, record, declarable=False))
+    return path
+
+
+def draw(found: SensorDiagnosis, rate_rad_s: Array) -> Drawing:
+    """What the model leaves of the output, against the rate."""
+    factor, prefix = prefix_for(float(np.max(np.abs(found.residual_before))))
+    figure = new_figure(2.7)
+    ax = figure.subplots()
+    drawn = [(found.residual_before, FIRST, "residual")]
+    if found.effects:
+        drawn = [(found.residual_before, SECOND, "before"), (found.residual_after, FIRST, "after")]
+    size = 4.0 if len(rate_rad_s) < 200 else 2.0
+    for residual, colour, name in drawn:
+        ax.plot(np.degrees(rate_rad_s), residual * factor, ".", color=colour, markersize=size, label=name)
+    ax.axhline(0.0, color=INK, linewidth=0.6)
+    ax.margins(x=0.03)
+    ax.set_xlabel("rate / (deg/s)")
+    ax.set_ylabel(f"output minus model / {prefix}V")
+    legend(ax)
+    caption = "Output minus model at every sample, against the reference rate: the straight line V0 + S Ω leaves what "
+    caption += "curves, lags or saturates."
+    return Drawing(figure, "Residual against the rate", caption, caption)

@@ -1,0 +1,101 @@
+"""The experiment that tells apart what one record could not: run on the connected board, traced, decided."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from estimator.trace.separation import EXPERIMENTS, Experiment
+
+from hil.bench import Bench, override
+from hil.errors import InputError
+from hil.loop.run import run
+from hil.progress import Watcher
+from hil.records.diagnosis import Confusable, Diagnosis
+from hil.records.runfolder import RunFolder
+from hil.trace import Traced, trace
+
+_MARGIN = 1.2  # of the energy's swing under modulation, as a limit
+
+
+@dataclass(frozen=True)
+class Separated:
+    """An experiment that was made: what was done, where it was recorded, what its trace came to, and the pairs that it
+    told apart or did not.
+    """
+
+    experiment: str
+    run: Path
+    traced: Traced
+    apart: tuple[Confusable, ...]
+    still_alike: tuple[Confusable, ...]
+
+
+def separate(
+    diagnosis: Diagnosis,
+    bench: Bench,
+    link: str,
+    out: Path,
+    *,
+    fraction: float | None,
+    before_run: Callable[[str], None],
+    progress: Watcher,
+) -> tuple[Separated, ...]:
+    """Make the experiments that `diagnosis` proposes on the board at `link`, one after another until no pair is left.
+
+    before_run is told in words what will be done, before the board is armed.  Raises InputError or WireError as a run
+    does.
+    """
+    done: list[Separated] = []
+    pairs = separable(diagnosis)
+    tried: set[str] = set()
+    while pairs and (words := pairs[0].separate_by) is not None and words not in tried:
+        tried.add(words)
+        experiment = named(words)
+        before_run(words)
+        changed = override(bench, changes(experiment, bench), f"the bench file with the experiment {experiment.name!r}")
+        folder = run(changed, link, out, note=f"experiment: {words}", progress=progress).folder
+        assert folder is not None  # only a dry run leaves none
+        traced = trace(RunFolder(folder).capture_path, changed, out, fraction=fraction, progress=progress)
+        apart = tuple(pair for pair in pairs if not _alike(pair, traced.diagnosis))
+        alike = tuple(pair for pair in pairs if _alike(pair, traced.diagnosis))
+        done.append(Separated(words, folder, traced, apart, alike))
+        pairs = separable(traced.diagnosis)
+    return tuple(done)
+
+
+def separable(diagnosis: Diagnosis) -> list[Confusable]:
+    """Pairs that an experiment would tell apart."""
+    return [pair for pair in diagnosis.confusable if pair.separate_by is not None]
+
+
+def named(words: str) -> Experiment:
+    """The experiment of those words. InputError for one that this bench cannot make."""
+    for experiment in EXPERIMENTS:
+        if experiment.words == words:
+            return experiment
+    raise InputError(f"experiment {words!r}: not one that a run can make; make it by hand and trace the record")
+
+
+def changes(experiment: Experiment, bench: Bench) -> dict[str, dict[str, Any]]:
+    """The experiment in keys of the bench file; what the bench file does already stays where it is more."""
+    omega0 = math.sqrt(bench.target_stiffness_per_s2)
+    given = bench.controller
+    rotation = max(abs(given.virtual_rotation_rad_s), experiment.virtual * omega0)
+    swing = max(given.amplitude_modulation, experiment.modulation)
+    controller = {
+        "virtual_rotation_rad_s": math.copysign(rotation, given.virtual_rotation_rad_s),
+        "amplitude_modulation": swing,
+        "dither_mps2": max(given.dither_mps2, experiment.dither * bench.device.amplitude_m * omega0**2),
+        "stiffness_step": max(given.stiffness_step, experiment.stiffness),
+    }
+    energy = max(bench.limits.energy_error, _MARGIN * ((1.0 + swing) ** 2 - 1.0))
+    name = f"{bench.loop.name.removesuffix('-trace')}-{experiment.name}"
+    return {"controller": controller, "limits": {"energy_error": energy}, "loop": {"name": name}}
+
+
+def _alike(pair: Confusable, diagnosis: Diagnosis) -> bool:
+    """Whether the new record does not tell the pair apart either."""
+    names = {pair.effect.partition(":")[0], pair.with_.partition(":")[0]}
+    return any({one.effect.partition(":")[0], one.with_.partition(":")[0]} == names for one in diagnosis.confusable)

@@ -1,0 +1,178 @@
+"""From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.scaling import Array
+from estimator.trace import diagnosis as traced
+from estimator.trace.fitness import require_traceable
+from estimator.trace.record import Record
+from hil.bench import Bench, RateSensorBench, load_any_bench, override
+from hil.errors import InputError
+from hil.loop.declared import device_of, observer_settings_of
+from hil.loop.run import new_folder
+from hil.progress import Progress, Watcher
+from hil.rate_sensor import fitting_rows, trace_rate_sensor
+from hil.records.atomic import make_run_folder, write_text
+from hil.records.capture import Capture, RowFlag, read_capture
+from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
+from hil.replay import control_of, require_fit, samples_of
+
+FRACTION = 0.6
+"""Share of a record that is fitted, where it does not say so itself; the rest is held out."""
+
+_CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped
+
+
+@dataclass(frozen=True)
+class Traced:
+    """Where a trace was written (diagnosis.json, report.html, bench.toml), and what it came to."""
+
+    folder: Path
+    diagnosis: Diagnosis
+
+
+def trace_file(
+    capture: Path,
+    bench: Path,
+    out: Path,
+    *,
+    name: str | None,
+    fraction: float | None,
+    report: bool = True,
+    progress: Watcher,
+) -> Traced:
+    """Trace `capture` by the bench file at `bench`, of an oscillator or of a rate sensor; see `trace`."""
+    declared = load_any_bench(bench)
+    if isinstance(declared, RateSensorBench):
+        if fraction is not None:
+            raise InputError("--fraction: the record of a rate sensor is split by its segments, or in alternate blocks")
+        return _trace_sensor(capture, declared, bench, out, name or "trace", report=report)
+    named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
+    return trace(capture, named, out, fraction=fraction, report=report, progress=progress)
+
+
+def trace(
+    capture: Path,
+    bench: Bench,
+    out: Path,
+    *,
+    fraction: float | None = None,
+    report: bool = True,
+    progress: Watcher,
+) -> Traced:
+    """Find what the model of `bench` lacks on the record at `capture`; a new folder below `out` has the answer,
+    with `report` as a page too.
+
+    Effects are chosen on the first `fraction` of the record and scored on the rest.  Without one, a record with a
+    segment `train` and another that follows it is split as it says itself.  Raises InputError for a record that cannot
+    be traced, or that does not belong to the bench file; nothing is left then.
+    """
+    captured = read_capture(capture)
+    require_fit(captured, bench, capture)
+    captured, held_out = parts_of(captured, fraction)
+    record = record_of(captured)
+    split = int(captured.tick[held_out] - captured.tick[0]) if captured.uniform else held_out
+    device, settings = device_of(bench), observer_settings_of(bench)
+    try:
+        _require_unclipped(captured)
+        require_traceable(record, device, split)
+        from estimator.trace.tracing import trace as search  # compiles: after what can be refused without it
+
+        found = search(
+            record,
+            device,
+            settings,
+            control_of(bench, captured),
+            split=split,
+            progress=lambda stage, done, total: progress(Progress(stage, done, total)),
+        )
+    except ModelError as error:
+        raise InputError(f"{capture}: {error}") from None
+    diagnosis = to_model(found, record=_called(capture), bench=bench.device.name)
+    folder = new_folder(out, bench)
+    save_diagnosis(folder / "diagnosis.json", diagnosis)
+    if report:
+        progress(Progress("report", 0, 0))
+        from hil.report.diagnosis import write_report
+
+        write_report(folder, found, diagnosis, record, device, settings)
+    return Traced(folder, diagnosis)
+
+
+def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:
+    """The part of a record to be traced, and its first row that is held out."""
+    if fraction is not None and not 0.0 < fraction < 1.0:
+        raise InputError(f"--fraction: {fraction:g} is no share of the record; give a number between 0 and 1")
+    segments = captured.segments
+    if fraction is None and "train" in segments:
+        start, stop = segments["train"]
+        following = [end for first, end in segments.values() if first == stop]
+        if following:
+            return captured.part(start, max(following)), stop - start
+    held_out = round((FRACTION if fraction is None else fraction) * len(captured))
+    return captured, min(max(held_out, 1), len(captured) - 1)
+
+
+def record_of(captured: Capture) -> Record:
+    """The samples of a capture as the estimator takes them, a row a tick, with the channels it has."""
+    tick, sense, drive, step = samples_of(captured)
+    given = {"rate": captured.rate_rad_s, "temperature": captured.temp_C}
+    channels: dict[str, Array] = {
+        name: np.interp(tick, captured.tick, series) for name, series in given.items() if series is not None
+    }
+    return Record(sense, drive, step, channels)
+
+
+def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path, name: str, *, report: bool) -> Traced:
+    """The same of a rate sensor: its answer is a static curve and a response instead of an innovation."""
+    found = trace_rate_sensor(capture, bench)
+    captured = read_capture(capture)
+    fitted = int(np.sum(fitting_rows(captured)))
+    nothing: Array = np.zeros(0)
+
+    def residual(volts: Array) -> traced.Residual:
+        return traced.Residual(volts[:, None], nothing, nothing[:, None])
+
+    answer = traced.Diagnosis(
+        verdict=found.verdict,
+        effects=found.effects,
+        confusable=found.confusable,
+        rejected=found.rejected,
+        findings=(),
+        before=found.before,
+        after=found.after,
+        held_out_before=found.held_out_before,
+        held_out_after=found.held_out_after,
+        residual_before=residual(found.residual_before),
+        residual_after=residual(found.residual_after),
+        split=fitted,
+        reasons=found.reasons,
+    )
+    diagnosis = to_model(answer, record=_called(capture), bench=bench.device.name)
+    folder = make_run_folder(out, name)
+    write_text(folder / "bench.toml", source.read_text(encoding="utf-8"))
+    save_diagnosis(folder / "diagnosis.json", diagnosis)
+    if report:
+        from hil.report.diagnosis.sensor import write_sensor_report
+
+        assert captured.rate_rad_s is not None  # or it could not have been traced
+        write_sensor_report(folder, found, diagnosis, captured.rate_rad_s)
+    return Traced(folder, diagnosis)
+
+
+def _called(capture: Path) -> str:
+    """What a record is called: its run folder's name, or its own."""
+    return capture.resolve().parent.name if capture.name == "capture.arrow" else capture.stem
+
+
+def _require_unclipped(captured: Capture) -> None:
+    share = float(np.mean((captured.flags & RowFlag.ADC_CLIPPED) != 0))
+    if share > _CLIPPED:
+        raise ModelError(
+            f"the board flagged {share:.2%} of the samples as clipped; "
+            "record with a smaller amplitude, a lower gain or a wider converter"
+        )
