@@ -8,7 +8,7 @@ STAMP  := .venv/.installed
 .PHONY: help install demo test test-vcan quick check bench undeclared measured
 
 help:
-	@echo "make demo     close the loop with an emulated board in real time, and report"
+	@echo "make demo     close the loop in real time, trace what the model lacks, close it again with it"
 	@echo "make test     all tests, with coverage"
 	@echo "make test-vcan  those of them that need a CAN interface, in user-mode Linux where the kernel has no CAN"
 	@echo "make quick    the tests of daily work, under a minute"
