@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from estimator.trace.separation import EXPERIMENTS, Experiment
-
 from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.loop.run import run
