@@ -17,9 +17,9 @@ from tests.cli.conftest import WAIT_S, Start
 pytestmark = pytest.mark.slow  # whole processes
 
 
-def finished(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
+def finished(process: "subprocess.Popen[str]", wait_s: float = WAIT_S) -> tuple[int, str, str]:
     """Exit code and both outputs of a process that ends by itself."""
-    out, err = process.communicate(timeout=WAIT_S)
+    out, err = process.communicate(timeout=wait_s)
     return process.returncode, out, err
 
 
@@ -105,8 +105,8 @@ def test_emulator_that_dies_in_use_is_the_error() -> None:
 
 
 @pytest.mark.slow
-def test_demo_in_real_time(start: Start, tmp_path: Path) -> None:
-    code, out, err = finished(start("demo", "--duration", "10", "--name", "short", "--json"))
+def test_demo_goes_the_whole_circle_in_real_time(start: Start, tmp_path: Path) -> None:
+    code, out, err = finished(start("demo", "--duration", "10", "--name", "short", "--json"), wait_s=4 * WAIT_S)
     result = json.loads(out)
     assert code == {"good": 0, "failed": 1}[result["verdict"]], err
     assert result["clock"] == "paced"
@@ -114,6 +114,14 @@ def test_demo_in_real_time(start: Start, tmp_path: Path) -> None:
     assert result["parameters"]["kxx"]["truth"] == pytest.approx(1610719.4)
     assert result["angle_error_rms_rad"] is not None
     assert result["turnaround_us"]["p50"] > 0
-    (folder,) = (tmp_path / "runs").iterdir()
-    assert folder.name == result["run"]
-    assert not (folder / "truth.arrow").exists()
+    assert result["diagnosis"]["verdict"] == "explained"
+    assert [effect["name"] for effect in result["diagnosis"]["effects"]] == ["cubic_stiffness"]
+    folders = {folder.name.partition("-short")[2]: folder for folder in (tmp_path / "runs").iterdir()}
+    assert folders.keys() == {"-before", "-trace", ""}
+    assert folders[""].name == result["run"]
+    before = json.loads((folders["-before"] / "result.json").read_text(encoding="utf-8"))
+    assert result["angle_error_rms_rad"] < before["angle_error_rms_rad"] / 5.0
+    page = (folders[""] / "report.html").read_text(encoding="utf-8")
+    assert "What the residual told" in page
+    assert "Angle error before and after" in page
+    assert not list((tmp_path / "runs").rglob("truth*"))

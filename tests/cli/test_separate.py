@@ -1,0 +1,71 @@
+"""Experiments that tell look-alikes apart: what they change in a bench file, and one made on an emulated board."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from estimator.trace.separation import EXPERIMENTS, Experiment
+from hil.bench import load_bench, override
+from hil.errors import InputError
+from hil.examples import find
+from hil.records.diagnosis import Confusable, Diagnosis, Fit, HeldOut
+from hil.separate import changes, named, separable, separate
+
+FIT = Fit(innovation_rms=1e-4, noise_floor=1e-4, ratio=1.0, whiteness_p=0.5, simulation_rmse=None)
+
+
+def alike(words: str | None) -> Diagnosis:
+    """A diagnosis that cannot tell a sense gain from a drive gain, and proposes `words`."""
+    pair = {"effect": "sense_gain", "with": "drive_gain", "correlation": 0.9996, "separate_by": words, "expected": 0.9}
+    return Diagnosis(
+        verdict="explained", effects=(), confusable=(Confusable.model_validate(pair),), before=FIT, after=FIT,
+        held_out=HeldOut(before=FIT, after=FIT), rejected=(), findings=(), reasons=(), equations=(), record="r",
+        bench="b", samples=100, split=60,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
+def test_every_experiment_is_a_bench_file(experiment: Experiment) -> None:
+    bench = load_bench(find("bench", "s-slow"))
+    found = named(experiment.words)
+    made = override(bench, changes(found, bench), "test")
+    given = made.controller
+    assert given.amplitude_modulation == max(found.modulation, bench.controller.amplitude_modulation)
+    assert given.stiffness_step == found.stiffness
+    assert given.dither_mps2 >= found.dither * 1e-4 * (2 * 3.14159 * 200) ** 2 * 0.999
+    assert abs(given.virtual_rotation_rad_s) >= abs(bench.controller.virtual_rotation_rad_s)
+    assert made.limits.energy_error >= (1 + given.amplitude_modulation) ** 2 - 1
+    assert made.loop.name == f"s-slow-{found.name}"
+    assert made.model_copy(update={"controller": None, "limits": None, "loop": None}) == bench.model_copy(
+        update={"controller": None, "limits": None, "loop": None}
+    )
+
+
+def test_only_what_an_experiment_would_tell_apart_is_tried() -> None:
+    assert separable(alike(None)) == []
+    with pytest.raises(InputError, match="make it by hand"):
+        named("wait for rain")
+
+
+@pytest.mark.slow
+def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None:
+    changed = {"loop": {"clock": "lockstep", "duration_s": 8.0, "settle_s": 4.0}}
+    bench = override(load_bench(find("bench", "s-slow")), changed, "test")
+    scenario = tmp_path / "hidden.scenario.toml"
+    before, _, _ = find("scenario", "s-slow").read_text(encoding="utf-8").partition("[rate]")
+    hidden = '[rate]\nkind = "constant"\nrate_rad_s = 1.0\n\n[[effect]]\nname = "sense_gain"\ngx = 0.0\ngy = 0.01\n'
+    scenario.write_text(before + hidden, encoding="utf-8")
+    told: list[str] = []
+    words = next(experiment.words for experiment in EXPERIMENTS if experiment.name == "amplitude")
+    (made,) = separate(
+        alike(words), bench, f"inproc:{scenario}", tmp_path / "runs",
+        fraction=None, before_run=told.append, progress=lambda _: None,
+    )  # fmt: skip
+    assert told == [words] == [made.experiment]
+    assert (made.run / "capture.arrow").exists()
+    assert json.loads((made.run / "result.json").read_text(encoding="utf-8"))["operator_note"] == f"experiment: {words}"
+    assert made.traced.diagnosis.verdict == "explained"
+    assert [effect.name for effect in made.traced.diagnosis.effects] == ["sense_gain"]
+    assert [pair.with_ for pair in made.apart] == ["drive_gain"]
+    assert made.still_alike == ()
