@@ -156,6 +156,9 @@ def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Dev
     kinds = {kind(name) for name in named}
     rejected: dict[str, Rejected] = {}
     enough = threshold(len(last.evidence))
+    alone: dict[str, float] = {}
+    for name, item in selection.rounds[0].evidence.items():  # best first
+        alone.setdefault(kind(name), item.gain)
     for name, item in last.evidence.items():
         if kind(name) in kinds or kind(name) in rejected:
             continue
@@ -167,7 +170,8 @@ def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Dev
             for c, value, sd in zip(effect.coefficients, item.coefficients, item.deviation, strict=True)
             if sd > 0.0
         }
-        rejected[kind(name)] = Rejected(kind(name), _why(name, item.significance > enough, chosen, selection), bound)
+        why = _why(name, item.significance > enough, chosen, selection)
+        rejected[kind(name)] = Rejected(kind(name), why, bound, alone.get(kind(name)))
     for name in chosen:
         if kind(name) not in kinds:
             rejected[kind(name)] = Rejected(
