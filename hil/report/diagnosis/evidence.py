@@ -43,8 +43,8 @@ def draw(material: Material) -> Drawing | None:
     ax.grid(False, axis="y")
     ax.set_xlabel("twice the gain of log-likelihood (fitted part)")
     caption = (
-        "What each effect would explain by itself; blue: taken. Effects that look alike on this record explain alike, "
-        "and chance gives a few units. The choice between them is made by prediction, not by this figure."
+        "Blue: what was taken, carried by the observer. Grey: what each of the others would have explained by itself, "
+        "before. Effects that look alike on this record explain alike, and chance gives a few units."
     )
     listed = ", ".join(f"{name} {significant(size)}" for (name, *_), size in zip(entries, sizes, strict=True))
     return Drawing(figure, "Evidence for the candidates", caption, f"Bars: {listed}.")

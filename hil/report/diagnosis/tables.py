@@ -90,7 +90,8 @@ def rejected(diagnosis: Diagnosis) -> str:
         for one in diagnosis.rejected
     ]
     head = ("candidate", "why not", "its coefficients, 95 %")
-    return table("Looked at and not taken", head, rows) if rows else ""
+    left = ", and what is left for each once what was taken is carried" if diagnosis.effects else ""
+    return table(f"Looked at and not taken{left}", head, rows) if rows else ""
 
 
 def _shown(value: float | None, unit: str) -> str:
