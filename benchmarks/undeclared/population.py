@@ -1,6 +1,7 @@
 """Which records there are, and what is hidden in each.
 
-A record's seed is drawn from its name alone, so a larger population keeps the records of a smaller one.
+A record's seed is drawn from its name alone, so a larger population keeps the records of a smaller one.  The tracer was
+developed on the draw before this one.
 """
 
 import zlib
@@ -25,6 +26,7 @@ PAIRS = (
     ("interference", "nonreciprocal_stiffness"),
 )
 
+_DRAW = b"2 "
 SHARES = {"single": 0.44, "clean": 0.21, "tame": 0.11, "outside": 0.1, "double": 0.1, "never": 0.04}
 
 
@@ -44,7 +46,7 @@ class Order:
     @property
     def seed(self) -> int:
         """From the name."""
-        return zlib.crc32(self.name.encode())
+        return zlib.crc32(_DRAW + self.name.encode())
 
 
 def kinds(category: str) -> tuple[tuple[str, ...], ...]:
