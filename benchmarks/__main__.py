@@ -19,6 +19,8 @@ BENCHMARKS = {
     "tracking": "rate steps, a 30 Hz sine, then a million samples of nothing",
     "variants": "the observers of 7 and 11 states",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
+    "compensation": "angle and rate error in the loop before and after a trace, for every effect",
+    "trace_time": "a trace of a million samples with the whole catalogue",
     "soak": "ten million samples in lockstep",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",

@@ -7,6 +7,7 @@ FOLDER/NAME/truth.json      what it really was; only the evaluation reads it
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +36,20 @@ from hil.strict_toml import parse_table
 SAMPLES = 80_000
 
 
-def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
-    """Record `order` below `folder` unless it is there already; returns its folder."""
-    place = folder / order.name
-    if (place / "truth.json").exists():
-        return place
+@dataclass(frozen=True)
+class Drawn:
+    """What is behind a record: the device and what is hidden in it, the board that has it, its data sheet."""
+
+    device: DrawnDevice
+    hidden: list[Hidden]
+    table: dict[str, Any]
+    scenario: Scenario
+    bench: Bench
+    excited: bool
+
+
+def draw(order: Order, samples: int) -> Drawn:
+    """The device of `order`, for a record of so many samples."""
     rng = np.random.default_rng(order.seed)
     drawables = [EFFECTS[name] for name in order.effects]
     excited = order.category != "tame"
@@ -59,14 +69,22 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
         table["temperature"] = draw_temperature(rng, duration_s)
     scenario = Scenario.model_validate(table)
     bench = parse_table(bench_table(device, duration_s, excited, turning), Bench, order.name)
+    return Drawn(device, hidden, table, scenario, bench, excited)
+
+
+def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
+    """Record `order` below `folder` unless it is there already; returns its folder."""
+    place = folder / order.name
+    if (place / "truth.json").exists():
+        return place
+    drawn = draw(order, samples)
+    scenario, bench, table = drawn.scenario, drawn.bench, drawn.table
     loop = close_loop(scenario, bench, samples, seed=order.seed, every=1000)
     place.mkdir(parents=True, exist_ok=True)
     _write_capture(place / "capture.arrow", loop, scenario, table.get("temperature"))
     write_text(place / "bench.toml", template(values_of(bench), "The data sheet."))
     # Last: a record without it is made again.
-    write_text(
-        place / "truth.json", json.dumps(_truth(order, device, hidden, table, loop, scenario, excited), indent=1)
-    )
+    write_text(place / "truth.json", json.dumps(_truth(order, drawn, loop), indent=1))
     return place
 
 
@@ -97,15 +115,8 @@ def _write_capture(path: Path, loop: ClosedLoop, scenario: Scenario, temperature
         writer.push(rows)
 
 
-def _truth(
-    order: Order,
-    device: DrawnDevice,
-    hidden: list[Hidden],
-    table: dict[str, Any],
-    loop: ClosedLoop,
-    scenario: Scenario,
-    excited: bool,
-) -> dict[str, Any]:
+def _truth(order: Order, drawn: Drawn, loop: ClosedLoop) -> dict[str, Any]:
+    device, hidden, table, scenario, excited = drawn.device, drawn.hidden, drawn.table, drawn.scenario, drawn.excited
     lsb = 2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits
     noise = math.hypot(scenario.sense.noise_V, lsb / math.sqrt(12.0))
     flags = loop.capture[:, 5]
