@@ -151,13 +151,14 @@ def _parts(part: Record, skip: int) -> tuple[Rows, Rows]:
 
 
 def candidates(device: Device, settings: ObserverSettings) -> tuple[str, ...]:
-    """Effects that the device can have and that need nothing given (no frequency, no threshold)."""
+    """Effects that the device can have, that need nothing given (no frequency, no threshold) and can be run freely."""
     possible = []
     for name in known_names():
         if name in settings.effects:
             continue
         try:
-            _observer(device, settings, (name,))
+            observer = _observer(device, settings, (name,))
+            simulate(observer, observer.state, np.zeros((2, device.axes)))
         except ModelError:
             continue
         possible.append(name)
