@@ -5,19 +5,25 @@ Sources: the signatures of the effects' own declarations (`estimator.effects`).
 
 from collections.abc import Mapping
 
-from estimator.effects.catalogue import names
-
 _ODD = (
     "cubic_stiffness",
     "cubic_isotropic",
     "sense_cubic",
     "dry_friction",
     "nonlinear_damping",
+    "cubic_damping",
+    "drag",
     "sense_clipping",
     "drive_saturation",
     "drive_dead_band",
 )
-_EVEN = ("quadratic_stiffness", "sense_quadratic", "dry_friction_asymmetric", "electrostatic_drive")
+_EVEN = (
+    "quadratic_stiffness",
+    "sense_quadratic",
+    "dry_friction_asymmetric",
+    "damping_asymmetric",
+    "electrostatic_drive",
+)
 _LINEAR = (
     "sense_gain",
     "sense_cross_coupling",
@@ -26,6 +32,7 @@ _LINEAR = (
     "drive_misalignment",
     "drive_delay",
     "sense_delay",
+    "sense_low_pass",
     "cubic_stiffness",
     "cubic_isotropic",
 )
@@ -53,6 +60,5 @@ SUSPECTS: Mapping[str, tuple[str, ...]] = {
 
 
 def suspects(sign: str) -> tuple[str, ...]:
-    """Effects that `sign` points at, as far as the catalogue has them."""
-    known = names()
-    return tuple(name for name in SUSPECTS[sign] if name in known)
+    """Effects that `sign` points at."""
+    return SUSPECTS[sign]
