@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.loop.armed import ArmedBoard
+from hil.loop.hindsight import Hindsight
 from hil.loop.target import TargetSteps
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
@@ -88,6 +89,8 @@ class ForceLoop:
         self.stop = False
         self._next: int | None = None
         self._phase_lost = False
+        self._hindsight = Hindsight(observer)
+        self._echo = 0, 0
         self._residual = 1.0
         self._guarded = 0  # sample from which the residual may stop the run
 
@@ -128,6 +131,8 @@ class ForceLoop:
                 else:
                     observer.withdraw()
                 self._keep(row, first)
+                self._hindsight.saw(row)
+                self._echo = row[3], row[4]
                 self._next = tick + 1
             self._phase_lost = False
             done = newest - first + 1
@@ -188,10 +193,13 @@ class ForceLoop:
             )
         self.counters.lost += missing
         if missing > self._long_gap or self._phase_lost:
+            self._hindsight.forget()
             self._observer.lose_phase(missing)
             self._guarded = self.counters.samples + self.counters.lost + _RESIDUAL_SAMPLES
             self._residual = 1.0
             return
+        if missing == 1:
+            self._hindsight.gap(*self._echo)
         for _ in range(missing):
             ux, uy = self._observer.expected_drive()
             self._observer.tick(math.nan, math.nan, ux, uy)
