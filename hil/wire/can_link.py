@@ -179,7 +179,6 @@ def _require_silence(wire: socket.socket, name: str, node: int) -> None:
     """Raise LinkError if another host on the bus is speaking to this node."""
     _hear(wire, node, HOST)
     if select.select([wire], (), (), LISTEN_S)[0]:
-        with suppress(OSError):
-            identifier, _ = _HEARD.unpack_from(wire.recv(RECORD_SIZE))
-            if not identifier & _ERR_FLAG:
-                raise LinkError(f"{name}: another host on this bus is using node {node}; end it there")
+        identifier, _ = _HEARD.unpack_from(wire.recv(RECORD_SIZE))
+        if not identifier & _ERR_FLAG:
+            raise LinkError(f"{name}: another host on this bus is using node {node}; end it there")

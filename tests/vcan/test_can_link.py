@@ -48,7 +48,7 @@ def test_classic_frames_and_those_of_other_nodes(ends):
     """Any node may stop a board: `cansend vcan0 012#01`, 0x010 and twice the node."""
     _, board = ends
     board.rx.restart()
-    for words in ("012#01", "010#01", "412##500112233", "1FFFFFFF#00", "012#R"):
+    for words in ("012#01", "010#01", "410##500112233", "1FFFFFFF#00", "012#R"):
         subprocess.run(["cansend", "vcan0", words], check=True)
     assert [item.message for item in board.poll(1.0)] == [Safe(1)]
     assert board.rx.bad == board.rx.lost == 0
