@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measured.oscillator import declared, imported, record_of, started
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms, verdict_of
+from benchmarks.measured.oscillator import declared, imported, record_of
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from estimator.effects.catalogue import effect_for
 from estimator.inverse_dynamics import (
     Filters,
@@ -20,6 +20,7 @@ from estimator.inverse_dynamics import (
 from estimator.observer import Observer
 from estimator.refinement import refine
 from estimator.scaling import Array, Scaling
+from estimator.trace.free_run import free_run_error, verdict_of
 from hil.records.capture import Capture
 
 FOLDER = "emps"
@@ -96,7 +97,7 @@ def _free_run(found: ForceFit, first: Capture, second: Capture) -> Array:
     start[0] = record.sense[0, 0] / device.sense_gain[0]
     free = tuple(name for name in observer.estimated if name != "kxx")
     fitted = refine(observer, record.sense, record.drive, start=start, free=free, step=record.step)
-    return started(observer, fitted, record_of(second), _FIRST)[_FIRST:]
+    return free_run_error(observer, fitted, record_of(second), _FIRST)[_FIRST:]
 
 
 def _described(fit: ForceFit, evidence: dict[str, float], rejected: dict[str, str]) -> str:

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measured.oscillator import declared, described, imported, record_of, traced
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms, verdict_of
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from estimator.simulation import simulate
+from estimator.trace.free_run import verdict_of
 
 _RECORDS = {
     "magnetic_beam": ("decay.csv.gz", "magnetic-beam", False, "Magnetic beam, free decay", 1e6, "µstrain"),

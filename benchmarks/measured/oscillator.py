@@ -2,14 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.measured.outcome import Say
-from estimator.observer import Observer
-from estimator.refinement import Refined, refine
-from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.simulation import simulate
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from estimator.trace.record import Record
 from hil import examples
@@ -46,18 +40,6 @@ def traced(record: Record, name: str, skip: int, say: Say) -> SimulationTrace:
         say(f"{name}: {what} {done}/{total}")
 
     return trace_by_simulation(record, device, settings, skip, progress)
-
-
-def started(observer: Observer, fit: Refined, record: Record, first: int) -> Array:
-    """Residual (n, axes) V of a free run on another record; its first outputs set the state and are NaN."""
-    state = fit.state.copy()
-    state[: observer.states] = 0.0
-    motion = observer.names[: observer.states]
-    beginning = record.part(slice(0, first))
-    state = refine(observer, beginning.sense, beginning.drive, start=state, free=motion, step=beginning.step).state
-    residual = record.sense - simulate(observer, state, record.drive, step=record.step).sensed
-    residual[:first] = np.nan
-    return residual
 
 
 def described(trace: SimulationTrace) -> list[str]:

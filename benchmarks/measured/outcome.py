@@ -7,12 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.scaling import Array
-from estimator.trace.diagnosis import Verdict
 
 Say = Callable[[str], None]
-
-_LEFT = 0.1  # of the power above the noise, what may be left where a record counts as explained
-_NEAR = 3.0  # ratio to the noise up to which a model that nothing was added to counts as adequate
 
 
 class MeasuredRow(NamedTuple):
@@ -49,14 +45,6 @@ class Outcome:
     rows: list[MeasuredRow]
     paragraphs: list[str]
     panels: list[Panel] = field(default_factory=list)
-
-
-def verdict_of(before: float, after: float, noise: float, effects: Sequence[str]) -> Verdict:
-    """The verdict by the error on the held-out part, all three in one unit."""
-    if not effects:
-        return Verdict.ADEQUATE if before <= _NEAR * noise else Verdict.UNEXPLAINED
-    was, left = (max(error**2 - noise**2, 0.0) for error in (before, after))
-    return Verdict.EXPLAINED if after <= _NEAR * noise or left <= _LEFT * was else Verdict.UNEXPLAINED
 
 
 def rms(series: Array) -> float:

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
-from benchmarks.measured.oscillator import declared, described, imported, record_of, started, traced
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms, verdict_of
+from benchmarks.measured.oscillator import declared, described, imported, record_of, traced
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
+from estimator.trace.free_run import free_run_error, verdict_of
 
 FOLDER = "silverbox"
 _FIRST = 50  # outputs of a test that may set the state and are not scored
@@ -22,8 +23,8 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
     rows, panels = [], []
     for test in _TESTS:
         part = record.part(slice(*capture.segments[test]))
-        before = started(trace.observer_before, trace.before, part, _FIRST)[_FIRST:]
-        after = started(trace.observer, trace.after, part, _FIRST)[_FIRST:]
+        before = free_run_error(trace.observer_before, trace.before, part, _FIRST)[_FIRST:]
+        after = free_run_error(trace.observer, trace.after, part, _FIRST)[_FIRST:]
         verdict = verdict_of(rms(before), rms(after), device.noise[0], trace.effects)
         errors = (1e3 * rms(before), 1e3 * rms(after))
         rows.append(MeasuredRow(FOLDER, test, "free-run RMSE", "mV", *errors, verdict.value, list(trace.effects)))

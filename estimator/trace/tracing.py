@@ -20,6 +20,7 @@ from estimator.trace.evidence import SAME
 from estimator.trace.examination import examine
 from estimator.trace.fitness import require_traceable
 from estimator.trace.fitting import Effects, Fitted
+from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.record import Record
 from estimator.trace.selection import Selection, select, threshold
@@ -39,10 +40,13 @@ def trace(
 ) -> Diagnosis:
     """Choose effects on the samples before `split`, score them on the rest.
 
-    `observer` is the bench's; effects that it carries already stay.  Raises ModelError for a record that cannot be
-    traced, with what to record instead.
+    `observer` is the bench's; effects that it carries already stay.  A single axis is traced by its free run.
+
+    Raises ModelError for a record that cannot be traced, with what to record instead.
     """
     require_traceable(record, device, split)
+    if device.axes == 1:
+        return trace_free_run(record, device, observer, split=split, progress=progress)
     known = {name: dict(given) for name, given in observer.effects.items()}
     selection = select(record.part(slice(0, split)), device, observer, controller, progress)
     progress("before and after", 0, 2)

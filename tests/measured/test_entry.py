@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.measured.__main__ import keep
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, rms, verdict_of
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, rms
 from benchmarks.measured.page import write_page
 from estimator.trace.diagnosis import Verdict
+from estimator.trace.free_run import verdict_of
 
 ROW = MeasuredRow("box", "test", "free-run RMSE", "mV", 7.0, 0.25, "explained", ["cubic_stiffness"])
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from benchmarks.measured import emps, free_decay, rate_table, silverbox
-from benchmarks.measured.oscillator import declared, imported, record_of, started
+from benchmarks.measured.oscillator import declared, imported, record_of
 from benchmarks.measured.outcome import rms
 from estimator.observer import Observer
 from estimator.refinement import refine
+from estimator.trace.free_run import free_run_error
 
 NAMED = os.environ.get("GYROHIL_DATA")
 DATA = Path(NAMED) if NAMED else Path(__file__).parents[3] / "shared" / "data"
@@ -37,7 +38,7 @@ def test_silverbox_without_effects_has_the_published_error_of_a_linear_model(tmp
     train = record.part(slice(*capture.segments["train"]))
     fit = refine(observer, train.sense, train.drive, step=train.step, rows=slice(50, None))
     for test, expected in (("multisine", 6.95), ("arrow", 14.3), ("arrow_no_extrapolation", 6.58)):
-        residual = started(observer, fit, record.part(slice(*capture.segments[test])), 50)
+        residual = free_run_error(observer, fit, record.part(slice(*capture.segments[test])), 50)
         assert np.isnan(residual[:50]).all()
         assert 1e3 * np.sqrt(np.nanmean(residual**2)) == pytest.approx(expected, rel=0.01), test
 
