@@ -15,6 +15,7 @@ from estimator.kernel.layout import MAX_DELAY, Floats, Record
 from estimator.kernel.signals import directions, line_values
 
 _field_columns = generated().field_columns
+_taylor = generated().taylor
 _effect_force = generated().effect_force
 _MAX_ORDER = 60
 Push = tuple[Floats, Floats, Floats, Floats, Floats]  # force, its derivatives by states, by constants; drive; signals
@@ -55,20 +56,11 @@ def taylor(
 ) -> None:
     """Advance the columns of out in place by h under the input polynomial u (axes, degree + 1) in normalised time
     t/h.
+
+    columns is 1 or all of the model's and more; a is scratch of out's shape; b, scratch of the other flows, is left as
+    it is.
     """
-    states = out.shape[0]
-    for i in range(states):
-        for j in range(columns):
-            a[i, j] = out[i, j]
-    degree = u.shape[1] - 1
-    zero = u[:, 0] * 0.0
-    for n in range(order):
-        _field_columns(model, c, a, u[:, n] if n <= degree else zero, b, columns)
-        scale = h / (n + 1)
-        for i in range(states):
-            for j in range(columns):
-                a[i, j] = b[i, j] * scale
-                out[i, j] += a[i, j]
+    _taylor(model, c, u, h, order, columns, a, out)
 
 
 @compiled

@@ -34,8 +34,9 @@ def propagate(p: Floats, g: Floats, scratch: Floats, factor: float) -> None:
             scratch[i, j] = 0.0
         for k in range(n):
             w = g[i, k]
-            for j in range(n):
-                scratch[i, j] += w * p[k, j]
+            if w != 0.0:  # the sense offsets move nothing
+                for j in range(n):
+                    scratch[i, j] += w * p[k, j]
     for i in range(states):
         for j in range(i, states):
             total = 0.0
@@ -77,7 +78,7 @@ def add_process_noise(
                 p[row, i] += q * kick[i]
                 p[i, row] += q * kick[i]
                 for j in range(states):
-                    p[i, j] += q * kick[i] * kick[j]
+                    p[i, j] += q * (kick[i] * kick[j])  # in this order: the same in both triangles
 
 
 @compiled
@@ -86,10 +87,12 @@ def kalman_gain(p: Floats, jacobian: Floats, noise: Floats, channels: int, nu: F
     n = p.shape[0]
     for a in range(channels):
         for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += p[i, j] * jacobian[a, j]
-            gain[i, a] = total
+            gain[i, a] = 0.0
+        for j in range(n):
+            w = jacobian[a, j]
+            if w != 0.0:
+                for i in range(n):
+                    gain[i, a] += w * p[j, i]
     s00 = noise[0]
     for j in range(n):
         s00 += jacobian[0, j] * gain[j, 0]
@@ -129,57 +132,89 @@ def fading_factor(settings: Record, memory: Record) -> float:
 
 
 @compiled
-def joseph(p: Floats, jacobian: Floats, noise: Floats, channels: int, gain: Floats, ph: Floats) -> None:
-    """p ← (I − KH) p (I − KH)ᵀ + K R Kᵀ, symmetric to the last bit and positive for any gain."""
+def joseph(p: Floats, jacobian: Floats, noise: Floats, channels: int, gain: Floats, scratch: Floats) -> None:
+    """p ← (I − KH) p (I − KH)ᵀ + K R Kᵀ, symmetric to the last bit and positive for any gain; scratch (4, n).
+
+    With S = H p Hᵀ + R and W = p Hᵀ − ½ K S it is p − K Wᵀ − W Kᵀ.
+    """
     n = p.shape[0]
+    s01 = 0.0
     for a in range(channels):
+        ph = scratch[a]
         for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += p[i, j] * jacobian[a, j]
-            ph[i, a] = total
-    s = np.zeros((2, 2))
-    for a in range(channels):
-        for b in range(channels):
-            for j in range(n):
-                s[a, b] += jacobian[a, j] * ph[j, b]
-        s[a, a] += noise[a]
+            ph[i] = 0.0
+            scratch[2 + a, i] = gain[i, a]
+        for j in range(n):
+            w = jacobian[a, j]
+            if w != 0.0:  # few are not
+                for i in range(n):
+                    ph[i] += w * p[j, i]
+    s00 = noise[0]
+    for j in range(n):
+        s00 += jacobian[0, j] * scratch[0, j]
+    if channels == 1:
+        for i in range(n):
+            scratch[0, i] -= 0.5 * s00 * gain[i, 0]
+        subtract_products(p, scratch[2], scratch[0])
+        return
+    s11 = noise[1]
+    for j in range(n):
+        s01 += jacobian[0, j] * scratch[1, j]
+        s11 += jacobian[1, j] * scratch[1, j]
     for i in range(n):
-        for j in range(i, n):
-            total = p[i, j]
-            for a in range(channels):
-                total -= gain[i, a] * ph[j, a] + ph[i, a] * gain[j, a]
-                for b in range(channels):
-                    total += gain[i, a] * s[a, b] * gain[j, b]
-            p[i, j] = total
-            p[j, i] = total
+        scratch[0, i] -= 0.5 * (s00 * gain[i, 0] + s01 * gain[i, 1])
+        scratch[1, i] -= 0.5 * (s01 * gain[i, 0] + s11 * gain[i, 1])
+    subtract_products(p, scratch[2], scratch[0])
+    subtract_products(p, scratch[3], scratch[1])
 
 
 @compiled
-def rank_one(p: Floats, row: int, gain: Floats, noise: float) -> None:
-    """Joseph update of p for a direct measurement of entry `row` with variance `noise` and any gain (n,)."""
+def subtract_products(p: Floats, k: Floats, w: Floats) -> None:
+    """p ← p − k wᵀ − w kᵀ, both triangles: along contiguous rows that costs less than one triangle and its mirror, and
+    rounds alike in both.
+    """
     n = p.shape[0]
-    column = p[:, row].copy()
-    s = column[row] + noise
     for i in range(n):
-        for j in range(i, n):
-            p[i, j] += gain[i] * s * gain[j] - gain[i] * column[j] - column[i] * gain[j]
-            p[j, i] = p[i, j]
+        ki = k[i]
+        wi = w[i]
+        for j in range(n):
+            p[i, j] -= ki * w[j] + wi * k[j]
+
+
+@compiled
+def rank_one(p: Floats, row: int, gain: Floats, noise: float, scratch: Floats) -> None:
+    """Joseph update of p for a direct measurement of entry `row` with variance `noise` and any gain (n,); scratch
+    (n,).
+    """
+    half = 0.5 * (p[row, row] + noise)
+    for i in range(p.shape[0]):
+        scratch[i] = p[row, i] - half * gain[i]
+    subtract_products(p, gain, scratch)
 
 
 @compiled
 def recall_guess(
-    settings: Record, active: Ints, noise: float, guess: Floats, x: Floats, p: Floats, c: Floats, index: int
+    settings: Record,
+    active: Ints,
+    noise: float,
+    guess: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    index: int,
+    scratch: Floats,
 ) -> None:
-    """Measure one constant against its initial guess, with variance `noise`."""
+    """Measure one constant against its initial guess, with variance `noise`; scratch (2 or more, n)."""
     row = settings.states + index
-    gain = p[:, row] / (p[row, row] + noise)
+    gain = scratch[0]
+    share = 1.0 / (p[row, row] + noise)
     pull = guess[index] - x[settings.states + active[index]]
     for i in range(p.shape[0]):
+        gain[i] = p[row, i] * share
         x[i if i < settings.states else settings.states + active[i - settings.states]] += gain[i] * pull
-    rank_one(p, row, gain, noise)
+    rank_one(p, row, gain, noise, scratch[1])
     if settings.twin == 1:
-        rank_one(c, row, gain, noise)
+        rank_one(c, row, gain, noise, scratch[1])
 
 
 @compiled
@@ -193,6 +228,7 @@ def remember_prior(
     p: Floats,
     c: Floats,
     memory: Record,
+    scratch: Floats,
 ) -> None:
     """Give back what fading memory forgot of the initial guess.
 
@@ -205,11 +241,12 @@ def remember_prior(
     """
     memory.cursor = (memory.cursor + 1) % active.shape[0]
     if prior[memory.cursor] > 0.0:  # else known exactly from the start: nothing is forgotten of it
-        recall_guess(settings, active, prior[memory.cursor], guess, x, p, c, memory.cursor)
+        recall_guess(settings, active, prior[memory.cursor], guess, x, p, c, memory.cursor, scratch)
     for k in range(active.shape[0]):
         variance = p[settings.states + k, settings.states + k]
         if spread[k] > 0.0 and variance > spread[k]:
-            recall_guess(settings, active, variance * spread[k] / (variance - spread[k]), guess, x, p, c, k)
+            noise = variance * spread[k] / (variance - spread[k])
+            recall_guess(settings, active, noise, guess, x, p, c, k, scratch)
 
 
 @compiled
@@ -270,7 +307,7 @@ def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
         np.zeros((2, n)),
         np.zeros((2, total)),
         np.zeros((n, 2)),
-        np.zeros((n, 2)),
+        np.zeros((4, n)),
         np.zeros(states),
         np.zeros(2),
         np.zeros(2),
@@ -431,7 +468,8 @@ def correct(
         for i in range(n):
             if jacobian[channel, i] != 0.0:
                 for j in range(n):
-                    variance[channel] += jacobian[channel, i] * actual[i, j] * jacobian[channel, j]
+                    if jacobian[channel, j] != 0.0:
+                        variance[channel] += jacobian[channel, i] * actual[i, j] * jacobian[channel, j]
     if not measured:
         return
     riccati = runs_riccati(settings, memory)
@@ -453,7 +491,7 @@ def correct(
     if riccati:
         joseph(p, jacobian, assumed, channels, gain, ph)
         if settings.fade > 1.0 and active.shape[0] > 0:
-            remember_prior(settings, active, prior, spread, guess, x, p, c, memory)
+            remember_prior(settings, active, prior, spread, guess, x, p, c, memory, ph)
 
 
 @compiled

@@ -82,4 +82,4 @@ def gather_gains(
             cursor = (cursor + 1) % active.shape[0]
             row = states + cursor
             if prior[cursor] > 0.0:
-                rank_one(p, row, p[:, row] / (p[row, row] + prior[cursor]), prior[cursor])
+                rank_one(p, row, p[:, row] / (p[row, row] + prior[cursor]), prior[cursor], ph[0])
