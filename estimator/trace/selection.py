@@ -20,7 +20,7 @@ from estimator.trace.parameters import refine_parameters
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan, Watched, scan
 
-MOST = 5
+MOST = 4
 CHANCE = 1e-4  # of naming anything on a record to which nothing is to be added
 _LOCKED = 0.03  # of the amplitude: an innovation larger than that makes the linear scan unsure
 _SAME = 0.97  # likeness above which a candidate is tried for itself beside the best
