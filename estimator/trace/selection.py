@@ -129,8 +129,11 @@ def surprise(degrees: int, candidates: int) -> float:
 
 
 def fresh(watched: Mapping[str, Parameters], effects: Effects) -> Watched:
-    """What is watched and not carried; an effect without parameters is carried once, one with them may come again."""
-    return {name: given for name, given in watched.items() if name not in effects}
+    """What is watched and not carried: a line or a mode may come again at another frequency, everything else is there
+    once.
+    """
+    carried = {name.partition(":")[0] for name in effects}
+    return {name: given for name, given in watched.items() if "omega" in given or name.partition(":")[0] not in carried}
 
 
 def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> ObserverSettings:

@@ -61,6 +61,7 @@ def record() -> Record:
     return loop_record(everything, DEVICE, SETTINGS, latency=1, noise=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [effect.name for effect in EFFECTS if effect.name not in (*WITHOUT_CHANNEL, *HIDDEN)])
 def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: str) -> None:
     given = PARAMETERS.get(name, {})

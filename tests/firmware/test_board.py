@@ -36,6 +36,8 @@ from hil.wire.spec import SPEC
 
 from .process import PATIENCE_S, Host, pty_board, refused, rows, write
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def host(built: Path) -> Iterator[Host]:

@@ -6,6 +6,8 @@ import pytest
 
 from tests.wire.conformance import Board, Conformance
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.slow
 class TestCBoardOnPty(Conformance):

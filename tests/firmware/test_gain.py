@@ -26,6 +26,8 @@ from hil.wire.stream import Receiver, Transmitter
 
 from .c_board import CBoard
 
+pytestmark = pytest.mark.slow
+
 FILTER = {"A11": 0.9, "A12": 0.25, "A21": -0.3, "A22": 0.7, "B1": 0.2, "B2": -0.1, "C1": 0.05, "C2": 0.4}
 BLOCK = 20
 SEED, DITHER, LIMIT = 12345, 40, 1500

@@ -32,6 +32,8 @@ from hil.wire.stream import Received, Receiver, Transmitter
 
 from .c_board import CBoard
 
+pytestmark = pytest.mark.slow
+
 VECTORS = json.loads((Path(__file__).parents[1] / "wire" / "golden.json").read_text(encoding="utf-8"))
 said_by_boards = [vector for vector in VECTORS["frames"] if SPEC.messages[vector["message"]].sender != "host"]
 

@@ -40,6 +40,8 @@ from tests.emulator.gyro import scenario
 
 from .c_board import CBoard
 
+pytestmark = pytest.mark.slow
+
 TURNS = 2000
 AHEAD = (-3, -1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 5, 15, 60)  # of the last row
 VALUES = (0, 1, 2, 3, 100, 32768, 8388607, 1e9, -1, 0.5, float("nan"))
