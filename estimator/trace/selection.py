@@ -27,6 +27,7 @@ _SAME = 0.97  # likeness above which a candidate is tried for itself beside the 
 _SERIOUS = 0.5  # of the best gain: a candidate with that much is tried as well
 _NEAR = 0.9  # of the best gain: parameters are improved before the choice
 _TRIED = 5
+_APART = 30.0  # rad over the record: closer than that two frequencies are one
 _COMPARED = 200_000  # samples on which candidates are compared
 
 
@@ -71,6 +72,7 @@ def select(
 ) -> Selection:
     """Choose effects on `record`, the part to be fitted; `settings` carries those that are known already."""
     compared = record.part(slice(0, _COMPARED))
+    span = float(np.sum(compared.step))
     known: dict[str, dict[str, float]] = {name: dict(given) for name, given in settings.effects.items()}
     effects: Effects = dict(known)
     rounds: list[Step] = []
@@ -81,7 +83,7 @@ def select(
         carried = scanned_with(model, device, settings)
         base = scan(compared, device, carried, controller, {}, model.observer)
         watched = watch_list(compared, device, base.innovation, base.deviation)
-        seen = scan(compared, device, carried, controller, fresh(watched, effects), model.observer)
+        seen = scan(compared, device, carried, controller, fresh(watched, effects, span), model.observer)
         found = evidence(seen)
         serious = [item for item in found.values() if item.significance > threshold(len(found))]
         progress("effects", len(rounds) + 1, MOST + 1)
@@ -128,12 +130,19 @@ def surprise(degrees: int, candidates: int) -> float:
     return float(chi2.isf(CHANCE / max(candidates, 1), degrees))
 
 
-def fresh(watched: Mapping[str, Parameters], effects: Effects) -> Watched:
+def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> Watched:
     """What is watched and not carried: a line or a mode may come again at another frequency, everything else is there
-    once.
+    once.  span: length of the record in s, which tells frequencies apart.
     """
     carried = {name.partition(":")[0] for name in effects}
-    return {name: given for name, given in watched.items() if "omega" in given or name.partition(":")[0] not in carried}
+    frequencies = [given["omega"] for given in effects.values() if "omega" in given]
+
+    def is_new(name: str, given: Parameters) -> bool:
+        if "omega" not in given:
+            return name.partition(":")[0] not in carried
+        return all(abs(given["omega"] - other) > _APART / span for other in frequencies)
+
+    return {name: given for name, given in watched.items() if is_new(name, given)}
 
 
 def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> ObserverSettings:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
+from estimator.effects.declaration import Source
 from estimator.effects.equation import equations
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from estimator.trace.diagnosis import (
@@ -25,6 +26,10 @@ from estimator.trace.judgement import leftover
 from estimator.trace.record import Record
 from estimator.trace.selection import Selection, select, threshold
 from estimator.trace.separation import separations
+
+_PHASE = 2.0
+"""How much less surely the phase at a record's beginning is known where the frequency was found from it, too (Rife &
+Boorstyn, IEEE Trans. Information Theory 20(5), 1974)."""
 
 _TWO_SIDED = float(norm.ppf(0.975))
 
@@ -102,6 +107,8 @@ def _intervals(name: str, model: Fitted, device: Device) -> dict[str, Interval]:
     normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
     wider = max(float(np.sqrt(np.nanmean(normalised))), 1.0)
     _, effect = effect_for(name, device.axes)
+    if any(signal.source is Source.COSINE for signal in effect.signals):
+        wider *= _PHASE
     return {
         c.name.partition(":")[0]: Interval(
             float(value[c.name]),
