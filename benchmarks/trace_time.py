@@ -3,8 +3,10 @@
 import time
 
 from benchmarks.compensation import traced
-from benchmarks.lockstep import bench_of, close_loop, scenario_of
+from benchmarks.lockstep import bench_of, close_loop
 from benchmarks.row import Row, Say
+from device_emulator.scenario import load
+from hil.examples import find
 
 SAMPLES, MINUTE_S = 1_000_000, 60.0
 
@@ -14,7 +16,7 @@ def rows(say: Say) -> list[Row]:
     figures = []
     for name in ("s-slow", "s-undeclared"):
         bench = bench_of(name)
-        run = close_loop(scenario_of(name), bench, SAMPLES, seed=1, every=1000)
+        run = close_loop(load(find("scenario", name)), bench, SAMPLES, seed=1, every=1000)
         say(f"{name}: recorded")
         begin = time.perf_counter()
         found = traced(run, bench)
