@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
+from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.compiled import compiled
 from estimator.kernel.controller import advance_queue, command
-from estimator.kernel.layout import RATE, Floats, Ints, Record
+from estimator.kernel.layout import Floats, Ints, Record
 from estimator.kernel.observer import correct, predict, remember_drive, workspace
-from estimator.kernel.pattern import pattern, unwrap_half_turns
+from estimator.kernel.plain import advance_plain, is_plain, plain_state, restore
 
 
 @compiled
@@ -45,54 +46,7 @@ def advance(
         row.nu[axis] = nu[axis]
         row.s[axis] = variance[axis]
     if settings.axes == 2:
-        memory.rate_integral += x[settings.states + RATE] * h
-        memory.virtual_integral += memory.virtual_applied * h
-        read_angle(settings, memory, x, row)
-
-
-@compiled
-def note_forced_rotation(settings: Record, memory: Record, x: Floats, h: float) -> None:
-    """Add to memory.forced what the model says the forces, rather than the rotation of the board, turned the pattern
-    by.
-
-    x is the prediction from the last estimate through the drive that really acted.  In an ideal oscillator it would
-    have turned by −Ω̂ h; the rest is virtual rotation, dither, holds, rounding, a drive held over a late answer.
-    """
-    if memory.started == 1:
-        double, _, _ = pattern(x, settings.stiffness, memory.rotation, memory.rate)
-        memory.forced += unwrap_half_turns(double, memory.theta) - memory.theta + memory.rate * h
-
-
-@compiled
-def read_angle(settings: Record, memory: Record, x: Floats, row: Record) -> None:
-    """Angle, energy and quadrature of the newest estimate into an output row; unwraps and counts turns.
-
-    The pattern lags the board (PHYSICS.md §2): φ = −(θ − θ0) plus what forces turned the pattern by.  Taking off the
-    virtual rotation alone, as an ideal control would allow, is kept as angle_pattern.
-    """
-    rate = x[settings.states + RATE]
-    w = rate + memory.virtual_applied
-    double, energy, momentum = pattern(x, settings.stiffness, w, rate)
-    plain, _, _ = pattern(x, settings.stiffness, 0.0, 0.0)
-    if memory.started == 0:
-        memory.started = 1
-        memory.theta = 0.5 * double
-        memory.theta_zero = memory.theta
-        memory.theta_plain = unwrap_half_turns(plain, memory.theta)
-        memory.theta_plain_zero = memory.theta_plain
-        memory.virtual_integral = 0.0
-        memory.rate_integral = 0.0
-    else:
-        memory.theta = unwrap_half_turns(double, memory.theta)
-        memory.theta_plain = unwrap_half_turns(plain, memory.theta_plain)
-    memory.rotation = w
-    memory.rate = rate
-    row.angle = memory.theta_zero - memory.theta + memory.forced
-    row.angle_pattern = memory.theta_zero - memory.theta - memory.virtual_integral
-    row.angle_plain = memory.theta_plain_zero - memory.theta_plain - memory.virtual_integral
-    row.angle_rate_integral = memory.rate_integral
-    row.energy_ratio = energy / settings.energy
-    row.quadrature_ratio = math.sqrt(settings.stiffness) * momentum / energy if energy > 0.0 else 0.0
+        read_angle(settings, memory, x, h, row)
 
 
 @compiled
@@ -133,6 +87,8 @@ def observe_block(
     nu = np.zeros(2)
     variance = np.zeros(2)
     actual = c if settings.twin == 1 else p
+    plain = truth.shape[0] == 0 and is_plain(settings, active, x)
+    flat_x, flat_p, flat_c, own = plain_state(x, p, c, plain)
     written = 0
     for m in range(z.shape[0]):
         if truth.shape[0] > 0:
@@ -142,27 +98,18 @@ def observe_block(
         if settings.axes == 2:
             driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
             memory.virtual_applied = settings.virtual_rate if settings.control == 1 and driven else 0.0
-        advance(
-            settings,
-            active,
-            walk,
-            prior,
-            spread,
-            guess,
-            table,
-            x,
-            p,
-            c,
-            memory,
-            z[m],
-            u[m],
-            h[m],
-            work,
-            nu,
-            variance,
-            rows[m],
-        )
+        if plain:
+            advance_plain(
+                settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z[m], u[m], h[m], own, rows[m]
+            )  # fmt: skip
+        else:
+            advance(
+                settings, active, walk, prior, spread, guess, table, x, p, c, memory, z[m], u[m], h[m],
+                work, nu, variance, rows[m],
+            )  # fmt: skip
         if m % every == every - 1:
+            if plain:
+                restore(flat_x, flat_p, flat_c, x, p, c)
             for i in range(n_full):
                 states_out[written, i] = x[i]
                 deviations_out[written, i] = 0.0
@@ -172,6 +119,8 @@ def observe_block(
                 j = settings.states + i
                 deviations_out[written, settings.states + active[i]] = math.sqrt(actual[j, j])
             written += 1
+    if plain:
+        restore(flat_x, flat_p, flat_c, x, p, c)
     return written
 
 
@@ -210,24 +159,15 @@ def tick(
     z[0] = vx * settings.sense_scale[0]
     z[1] = vy * settings.sense_scale[1]
     advance_queue(settings, memory, drive[:, 0])
-    advance(
-        settings,
-        active,
-        walk,
-        prior,
-        spread,
-        guess,
-        table,
-        x,
-        p,
-        c,
-        memory,
-        z,
-        drive,
-        settings.h,
-        work,
-        nu,
-        variance,
-        rows[0],
-    )
+    if is_plain(settings, active, x):
+        flat_x, flat_p, flat_c, own = plain_state(x, p, c, True)
+        advance_plain(
+            settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z, drive, settings.h, own, rows[0]
+        )  # fmt: skip
+        restore(flat_x, flat_p, flat_c, x, p, c)
+    else:
+        advance(
+            settings, active, walk, prior, spread, guess, table, x, p, c, memory, z, drive, settings.h,
+            work, nu, variance, rows[0],
+        )  # fmt: skip
     command(settings, memory, x, work, codes)

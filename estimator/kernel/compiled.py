@@ -53,19 +53,27 @@ def mark_warm() -> None:
     (kernel_cache() / "warm").touch()
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+def compiled(function: Callable[..., Any], *, inline: bool = False) -> Callable[..., Any]:
     """`numba.njit` with the cache in `kernel_cache()`; the interpreter's global setting is left as it was.
 
-    A division by zero gives infinity, as in NumPy: a filter that diverges ends in numbers that say so.
+    A division by zero gives infinity, as in NumPy: a filter that diverges ends in numbers that say so.  With `inline`
+    it becomes part of every kernel that calls it.
     """
     settings: Any = numba.config
     before = settings.CACHE_DIR
     settings.CACHE_DIR = str(kernel_cache() / "numba")
     try:
-        kernel: Callable[..., Any] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        kernel: Callable[..., Any] = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)(
+            function
+        )
         return kernel
     finally:
         settings.CACHE_DIR = before
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`compiled`, for short functions of many arguments that are called for every sample."""
+    return compiled(function, inline=True)
 
 
 @cache

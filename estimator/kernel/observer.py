@@ -21,7 +21,7 @@ _effect_sense = generated().effect_sense
 
 # The smoothed normalised innovation is 1 ± 0.16 when the covariance is right: 3 is never reached by chance.
 _SURPRISED = 3.0
-_ATTENTION = 0.05
+ATTENTION = 0.05
 _FASTEST = 0.1
 
 
@@ -475,7 +475,7 @@ def correct(
     riccati = runs_riccati(settings, memory)
     if riccati:
         surprise = kalman_gain(p, jacobian, assumed, channels, nu, gain)
-        memory.surprise += (surprise - memory.surprise) * _ATTENTION
+        memory.surprise += (surprise - memory.surprise) * ATTENTION
     else:
         tabulated_gain(table, x[:states], gain)
         for channel in range(channels):

@@ -20,7 +20,8 @@ _HEADER = '''"""Generated from the model declarations; not to be edited."""
 
 import math
 
-from estimator.kernel.compiled import compiled
+from estimator.kernel.compiled import compiled, inlined
+from estimator.kernel.lanes import gather, lane, put, put_columns, take
 
 
 '''
@@ -160,6 +161,58 @@ def _taylor(model: Model) -> str:
     return "\n".join(lines)
 
 
+def _flow_lanes(model: Model) -> str:
+    """`<model>_flow_lanes(c, s, u, h, order, out)`: the flow and its sensitivities over h, all columns side by side.
+
+    out[:w · rows] ← the rows of [state | ∂/∂s0 | ∂/∂flow constants], w numbers each (the columns, filled up to a
+    multiple of four); out[w · rows:] ← the same column by column.  Models of four states only, so that columns, too,
+    are lanes.
+    """
+    m, n = model.system_matrices()
+    rows = range(m.rows)
+    states = [state.symbol for state in model.states]
+    used_constants = [constant.symbol for constant in model.constants]
+    columns = 1 + len(states) + len(model.flow_constants)
+    width = -(-columns // 4) * 4
+    varying = [(f"m{i}_{j}", m[i, j]) for i in rows for j in range(m.cols) if not m[i, j].is_number]
+    forcing = [[sum((n[i, j] * model.inputs[j] for j in range(n.cols)), sp.Integer(0))] for i in rows]
+    for i in rows:
+        forcing[i] += [sp.Integer(0)] * len(states)
+        forcing[i] += [sp.diff(model.field[i], constant.symbol) for constant in model.flow_constants]
+        forcing[i] += [sp.Integer(0)] * (width - columns)
+    forces = [(f"f{i}_{j}", e) for i in rows for j, e in enumerate(forcing[i]) if e != 0]
+    used = _free(e for _, e in varying) | _free(e for _, e in forces)
+
+    lines = ["@inlined", f"def {model.name}_flow_lanes(c, s, u, h, order, out):"]
+    lines += _unpack(used_constants, "c[{i}]", used)
+    lines += _assignments(varying, "w", "    ")
+    lines.append("    degree = u.shape[1] - 1")
+    for i in rows:
+        ones = ["1.0" if j == 1 + i else "0.0" for j in range(1, width)]
+        lines.append(f"    a{i} = gather(({', '.join([f's[{i}]', *ones])}))")
+        lines.append(f"    total{i} = a{i}")
+    lines += ["    for n in range(order):", "        scale = h / (n + 1)"]
+    lines += [f"        {s} = u[{k}, n] if n <= degree else 0.0" for k, s in enumerate(model.inputs) if s in used]
+    lines += [f"        {s} = lane(a{i}, 0)" for i, s in enumerate(states) if s in used]
+    lines += _assignments(forces, "v", "        ")
+    for i in rows:
+        terms = []
+        for j in range(m.cols):
+            if m[i, j] == 1:
+                terms.append(f"a{j}")
+            elif m[i, j] != 0:
+                terms.append(f"{float(m[i, j])!r} * a{j}" if m[i, j].is_number else f"m{i}_{j} * a{j}")
+        if any(e != 0 for e in forcing[i]):
+            named = [f"f{i}_{j}" if e != 0 else "0.0" for j, e in enumerate(forcing[i])]
+            terms.append(f"gather(({', '.join(named)}))")
+        lines.append(f"        b{i} = scale * ({' + '.join(terms)})")
+    lines += [f"        a{i} = b{i}" for i in rows]
+    lines += [f"        total{i} = total{i} + b{i}" for i in rows]
+    lines += [f"    put(out, {i * width}, total{i})" for i in rows]
+    lines.append(f"    put_columns(out, {m.rows * width}, {', '.join(f'total{i}' for i in rows)})")
+    return "\n".join(lines)
+
+
 def _sense(model: Model) -> str:
     """`<model>_sense(c, s, z, jacobian)`: predicted measurement and the nonzero entries of its derivative by X."""
     states = [state.symbol for state in model.states]
@@ -252,6 +305,7 @@ def _dispatch(models: Sequence[Model], stem: str, arguments: str) -> str:
 def generate(models: Sequence[Model], effects: Sequence[Effect]) -> str:
     """Source of the module that holds every model's and effect's functions and the dispatchers over them."""
     parts = [build(model) for model in models for build in (_field_columns, _taylor, _sense, _jumps)]
+    parts += [_flow_lanes(model) for model in models if len(model.states) == 4]
     parts += [
         _effect(model, present)
         for effect in effects
