@@ -117,7 +117,9 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "turnaround p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
     if result.ledger_us is not None:
         times = result.ledger_us.total
-        yield "sample to matrix p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+        yield "sample to effect p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+    if result.board_clock is not None:
+        yield "board's clock", result.board_clock.line
     if result.load is not None:
         yield "host's loop, recorder", f"{result.load.loop:.0%}, {result.load.recorder:.0%} of a core"
     if result.bare_turnaround_us is not None:

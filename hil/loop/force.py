@@ -121,12 +121,11 @@ class ForceLoop:
                     self._waiting = False
                     observer.enable_control(True)
                 self._step_target(tick - first)
-                kernel = time.monotonic_ns()
                 codes = observer.tick(row[1], row[2], row[3], row[4])
-                kernel = time.monotonic_ns() - kernel
+                estimated_ns = time.monotonic_ns()
                 if tick == newest:
                     endpoint.send_drive(codes[0], codes[1], tick + self._latency)
-                    self._timing.put(tick, endpoint.received_ns, endpoint.sent_ns, kernel)
+                    self._timing.put(tick, endpoint.received_ns, estimated_ns, endpoint.sent_ns)
                     self._give_way()
                 else:
                     observer.withdraw()

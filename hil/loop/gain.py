@@ -43,7 +43,7 @@ class _Sent(NamedTuple):
     matrix_id: int
     effective_tick: int
     tick: int
-    times_ns: tuple[int, int, int, int]  # received, sent, in the estimator, estimated
+    times_ns: tuple[int, int, int]  # received, estimated, sent
 
 
 class GainLoop:
@@ -140,21 +140,20 @@ class GainLoop:
             self._waiting, self._closed = False, True
             self._observer.enable_control(True)
         self._step_target(block.tick - first)
-        kernel_ns = time.monotonic_ns()
         si = codes * self._scale
         estimates = self._observer.run(si[:, :2], si[:, 2:], every=self._stride)
         self._foresight.follow(block.tick, codes)
         estimated_ns = time.monotonic_ns()
         last = block.tick + len(codes) - 1
         if newest:
-            self._answer(last, received_ns, estimated_ns - kernel_ns, estimated_ns)
+            self._answer(last, received_ns, estimated_ns)
         self._keep(block.tick, sense, estimates)
         self._account(block.tick, last, sense.matrix_id)
         self._next = last + 1
         self._guard(estimates.innovation, last - first)
         return last - first + 1
 
-    def _answer(self, last: int, received_ns: int, kernel_ns: int, estimated_ns: int) -> None:
+    def _answer(self, last: int, received_ns: int, estimated_ns: int) -> None:
         """Solve for the matrix and send it, zeros while the loop is open."""
         gain, bias = self._matrix.solve(self._reign + max(self._late))
         if not self._closed:
@@ -166,7 +165,7 @@ class GainLoop:
         self._endpoint.send(matrix)
         sent_ns = time.monotonic_ns()
         self._foresight.tell(gain, bias, effective)
-        self._sent.append(_Sent(self._matrix_id, effective, last, (received_ns, sent_ns, kernel_ns, estimated_ns)))
+        self._sent.append(_Sent(self._matrix_id, effective, last, (received_ns, estimated_ns, sent_ns)))
 
     def _keep(self, tick: int, sense: Sense, estimates: Estimates) -> None:
         """Everything that hangs off a block once it is answered."""
@@ -209,8 +208,7 @@ class GainLoop:
             elif len(self._sent) == 1 or all(later.matrix_id != matrix_id for later in self._sent):
                 return  # late: it is still to come
             self._sent.popleft()
-            received_ns, sent_ns, kernel_ns, estimated_ns = sent.times_ns
-            self._tracks["timing"].put(sent.tick, received_ns, sent_ns, kernel_ns, estimated_ns, applied)
+            self._tracks["timing"].put(sent.tick, *sent.times_ns, applied)
 
     def _guard(self, innovation: NDArray[np.float64], since: int) -> None:
         """Stop the run when the residual leaves its bounds."""

@@ -113,7 +113,7 @@ def conclude(
     """Figures, verdict and report of a recorded run."""
     from hil.records.result import Load, save_result
     from hil.records.runfolder import RunFolder
-    from hil.records.summary import summarise
+    from hil.records.summary import board_clock, summarise
     from hil.report import write_report
     from hil.verdict import judge, mishaps
 
@@ -128,6 +128,7 @@ def conclude(
             "link": link,
             "clock": bench.loop.clock if link is not None else None,
             "mode": bench.loop.mode if link is not None else None,
+            "board_clock": board_clock(run_folder) if link is not None else None,
             "verdict": verdict,
             "reasons": tuple(reasons),
             "counters": outcome.get("counters", {}),

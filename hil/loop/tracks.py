@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.records.capture import board_layout
+from hil.records.clock import clock_layout
 from hil.records.estimates import estimates_layout
 from hil.records.innovation import innovation_layout
 from hil.records.layout import Layout
@@ -31,11 +32,12 @@ COLUMNS = {
 
 
 def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[str, Layout]:
-    """Layouts of all record files of a run against a board, by stem."""
+    """Layouts of all record files of a run against a board, by stem; `clock` only where the board has a clock of its
+    own."""
     rate = identity.tick_rate_Hz
-    block = bench.loop.block
+    block, lockstep = bench.loop.block, bench.loop.clock == "lockstep"
     grace = identity.latency_ticks if bench.loop.mode == "force" else block
-    deadline_us = None if bench.loop.clock == "lockstep" else grace / rate * 1e6
+    deadline_us = None if lockstep else grace / rate * 1e6
     timing = (
         timing_layout(tick_rate_Hz=rate, deadline_us=deadline_us)
         if bench.loop.mode == "force"
@@ -51,9 +53,11 @@ def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[st
             sense_scale_V=identity.sense_scale_V,
             drive_scale=identity.drive_scale_mps2,
             identity=said,
+            lockstep=lockstep,
         ),
         **observer_layouts(observer, bench),
         "timing": timing,
+        **({} if lockstep else {"clock": clock_layout(tick_rate_Hz=rate)}),
     }
 
 

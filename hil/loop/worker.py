@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from hil.loop.gain import GainLoop
     from hil.records.recorder import Track
 
-REPORTS = 200  # progress lines over a run
+REPORTS = 200  # progress lines over a run; more where the board is asked for its time along with them
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 
 
@@ -128,6 +128,7 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     tell(stage="prepare", done=0, total=0, note=note)
     from estimator.foresight import rehearse
     from estimator.observer import Observer
+    from hil.loop.clock import EXCHANGES_PER_S, ClockExchanges
     from hil.loop.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here
@@ -152,6 +153,9 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         else record_apart(folder, layouts, ring_rows=_RING_ROWS if bench.loop.mode == "gain" else {})
     )
     samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
+    report_every = max(samples // REPORTS, 1)
+    if not lockstep:
+        report_every = max(min(report_every, int(identity.tick_rate_Hz / EXCHANGES_PER_S)), 1)
     stopped = ""
     refused: list[str] = []
     with recording:
@@ -160,10 +164,19 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         if not lockstep:
             refused = realtime.prepare()
             os.set_blocking(1, False)
+        clock = None if lockstep else ClockExchanges(endpoint, recording["clock"])
+        if clock is not None:
+            clock.burst()
+
+        def report(done: int) -> None:
+            tell(stage="run", done=done, total=samples)
+            if clock is not None:
+                clock.ask()
+
         client.arm(endpoint, bench.link.timeout_s)
         begin = time.monotonic(), time.process_time()
         try:
-            loop.run(samples, lambda done: tell(stage="run", done=done, total=samples), max(samples // REPORTS, 1))
+            loop.run(samples, report, report_every)
             if loop.counters.residual_safe:
                 limit = bench.limits.residual_safe
                 stopped = f"the innovation exceeded [limits] residual_safe = {limit:g} × the noise"
@@ -175,6 +188,9 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
             elapsed, busy = time.monotonic() - begin[0], time.process_time() - begin[1]
             loop.finish(_why_safe(loop))
             os.set_blocking(1, True)
+        if clock is not None and loop.counters.board and not orphaned():
+            with suppress(WireError):
+                clock.burst()
         dropped = recording.dropped
         if orphaned():
             raise InterruptedError("the parent process is gone")

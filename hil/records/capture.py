@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.layout import BENCH, TICK, Column, Layout, block_rows_for
 from hil.records.stream import read_blocks
 from hil.records.units import unit_of
 
@@ -27,6 +27,10 @@ DriveUnit = Literal["mps2", "N", "V"]
 
 DRIVE_UNITS: tuple[DriveUnit, ...] = get_args(DriveUnit)
 _AXES = ("x", "y")
+
+TIME_LOCKSTEP = "bench time, which here is the board's own: it waits for the host at every tick"
+TIME_RUNNING = "bench time: ticks of the board's own clock; clock.arrow relates it to the host's"
+TIME_IMPORTED = "as in the file it was imported from"
 
 
 class RowFlag(IntFlag):
@@ -178,15 +182,16 @@ def board_layout(
     drive_unit: DriveUnit = "mps2",
     hold: Hold = "zoh",
     identity: Mapping[str, Any] | None = None,
+    lockstep: bool = False,
 ) -> Layout:
     """Layout of a capture recorded from a board: tick, codes (`vx_code`, …, `uy_code`), flags.
 
     `sense_scale_V` is volts per code, `drive_scale` is `drive_unit` per code; `identity` (JSON values) is
-    what the board said of itself.
+    what the board said of itself. `lockstep` says that the board waited for the host at every tick.
     """
     names = _AXES[:axes]
     columns = (
-        Column("tick", "i8"),
+        TICK,
         *(Column(f"v{axis}_code", "i4", "V", sense_scale_V) for axis in names),
         *(Column(f"u{axis}_code", "i4", drive_unit, drive_scale) for axis in names),
         Column("flags", "u1"),
@@ -196,6 +201,7 @@ def board_layout(
         "axes": axes,
         "hold": hold,
         "latency_ticks": latency_ticks,
+        "time": TIME_LOCKSTEP if lockstep else TIME_RUNNING,
         "identity": dict(identity) if identity is not None else None,
     }
     return Layout("capture", columns, block_rows_for(tick_rate_Hz), header)
@@ -213,15 +219,17 @@ def import_layout(
     """Layout of an imported capture: tick, then SI columns named as in the interchange CSV (`t_s`, `vx_V`,
     …).
     """
-    columns = [Column("tick", "i8")]
+    columns = [TICK]
     for name in names:
         drive = name.startswith(("ux_", "uy_"))
-        columns.append(Column(name, "f8", name.split("_", 1)[1] if drive else unit_of(name)))
+        unit = name.split("_", 1)[1] if drive else unit_of(name)
+        columns.append(Column(name, "f8", unit, clock=BENCH if name == "t_s" else ""))
     header = {
         "tick_rate_Hz": tick_rate_Hz,
         "axes": 2 if "vy_V" in names else 1,
         "hold": hold,
         "latency_ticks": 0,
+        "time": TIME_IMPORTED,
         "uniform": uniform,
         **({"steady": True} if steady else {}),
         "segments": {name: list(rows) for name, rows in segments.items()},

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.stream import read_blocks
 from hil.records.units import unit_of
 
@@ -46,7 +46,7 @@ def estimates_layout(
     uses.
     """
     known = dict(units or {})
-    columns = [Column("tick", "i8")]
+    columns = [TICK]
     for prefix in ("", "sd_"):
         columns += [Column(prefix + name, "f8", known.get(name, unit_of(name))) for name in states]
     if angle:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.stream import read_blocks
 
 _AXES = ("x", "y")
@@ -19,7 +19,7 @@ def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
     """Columns tick, nu_x_V (nu_y_V), s_x_V (s_y_V), the latter the predicted standard deviations."""
     names = _AXES[:axes]
     columns = (
-        Column("tick", "i8"),
+        TICK,
         *(Column(f"nu_{axis}_V", "f4", "V") for axis in names),
         *(Column(f"s_{axis}_V", "f4", "V") for axis in names),
     )

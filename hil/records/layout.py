@@ -17,16 +17,29 @@ import numpy as np
 HEADER_KEY = b"gyrohil"
 VERSION = 1
 
+BENCH = "bench"
+"""Clock of the record itself: ticks, or seconds counted by them."""
+HOST = "host"
+"""Clock of a column of nanoseconds: the host's monotonic clock."""
+BOARD = "board"
+"""Clock of a column of nanoseconds: the board's own."""
+
 _STRUCT_CODES = {"i8": "q", "i4": "i", "u1": "B", "f8": "d", "f4": "f"}
 
 
 class Column(NamedTuple):
-    """One column: NumPy type code (`i8`, `i4`, `u1`, `f8`, `f4`), unit, and SI value of one count."""
+    """One column: NumPy type code (`i8`, `i4`, `u1`, `f8`, `f4`), unit, SI value of one count, and for a time the clock
+    it is on, `BENCH`, `HOST` or `BOARD`."""
 
     name: str
     type: str
     unit: str = ""
     scale: float = 1.0
+    clock: str = ""
+
+
+TICK = Column("tick", "i8", clock=BENCH)
+"""First column of every record: the sample, unwrapped to 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +67,11 @@ class Layout:
 
     def header_json(self) -> str:
         """The file header: fixed key order, so that equal runs give equal bytes."""
-        columns = {column.name: {"unit": column.unit, "scale": column.scale} for column in self.columns}
+        columns = {
+            column.name: {"unit": column.unit, "scale": column.scale}
+            | ({"clock": column.clock} if column.clock else {})
+            for column in self.columns
+        }
         return json.dumps(
             {"kind": self.kind, "version": VERSION, **self.header, "columns": columns},
             ensure_ascii=False,

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.records.capture import Capture
-from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.result import Channel, Percentiles, Sensor
 from hil.records.summary import percentiles
 
@@ -19,7 +19,7 @@ def rates_layout(channels: Sequence[Column], *, tick_rate_Hz: float, device: str
     A tick is a sample of the sensor, by its own counter; the sensor's clock is the capture's only time.
     """
     columns = (
-        Column("tick", "i8"),
+        TICK,
         *channels,
         Column("status", "u1"),
         Column("latency_us", "i4", "µs"),

@@ -27,13 +27,55 @@ class Percentiles(_Model):
 
 
 class Ledger(_Model):
-    """Where the time of a block of samples goes, in gain mode; over the blocks whose matrix is known to have acted."""
+    """Where the time of a block of samples goes, in force mode of a single one; over those whose answer is known to
+    have acted. Both ends on the host's clock."""
 
-    wire: Percentiles = Field(description="From the sampling of its last row to the host, beyond the fastest block")
+    wire: Percentiles = Field(
+        description="From the sampling of its last row to the host; at least: beyond the fastest block, or what the "
+        "board's own time and tick leave it where that is more"
+    )
     estimate: Percentiles = Field(description="Until the observer was done")
-    send: Percentiles = Field(description="Until the matrix was sent")
-    apply: Percentiles = Field(description="Until the first sample computed with it")
+    send: Percentiles = Field(description="Until the answer was sent")
+    apply: Percentiles = Field(description="Until it acted, in gain mode until the first sample computed with it")
     total: Percentiles = Field(description="All of it")
+
+
+class ClockRelation(_Model):
+    """The board's clock beside the host's, by exchanges of time; intervals are 95 %."""
+
+    at_host_ns: int = Field(description="Host time, monotonic, that the offset is for")
+    offset_ns: int = Field(description="Board's clock less the host's at that time")
+    offset_uncertainty_ns: NonNegative = Field(
+        description="Half the shortest round trip, which bounds what an asymmetry of the link does, and half the "
+        "interval by the scatter of the exchanges"
+    )
+    skew_ppm: float = Field(description="By how much the board's clock runs faster than the host's")
+    skew_uncertainty_ppm: NonNegative = Field(description="Half the interval by the scatter of the exchanges")
+    skew_bound_ppm: NonNegative = Field(
+        description="What an asymmetry that changes in the worst possible way could move the skew by"
+    )
+    round_trip_us: NonNegative = Field(description="The shortest")
+    exchanges: Count
+    used: Count = Field(description="The quickest of each part of the run, which the relation comes from")
+
+
+class BoardClock(_Model):
+    """What the times of a run are on, and how that is related to the host's clock."""
+
+    time_base: str = Field(description="Of every tick and time in the capture, in words")
+    relation: ClockRelation | None = None
+    unknown: str | None = Field(default=None, description="Why there is no relation, one line")
+
+    @property
+    def line(self) -> str:
+        """The relation in one line."""
+        if (found := self.relation) is None:
+            return f"not related to the host's: {self.unknown}"
+        return (
+            f"{found.skew_ppm:+.2f} ± {found.skew_uncertainty_ppm:.2f} ppm beside the host's, offset "
+            f"{1e-9 * found.offset_ns:.6f} s ± {1e-3 * found.offset_uncertainty_ns:.1f} µs "
+            f"({found.exchanges} exchanges, the shortest {found.round_trip_us:.1f} µs)"
+        )
 
 
 class Load(_Model):
@@ -125,7 +167,8 @@ class Result(_Model):
         description="V, the innovation's rms as the observer predicts it, the model being complete",
     )
     turnaround_us: Percentiles | None = None
-    ledger_us: Ledger | None = Field(default=None, description="Gain mode: the stages of a block")
+    ledger_us: Ledger | None = Field(default=None, description="The stages of a block, on wall time")
+    board_clock: BoardClock | None = Field(default=None, description="Null for a replay")
     load: Load | None = Field(default=None, description="What the host needed of a core, from ARM to SAFE")
     bare_turnaround_us: Percentiles | None = Field(
         default=None, description="A bare read and write, paced alike in the same run"

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from hil.errors import InputError
 from hil.records.capture import Capture, read_capture
+from hil.records.clock import ClockRecord, read_clock
 from hil.records.estimates import Estimates, read_estimates
 from hil.records.innovation import Innovation, read_innovation
 from hil.records.result import Result, load_result
@@ -56,6 +57,11 @@ class RunFolder:
         return self.path / "timing.arrow"
 
     @property
+    def clock_path(self) -> Path:
+        """Exchanges of time with the board."""
+        return self.path / "clock.arrow"
+
+    @property
     def result_path(self) -> Path:
         """Figures of the run."""
         return self.path / "result.json"
@@ -97,6 +103,11 @@ class RunFolder:
     def timing(self) -> Timing | None:
         """The wall times, or None."""
         return _read_if_there(self.timing_path, read_timing)
+
+    @cached_property
+    def clock(self) -> ClockRecord | None:
+        """The exchanges of time, or None."""
+        return _read_if_there(self.clock_path, read_clock)
 
     @cached_property
     def result(self) -> Result | None:

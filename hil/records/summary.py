@@ -3,10 +3,11 @@
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.capture import Capture, RowFlag
+from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
+from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation
-from hil.records.result import Ledger, Parameter, Percentiles, Result
+from hil.records.result import BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
 from hil.records.runfolder import RunFolder
 from hil.records.timing import Timing
 from hil.records.truth import Truth
@@ -15,6 +16,8 @@ from hil.records.units import symbol_of
 SD_95 = 1.959964
 """Half width of a 95 % interval in standard deviations of a normal variable."""
 
+_ONE_CLOCK = "in lockstep no clock runs: there is nothing to relate"
+_NOT_ASKED = "nobody asked the board for its time"
 _MOVING = ("x_m", "vx_mps", "y_m", "vy_mps", "rate_rad_s")
 _PER_MASS = {"1/s²": "N/m", "1/s": "N·s/m"}
 
@@ -40,7 +43,7 @@ def summarise(folder: RunFolder) -> Result:
         innovation_rms=None if innovation is None else innovation_rms(innovation, folder.settle_s),
         noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
         turnaround_us=None if timing is None else percentiles(timing.turnaround_us),
-        ledger_us=None if timing is None else ledger(timing),
+        ledger_us=None if timing is None else ledger(timing, capture, folder.clock),
         complete=capture is not None and capture.complete,
     )
 
@@ -106,14 +109,52 @@ def percentiles(times_us: npt.NDArray[np.float64]) -> Percentiles | None:
     return Percentiles(p50=p50, p99=p99, p999=p999)
 
 
-def ledger(timing: Timing) -> Ledger | None:
-    """Percentiles of each stage of the blocks; None where blocks were not accounted for."""
-    stages = timing.ledger_us
+def ledger(timing: Timing, capture: Capture | None, clock: ClockRecord | None) -> Ledger | None:
+    """Percentiles of each stage of the blocks; None in lockstep, and where nothing tells when answers acted."""
+    applied = timing.applied
+    if applied is None and capture is not None:
+        applied = applied_ticks(timing.tick, capture)
+    stages = {} if applied is None else timing.ledger_us(applied, clock)
     if not stages:
         return None
     # A block that was applied before it could have been known on its clock is noise of that clock.
     found = {name: percentiles(np.maximum(elapsed, 0.0)) for name, elapsed in stages.items()}
     return Ledger.model_validate({name: value for name, value in found.items() if value is not None})
+
+
+def applied_ticks(tick: npt.NDArray[np.int64], capture: Capture) -> npt.NDArray[np.int64]:
+    """Force mode: the tick from which the answer to each tick (n,) acted, -1 where it did not in time or nobody knows.
+
+    The row after it tells: it carries the drive held since, and a flag where that was an old one.
+    """
+    effective = tick + capture.latency_ticks
+    told = capture.tick[(capture.flags & RowFlag.LATE_ANSWER_HELD) == 0]
+    return np.where(np.isin(effective + 1, told), effective, -1)
+
+
+def board_clock(folder: RunFolder) -> BoardClock | None:
+    """What the times of a recorded run are on; None without a capture that says so."""
+    capture, clock = folder.capture, folder.clock
+    if capture is None or "time" not in capture.header:
+        return None
+    base = str(capture.header["time"])
+    if clock is None:
+        return BoardClock(time_base=base, unknown=_ONE_CLOCK if base == TIME_LOCKSTEP else _NOT_ASKED)
+    fit = clock.fit
+    if fit is None:
+        return BoardClock(time_base=base, unknown=clock.unknown)
+    relation = ClockRelation(
+        at_host_ns=fit.at_host_ns,
+        offset_ns=fit.offset_ns,
+        offset_uncertainty_ns=fit.offset_uncertainty_ns,
+        skew_ppm=1e6 * fit.skew,
+        skew_uncertainty_ppm=1e6 * fit.skew_ci,
+        skew_bound_ppm=1e6 * fit.skew_bound,
+        round_trip_us=1e-3 * fit.round_trip_ns,
+        exchanges=fit.exchanges,
+        used=fit.used,
+    )
+    return BoardClock(time_base=base, relation=relation)
 
 
 def reporting_mass_kg(folder: RunFolder) -> float | None:

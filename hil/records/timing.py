@@ -1,47 +1,50 @@
 """`timing.arrow`: wall times of each answered sample, in gain mode of each block. Kept apart from the capture, which
 must not depend on them.
 
-In gain mode a row is a ledger of one block: sampled by the device at `tick` (its last row), received, estimated, its
-matrix sent and first computed with at `applied_tick`. Ticks are put on the host's clock by the fastest blocks: what a
-block was slower than these is time on the wire.
+A row is a ledger: sampled by the device at `tick` (a block's last row), received, estimated, the answer sent; in gain
+mode the matrix was first computed with at `applied_tick`. All times are on the host's monotonic clock. Ticks are put on
+it by the fastest arrivals, and by the board's own word where it has given its time and its tick (`clock.arrow`) and
+that leaves the wire more: what has been sampled by then was sampled no later.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.layout import Column, Layout, block_rows_for
+from hil.records.clock import ClockRecord
+from hil.records.layout import BENCH, HOST, TICK, Column, Layout, block_rows_for
 from hil.records.stream import read_blocks
 
 _PARTS = 10
 
 
 def timing_layout(*, tick_rate_Hz: float, deadline_us: float | None = None) -> Layout:
-    """Columns tick, t_receive_ns, t_send_ns, t_kernel_ns (monotonic clock; 0 where the kernel gave none).
+    """Columns tick, t_receive_ns (by the kernel's stamp where the link has one), t_estimate_ns, when the observer was
+    done, t_send_ns.
 
     `deadline_us` is the turnaround the board allows before it holds the last drive, if there is one.
     """
     columns = (
-        Column("tick", "i8"),
-        Column("t_receive_ns", "i8", "ns"),
-        Column("t_send_ns", "i8", "ns"),
-        Column("t_kernel_ns", "i8", "ns"),
+        TICK,
+        Column("t_receive_ns", "i8", "ns", clock=HOST),
+        Column("t_estimate_ns", "i8", "ns", clock=HOST),
+        Column("t_send_ns", "i8", "ns", clock=HOST),
     )
     header = {"tick_rate_Hz": tick_rate_Hz, "deadline_us": deadline_us}
     return Layout("timing", columns, block_rows_for(tick_rate_Hz), header)
 
 
 def ledger_layout(*, tick_rate_Hz: float, block: int, deadline_us: float | None = None) -> Layout:
-    """The same for blocks of samples, with t_estimate_ns, when the observer was done, and applied_tick, the first tick
-    computed with the block's matrix (-1: not known, it was replaced before).
+    """The same for blocks of samples, with applied_tick, the first tick computed with the block's matrix (-1: not
+    known, it was replaced before).
     """
     timing = timing_layout(tick_rate_Hz=tick_rate_Hz, deadline_us=deadline_us)
-    columns = (*timing.columns, Column("t_estimate_ns", "i8", "ns"), Column("applied_tick", "i8"))
+    columns = (*timing.columns, Column("applied_tick", "i8", clock=BENCH))
     return Layout("timing", columns, block_rows_for(tick_rate_Hz / block), timing.header)
 
 
@@ -70,21 +73,28 @@ class Timing:
         elapsed: npt.NDArray[np.float64] = (self.columns["t_send_ns"] - self.columns["t_receive_ns"]) / 1e3
         return elapsed
 
-    @cached_property
-    def ledger_us(self) -> dict[str, npt.NDArray[np.float64]]:
+    @property
+    def applied(self) -> npt.NDArray[np.int64] | None:
+        """First tick at which each answer was used (n,), -1 where that is not known; None in force mode, where the
+        capture tells."""
+        return self.columns.get("applied_tick")
+
+    def ledger_us(
+        self, applied: npt.NDArray[np.int64], clock: ClockRecord | None = None
+    ) -> dict[str, npt.NDArray[np.float64]]:
         """How long each block took in each of its stages, in µs, by stage: wire, estimate, send, apply, total; empty
-        where blocks were not accounted for, and in lockstep, where ticks follow no clock. Without blocks that are not
-        known to have been applied.
+        in lockstep, where ticks follow no clock. `applied` (n,) is the tick at which each answer was first used, -1
+        where that is not known; such blocks are left out. `clock` are the exchanges of time with the board.
         """
-        if "applied_tick" not in self.columns or self.deadline_us is None:
+        known = applied >= 0
+        if self.deadline_us is None or not known.any() or "t_estimate_ns" not in self.columns:
             return {}
-        known = self.columns["applied_tick"] >= 0
-        tick, received, estimated, sent, applied = (
-            self.columns[name][known] for name in ("tick", "t_receive_ns", "t_estimate_ns", "t_send_ns", "applied_tick")
+        tick, received, estimated, sent = (
+            self.columns[name][known] for name in ("tick", "t_receive_ns", "t_estimate_ns", "t_send_ns")
         )
-        if not tick.size:
-            return {}
-        device = ticks_on_clock(tick, received, float(self.header["tick_rate_Hz"]))
+        applied = applied[known]
+        seen = None if clock is None else seen_on_clock(clock, (tick[0], tick[-1]), (received[0], sent[-1]))
+        device = ticks_on_clock(tick, received, float(self.header["tick_rate_Hz"]), seen)
         stages = {
             "wire": received - device(tick),
             "estimate": estimated - received,
@@ -95,13 +105,35 @@ class Timing:
         return {name: elapsed / 1e3 for name, elapsed in stages.items()}
 
 
+class Seen(NamedTuple):
+    """Ticks (n,) that had been sampled by host times (n,), in ns since `since_ns`."""
+
+    tick: npt.NDArray[np.int64]
+    host_ns: npt.NDArray[np.float64]
+    since_ns: int
+
+
+def seen_on_clock(clock: ClockRecord, ticks: tuple[int, int], times_ns: tuple[int, int]) -> Seen | None:
+    """By when the board's ticks had come, by its own clock, put on the host's; None where that is not known.
+
+    Only answers within the given ticks and host times count: a board that does not stream may count no ticks, and
+    before the first one it says 0.
+    """
+    fit = clock.fit
+    if fit is None:
+        return None
+    asked, answered = clock.columns["t_send_ns"], clock.columns["t_receive_ns"]
+    streaming = (clock.tick > ticks[0]) & (clock.tick <= ticks[1]) & (asked > times_ns[0]) & (answered < times_ns[1])
+    return Seen(clock.tick[streaming], fit.host_ns(clock.columns["board_ns"][streaming]), fit.at_host_ns)
+
+
 def ticks_on_clock(
-    tick: npt.NDArray[np.int64], received_ns: npt.NDArray[np.int64], tick_rate_Hz: float
+    tick: npt.NDArray[np.int64], received_ns: npt.NDArray[np.int64], tick_rate_Hz: float, seen: Seen | None = None
 ) -> Callable[[npt.NDArray[np.int64]], npt.NDArray[np.float64]]:
     """The host's clock in ns as a function of the device's tick, from when blocks arrived: a line below all arrivals.
 
     Its slope, which takes in the skew of the two clocks, is that of the earliest arrivals in each of ten parts of the
-    record; its height such that the fastest block took no time.
+    record; its height such that the fastest block took no time, or lower where `seen` lies below the line.
     """
     nominal = 1e9 / tick_rate_Hz
     delay = (received_ns - received_ns[0]) - (tick - tick[0]) * nominal
@@ -111,6 +143,9 @@ def ticks_on_clock(
     if len(earliest) == _PARTS:
         skew = float(np.polyfit((tick[earliest] - tick[0]).astype(float), delay[earliest], 1)[0])
     height = float(np.min(delay - skew * (tick - tick[0])))
+    if seen is not None and seen.tick.size:
+        late = seen.host_ns - float(received_ns[0] - seen.since_ns) - (seen.tick - tick[0]) * (nominal + skew)
+        height = min(height, float(late.min()))
     return lambda ticks: received_ns[0] + height + (ticks - tick[0]) * (nominal + skew)
 
 

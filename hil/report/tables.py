@@ -4,7 +4,7 @@ import math
 
 from hil.records.result import Parameter
 from hil.records.units import symbol_of
-from hil.report.markup import table
+from hil.report.markup import paragraph, table
 from hil.report.material import Material
 from hil.report.names import rank, shown, shown_unit
 from hil.report.numbers import count, percent, plus_minus, prefix_for, quantity, relative, significant
@@ -102,9 +102,12 @@ def counters(material: Material) -> str:
 
 
 def ledger(material: Material) -> str:
-    """Where the time of a block went, in gain mode, and what the host needed of a core."""
+    """The board's clock, where the time of a block went, and what the host needed of a core."""
     result = material.result
     parts = []
+    if result.board_clock is not None:
+        clock = result.board_clock
+        parts.append(paragraph(f"Times are in {clock.time_base}. The board's clock: {clock.line}."))
     if result.ledger_us is not None:
         rows = [
             (name, *(significant(value) for value in times.values()), field.description or "")

@@ -2,15 +2,29 @@
 
 import time
 from collections import deque
+from typing import NamedTuple
 
 from hil.wire.frame_format import Frame
 from hil.wire.link import Link
-from hil.wire.messages import Message
+from hil.wire.messages import Message, TimeSync
 from hil.wire.sense import Sense, SenseRow
 from hil.wire.stream import Received, Receiver, Transmitter
 
 INBOX = 1024
 """Messages kept for a later call; beyond that the oldest are forgotten."""
+
+
+_EXCHANGES = 64  # answers to TIME_SYNC that nobody has taken yet
+
+
+class Exchange(NamedTuple):
+    """TIME_SYNC there and back: host clock when asked, board clock when answered, host clock at the arrival (ns), and
+    the board's tick in the answer (64 bits)."""
+
+    sent_ns: int
+    board_ns: int
+    received_ns: int
+    tick: int
 
 
 class Endpoint:
@@ -24,9 +38,10 @@ class Endpoint:
         received_ns: monotonic clock when the last bytes came, by the kernel's stamp where the link has one, else
             right after the receive.
         sent_ns: monotonic clock right after the last `send_drive`.
+        exchanges: answers to `ask_time` with their times, for whoever asked to take out; the oldest are forgotten.
     """
 
-    __slots__ = ("_inbox", "_rows_kept", "link", "received_ns", "rx", "sent_ns", "tx")
+    __slots__ = ("_inbox", "_rows_kept", "exchanges", "link", "received_ns", "rx", "sent_ns", "tx")
 
     def __init__(self, link: Link) -> None:
         self.link = link
@@ -34,6 +49,7 @@ class Endpoint:
         self.tx = Transmitter(link.format)
         self.received_ns = 0
         self.sent_ns = 0
+        self.exchanges: deque[Exchange] = deque(maxlen=_EXCHANGES)
         self._inbox: deque[Received] = deque(maxlen=INBOX)
         self._rows_kept = False
 
@@ -52,6 +68,13 @@ class Endpoint:
         self.link.send(self.tx.encode_drive(ux, uy, effective_tick, self.rx.tick))
         self.sent_ns = time.monotonic_ns()
 
+    def ask_time(self) -> int:
+        """Send TIME_SYNC and do not wait; returns the host's time in it, by which its answer is known in `exchanges`.
+        Raises as `send`."""
+        now_ns = time.monotonic_ns()
+        self.send(TimeSync(now_ns, 0))
+        return now_ns
+
     def poll(self, timeout_s: float | None) -> list[Received]:
         """Messages that have arrived, in order, SENSE as whole blocks; waits up to `timeout_s` seconds (None:
         for ever) for bytes unless messages were kept from an earlier call. Bytes need not complete a message:
@@ -62,7 +85,7 @@ class Endpoint:
 
     def poll_new(self, timeout_s: float | None) -> list[Received]:
         """Like `poll`, but leaves kept messages where they are: for one who waits for an answer."""
-        return self.rx.feed(self._receive(timeout_s))
+        return self._feed(self._receive(timeout_s))
 
     def poll_frames(self, timeout_s: float | None) -> list[Frame]:
         """Like `poll`, but frames whose payload nobody has looked at, ticks unwrapped: for a peer of another
@@ -87,7 +110,16 @@ class Endpoint:
         row = self.rx.take_row(data)
         if row is not None:
             return [row]
-        return self._rows(self.rx.feed(data))
+        return self._rows(self._feed(data))
+
+    def _feed(self, data: bytes) -> list[Received]:
+        """Messages that `data`, just received, completes; answers about the time are noted with theirs."""
+        items = self.rx.feed(data)
+        for item in items:
+            message = item.message
+            if isinstance(message, TimeSync):
+                self.exchanges.append(Exchange(message.host_ns, message.board_ns, self.received_ns, item.tick))
+        return items
 
     def _rows(self, items: list[Received]) -> list[SenseRow]:
         """The samples among `items`; what else there is goes to the inbox."""

@@ -5,6 +5,7 @@ nothing lets one tick pass. So everything that happens between a host and a boar
 (lost samples, lost answers, a host that was stopped) happens here at chosen ticks, the same every time.
 """
 
+import math
 import os
 from collections.abc import Callable, Container, Mapping
 from pathlib import Path
@@ -18,6 +19,7 @@ from device_emulator.scenario import load
 from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.loop.clock import ClockExchanges
 from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.force import Counters
 from hil.loop.tracks import run_layouts
@@ -100,9 +102,15 @@ def board(scenario: Path, clock: ClockMode = ClockMode.LOCKSTEP, truth: Path | N
 
 
 def close_loop(
-    link: Link, bench: Bench, folder: Path, meddle: Callable[[Observer], None] = lambda _: None
+    link: Link,
+    bench: Bench,
+    folder: Path,
+    meddle: Callable[[Observer], None] = lambda _: None,
+    *,
+    ask_every: int = 0,
 ) -> tuple[RunFolder, Counters]:
-    """Run `bench` against the board behind `link`, as the worker does; `meddle` gets the observer first."""
+    """Run `bench` against the board behind `link`, as the worker does; `meddle` gets the observer first. The board is
+    asked for its time every so many samples, or never."""
     endpoint = Endpoint(link)
     identity = client.connect(endpoint)
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
@@ -112,8 +120,11 @@ def close_loop(
     with record_here(folder, run_layouts(observer, bench, identity)) as recording:
         loop = make_loop(endpoint, identity, bench, observer, recording.tracks)
         meddle(observer)
+        clock = ClockExchanges(endpoint, recording["clock"], per_s=math.inf) if ask_every else None
+        if clock is not None:
+            clock.burst()
         client.arm(endpoint)
-        loop.run(samples, lambda _: None, samples)
+        loop.run(samples, lambda _: None if clock is None else clock.ask(), ask_every or samples)
         loop.finish(SafeReason.HOST_REQUEST)
     endpoint.close()
     return RunFolder(folder), loop.counters

@@ -68,7 +68,8 @@ def test_the_pattern_is_held_and_the_angle_right(tmp_path: Path, latency: int) -
     # Every block is answered by a matrix for the very next tick, and that is when it is used.
     assert [g.effective_tick for g in link.gains] == list(range(BLOCK, 4001, BLOCK))
     assert timing.columns["applied_tick"].tolist() == (timing.tick + 1).tolist()
-    assert timing.ledger_us == {}  # in lockstep ticks follow no clock
+    assert timing.applied is not None
+    assert timing.ledger_us(timing.applied) == {}  # in lockstep ticks follow no clock
     # 0.1 s of acquisition: no force before, and of dither neither, which the board adds itself.
     closed = next(k for k, g in enumerate(link.gains) if any(g.gain))
     assert closed == 400 // BLOCK
@@ -144,8 +145,9 @@ def test_nothing_is_lost_on_a_quiet_line(tmp_path: Path) -> None:
     timing = run.timing
     assert timing is not None
     # Meant for the block after the next, and used from its first tick on.
-    assert timing.columns["applied_tick"].tolist() == (timing.tick + BLOCK).tolist()
-    assert set(timing.ledger_us) == {"wire", "estimate", "send", "apply", "total"}
+    assert timing.applied is not None
+    assert timing.applied.tolist() == (timing.tick + BLOCK).tolist()
+    assert set(timing.ledger_us(timing.applied)) == {"wire", "estimate", "send", "apply", "total"}
     assert np.abs(angle_errors(run, truth, 0.6)).max() < ANGLE_RAD
 
 

@@ -257,6 +257,17 @@ class Conformance:
         assert (answer.host_ns, again.host_ns) == (2**63 + 5, 6)
         assert again.board_ns >= answer.board_ns
 
+    def test_the_time_is_asked_without_waiting(self, host):
+        """The answer is noted when it comes, between our own clock before and after, whoever reads it."""
+        asked = [host.ask_time() for _ in range(3)]
+        deadline = time.monotonic() + PATIENCE_S
+        while len(host.exchanges) < 3 and time.monotonic() < deadline:
+            host.receive_rows(0.05)
+        noted = list(host.exchanges)
+        assert [exchange.sent_ns for exchange in noted] == asked
+        assert all(exchange.sent_ns <= exchange.received_ns <= time.monotonic_ns() for exchange in noted)
+        assert noted[0].board_ns <= noted[1].board_ns <= noted[2].board_ns
+
     def test_safe_is_answered(self, host):
         assert status_of(host).state == State.SAFE
 
