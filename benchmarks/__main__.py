@@ -25,6 +25,7 @@ BENCHMARKS = {
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",
     "stream": "gain mode over a pty in real time: 100, 250 kS/s, and as fast as it goes",
+    "clock": "offset and skew of a board's clock, found in real time over a pty",
     "can_codec": "CAN FD frames of four channels, made and read",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }

@@ -1,8 +1,9 @@
 """Asking an armed board for its time while the loop runs, and more often before and after it.
 
-The loop neither waits for an answer nor looks for one: answers come between samples, where the endpoint notes when they
-came, and are recorded when the next question is asked. What follows from them is worked out after the run
-(`hil.records.clock_fit`).
+The loop neither waits for an answer nor looks for one: answers come between samples, and the endpoint notes when they
+came. One that comes by itself is followed by a second question at once: the first may have waited for the board to be
+done with something, most of all with what it does when the host has spoken, and the second will not. What follows from
+the answers is worked out after the run (`hil.records.clock_fit`).
 """
 
 import time
@@ -29,6 +30,7 @@ class ClockExchanges:
         self._asked: deque[int] = deque(maxlen=64)
         self._answers = 0
         self._due_ns = 0
+        self._again = False
         self._every_ns = round(1e9 / per_s)
 
     def burst(self) -> None:
@@ -42,9 +44,17 @@ class ClockExchanges:
             time.sleep(_REST_S)
 
     def ask(self) -> None:
-        """One question, if it is time for one, of a board that has ever answered. Raises LinkClosed."""
+        """A question, if it is time for one, of a board that has ever answered. Raises LinkClosed."""
         self.keep()
         if self._answers and time.monotonic_ns() >= self._due_ns:
+            self._ask()
+            self._again = True
+
+    def follow(self) -> None:
+        """The second question, if the answer to the first has just come. Raises LinkClosed."""
+        if self._endpoint.exchanges and self._again:
+            self._again = False
+            self.keep()
             self._ask()
 
     def keep(self) -> None:

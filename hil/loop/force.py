@@ -46,6 +46,7 @@ class ForceLoop:
 
     Attributes:
         counters: kept up to date while the loop runs.
+        between: called when something has come that is no sample, or nothing for a while.
         stop: set (from a signal handler) to end the loop after the sample at hand.
     """
 
@@ -86,6 +87,7 @@ class ForceLoop:
         self._nu, self._s = self._row["nu"], self._row["s"]
         self._residual_limit = bench.limits.residual_safe**2
         self.counters = Counters()
+        self.between: Callable[[], None] = lambda: None
         self.stop = False
         self._next: int | None = None
         self._phase_lost = False
@@ -209,6 +211,7 @@ class ForceLoop:
         if self._board.attend(self._board.heard()):
             self.counters.rearmed += 1
             self._phase_lost = True
+        self.between()
 
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters."""

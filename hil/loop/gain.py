@@ -51,6 +51,7 @@ class GainLoop:
 
     Attributes:
         counters: kept up to date while the loop runs.
+        between: called when something has come that is no sample, or nothing for a while.
         stop: set (from a signal handler) to end the loop after the block at hand.
     """
 
@@ -99,6 +100,7 @@ class GainLoop:
         self._residual = 1.0
         self._guarded = 0  # sample from which the residual may stop the run
         self.counters = Counters()
+        self.between: Callable[[], None] = lambda: None
         self.stop = False
 
     def run(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
@@ -246,3 +248,4 @@ class GainLoop:
             self._phase_lost = True
             self._foresight.arm()
             self._sent.clear()
+        self.between()

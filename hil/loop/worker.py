@@ -167,6 +167,7 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         clock = None if lockstep else ClockExchanges(endpoint, recording["clock"])
         if clock is not None:
             clock.burst()
+            loop.between = clock.follow
 
         def report(done: int) -> None:
             tell(stage="run", done=done, total=samples)

@@ -27,8 +27,9 @@ MIN_PARTS = 3
 _MAX_PARTS = 200
 _MAX_CHANGE = 1e-4
 """By which an oscillator may change its rate between neighbouring parts of a record; what is more was no oscillator."""
-_RESOLUTION_NS = 500.0  # below which a difference of round trips says nothing about their quality
-_LEVEL = 0.975
+_ALIKE = 0.1
+"""Share of the shortest round trip that is taken for the standard deviation of an exchange as short as that."""
+_LEVEL, _NORMAL = 0.975, 1.959964
 
 
 class ClockUnknownError(ValueError):
@@ -40,9 +41,10 @@ class ClockFit:
     """At host time h (ns, monotonic) the board's clock shows h + offset_ns + skew · (h − at_host_ns).
 
     `skew` is how much faster the board's clock runs than the host's. `offset_ci_ns` and `skew_ci` are half widths of
-    95 % intervals by the scatter of the exchanges about the line; a constant asymmetry of the link, which they do not
-    show, moves the offset by up to half of `round_trip_ns`, the shortest, and an asymmetry that changes all the time in
-    the worst possible way the skew by up to `skew_bound`. `exchanges` there were, `used` of them.
+    95 % intervals: an exchange as short as the shortest is taken to be off by a tenth of its round trip, a longer one
+    by half of what it took longer as well, and all by more if they scatter more about the line. A constant asymmetry
+    of the link, which no scatter shows, moves the offset by up to half of `round_trip_ns`, the shortest, and one that
+    changes in the worst possible way the skew by up to `skew_bound`. `exchanges` there were, `used` of them.
     """
 
     at_host_ns: int
@@ -87,15 +89,15 @@ def fit_clock(sent_ns: Nanoseconds, board_ns: Nanoseconds, received_ns: Nanoseco
     x, y, delay = host[best], offset[best], trip[best]
     _require_steady(x, y, delay)
     excess = 0.5 * (delay - trip.min())
-    weight = 1.0 / (max(float(np.median(excess)), _RESOLUTION_NS) ** 2 + excess**2)
+    weight = 1.0 / (max(_ALIKE * float(trip.min()), 1.0) ** 2 + excess**2)
     centre = float(np.average(x, weights=weight))
     height = float(np.average(y, weights=weight))
     moment = float(np.sum(weight * (x - centre) ** 2))
     share = weight * (x - centre) / moment  # of each exchange in the slope
     skew = float(np.sum(share * y))
     left = y - height - skew * (x - centre)
-    variance = float(np.sum(weight * left**2)) / (best.size - 2)
-    width = _student(best.size - 2) * math.sqrt(variance)
+    scatter = math.sqrt(float(np.sum(weight * left**2)) / (best.size - 2))  # over what the weights take for granted
+    width = max(_NORMAL, _student(best.size - 2) * scatter)
     return ClockFit(
         at_host_ns=int(start_ns) + round(centre),
         offset_ns=int(apart_ns) + round(height),

@@ -50,6 +50,7 @@ one closest to the last.
 | ARM | STATUS (ARMED), then SENSE from the next tick on; in ARMED only STATUS again |
 | DRIVE_FORCE for each row, or DRIVE_GAINS for each block | STATUS (RUNNING) at the first one, SENSE |
 | SAFE | STATUS (SAFE) |
+| TIME_SYNC, at any time | TIME_SYNC |
 
 A request that arrives intact and is refused is answered by NACK and changes nothing. Without a valid drive
 frame for WATCHDOG_TICKS a running board sets the force to zero, goes to SAFE and says so in STATUS; ARM
@@ -63,6 +64,11 @@ fields of IDENTITY never change.
 **Timing.** Row m of SENSE carries the codes sampled at tick m, and the drive codes, as quantised and
 limited, that were held over the interval that *ends* at m. With a latency of L ticks, the drive computed
 from row m first acts on the interval that begins at m + L: that is its effective tick.
+
+**Clocks.** On wall time the host asks for the board's time in bursts before ARM and after SAFE, and about five times a
+second while SENSE streams, each answer followed by one more question; it never waits for one there. A board reads its
+clock as late as it can before the answer leaves, and says in the header which tick it has sampled last. In lockstep its
+time is that tick over the tick rate, and nobody asks.
 
 ## Gain mode
 

@@ -123,6 +123,7 @@ def close_loop(
         clock = ClockExchanges(endpoint, recording["clock"], per_s=math.inf) if ask_every else None
         if clock is not None:
             clock.burst()
+            loop.between = clock.follow
         client.arm(endpoint)
         loop.run(samples, lambda _: None if clock is None else clock.ask(), ask_every or samples)
         loop.finish(SafeReason.HOST_REQUEST)
