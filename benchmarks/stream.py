@@ -9,6 +9,8 @@ tripped.
 import os
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,12 +95,7 @@ def stream(rate_Hz: float, seconds: float) -> Streamed:
         device={"sample_rate_Hz": rate_Hz},
         loop={"clock": "paced", "duration_s": seconds, "settle_s": 0.0, "seed": 1},
     )
-    with tempfile.TemporaryDirectory() as place:
-        scenario = Path(place) / "board.scenario.toml"
-        text = examples.find("scenario", EXAMPLE).read_text(encoding="utf-8")
-        given = "sample_rate_Hz = 100000.0"
-        assert given in text
-        scenario.write_text(text.replace(given, f"sample_rate_Hz = {rate_Hz}"), encoding="utf-8")
+    with scenario_at(rate_Hz) as scenario:
         loads: list[tuple[float, float]] = []  # wall time and the board's processor time, while samples come
         with emulator(scenario) as board:
 
@@ -106,12 +103,24 @@ def stream(rate_Hz: float, seconds: float) -> Streamed:
                 if progress.stage == "run":
                     loads.append((time.monotonic(), processor_time(board.process.pid)))
 
-            folder = run(bench, board.url, Path(place), progress=watch).folder
+            folder = run(bench, board.url, scenario.parent, progress=watch).folder
         assert folder is not None
         result = RunFolder(folder).result
         assert result is not None
         (begin, before), (end, after) = loads[0], loads[-1]
         return Streamed(result, (after - before) / (end - begin))
+
+
+@contextmanager
+def scenario_at(rate_Hz: float) -> Iterator[Path]:
+    """The example's scenario at a sampling rate, in a folder that goes afterwards."""
+    text = examples.find("scenario", EXAMPLE).read_text(encoding="utf-8")
+    given = "sample_rate_Hz = 100000.0"
+    assert given in text
+    with tempfile.TemporaryDirectory() as place:
+        scenario = Path(place) / "board.scenario.toml"
+        scenario.write_text(text.replace(given, f"sample_rate_Hz = {rate_Hz}"), encoding="utf-8")
+        yield scenario
 
 
 def processor_time(process: int) -> float:

@@ -392,22 +392,22 @@ class Observer:
         states = np.zeros((n // every, len(self.x)))
         deviations = np.zeros_like(states)
         order = int(self.record["order"][0])
-        self.record["order"] = taylor_order(float(np.max(h, initial=self.h))) + u.shape[2] - 1
+        longest = self.h if step is None else float(np.max(h, initial=self.h))
+        self.record["order"] = taylor_order(longest) + u.shape[2] - 1
         block.observe_block(
             self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
             self.x, self.p, self.c, self.memory,
             z, u, h, warmth, true, rows, states, deviations, every,
         )  # fmt: skip
         self.record["order"] = order
-        volts = np.array([abs(self.scaling.sense(axis)) for axis in range(axes)])
-        sign = np.sign([self.scaling.sense(axis) for axis in range(axes)])
+        volts = np.array([self.scaling.sense(axis) for axis in range(axes)])
         return Estimates(
             names=self.names,
             index=np.arange(every - 1, n, every),
             state=states * self.factors,
             deviation=deviations * np.abs(self.factors),
-            innovation=rows["nu"][:, :axes] * volts * sign,
-            innovation_deviation=np.sqrt(rows["s"][:, :axes]) * volts,
+            innovation=rows["nu"][:, :axes] * volts,
+            innovation_deviation=np.sqrt(rows["s"][:, :axes]) * np.abs(volts),
             angle=rows["angle"],
             angle_pattern=rows["angle_pattern"],
             angle_plain=rows["angle_plain"],

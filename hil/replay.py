@@ -111,9 +111,6 @@ def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, p
         for start in range(0, len(tick), block):
             rows = slice(start, start + block)
             estimates = observer.run(sense[rows], drive[rows], step=step[rows], every=every)
-            valid = (np.abs(estimates.quadrature_ratio) <= bench.limits.quadrature) & (
-                np.abs(estimates.energy_ratio - 1.0) <= bench.limits.energy_error
-            )
             recording["innovation"].push(innovation_rows(layouts["innovation"], tick[rows], estimates))
-            recording["estimates"].push(estimate_rows(layouts["estimates"], tick[rows], estimates, valid))
+            recording["estimates"].push(estimate_rows(layouts["estimates"], tick[rows], estimates, bench.limits))
             progress(Progress("replay", min(start + block, len(tick)), len(tick)))

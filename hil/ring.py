@@ -50,7 +50,9 @@ class Ring:
         self._memory = memory
         self._offset: int = offset
         self._row = row_struct(self.dtype)
-        self._rows: npt.NDArray[np.void] = np.frombuffer(memory, self.dtype, capacity, offset)
+        # as bytes: NumPy copies rows of a packed dtype field by field
+        flat = np.frombuffer(memory, np.uint8, capacity * self.dtype.itemsize, offset)
+        self._rows: npt.NDArray[np.uint8] = flat.reshape(capacity, self.dtype.itemsize)
         self._words = memoryview(memory)[:_DTYPE].cast("q")
         self._head: int = self._words[_WRITTEN // 8]
         self._tail: int = self._words[_READ // 8]
@@ -71,7 +73,8 @@ class Ring:
         try:
             # reserve now: writing to a page that cannot be had would be a SIGBUS in the middle of the loop
             os.posix_fallocate(descriptor, 0, offset + capacity * dtype.itemsize)
-            memory = mmap.mmap(descriptor, offset + capacity * dtype.itemsize)
+            flags = mmap.MAP_SHARED | getattr(mmap, "MAP_POPULATE", 0)  # no page is fetched in the middle of the loop
+            memory = mmap.mmap(descriptor, offset + capacity * dtype.itemsize, flags)
         except OSError:
             path.unlink()
             raise
@@ -106,13 +109,14 @@ class Ring:
         """Append rows; returns how many were taken. The newest are dropped (and counted) when there is no
         room.
         """
+        data = np.ascontiguousarray(rows, self.dtype).view(np.uint8).reshape(rows.size, self.dtype.itemsize)
         taken = 0
         while taken < rows.size and (room := self._room()):
             count = min(rows.size - taken, room)
             at = self._head % self.capacity
             first = min(count, self.capacity - at)
-            self._rows[at : at + first] = rows[taken : taken + first]
-            self._rows[: count - first] = rows[taken + first : taken + count]
+            self._rows[at : at + first] = data[taken : taken + first]
+            self._rows[: count - first] = data[taken + first : taken + count]
             self._publish(self._head + count)
             taken += count
         if taken < rows.size:
@@ -125,7 +129,7 @@ class Ring:
         self._order()
         at, count = self._tail % self.capacity, written - self._tail
         first = min(count, self.capacity - at)
-        rows = np.concatenate([self._rows[at : at + first], self._rows[: count - first]])
+        rows = np.concatenate([self._rows[at : at + first], self._rows[: count - first]]).reshape(-1).view(self.dtype)
         self._order()
         self._tail = written
         self._words[_READ // 8] = written

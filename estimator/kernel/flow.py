@@ -6,6 +6,7 @@ cycle biases the stiffness by 1.3e-4 (PHYSICS.md §3).
 """
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -36,6 +37,7 @@ _KICKS = (
 )
 
 
+@cache
 def taylor_order(h: float, norm: float = 1.5, tolerance: float = 1e-14) -> int:
     """Order whose remainder (h·norm)^(n+1)/(n+1)! is below `tolerance`.
 

@@ -35,6 +35,7 @@ _RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may sto
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
 _LATER = 64  # matrices whose effect is still to be seen
 _RECENT = 16  # of those whose lateness the next is made for
+_CAPTURE = np.dtype([("tick", "<i8"), ("codes", "<i4", 4), ("flags", "u1")])  # the capture's row, its codes as one
 
 
 class _Sent(NamedTuple):
@@ -173,18 +174,14 @@ class GainLoop:
         """Everything that hangs off a block once it is answered."""
         codes, n = sense.codes, len(sense.codes)
         ticks = np.arange(tick, tick + n)
-        capture = np.empty(n, self._layouts["capture"].dtype)
+        capture = np.empty(n, _CAPTURE)
         capture["tick"] = ticks
-        for column, name in enumerate(("vx_code", "vy_code", "ux_code", "uy_code")):
-            capture[name] = codes[:, column]
+        capture["codes"] = codes
         capture["flags"] = self._flags(sense)
-        self._tracks["capture"].push(capture)
+        self._tracks["capture"].push(capture.view(self._layouts["capture"].dtype))
         self._tracks["innovation"].push(innovation_rows(self._layouts["innovation"], ticks, estimates))
         if self._blocks % self._every_blocks == self._every_blocks - 1:
-            valid = (np.abs(estimates.quadrature_ratio) <= self._limits.quadrature) & (
-                np.abs(estimates.energy_ratio - 1.0) <= self._limits.energy_error
-            )
-            self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, valid))
+            self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._limits))
         self._blocks += 1
         self.counters.samples += n
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
+from hil.bench.loop import Limits
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
 from hil.records.estimates import estimates_layout
@@ -88,18 +89,17 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
 
 def innovation_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates) -> NDArray[np.void]:
     """Rows of `innovation.arrow` for a block of samples."""
-    rows = np.zeros(len(tick), layout.dtype)
-    rows["tick"] = tick
-    for axis, name in enumerate("xy"[: estimates.innovation.shape[1]]):
-        rows[f"nu_{name}_V"] = estimates.innovation[:, axis]
-        rows[f"s_{name}_V"] = estimates.innovation_deviation[:, axis]
+    axes = estimates.innovation.shape[1]
+    rows = np.empty(len(tick), layout.dtype)
+    grouped = rows.view([("tick", "<i8"), ("nu", "<f4", axes), ("s", "<f4", axes)])
+    grouped["tick"] = tick
+    grouped["nu"] = estimates.innovation
+    grouped["s"] = estimates.innovation_deviation
     return rows
 
 
-def estimate_rows(
-    layout: Layout, tick: NDArray[np.int64], estimates: Estimates, valid: NDArray[np.bool_]
-) -> NDArray[np.void]:
-    """Rows of `estimates.arrow` for a block of samples; `valid` (n,) says where the angle means something."""
+def estimate_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates, limits: Limits) -> NDArray[np.void]:
+    """Rows of `estimates.arrow` for a block of samples; `limits` say where the angle means something."""
     index = estimates.index
     rows = np.zeros(len(index), layout.dtype)
     rows["tick"] = tick[index]
@@ -111,9 +111,10 @@ def estimate_rows(
         rows["angle_pattern_rad"] = estimates.angle_pattern[index]
         rows["angle_plain_rad"] = estimates.angle_plain[index]
         rows["angle_rate_integral_rad"] = estimates.angle_rate_integral[index]
-        rows["energy_ratio"] = estimates.energy_ratio[index]
-        rows["quadrature_ratio"] = estimates.quadrature_ratio[index]
-        rows["valid"] = valid[index]
+        energy, quadrature = estimates.energy_ratio[index], estimates.quadrature_ratio[index]
+        rows["energy_ratio"] = energy
+        rows["quadrature_ratio"] = quadrature
+        rows["valid"] = (np.abs(quadrature) <= limits.quadrature) & (np.abs(energy - 1.0) <= limits.energy_error)
     return rows
 
 

@@ -33,7 +33,8 @@ class BlockWriter:
         self.layout = layout
         self._schema = _schema(layout)
         self._rows = np.zeros(layout.block_rows, layout.dtype)
-        self._bytes = self._rows.view(np.uint8).data
+        # NumPy copies rows of a packed dtype field by field; as bytes they go in one piece.
+        self._bytes = self._rows.view(np.uint8).reshape(self._rows.size, layout.dtype.itemsize)
         self._filled = 0
         self._written = 0
         self._blocks = 0
@@ -43,7 +44,7 @@ class BlockWriter:
 
     def put(self, *values: float) -> bool:
         """Append one row given column by column; always True (the ring's `put` can drop)."""
-        self.layout.row.pack_into(self._bytes, self._filled * self.layout.row.size, *values)
+        self.layout.row.pack_into(self._bytes.data, self._filled * self.layout.row.size, *values)
         self._filled += 1
         if self._filled == self._rows.size:
             self._write_block()
@@ -51,10 +52,12 @@ class BlockWriter:
 
     def push(self, rows: npt.NDArray[np.void]) -> int:
         """Append rows of `layout.dtype`; returns how many were taken: all of them."""
+        size = self.layout.dtype.itemsize
+        data = np.ascontiguousarray(rows, self.layout.dtype).view(np.uint8).reshape(rows.size, size)
         start = 0
         while start < rows.size:
             taken = min(rows.size - start, self._rows.size - self._filled)
-            self._rows[self._filled : self._filled + taken] = rows[start : start + taken]
+            self._bytes[self._filled : self._filled + taken] = data[start : start + taken]
             self._filled += taken
             start += taken
             if self._filled == self._rows.size:
