@@ -20,7 +20,7 @@ from device_emulator.effects.catalogue import table
 from device_emulator.effects.force import coriolis
 from device_emulator.effects.sense import amplified, displacement, flip, shown, voltage
 from device_emulator.feedback import due, feed_back
-from device_emulator.plant import PLANT, STATES, plant_constants, step
+from device_emulator.plant import PLANT, STATES, plant_constants, step, step_alone
 from device_emulator.scenario import Scenario
 from device_emulator.sense import (
     SENSE,
@@ -277,7 +277,10 @@ def _interval(
                 until = min(until, steady)
             push[4], push[5] = fx, fy
             piece = pieces[state.piece]
-            step(plant, hidden, piece, t0 + since, until - since, push, plant.states, state.motion, state.stages)
+            if len(hidden) == 0:
+                step_alone(plant, piece, t0 + since, until - since, push, state.motion)
+            else:
+                step(plant, hidden, piece, t0 + since, until - since, push, plant.states, state.motion, state.stages)
             since = until
             # A change that rounding leaves just past the end of the interval belongs to its end.
             while change <= since * (1.0 + 1e-9):

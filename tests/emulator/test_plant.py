@@ -83,6 +83,15 @@ def test_every_term_of_the_base_model() -> None:
     assert_same_motion(states(record(what, codes).truth), reference(what, codes * (10.0 / 32768)))
 
 
+def test_without_hidden_effects_a_shorter_way_to_the_same_bits() -> None:
+    """A constant force of nothing makes the device take the long one."""
+    noisy = {"truth": {"temperature_K": 300.0}, "drive": {"noise_mps2_per_rtHz": 1e-4}, "rate": SINE}
+    nothing = {"effect": [{"name": "constant_force", "gx": 0.0, "gy": 0.0}]}
+    short, long = (record(scenario(noisy, *more), pushes(200)) for more in ((), (nothing,)))
+    assert np.array_equal(states(short.truth), states(long.truth))
+    assert np.array_equal(short.codes, long.codes)
+
+
 HIDDEN: dict[str, tuple[dict[str, float], Any]] = {
     "cubic_stiffness": (
         {"k3x": 3e13, "k3y": -1e13},
