@@ -79,3 +79,24 @@ def test_gain_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, la
     with pty_board(built, "--fast", "--rate", "1.5", "--latency", str(latency)) as (_, url):
         folder = ran(shorter, url, tmp_path)
     check(folder, FAST, 1.5, 0.7, 5e-3)
+
+
+@pytest.mark.parametrize("mode", ["force", "gain"])
+def test_its_clock_is_this_machines(built: Path, tmp_path: Path, mode: str) -> None:
+    """On wall time; it reads the same clock as the host, so that offset and skew are zero to within what is stated."""
+    name, options = ("c-board-gain", ("--fast",)) if mode == "gain" else ("c-board", ())
+    declared = override(
+        load_bench(EXAMPLES / f"{name}.bench.toml"),
+        {"loop": {"clock": "paced", "duration_s": 3.0, "settle_s": 1.0}, "limits": {"late_fraction": 1.0}},
+        "test",
+    )
+    with pty_board(built, *options) as (_, url):
+        done = run(declared, url, tmp_path, progress=quietly)
+    assert done.folder is not None
+    result = RunFolder(done.folder).result
+    assert result is not None
+    assert result.board_clock is not None
+    found = result.board_clock.relation
+    assert found is not None, result.board_clock.unknown
+    assert abs(found.offset_ns) <= found.offset_uncertainty_ns < 1e6
+    assert abs(found.skew_ppm) <= found.skew_bound_ppm
