@@ -93,7 +93,7 @@ class Timing:
             self.columns[name][known] for name in ("tick", "t_receive_ns", "t_estimate_ns", "t_send_ns")
         )
         applied = applied[known]
-        seen = None if clock is None else seen_on_clock(clock, (tick[0], tick[-1]), (received[0], sent[-1]))
+        seen = None if clock is None else seen_on_clock(clock, received[0])
         device = ticks_on_clock(tick, received, float(self.header["tick_rate_Hz"]), seen)
         stages = {
             "wire": received - device(tick),
@@ -113,17 +113,16 @@ class Seen(NamedTuple):
     since_ns: int
 
 
-def seen_on_clock(clock: ClockRecord, ticks: tuple[int, int], times_ns: tuple[int, int]) -> Seen | None:
+def seen_on_clock(clock: ClockRecord, begin_ns: int) -> Seen | None:
     """By when the board's ticks had come, by its own clock, put on the host's; None where that is not known.
 
-    Only answers within the given ticks and host times count: a board that does not stream may count no ticks, and
-    before the first one it says 0.
+    Only exchanges after the given host time count: before the first tick a board says 0, whatever the time. One that
+    stands still says an old tick, which is true as well.
     """
     fit = clock.fit
     if fit is None:
         return None
-    asked, answered = clock.columns["t_send_ns"], clock.columns["t_receive_ns"]
-    streaming = (clock.tick > ticks[0]) & (clock.tick <= ticks[1]) & (asked > times_ns[0]) & (answered < times_ns[1])
+    streaming = clock.columns["t_send_ns"] > begin_ns
     return Seen(clock.tick[streaming], fit.host_ns(clock.columns["board_ns"][streaming]), fit.at_host_ns)
 
 

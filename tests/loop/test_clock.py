@@ -1,5 +1,6 @@
 """The board is asked for its time before, during and after a run, and the answers give its clock."""
 
+import math
 from collections.abc import Callable, Iterable
 from html import escape
 from pathlib import Path
@@ -70,7 +71,7 @@ def test_a_burst_is_recorded_in_order(tmp_path: Path) -> None:
 
 def test_a_board_that_never_answers_is_not_asked_while_it_runs() -> None:
     silent = TellsTime(lambda _: ())
-    exchanges = ClockExchanges(Endpoint(InprocLink(silent)), kept := Kept())
+    exchanges = ClockExchanges(Endpoint(InprocLink(silent)), kept := Kept(), per_s=math.inf)
     exchanges.burst()
     asked = silent.asked
     exchanges.ask()
@@ -96,6 +97,25 @@ def test_a_second_answer_to_one_question_is_left_out() -> None:
     board = TellsTime(lambda question: (question._replace(board_ns=77), question._replace(board_ns=78)))
     ClockExchanges(Endpoint(InprocLink(board)), kept := Kept()).burst()
     assert {row[2] for row in kept.rows} == {77}
+
+
+def test_an_answer_that_comes_by_itself_is_followed_by_one_more_question() -> None:
+    board = TellsTime(lambda question: (question._replace(board_ns=77),))
+    endpoint = Endpoint(InprocLink(board))
+    exchanges = ClockExchanges(endpoint, kept := Kept(), per_s=math.inf)
+    exchanges.burst()
+    before = board.asked
+    exchanges.follow()  # nothing has come
+    assert board.asked == before
+    exchanges.ask()
+    exchanges.follow()  # not yet
+    assert board.asked == before + 1
+    for _ in range(3):
+        endpoint.receive_rows(0.0)
+        exchanges.follow()
+    assert board.asked == before + 2
+    exchanges.keep()
+    assert len(kept.rows) == board.asked
 
 
 def test_questions_are_rationed(tmp_path: Path) -> None:
