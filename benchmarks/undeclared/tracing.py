@@ -38,14 +38,14 @@ def trace_one(place: Path, tracer: str) -> str:
     command = [sys.executable, "-m", "hil", "trace", str(place / "capture.arrow"), "--bench", str(place / "bench.toml")]
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     done = subprocess.run(
-        [*command, "--out", str(place / "traces"), "--json"],
+        [*command, "--out", str(place / "traces"), "--json", "--no-report"],
         capture_output=True,
         text=True,
         check=False,
         cwd=_ROOT,
         env=os.environ | one_thread,
     )
-    shutil.rmtree(place / "traces", ignore_errors=True)  # reports of hundreds of records, which nobody reads
+    shutil.rmtree(place / "traces", ignore_errors=True)
     said: dict[str, Any] = json.loads(done.stdout) if done.returncode in (0, 1) and done.stdout.strip() else {}
     last = (done.stderr.strip().splitlines() or [""])[-1]
     if said:

@@ -27,7 +27,9 @@ class Interval:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that the model lacks; `evidence` is twice the gain of log-likelihood on the fitting part."""
+    """An effect that the model lacks; `evidence` is twice the gain of log-likelihood on the fitting part, `angle_bound`
+    by how much in rad the angle may be wrong because the coefficients are known within their intervals only.
+    """
 
     name: str
     title: str
@@ -35,6 +37,7 @@ class Found:
     coefficients: Mapping[str, Interval]
     evidence: float
     undone: str
+    angle_bound: float | None = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,8 @@ class Confusable:
     """Two effects that this record cannot tell apart, how alike they are, and the experiment that would separate them.
 
     `correlation` of their signatures with everything else the observer estimates projected out; `separate_by` an
-    experiment in words, None where nothing separates them; `expected` their correlation in that experiment.
+    experiment in words, None where nothing separates them; `expected` their correlation in that experiment;
+    `angle_apart` how far in rad the angle moves when the other is carried instead.
     """
 
     effect: str
@@ -50,6 +54,7 @@ class Confusable:
     correlation: float
     separate_by: str | None
     expected: float | None
+    angle_apart: float | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,11 @@ class Residual:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest."""
+    """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest.
+
+    reasons: why the verdict is what it is; angle_moved: how far in rad, at most, the angle moves when all that brings
+    the residual down is carried, None where nothing does.
+    """
 
     verdict: Verdict
     effects: tuple[Found, ...]
@@ -127,4 +136,5 @@ class Diagnosis:
     residual_before: Residual
     residual_after: Residual
     split: int
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...]
+    angle_moved: float | None = None

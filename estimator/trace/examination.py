@@ -10,7 +10,9 @@ from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from estimator.trace.diagnosis import Finding, Fit, Residual
 from estimator.trace.fitting import Effects, run
+from estimator.trace.prediction import free_run_error
 from estimator.trace.record import Record
+from estimator.trace.start import hold, settling
 
 _MOST_STATES = 200_000
 
@@ -52,6 +54,14 @@ def examine(
         parts.append(analyse(part.innovation, part.innovation_deviation, part, record.part(rows), resonance))
     (fitted, findings, _), (held_out, _, _) = parts
     whole = analyse_spectrum(estimates, parts)
+    alone = [
+        free_run_error(record.part(rows), device, settings, controller, effects)
+        for rows in (slice(0, split), slice(split, len(record)))
+    ]
+    fitted, held_out = (
+        replace(fit, simulation_rmse=float(np.sqrt(np.nanmean(error**2))) if len(error) else None)
+        for fit, error in zip((fitted, held_out), alone, strict=True)
+    )
     return Examination(
         scored(fitted, record, estimates, begin, every),
         scored(held_out, record, estimates, end, every),
@@ -59,22 +69,6 @@ def examine(
         whole,
         estimates,
     )
-
-
-def hold(observer: Observer) -> None:
-    """Keep the coefficients of all effects where they are: known, so that nothing of them is learnt or forgotten."""
-    first = observer.states + len(observer.active) - sum(len(e.coefficients) for _, e in observer.effects)
-    for covariance in (observer.p, observer.c):
-        covariance[first:, :] = 0.0
-        covariance[:, first:] = 0.0
-    constants = first - observer.states
-    observer.spread[constants:] = 0.0
-    observer.prior[constants:] = 0.0
-
-
-def settling(settings: ObserverSettings, device: Device) -> int:
-    """Samples after which a start from the declared guess is over."""
-    return int(3.0 * min(settings.memory, 1.0) * device.sample_rate)
 
 
 def part_of(estimates: Estimates, rows: slice, every: int) -> Estimates:

@@ -50,15 +50,10 @@ def trace_free_run(
     before = _examined(record, device, observer, known, found.before, split)
     after = _examined(record, device, observer, carried, found.after, split) if found.effects else before
     named = found.effects if verdict is Verdict.EXPLAINED else ()
-    rejected = dict(found.rejected)
-    if not named:
-        rejected |= dict.fromkeys(found.effects, "explains part of the residual and leaves the rest")
-    reasons: tuple[str, ...] = ()
-    if verdict is Verdict.UNEXPLAINED:
-        reasons = (
-            f"a free run of the part held out is still {held_out[1]:.3g} V rms off, where the noise is "
-            f"{device.noise[0]:.3g} V",
-        )
+    was = f", was {held_out[0]:.3g} V" if found.effects else ""
+    reasons = (
+        f"a free run of the part held out is {held_out[1]:.3g} V rms off{was}; the noise is {device.noise[0]:.3g} V",
+    )
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, found, device) for name in named),

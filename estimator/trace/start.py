@@ -1,6 +1,7 @@
-"""Where a further pass over a record begins."""
+"""How a pass over a record begins: about what an earlier one found, or with coefficients that stay as they are."""
 
 from estimator.observer import Observer
+from estimator.settings import Device, ObserverSettings
 
 _WIDER = 10.0  # times the standard deviations that a pass ended with is the spread of the next
 
@@ -22,3 +23,19 @@ def begin_about(observer: Observer, previous: Observer) -> None:
         wide[:, rate] = 0.0
         wide[rate, rate] = own
     observer.c[:] = observer.p
+
+
+def hold(observer: Observer) -> None:
+    """Keep the coefficients of all effects where they are: known, so that nothing of them is learnt or forgotten."""
+    first = observer.states + len(observer.active) - sum(len(e.coefficients) for _, e in observer.effects)
+    for covariance in (observer.p, observer.c):
+        covariance[first:, :] = 0.0
+        covariance[:, first:] = 0.0
+    constants = first - observer.states
+    observer.spread[constants:] = 0.0
+    observer.prior[constants:] = 0.0
+
+
+def settling(settings: ObserverSettings, device: Device) -> int:
+    """Samples after which a start from the declared guess is over."""
+    return int(3.0 * min(settings.memory, 1.0) * device.sample_rate)

@@ -9,14 +9,8 @@ from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Source
 from estimator.effects.equation import equations
 from estimator.settings import ControllerSettings, Device, ObserverSettings
-from estimator.trace.diagnosis import (
-    Confusable,
-    Diagnosis,
-    Found,
-    Interval,
-    Rejected,
-    Verdict,
-)
+from estimator.trace.angle import AngleReader
+from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.evidence import SAME
 from estimator.trace.examination import examine
 from estimator.trace.fitness import require_traceable
@@ -31,6 +25,7 @@ _PHASE = 2.0
 """How much less surely the phase at a record's beginning is known where the frequency was found from it, too (Rife &
 Boorstyn, IEEE Trans. Information Theory 20(5), 1974)."""
 
+_READ = 200_000  # samples in which the angle is read once for each possibility
 _TWO_SIDED = float(norm.ppf(0.975))
 
 
@@ -61,14 +56,14 @@ def trace(
     after = examine(record, device, observer, controller, selection.effects, split) if chosen else before
     progress("before and after", 2, 2)
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    reasons = leftover(selection, record.part(slice(0, selection.samples)), resonance)
-    named = chosen if not reasons else {}
-    found = tuple(_found(name, _short(name, named), selection, device) for name in named)
-    verdict = Verdict.UNEXPLAINED if reasons else Verdict.EXPLAINED if found else Verdict.ADEQUATE
+    left = leftover(selection, record.part(slice(0, selection.samples)), resonance)
+    named = chosen if not left else {}
+    verdict = Verdict.UNEXPLAINED if left else Verdict.EXPLAINED if named else Verdict.ADEQUATE
+    reader = AngleReader(record.part(slice(0, min(split, _READ))), device, observer, controller)
     return Diagnosis(
         verdict=verdict,
-        effects=found,
-        confusable=_confusable(named, selection, device, observer, controller, progress),
+        effects=tuple(_found(name, named, selection, reader) for name in named),
+        confusable=_confusable(named, selection, reader, progress),
         rejected=_rejected(named, chosen, selection, device),
         findings=before.findings,
         before=before.fitted,
@@ -78,7 +73,18 @@ def trace(
         residual_before=before.residual,
         residual_after=after.residual,
         split=split,
-        reasons=reasons,
+        reasons=left or _reasons(named, selection, before.held_out, after.held_out),
+        angle_moved=reader.moved(known, selection.effects) if chosen else None,
+    )
+
+
+def _reasons(named: Effects, selection: Selection, before: Fit, after: Fit) -> tuple[str, ...]:
+    """Why the model is complete, with what is named, as sentences."""
+    was = f", and was {before.ratio:.4g} ×" if named else ""
+    looked_for = {kind(name) for name in selection.rounds[-1].evidence} - {kind(name) for name in named}
+    return (
+        f"the innovation of the part held out is {after.ratio:.4g} × the noise floor{was}",
+        f"none of the {len(looked_for)} {'other ' if named else ''}effects looked for explains more than chance would",
     )
 
 
@@ -87,37 +93,43 @@ def _short(name: str, named: Effects) -> str:
     return name if sum(kind(other) == kind(name) for other in named) > 1 else kind(name)
 
 
-def _found(name: str, shown: str, selection: Selection, device: Device) -> Found:
-    _, effect = effect_for(name, device.axes)
+def _found(name: str, named: Effects, selection: Selection, reader: AngleReader) -> Found:
+    _, effect = effect_for(name, reader.device.axes)
+    model = selection.after
     return Found(
-        name=shown,
+        name=_short(name, named),
         title=effect.title,
         equation=equations(effect),
-        coefficients=_intervals(name, selection.after, device) | _parameters(name, selection.effects, device),
+        coefficients=_intervals(name, model, reader.device) | _parameters(name, selection.effects, reader.device),
         evidence=selection.gain[name],
         undone=effect.undone.value,
+        angle_bound=reader.bound(selection.effects, name, model, widening(name, model)),
     )
 
 
 def _intervals(name: str, model: Fitted, device: Device) -> dict[str, Interval]:
-    """Coefficients with 95 % intervals, wider where the innovation is larger than predicted."""
     observer = model.observer
     deviation = dict(zip(observer.estimated, np.sqrt(np.diag(observer.covariance)), strict=True))
     value = dict(zip(observer.names, observer.state, strict=True))
-    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
-    wider = max(float(np.sqrt(np.nanmean(normalised))), 1.0)
+    wider = _TWO_SIDED * widening(name, model)
     _, effect = effect_for(name, device.axes)
-    if any(signal.source is Source.COSINE for signal in effect.signals):
-        wider *= _PHASE
     return {
         c.name.partition(":")[0]: Interval(
             float(value[c.name]),
-            float(value[c.name] - _TWO_SIDED * wider * deviation[c.name]),
-            float(value[c.name] + _TWO_SIDED * wider * deviation[c.name]),
+            float(value[c.name] - wider * deviation[c.name]),
+            float(value[c.name] + wider * deviation[c.name]),
             c.unit,
         )
         for c in effect.coefficients
     }
+
+
+def widening(name: str, model: Fitted) -> float:
+    """By how much the coefficients of an effect are less sure than its observer takes them to be."""
+    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
+    wider = max(float(np.sqrt(np.nanmean(normalised))), 1.0)
+    _, effect = effect_for(name, model.observer.device.axes)
+    return wider * _PHASE if any(signal.source is Source.COSINE for signal in effect.signals) else wider
 
 
 def _parameters(name: str, effects: Effects, device: Device) -> dict[str, Interval]:
@@ -134,29 +146,33 @@ def _parameters(name: str, effects: Effects, device: Device) -> dict[str, Interv
 def _confusable(
     named: Effects,
     selection: Selection,
-    device: Device,
-    observer: ObserverSettings,
-    controller: ControllerSettings | None,
+    reader: AngleReader,
     progress: Callable[[str, int, int], None],
 ) -> tuple[Confusable, ...]:
-    """Who looks like a named effect on this record, and what would tell them apart."""
+    """Who looks like a named effect on this record, what would tell them apart, and what hangs on it."""
     pairs = [
-        (step.taken, other, likeness)
+        (step, step.taken, other, likeness)
         for step in selection.rounds
         if step.taken is not None and step.taken in named
         for other, likeness in step.alike.items()
         if likeness > SAME and kind(other) != kind(step.taken)
     ]
     pairs = [
-        (name, other, likeness)
-        for index, (name, other, likeness) in enumerate(pairs)
-        if kind(other) not in {kind(before) for taken, before, _ in pairs[:index] if taken == name}
+        (step, name, other, likeness)
+        for index, (step, name, other, likeness) in enumerate(pairs)
+        if kind(other) not in {kind(before) for _, taken, before, _ in pairs[:index] if taken == name}
     ]
-    advice = separations([(name, other) for name, other, _ in pairs], selection, device, observer, controller, progress)
+    advice = separations(
+        [(name, other) for _, name, other, _ in pairs],
+        selection, reader.device, reader.settings, reader.controller, progress,
+    )  # fmt: skip
     return tuple(
-        Confusable(_short(name, named), kind(other), likeness, *told)
-        for (name, other, likeness), told in zip(pairs, advice, strict=True)
-    )
+        Confusable(
+            _short(name, named), kind(other), likeness, *told,
+            angle_apart=reader.mistaken(selection.effects, name, other, step.watched[other]),
+        )
+        for (step, name, other, likeness), told in zip(pairs, advice, strict=True)
+    )  # fmt: skip
 
 
 def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Device) -> tuple[Rejected, ...]:

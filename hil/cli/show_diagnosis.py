@@ -23,7 +23,9 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
         print((folder / "diagnosis.json").read_text(encoding="utf-8"), end="")
     else:
         print_diagnosis(diagnosis)
-        print(f"\ndiagnosis  {folder / 'diagnosis.json'}\nreport     {folder / 'report.html'}")
+        print(f"\ndiagnosis  {folder / 'diagnosis.json'}")
+        if (folder / "report.html").exists():
+            print(f"report     {folder / 'report.html'}")
     raise typer.Exit(UNEXPLAINED if diagnosis.verdict == "unexplained" else 0)
 
 
@@ -46,9 +48,15 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             console.print(f"  {plain(equation)}", markup=False)
         for symbol, found in effect.coefficients.items():
             console.print(f"  {symbol} = {estimate(found)}, 95 %", markup=False)
-        console.print(f"  {effect.undone}", markup=False)
+        left = effect.angle_bound_rad
+        rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
+        console.print(f"  {effect.undone}{rest}", markup=False)
     console.print()
     console.print(_fits(diagnosis))
+    if diagnosis.angle_moved_rad is not None:
+        whose = "it" if len(diagnosis.effects) == 1 else "what brings the residual down"
+        moved = quantity(diagnosis.angle_moved_rad, "rad")
+        console.print(f"\ncarrying {whose} moves the angle by {moved} at most", markup=False)
     if diagnosis.findings:
         console.print("\nwhat the residual looks like without it" if diagnosis.effects else "\nwhat the residual holds")
         for finding in diagnosis.findings[:_FINDINGS]:
@@ -57,7 +65,9 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     for pair in diagnosis.confusable:
         alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
         told = f"to tell them apart: {pair.separate_by}" if pair.separate_by else "no experiment tells them apart"
-        console.print(f"\n{pair.effect} looks like {pair.with_} on this record{alike}; {told}", markup=False)
+        apart = pair.angle_apart_rad
+        hangs = "" if apart is None else f"; the angle moves by {quantity(apart, 'rad')} at most if it is that"
+        console.print(f"\n{pair.effect} looks like {pair.with_} on this record{alike}{hangs}; {told}", markup=False)
     if diagnosis.rejected:
         console.print("\nruled out")
         for one in diagnosis.rejected[:_REJECTED]:

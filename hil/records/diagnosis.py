@@ -37,6 +37,9 @@ class Effect(_Model):
     coefficients: dict[str, Coefficient]
     evidence: float | None = Field(description="Twice the gain of log-likelihood on the fitting part")
     undone: str = Field(description="How loop and angle are kept rid of it once it is declared")
+    angle_bound_rad: float | None = Field(
+        default=None, description="What cannot be undone: the angle's error left by the 95 % intervals, at most"
+    )
 
 
 class Confusable(_Model):
@@ -47,6 +50,9 @@ class Confusable(_Model):
     correlation: float | None = Field(description="Of their signatures, all that is estimated projected out")
     separate_by: str | None = Field(description="The experiment that would tell; null where none would")
     expected: float | None = Field(description="Their correlation in that experiment")
+    angle_apart_rad: float | None = Field(
+        default=None, description="How far the angle moves, at most, when the other is carried instead"
+    )
 
 
 class Rejected(_Model):
@@ -84,7 +90,9 @@ class Fit(_Model):
     noise_floor: float | None = Field(description="V, over all axes: what a complete model would leave")
     ratio: float | None = Field(description="The one over the other, the mean of the axes' squares")
     whiteness_p: float | None = Field(description="Ljung and Box")
-    simulation_rmse: float | None = Field(description="V, of a free run that sees the drive only")
+    simulation_rmse: float | None = Field(
+        description="V, of free runs that see the drive only: over the whole part, for a gyro over 20 cycles each"
+    )
     angle_error_rms_rad: float | None = None
     rate_error_rms_rad_s: float | None = None
     axes: tuple[Channel, ...] = ()
@@ -111,6 +119,9 @@ class Diagnosis(_Model):
     findings: tuple[Finding, ...] = Field(description="Largest first")
     reasons: tuple[str, ...] = Field(description="Why the verdict is what it is, a sentence each")
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
+    angle_moved_rad: float | None = Field(
+        default=None, description="How far the angle moves, at most, by all that brings the residual down"
+    )
     record: str = Field(description="Name of the record")
     bench: str = Field(description="[device] name of the bench file")
     samples: Count
@@ -138,6 +149,7 @@ def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
         findings=tuple(_finding(finding) for finding in found.findings),
         reasons=found.reasons,
         equations=tuple(equation for effect in found.effects for equation in effect.equation),
+        angle_moved_rad=_finite(found.angle_moved),
         record=record,
         bench=bench,
         samples=len(found.residual_before.innovation),
@@ -170,6 +182,7 @@ def _effect(found: traced.Found) -> Effect:
         coefficients={symbol: _coefficient(interval) for symbol, interval in found.coefficients.items()},
         evidence=_finite(found.evidence),
         undone=found.undone,
+        angle_bound_rad=_finite(found.angle_bound),
     )
 
 
@@ -181,6 +194,7 @@ def _confusable(pair: traced.Confusable) -> Confusable:
             "correlation": _finite(pair.correlation),
             "separate_by": pair.separate_by,
             "expected": _finite(pair.expected),
+            "angle_apart_rad": _finite(pair.angle_apart),
         }
     )
 

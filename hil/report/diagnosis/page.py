@@ -138,7 +138,9 @@ def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
     for effect in diagnosis.effects:
         lines = "".join(f"<div>{typeset(equation)}</div>" for equation in effect.equations)
         key = f" <code>[effects.{escape(effect.name)}]</code>" if declarable else ""
-        cure = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone)
+        left = effect.angle_bound_rad
+        rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
+        cure = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone + rest)
         parts.append(
             f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation">{lines}</div>'
             f"{markup.paragraph(cure)}"
@@ -160,6 +162,8 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     ):
         if was is not None and now is not None and changed:
             entries.append((what, quantity(now, unit), f"rms; before {quantity(was, unit)}"))
+    if diagnosis.angle_moved_rad is not None:
+        entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), "at most, by what was found"))
     return entries
 
 

@@ -75,12 +75,16 @@ def confusable(diagnosis: Diagnosis) -> str:
             "" if pair.correlation is None else f"{pair.correlation:.5f}",
             pair.separate_by or "nothing known",
             "" if pair.expected is None else f"{pair.expected:.3f}",
+            "" if pair.angle_apart_rad is None else quantity(pair.angle_apart_rad, "rad"),
         )
         for pair in diagnosis.confusable
     ]
-    caption = "Effects whose signatures look the same on this record; correlation here, and in the experiment"
-    head = ("effect", "looks like", "here", "experiment that tells them apart", "there")
-    return table(caption, head, rows, (2, 4)) if rows else ""
+    caption = (
+        "Effects whose signatures look the same on this record; correlation here, and in the experiment; how far the "
+        "angle moves, at most, if it is the other"
+    )
+    head = ("effect", "looks like", "here", "experiment that tells them apart", "there", "angle")
+    return table(caption, head, rows, (2, 4, 5)) if rows else ""
 
 
 def rejected(diagnosis: Diagnosis) -> str:

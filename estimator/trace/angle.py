@@ -1,0 +1,79 @@
+"""What stays uncertain of the angle when the effects that were found are carried: what could not be undone.
+
+A coefficient is known within its interval only, and of two effects that a record cannot tell apart either may be the
+one.  The bench's own observer reads the record once for each such possibility; how far its angle moves is the bound.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.effects.catalogue import effect_for
+from estimator.observer import Observer
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.trace.fitting import Effects, Fitted, coefficients_of, fit, run
+from estimator.trace.record import Record
+from estimator.trace.start import hold, settling
+
+_TWO_SIDED = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class AngleReader:
+    """The bench's observer over one record, with any effects."""
+
+    record: Record
+    device: Device
+    settings: ObserverSettings
+    controller: ControllerSettings | None
+
+    def angle(self, effects: Effects) -> Array:
+        """Angle [rad] of each sample once the start is over."""
+        observer = Observer(self.device, replace(self.settings, effects=dict(effects)), self.controller)
+        hold(observer)
+        read = run(observer, self.record).angle
+        return np.asarray(read[min(settling(self.settings, self.device), len(read) // 4) :])
+
+    def moved(self, effects: Effects, others: Effects) -> float:
+        """How far in rad, at most, the angle moves when the others are carried in place of these."""
+        return float(np.max(np.abs(self.angle(effects) - self.angle(others))))
+
+    def bound(self, effects: Effects, name: str, model: Fitted, wider: float) -> float:
+        """By how much in rad the angle may be wrong because the coefficients of `name` are known within 95 % only.
+
+        Each principal axis of their covariance in `model`, times `wider`, by itself; the moves added as squares.
+        """
+        observer = model.observer
+        _, effect = effect_for(name, self.device.axes)
+        rows = [observer.estimated.index(c.name) for c in effect.coefficients]
+        sizes, axes = np.linalg.eigh(_balanced(observer.covariance[np.ix_(rows, rows)]))
+        scale = np.sqrt(np.diagonal(observer.covariance)[rows])
+        bare = [c.name.partition(":")[0] for c in effect.coefficients]
+        usual = self.angle(effects)
+        total = 0.0
+        for size, axis in zip(np.sqrt(np.maximum(sizes, 0.0)), axes.T, strict=True):
+            shift = dict(zip(bare, _TWO_SIDED * wider * size * axis * scale, strict=True))
+            total += float(np.max(np.abs(self.angle(_shifted(effects, name, shift)) - usual))) ** 2
+        return float(np.sqrt(total))
+
+    def mistaken(self, effects: Effects, name: str, other: str, parameters: Mapping[str, float]) -> float:
+        """How far in rad the angle moves, at most, if `other`, fitted to the same record, is there and not `name`."""
+        rest = {key: dict(given) for key, given in effects.items() if key != name}
+        model = fit(
+            self.record, self.device, self.settings, self.controller, {**rest, other: dict(parameters)}, passes=1
+        )
+        return self.moved(effects, {**rest, other: coefficients_of(model.observer)[other]})
+
+
+def _balanced(covariance: Array) -> Array:
+    scale = np.sqrt(np.diagonal(covariance))
+    return np.asarray(covariance / np.outer(scale, scale))
+
+
+def _shifted(effects: Effects, name: str, shift: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    moved = {key: dict(given) for key, given in effects.items()}
+    for symbol, by in shift.items():
+        moved[name][symbol] += by
+    return moved

@@ -1,0 +1,49 @@
+"""Free runs: how far a model gets by itself, cycle after cycle, where an innovation judges it over one sample only.
+
+The bench's observer follows the record, is left without measurement for some cycles, follows again, and so on.  Forces,
+delays, memories of effects and the rate as last estimated all stay in play, as in the loop when samples are lost.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.observer import Observer
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.trace.fitting import Effects, run
+from estimator.trace.record import Record
+from estimator.trace.start import hold, settling
+
+FREE = 20  # cycles without measurement
+_FOLLOWED = 3  # times as many cycles in between
+_MOST = 200_000  # samples
+_UNSEEN = 1e12  # times the variance of the noise: such a measurement changes nothing
+
+
+def free_run_error(
+    record: Record,
+    device: Device,
+    settings: ObserverSettings,
+    controller: ControllerSettings | None,
+    effects: Effects,
+) -> Array:
+    """What free runs of `FREE` cycles were off by at their samples, (m, axes) V; none where the record is too short."""
+    cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
+    free, followed = round(FREE * cycle), round(_FOLLOWED * FREE * cycle)
+    fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
+    observer = Observer(device, replace(settings, gain=fading, effects=dict(effects)), controller)
+    hold(observer)
+    seen = observer.record["noise"].copy()
+    length = min(len(record), _MOST)
+    begin = settling(settings, device)
+    run(observer, record.part(slice(0, min(begin, length))))
+    errors = []
+    while begin + followed + free <= length:
+        run(observer, record.part(slice(begin, begin + followed)))
+        begin += followed
+        observer.record["noise"] = seen * _UNSEEN
+        errors.append(run(observer, record.part(slice(begin, begin + free))).innovation)
+        observer.record["noise"] = seen
+        begin += free
+    return np.concatenate(errors) if errors else np.zeros((0, device.axes))
