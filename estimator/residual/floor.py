@@ -19,6 +19,7 @@ _PERIODIC = 1e-4  # of the drive's rms: a period that comes back is the same to 
 _NEAR = 1e-3  # … and a stretch of so many samples, where one is looked for, to this
 _PATTERN = 32
 _CANDIDATES = 8
+_LENGTH = 256  # samples at least that two stretches are compared over
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ def repeated_noise(sense: Array, drive: Array) -> Array | None:
     period = _period(drive)
     if period is None:
         return None
+    period *= math.ceil(_LENGTH / period)  # the quieter half of shorter stretches would be quiet by chance
     difference = sense[period:] - sense[:-period]
     pairs = len(difference) // period
     if pairs < 1:

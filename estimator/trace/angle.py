@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.effects.catalogue import effect_for
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
-from estimator.trace.fitting import Effects, Fitted, coefficients_of, fit, run
+from estimator.trace.fitting import Effects, coefficients_of, fit, run
 from estimator.trace.record import Record
 from estimator.trace.start import hold, settling
 
@@ -40,22 +39,18 @@ class AngleReader:
         """How far in rad, at most, the angle moves when the others are carried in place of these."""
         return float(np.max(np.abs(self.angle(effects) - self.angle(others))))
 
-    def bound(self, effects: Effects, name: str, model: Fitted, wider: float) -> float:
+    def bound(self, effects: Effects, name: str, covariance: Array) -> float:
         """By how much in rad the angle may be wrong because the coefficients of `name` are known within 95 % only.
 
-        Each principal axis of their covariance in `model`, times `wider`, by itself; the moves added as squares.
+        Each principal axis of their covariance by itself; the moves added as squares.
         """
-        observer = model.observer
-        _, effect = effect_for(name, self.device.axes)
-        rows = [observer.estimated.index(c.name) for c in effect.coefficients]
-        sizes, axes = np.linalg.eigh(_balanced(observer.covariance[np.ix_(rows, rows)]))
-        scale = np.sqrt(np.diagonal(observer.covariance)[rows])
-        bare = [c.name.partition(":")[0] for c in effect.coefficients]
+        scale = np.sqrt(np.diagonal(covariance))
+        sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
         usual = self.angle(effects)
         total = 0.0
         for size, axis in zip(np.sqrt(np.maximum(sizes, 0.0)), axes.T, strict=True):
-            shift = dict(zip(bare, _TWO_SIDED * wider * size * axis * scale, strict=True))
-            total += float(np.max(np.abs(self.angle(_shifted(effects, name, shift)) - usual))) ** 2
+            moved = self.angle(_shifted(effects, name, _TWO_SIDED * size * axis * scale))
+            total += float(np.max(np.abs(moved - usual))) ** 2
         return float(np.sqrt(total))
 
     def mistaken(self, effects: Effects, name: str, other: str, parameters: Mapping[str, float]) -> float:
@@ -67,13 +62,9 @@ class AngleReader:
         return self.moved(effects, {**rest, other: coefficients_of(model.observer)[other]})
 
 
-def _balanced(covariance: Array) -> Array:
-    scale = np.sqrt(np.diagonal(covariance))
-    return np.asarray(covariance / np.outer(scale, scale))
-
-
-def _shifted(effects: Effects, name: str, shift: Mapping[str, float]) -> dict[str, dict[str, float]]:
+def _shifted(effects: Effects, name: str, by: Array) -> dict[str, dict[str, float]]:
+    """The effects with the coefficients of `name`, in their order, shifted."""
     moved = {key: dict(given) for key, given in effects.items()}
-    for symbol, by in shift.items():
-        moved[name][symbol] += by
+    for symbol, shift in zip(moved[name], by, strict=False):  # parameters follow the coefficients, and stay
+        moved[name][symbol] += float(shift)
     return moved

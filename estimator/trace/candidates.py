@@ -16,12 +16,13 @@ from estimator.trace.record import Record
 
 _LINES = 5
 _LINE_CHANCE = 1e-3
+_PERIODS = 10  # in the record at least; what comes back less often is a drift
 _PEAKS = 3
 _DAMPING_RATIOS = (0.003, 0.02)
-_SATURATION = (0.5, 0.7, 0.85, 0.95)  # of the largest drive
-_DEAD_BAND = (0.02, 0.06, 0.15)  # of the drive's rms
+_SATURATION = (0.04, 0.12, 0.3, 0.55, 0.75, 0.92)  # of the largest drive
+_DEAD_BAND = (0.02, 0.06, 0.15, 0.5)  # of the drive's rms
 _CLIPPING = (0.6, 0.75, 0.9, 0.98)  # of the largest sensed displacement
-_CORNER = 0.01  # of ω0: a high-pass whose corner is that low integrates what it passes
+_CORNERS = (0.001, 0.005, 0.025)  # of a high-pass, of ω0
 _REST = 0.01  # of A ω0: about as slow, friction turns over
 _SEGMENT = 4096
 
@@ -42,7 +43,8 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
         if not effect.parameters:
             watched[effect.name] = {}
     omega0 = float(np.sqrt(device.target))
-    watched["sense_high_pass"] = {"leak_x": _CORNER * omega0, "leak_y": _CORNER * omega0}
+    for label, corner in enumerate(_CORNERS, start=1):
+        watched[f"sense_high_pass:{label}"] = dict.fromkeys(("leak_x", "leak_y"), corner * omega0)
     for name in ("dry_friction", "dry_friction_asymmetric"):
         watched[name] = {"v0": _REST * device.amplitude * omega0}
     watched |= _of_lines(record, device, innovation / deviation)
@@ -61,7 +63,9 @@ def _of_lines(record: Record, device: Device, whitened: Array) -> dict[str, Para
     sample_rate = 1.0 / float(np.mean(record.step))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
     found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _LINE_CHANCE)
-    strongest = sorted(found, key=lambda line: -line.rms)[:_LINES]
+    span = float(np.sum(record.step))
+    steady = [line for line in found if line.frequency * span > _PERIODS]
+    strongest = sorted(steady, key=lambda line: -line.rms)[:_LINES]
     watched = {}
     for label, line in enumerate(strongest, start=1):
         for name in ("interference", "base_vibration"):

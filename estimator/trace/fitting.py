@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.effects.catalogue import effect_for
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
@@ -59,6 +60,13 @@ def coefficients_of(observer: Observer) -> dict[str, dict[str, float]]:
     }
 
 
+def parameters_of(model: Fitted, name: str) -> dict[str, float]:
+    """The parameters of one of a model's effects, without its coefficients, SI."""
+    _, effect = effect_for(name, model.observer.device.axes)
+    given = model.settings.effects[name]
+    return {p.name: given[p.name] for p in effect.parameters if p.name in given}
+
+
 def run(observer: Observer, record: Record, every: int | None = None) -> Estimates:
     """The observer over a record; lost samples have NaN innovation."""
     estimates = observer.run(
@@ -95,3 +103,18 @@ def fit(
         )
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)
     return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf)
+
+
+def foresight(
+    record: Record,
+    device: Device,
+    settings: ObserverSettings,
+    controller: ControllerSettings | None,
+    effects: Effects,
+    seen: int,
+) -> float:
+    """Twice the log-likelihood of the samples from `seen` on, for a model that was fitted to those before only."""
+    model = fit(record.part(slice(0, seen)), device, settings, controller, effects)
+    later = run(model.observer, record.part(slice(seen, len(record))))
+    likelihood = log_likelihood(later.innovation, later.innovation_deviation)
+    return likelihood if np.isfinite(model.observer.x).all() else -np.inf

@@ -7,6 +7,7 @@ from then on, and the residual that is left is scanned again.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from scipy.stats import chi2
@@ -15,10 +16,10 @@ from estimator.effects.catalogue import effect_for
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.trace.candidates import Parameters, watch_list
 from estimator.trace.evidence import Evidence, evidence, likeness
-from estimator.trace.fitting import Effects, Fitted, coefficients_of, fit
-from estimator.trace.parameters import refine_parameters
+from estimator.trace.fitting import Effects, Fitted, coefficients_of, fit, foresight, parameters_of
+from estimator.trace.parameters import Searched, refine_parameters
 from estimator.trace.record import Record
-from estimator.trace.scan import Scan, Watched, scan
+from estimator.trace.scan import Scan, scan
 
 MOST = 4
 CHANCE = 1e-4  # of naming anything on a record to which nothing is to be added
@@ -27,8 +28,25 @@ _SAME = 0.97  # likeness above which a candidate is tried for itself beside the 
 _SERIOUS = 0.5  # of the best gain: a candidate with that much is tried as well
 _NEAR = 0.9  # of the best gain: parameters are improved before the choice
 _TRIED = 5
+_WIDER = 8  # tried beside, where the best does not explain everything
+_LEARNT = 2.0 / 3.0  # of the record: what an effect explains of it must be borne out by the rest
+_PROPORTION = 0.25
 _APART = 30.0  # rad over the record: closer than that two frequencies are one
 _COMPARED = 200_000  # samples on which candidates are compared
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is seen with a model: what was watched, what each candidate would explain, and which of them surely."""
+
+    watched: Mapping[str, Parameters]
+    seen: Scan
+    evidence: dict[str, Evidence]
+
+    @property
+    def serious(self) -> list[Evidence]:
+        """Those that chance does not account for, the best first."""
+        return [item for item in self.evidence.values() if item.significance > threshold(len(self.evidence))]
 
 
 @dataclass(frozen=True)
@@ -45,14 +63,39 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Trials:
+    """Models that carry one effect more than `base` each, by its name, and how surely its parameters were found."""
+
+    base: Fitted
+    models: Mapping[str, Fitted]
+    searched: Mapping[str, Mapping[str, Searched]]
+
+    @property
+    def best(self) -> str:
+        """Whose likelihood is largest."""
+        return max(self.models, key=lambda name: self.models[name].likelihood)
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """Twice the log-likelihood that each gains."""
+        return {name: fitted.likelihood - self.base.likelihood for name, fitted in self.models.items()}
+
+    def __or__(self, others: "Trials") -> "Trials":
+        return Trials(self.base, {**self.models, **others.models}, {**self.searched, **others.searched})
+
+
+@dataclass(frozen=True)
 class Selection:
-    """Effects in the order in which they were taken, with their coefficients; the rounds; models before and after."""
+    """Effects in the order in which they were taken, with their coefficients; the rounds; models before and after;
+    what each gained; how surely the parameters that were searched for are known.
+    """
 
     effects: Effects
     rounds: tuple[Step, ...]
     before: Fitted
     after: Fitted
     gain: Mapping[str, float]
+    searched: Mapping[str, Mapping[str, Searched]]
 
     @property
     def samples(self) -> int:
@@ -71,53 +114,101 @@ def select(
     progress: Progress,
 ) -> Selection:
     """Choose effects on `record`, the part to be fitted; `settings` carries those that are known already."""
-    compared = record.part(slice(0, _COMPARED))
-    span = float(np.sum(compared.step))
+    search = Search(record.part(slice(0, _COMPARED)), device, settings, controller)
     known: dict[str, dict[str, float]] = {name: dict(given) for name, given in settings.effects.items()}
-    effects: Effects = dict(known)
+    first = model = fit(search.record, device, settings, controller, known)
     rounds: list[Step] = []
     gains: dict[str, float] = {}
-    model = fit(compared, device, settings, controller, effects)
-    first = model
-    while len(rounds) <= MOST:
-        carried = scanned_with(model, device, settings)
-        base = scan(compared, device, carried, controller, {}, model.observer)
-        watched = watch_list(compared, device, base.innovation, base.deviation)
-        seen = scan(compared, device, carried, controller, fresh(watched, effects, span), model.observer)
-        found = evidence(seen)
-        serious = [item for item in found.values() if item.significance > threshold(len(found))]
-        progress("effects", len(rounds) + 1, MOST + 1)
-        if not serious or len(rounds) == MOST:
-            rounds.append(Step(watched, found, None, {}, {}))
+    searched: dict[str, Mapping[str, Searched]] = {}
+    progress("effects", 0, MOST)
+    look = search.look(model)
+    while look.serious and len(rounds) < MOST:
+        trials = search.tried(model, look, shortlist(look.seen, look.serious))
+        after = search.look(trials.models[trials.best])
+        if after.serious:  # it does not explain everything: would another that came into question have done better?
+            usual = trials.best
+            trials |= search.tried(model, look, second_thoughts(look.evidence, trials.models))
+            after = after if trials.best == usual else search.look(trials.models[trials.best])
+        best, gain = trials.best, trials.gains[trials.best]
+        sure = gain > surprise(search.degrees(best), len(look.evidence)) and search.carries_over(trials, best)
+        taken = best if sure else None
+        rounds.append(Step(look.watched, look.evidence, taken, likeness(look.seen, best), trials.gains))
+        progress("effects", len(rounds), MOST)
+        if not sure:
             break
-        tried = shortlist(seen, serious)
-        models = {name: fit(compared, device, settings, controller, {**effects, name: watched[name]}) for name in tried}
-        leading = max(fitted.likelihood for fitted in models.values()) - model.likelihood
-        for name in worth_refining(models, model, leading, watched):
-            models[name] = refine_parameters(compared, device, settings, controller, models[name], name)
-        best = max(models, key=lambda name: models[name].likelihood)
-        gain = models[best].likelihood - model.likelihood
-        degrees = len(effect_for(best, device.axes)[1].coefficients)
-        rounds.append(
-            Step(
-                watched, found, best if gain > surprise(degrees, len(found)) else None, likeness(seen, best),
-                {name: fitted.likelihood - model.likelihood for name, fitted in models.items()},
-            )
-        )  # fmt: skip
-        if rounds[-1].taken is None:
-            break
-        gains[best] = gain
-        model = models[best]
-        effects = coefficients_of(model.observer)
-    effects, gains = prune(compared, device, controller, model, known, gains)
-    whole = len(record) > len(compared)
+        gains[best], searched = gain, {**searched, best: trials.searched.get(best, {})}
+        model, look = trials.models[best], after
+    else:
+        rounds.append(Step(look.watched, look.evidence, None, {}, {}))
+    effects, gains = prune(search.record, device, controller, model, known, gains)
+    whole = len(record) > len(search.record)
     before = fit(record, device, settings, controller, known) if whole else first
-    after = (
+    after_all = (
         fit(record, device, model.settings, controller, effects)
         if whole or len(effects) < len(model.observer.effects)
         else model
     )
-    return Selection(effects, tuple(rounds), before, after, gains)
+    if whole or len(gains) > 1:  # what one parameter should be depends on the record and on what else is carried
+        for name in gains:
+            after_all, searched[name] = refine_parameters(record, device, controller, after_all, name, searched[name])
+    return Selection(coefficients_of(after_all.observer), tuple(rounds), before, after_all, gains, searched)
+
+
+@dataclass(frozen=True)
+class Search:
+    """The record on which candidates are compared, and the bench's observer."""
+
+    record: Record
+    device: Device
+    settings: ObserverSettings
+    controller: ControllerSettings | None
+
+    def look(self, model: Fitted) -> Look:
+        """Scan what the model leaves: once to see its lines, once with all that may explain it."""
+        record, device, controller = self.record, self.device, self.controller
+        carried = scanned_with(model, device, self.settings)
+        base = scan(record, device, carried, controller, {}, model.observer)
+        everything = watch_list(record, device, base.innovation, base.deviation)
+        watched = fresh(everything, model.settings.effects, float(np.sum(record.step)))
+        seen = scan(record, device, carried, controller, watched, model.observer)
+        return Look(watched, seen, evidence(seen))
+
+    def tried(self, base: Fitted, look: Look, names: list[str]) -> Trials:
+        """Models with each of these beside what `base` carries; parameters of those near the best are searched."""
+        effects = coefficients_of(base.observer)
+        models = {
+            name: fit(self.record, self.device, self.settings, self.controller, {**effects, name: look.watched[name]})
+            for name in names
+        }
+        searched: dict[str, Mapping[str, Searched]] = {}
+        for name in worth_refining(models, base, look.watched):
+            models[name], searched[name] = refine_parameters(
+                self.record, self.device, self.controller, models[name], name
+            )
+        return Trials(base, models, searched)
+
+    def carries_over(self, trials: Trials, name: str) -> bool:
+        """Whether the effect, its coefficients found on the first part of the record, predicts the rest better: by its
+        share of the gain, or at least by more than chance would.
+        """
+        seen = round(_LEARNT * len(self.record))
+        effects = coefficients_of(trials.base.observer)
+        added = {name: parameters_of(trials.models[name], name)}
+        without, carried = (
+            foresight(self.record, self.device, self.settings, self.controller, {**effects, **more}, seen)
+            for more in ({}, added)
+        )
+        share = _PROPORTION * (1.0 - _LEARNT) * trials.gains[name]
+        return carried - without > min(share, surprise(self.degrees(name), 1))
+
+    def degrees(self, name: str) -> int:
+        """How many coefficients an effect has."""
+        return len(effect_for(name, self.device.axes)[1].coefficients)
+
+
+def kind(name: str) -> str:
+    """Name of an effect without its label."""
+    return name.partition(":")[0]
 
 
 def threshold(candidates: int) -> float:
@@ -130,19 +221,27 @@ def surprise(degrees: int, candidates: int) -> float:
     return float(chi2.isf(CHANCE / max(candidates, 1), degrees))
 
 
-def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> Watched:
+def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> dict[str, Parameters]:
     """What is watched and not carried: a line or a mode may come again at another frequency, everything else is there
     once.  span: length of the record in s, which tells frequencies apart.
     """
-    carried = {name.partition(":")[0] for name in effects}
+    carried = {kind(name) for name in effects}
     frequencies = [given["omega"] for given in effects.values() if "omega" in given]
 
     def is_new(name: str, given: Parameters) -> bool:
         if "omega" not in given:
-            return name.partition(":")[0] not in carried
+            return kind(name) not in carried
         return all(abs(given["omega"] - other) > _APART / span for other in frequencies)
 
-    return {name: given for name, given in watched.items() if is_new(name, given)}
+    new = {name: given for name, given in watched.items() if is_new(name, given)}
+    return {_relabelled(name, effects, watched): given for name, given in new.items()}
+
+
+def _relabelled(name: str, effects: Effects, watched: Mapping[str, Parameters]) -> str:
+    """The name, with a label that neither what is carried nor what is watched has yet where it is carried."""
+    if name not in effects:
+        return name
+    return next(free for n in count(1) if (free := f"{kind(name)}:{n}") not in effects and free not in watched)
 
 
 def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> ObserverSettings:
@@ -170,15 +269,25 @@ def shortlist(seen: Scan, serious: list[Evidence]) -> list[str]:
     return names[:_TRIED]
 
 
-def worth_refining(
-    models: Mapping[str, Fitted], base: Fitted, leading: float, watched: Mapping[str, Parameters]
-) -> list[str]:
-    """Of those that come near the best, the ones with parameters; of two with the same parameters the better."""
+def second_thoughts(found: Mapping[str, Evidence], tried: Mapping[str, Fitted]) -> list[str]:
+    """The best of each kind that was not tried, sure or not: far from the truth, the scan is a rough guide."""
+    names: list[str] = []
+    for item in found.values():
+        if all(kind(item.name) != kind(name) for name in (*names, *tried)):
+            names.append(item.name)
+    return names[:_WIDER]
+
+
+def worth_refining(models: Mapping[str, Fitted], base: Fitted, watched: Mapping[str, Parameters]) -> list[str]:
+    """Of those that come near the best, the ones with parameters; of two of a kind, or with the same parameters, the
+    better.
+    """
+    leading = max((fitted.likelihood for fitted in models.values()), default=-np.inf) - base.likelihood
     near = [name for name, fitted in models.items() if fitted.likelihood - base.likelihood > _NEAR * leading]
     near.sort(key=lambda name: -models[name].likelihood)
     taken: list[str] = []
     for name in near:
-        if watched[name] and all(watched[name] != watched[other] for other in taken):
+        if watched[name] and all(watched[name] != watched[other] and kind(name) != kind(other) for other in taken):
             taken.append(name)
     return taken
 

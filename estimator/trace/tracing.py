@@ -6,24 +6,20 @@ import numpy as np
 from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
-from estimator.effects.declaration import Source
 from estimator.effects.equation import equations
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from estimator.trace.angle import AngleReader
+from estimator.trace.certainty import covariance_of, widening
 from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.evidence import SAME
 from estimator.trace.examination import examine
 from estimator.trace.fitness import require_traceable
-from estimator.trace.fitting import Effects, Fitted
+from estimator.trace.fitting import Effects
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.record import Record
-from estimator.trace.selection import Selection, select, threshold
+from estimator.trace.selection import Selection, kind, select, threshold
 from estimator.trace.separation import separations
-
-_PHASE = 2.0
-"""How much less surely the phase at a record's beginning is known where the frequency was found from it, too (Rife &
-Boorstyn, IEEE Trans. Information Theory 20(5), 1974)."""
 
 _READ = 200_000  # samples in which the angle is read once for each possibility
 _TWO_SIDED = float(norm.ppf(0.975))
@@ -95,52 +91,36 @@ def _short(name: str, named: Effects) -> str:
 
 def _found(name: str, named: Effects, selection: Selection, reader: AngleReader) -> Found:
     _, effect = effect_for(name, reader.device.axes)
-    model = selection.after
+    spread = covariance_of(name, selection.after, selection.searched.get(name, {}))
     return Found(
         name=_short(name, named),
         title=effect.title,
         equation=equations(effect),
-        coefficients=_intervals(name, model, reader.device) | _parameters(name, selection.effects, reader.device),
+        coefficients=_intervals(name, selection, reader.device),
         evidence=selection.gain[name],
         undone=effect.undone.value,
-        angle_bound=reader.bound(selection.effects, name, model, widening(name, model)),
+        angle_bound=reader.bound(selection.effects, name, spread),
     )
 
 
-def _intervals(name: str, model: Fitted, device: Device) -> dict[str, Interval]:
-    observer = model.observer
-    deviation = dict(zip(observer.estimated, np.sqrt(np.diag(observer.covariance)), strict=True))
-    value = dict(zip(observer.names, observer.state, strict=True))
-    wider = _TWO_SIDED * widening(name, model)
+def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Interval]:
+    """Coefficients and searched parameters with their 95 % intervals; a coefficient moves with the parameters."""
+    model, searched = selection.after, selection.searched.get(name, {})
     _, effect = effect_for(name, device.axes)
-    return {
-        c.name.partition(":")[0]: Interval(
-            float(value[c.name]),
-            float(value[c.name] - wider * deviation[c.name]),
-            float(value[c.name] + wider * deviation[c.name]),
-            c.unit,
-        )
-        for c in effect.coefficients
-    }
+    given = selection.effects[name]
+    covariance = covariance_of(name, model, searched)
+    intervals = {}
+    for i, c in enumerate(effect.coefficients):
+        symbol = c.name.partition(":")[0]
+        intervals[symbol] = _interval(given[symbol], float(np.sqrt(covariance[i, i])), c.unit)
+    for p in effect.parameters:
+        if p.name in searched:
+            intervals[p.name] = _interval(given[p.name], widening(model) * searched[p.name].deviation, p.unit)
+    return intervals
 
 
-def widening(name: str, model: Fitted) -> float:
-    """By how much the coefficients of an effect are less sure than its observer takes them to be."""
-    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
-    wider = max(float(np.sqrt(np.nanmean(normalised))), 1.0)
-    _, effect = effect_for(name, model.observer.device.axes)
-    return wider * _PHASE if any(signal.source is Source.COSINE for signal in effect.signals) else wider
-
-
-def _parameters(name: str, effects: Effects, device: Device) -> dict[str, Interval]:
-    """Parameters were searched for, not estimated: the interval is the value itself."""
-    _, effect = effect_for(name, device.axes)
-    given = effects[name]
-    return {
-        p.name: Interval(given[p.name], given[p.name], given[p.name], p.unit)
-        for p in effect.parameters
-        if p.name in given
-    }
+def _interval(value: float, deviation: float, unit: str) -> Interval:
+    return Interval(value, value - _TWO_SIDED * deviation, value + _TWO_SIDED * deviation, unit)
 
 
 def _confusable(
@@ -177,8 +157,6 @@ def _confusable(
 
 def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Device) -> tuple[Rejected, ...]:
     """Every other candidate once, with what it would have explained at best and a bound on its coefficients."""
-    if not selection.rounds:
-        return ()
     last = selection.rounds[-1]
     kinds = {kind(name) for name in named}
     rejected: dict[str, Rejected] = {}
@@ -219,8 +197,3 @@ def _why(name: str, serious: bool, chosen: Effects, selection: Selection) -> str
     if alike > 0.9:
         return f"nothing is left for it (likeness {alike:.3f} to what was taken)"
     return "explains no more than chance would"
-
-
-def kind(name: str) -> str:
-    """Name of an effect without its label."""
-    return name.partition(":")[0]

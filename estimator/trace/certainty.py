@@ -1,0 +1,30 @@
+"""How surely the coefficients of an effect are known."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator.effects.catalogue import effect_for
+from estimator.scaling import Array
+from estimator.trace.fitting import Fitted
+from estimator.trace.parameters import Searched
+
+
+def widening(model: Fitted) -> float:
+    """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger."""
+    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
+    return max(float(np.sqrt(np.nanmean(normalised))), 1.0)
+
+
+def covariance_of(name: str, model: Fitted, searched: Mapping[str, Searched]) -> Array:
+    """Covariance (k, k) of an effect's k coefficients, SI: of the estimates given the parameters, and what the
+    parameters' own uncertainty moves them by.
+    """
+    observer = model.observer
+    _, effect = effect_for(name, observer.device.axes)
+    rows = [observer.estimated.index(c.name) for c in effect.coefficients]
+    covariance = observer.covariance[np.ix_(rows, rows)].copy()
+    for one in searched.values():
+        moved = one.deviation * np.array([one.moves[c.name.partition(":")[0]] for c in effect.coefficients])
+        covariance += np.outer(moved, moved)
+    return np.asarray(widening(model) ** 2 * covariance)
