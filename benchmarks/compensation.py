@@ -26,7 +26,7 @@ def rows(say: Say) -> list[Row]:
     for name in DRAWABLE:
         if name.startswith("temperature"):
             continue
-        order = Order("single", (name,), 0)
+        order = Order("single", (name,), 0, draw=2)
         drawn = draw(order, SAMPLES)
         before = close_loop(drawn.scenario, drawn.bench, SAMPLES, seed=order.seed)
         found = traced(before, drawn.bench)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks.undeclared.judging import judge
 from benchmarks.undeclared.page import write_page
-from benchmarks.undeclared.population import Order, population
+from benchmarks.undeclared.population import DRAW, Order, population
 from benchmarks.undeclared.record import SAMPLES, make
 from benchmarks.undeclared.summary import summarise
 from benchmarks.undeclared.tracing import trace_all
@@ -28,6 +28,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.undeclared", description=__doc__)
     parser.add_argument("what", choices=["generate", "evaluate", "all"], nargs="?", default="all")
     parser.add_argument("--n", type=int, default=480, help="about how many records (default 480)")
+    parser.add_argument("--draw", type=int, default=DRAW, help=f"another number, other records (default {DRAW})")
     parser.add_argument("--only", default="", help="only records whose name contains this")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--samples", type=int, default=SAMPLES, help=f"of each record (default {SAMPLES})")
@@ -36,7 +37,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=TARGET, help=f"figures (default {TARGET})")
     parser.add_argument("--page", type=Path, default=PAGE, help=f"folder of the page (default {PAGE})")
     options = parser.parse_args()
-    orders = [order for order in population(options.n) if options.only in order.name]
+    orders = [order for order in population(options.n, options.draw) if options.only in order.name]
     if options.what != "evaluate":
         generate(orders, options.folder, options.samples, options.jobs)
     if options.what != "generate":

@@ -29,7 +29,7 @@ CLEAR = 10.0
 
 @pytest.mark.parametrize("name", [name for name in DRAWABLE if name in names()])
 def test_the_observer_finds_what_is_expected(name: str, tmp_path: Path) -> None:
-    place = make(Order("single", (name,), 1), tmp_path, SAMPLES)
+    place = make(Order("single", (name,), 1, draw=2), tmp_path, SAMPLES)
     truth = json.loads((place / "truth.json").read_text())
     hidden = truth["effects"][0]
     what = expected(name, hidden["tables"], hidden["sections"], truth["device"])

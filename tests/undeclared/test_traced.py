@@ -42,7 +42,7 @@ def traced(order: Order, folder: Path) -> Judgement:
     ["cubic_stiffness", "nonreciprocal_stiffness", "dry_friction", "sense_quadratic", "sense_delay", "drive_delay"],
 )
 def test_an_effect_nobody_declared_is_named(effect: str, tmp_path: Path) -> None:
-    judged = traced(Order("single", (effect,), 1), tmp_path)
+    judged = traced(Order("single", (effect,), 1, draw=2), tmp_path)
     assert judged.verdict == "explained"
     assert judged.first_class, judged.named
     assert judged.after is not None
@@ -52,15 +52,15 @@ def test_an_effect_nobody_declared_is_named(effect: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_nothing_hidden_nothing_named(number: int, tmp_path: Path) -> None:
-    assert traced(Order("clean", (), number), tmp_path).verdict == "adequate"
+    assert traced(Order("clean", (), number, draw=2), tmp_path).verdict == "adequate"
 
 
 @pytest.mark.parametrize("effect", ["hysteretic_stiffness", "telegraph_offset"])
 def test_what_the_catalogue_lacks_gets_no_wrong_name(effect: str, tmp_path: Path) -> None:
-    assert not traced(Order("outside", (effect,), 2), tmp_path).misnamed
+    assert not traced(Order("outside", (effect,), 2, draw=2), tmp_path).misnamed
 
 
 def test_two_effects_at_once(tmp_path: Path) -> None:
-    judged = traced(Order("double", ("cubic_stiffness", "sense_gain"), 0), tmp_path)
+    judged = traced(Order("double", ("cubic_stiffness", "sense_gain"), 0, draw=2), tmp_path)
     assert judged.verdict == "explained"
     assert all(judged.right_class), judged.named
