@@ -78,6 +78,7 @@ class Observer:
         self.settings = settings
         self.number, self.model = model_for(device.axes)
         self.scaling = Scaling(math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain)
+        self.volts = np.array([self.scaling.sense(axis) for axis in range(device.axes)])  # of a unit of length
         self.effects = tuple(effect_for(name, device.axes) for name in settings.effects)
         self.carried = len(self.effects) - watched
         coefficients = [coefficient for _, effect in self.effects for coefficient in effect.coefficients]
@@ -343,7 +344,7 @@ class Observer:
     ) -> tuple[Array, Array, Array, Array]:
         """What `run` is given, as the kernels take it: z (n, axes), u (n, axes, degree + 1), h (n,), temperature."""
         n, axes = len(sense), self.device.axes
-        z = np.ascontiguousarray(sense, dtype=float) / [self.scaling.sense(axis) for axis in range(axes)]
+        z = np.ascontiguousarray(sense, dtype=float) / self.volts
         u = np.ascontiguousarray(np.asarray(drive, dtype=float).reshape(n, axes, -1) / self.scaling.drive)
         h = np.full(n, self.h) if step is None else np.asarray(step, dtype=float) * self.scaling.omega0
         return z, u, h, self._warmth(temperature)
@@ -400,14 +401,13 @@ class Observer:
             z, u, h, warmth, true, rows, states, deviations, every,
         )  # fmt: skip
         self.record["order"] = order
-        volts = np.array([self.scaling.sense(axis) for axis in range(axes)])
         return Estimates(
             names=self.names,
             index=np.arange(every - 1, n, every),
             state=states * self.factors,
             deviation=deviations * np.abs(self.factors),
-            innovation=rows["nu"][:, :axes] * volts,
-            innovation_deviation=np.sqrt(rows["s"][:, :axes]) * np.abs(volts),
+            innovation=rows["nu"][:, :axes] * self.volts,
+            innovation_deviation=np.sqrt(rows["s"][:, :axes]) * np.abs(self.volts),
             angle=rows["angle"],
             angle_pattern=rows["angle_pattern"],
             angle_plain=rows["angle_plain"],

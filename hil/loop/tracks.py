@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -87,11 +88,23 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
     }
 
 
+@cache
+def _innovation_groups(axes: int) -> np.dtype[np.void]:
+    """The columns of `innovation_layout`, alike ones as one."""
+    return np.dtype([("tick", "<i8"), ("nu", "<f4", axes), ("s", "<f4", axes)])
+
+
+@cache
+def _estimate_groups(states: int, size: int) -> np.dtype[np.void]:
+    """The columns of `estimates_layout` that every model has, alike ones as one, in a row of `size` bytes."""
+    names, formats = ["tick", "state", "sd"], ["<i8", ("<f8", (states,)), ("<f8", (states,))]
+    return np.dtype({"names": names, "formats": formats, "offsets": [0, 8, 8 + 8 * states], "itemsize": size})
+
+
 def innovation_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates) -> NDArray[np.void]:
     """Rows of `innovation.arrow` for a block of samples."""
-    axes = estimates.innovation.shape[1]
     rows = np.empty(len(tick), layout.dtype)
-    grouped = rows.view([("tick", "<i8"), ("nu", "<f4", axes), ("s", "<f4", axes)])
+    grouped = rows.view(_innovation_groups(estimates.innovation.shape[1]))
     grouped["tick"] = tick
     grouped["nu"] = estimates.innovation
     grouped["s"] = estimates.innovation_deviation
@@ -103,9 +116,9 @@ def estimate_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates,
     index = estimates.index
     rows = np.zeros(len(index), layout.dtype)
     rows["tick"] = tick[index]
-    for column, name in enumerate(estimates.names):
-        rows[column_of(name)] = estimates.state[:, column]
-        rows[f"sd_{column_of(name)}"] = estimates.deviation[:, column]
+    grouped = rows.view(_estimate_groups(len(estimates.names), layout.dtype.itemsize))
+    grouped["state"] = estimates.state
+    grouped["sd"] = estimates.deviation
     if estimates.innovation.shape[1] == 2:
         rows["angle_rad"] = estimates.angle[index]
         rows["angle_pattern_rad"] = estimates.angle_pattern[index]
