@@ -28,12 +28,26 @@ SILENCE_S = 2.0
 LOST, DAMAGED = 1e-3, 1e-3
 """Shares of the samples beyond which a record is no good."""
 
+BENIGN = ("starting up",)
+"""Complaints of the sensor that leave a record good."""
+
 _REPORT_S = 0.2
-_BENIGN = ("starting up",)
 
 
-def record(port: Port, link: str, out: Path, *, name: str, seconds: float, note: str | None, progress: Watcher) -> Path:
+def record(
+    port: Port,
+    link: str,
+    out: Path,
+    *,
+    name: str,
+    seconds: float,
+    note: str | None,
+    progress: Watcher,
+    report: Callable[[Path], object] | None = None,
+) -> Path:
     """Record `seconds` of the sensor behind `port` into a new run folder below `out`; returns the folder.
+
+    `report` is called with the folder once all is in it, also of a recording that was interrupted.
 
     A recording that is interrupted or falls silent keeps what it has and says so. Raises LinkError, and leaves
     nothing, when the port cannot be opened or no datagram comes; KeyboardInterrupt is passed on after the record is
@@ -52,6 +66,9 @@ def record(port: Port, link: str, out: Path, *, name: str, seconds: float, note:
         except KeyboardInterrupt:
             interrupted, stopped = True, "stopped on request"
     _conclude(folder, port.adapter, stream, link, note, stopped)
+    if report is not None:
+        progress(Progress("report", 0, 0))
+        report(folder)
     if interrupted:
         raise KeyboardInterrupt
     return folder
@@ -149,7 +166,7 @@ def judge(result: Result, sensor: Sensor, stopped: str) -> tuple[str, list[str],
         elif count:
             remarks.append(f"{count} {what}")
     for complaint, count in sensor.status.items():
-        (remarks if complaint in _BENIGN else reasons).append(f"the sensor reports: {complaint}, in {count} samples")
+        (remarks if complaint in BENIGN else reasons).append(f"the sensor reports: {complaint}, in {count} samples")
     if sensor.latency_us is not None and sensor.latency_us.p999 > 1e6 / sensor.sample_rate_Hz:
         reasons.append(
             f"latency of {sensor.latency_us.p999:.0f} µs, more than a sample: lower the rate or raise the baud"

@@ -10,6 +10,7 @@ PortLink = Annotated[str, typer.Argument(metavar="LINK", help="NAME:PATH[?baud=N
 Seconds = Annotated[float, typer.Option("--duration", min=0.1, help="Seconds of the sensor's time.")]
 RunName = Annotated[str | None, typer.Option("--name", help="Name of the run folder.  [default: the adapter's]")]
 Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw report.html; without it, for many records.")]
 
 
 def record(
@@ -18,11 +19,13 @@ def record(
     out: Out = RUNS,
     name: RunName = None,
     note: Note = None,
+    report: Report = True,
     json: Json = False,
 ) -> None:
     """Record a sensor that puts out rates and cannot be driven, and check the record.
 
-    The verdict counts checksum errors, gaps in the sensor's own counter, its status bits and its latency. Adapters
+    The verdict counts checksum errors, gaps in the sensor's own counter, its status bits and its latency. report.html
+    has the rates and, with its Allan deviation, the noise of each axis: let the sensor stand still for that. Adapters
     for framings are entry points of the group hil.boards; stim300 (Sensonor, rate-only datagram) comes with the bench.
 
     Examples:
@@ -30,18 +33,29 @@ def record(
     \b
       hil record stim300:/dev/ttyUSB0 --duration 60
       hil record "stim300:/dev/ttyUSB0?baud=1843200" --note "on the rate table"
+      hil record stim300:/dev/ttyUSB0 --duration 7200 --name still          long enough for the bias instability
       python -m device_emulator.stim300             an emulated one; prints where it can be reached
     """
     from hil.boards.adapter import find_port
     from hil.boards.record import record as record_port
     from hil.cli.progress import watching
     from hil.cli.show import finish, say
+    from hil.report.sensor import write_report
 
     port = find_port(link)
     called = name or link.partition(":")[0]
     try:
         with watching(called) as watch:
-            folder = record_port(port, link, out, name=called, seconds=duration, note=note, progress=watch)
+            folder = record_port(
+                port,
+                link,
+                out,
+                name=called,
+                seconds=duration,
+                note=note,
+                progress=watch,
+                report=write_report if report else None,
+            )
     except KeyboardInterrupt:
         say("the record was closed")
         raise

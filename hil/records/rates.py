@@ -46,7 +46,7 @@ def rates_rad_s(capture: Capture) -> dict[str, Floats]:
 def sensor_figures(capture: Capture, complaints: Callable[[int], list[str]], *, host_rate_Hz: float | None) -> Sensor:
     """Mean, spread and white noise of each axis, status by complaint, latency; `complaints` puts a status in words."""
     channels = {}
-    for axis, rate in rates_rad_s(capture).items():
+    for axis, rate in rates_rad_s(capture).items() if len(capture) else ():
         steps = np.diff(rate)[np.diff(capture.tick) == 1]
         channels[axis] = Channel(
             mean_rad_s=float(rate.mean()),

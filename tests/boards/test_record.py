@@ -19,6 +19,7 @@ from hil.progress import Progress
 from hil.records.capture import Capture, read_capture
 from hil.records.rates import rates_rad_s
 from hil.records.result import Result, load_result
+from hil.report import sensor
 from hil.wire.errors import LinkError
 from tests.boards.conftest import Install
 
@@ -105,6 +106,27 @@ def test_a_sensor_that_stops(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_an_interrupted_record_has_its_page(tmp_path: Path) -> None:
+    def interrupt(progress: Progress) -> None:
+        if progress.stage == "record":
+            raise KeyboardInterrupt
+
+    with emulated("--sample-rate", "500") as (link, _), pytest.raises(KeyboardInterrupt):
+        record(
+            find_port(link),
+            link,
+            tmp_path,
+            name="s",
+            seconds=30.0,
+            note=None,
+            progress=interrupt,
+            report=sensor.write_report,
+        )
+    (page,) = tmp_path.glob("*/report.html")
+    assert "Interrupted" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
 def test_nothing_to_hear(tmp_path: Path) -> None:
     from hil.wire.pty_link import open_pty
 
@@ -124,9 +146,14 @@ def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert "Sensonor STIM300, rate, 500 samples a second by its own clock" in told
     assert "lost, damaged" in told
     assert "verdict  good" in told
+    (folder,) = tmp_path.iterdir()
+    assert f"report   {folder / 'report.html'}" in told
+    assert "Angle random walk" in (folder / "report.html").read_text(encoding="utf-8")
     with emulated("--corrupted", "0.2") as (link, _):
-        assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path), "--json"]) == 1
+        assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path), "--json", "--no-report"]) == 1
     assert json.loads(capfd.readouterr().out)["verdict"] == "failed"
+    assert len(list(tmp_path.glob("*/result.json"))) == 2
+    assert len(list(tmp_path.glob("*/report.html"))) == 1
     assert cli.execute(["record", "stim300:/dev/none", "--out", str(tmp_path)]) == 2
     assert "/dev/none: no such port" in capfd.readouterr().err
 

@@ -1,0 +1,118 @@
+"""Puts the page of a recorded rate sensor together and writes it."""
+
+from pathlib import Path
+
+from hil.records.atomic import write_text
+from hil.records.runfolder import RunFolder
+from hil.report import markup
+from hil.report.numbering import Figures
+from hil.report.numbers import count, quantity, significant
+from hil.report.sensor import allan, checks, rate, spectrum, tables, words
+from hil.report.sensor.material import SensorMaterial
+from hil.report.tables import provenance
+from hil.report.verdict import Headline, headline
+
+
+def write_report(run: Path) -> Path:
+    """Write `run/report.html`, whole or not at all, and return its path.
+
+    Raises InputError for a folder that is not of a recorded sensor.
+    """
+    folder = RunFolder.open(run)
+    write_text(folder.report_path, render(SensorMaterial(folder)))
+    return folder.report_path
+
+
+def render(material: SensorMaterial) -> str:
+    """The page as text."""
+    figures = Figures()
+    result = material.result
+    remarks = "".join(markup.paragraph(_sentence(remark)) for remark in (*result.reasons, *result.remarks))
+    sections = [
+        markup.section(
+            "recorded", "What was recorded", markup.paragraph(words.recorded(material)), tables.axes(material)
+        ),
+        markup.section("checks", "Checks", remarks, checks.draw(material)),
+        markup.section("rate", "Rate", _paragraph(words.moved(material)), figures.add(lambda: rate.draw(material))),
+        markup.section(
+            "noise",
+            "Noise",
+            *(markup.paragraph(said) for said in words.noise(material)),
+            figures.add(lambda: allan.draw(material)),
+            tables.noise(material),
+            markup.paragraph(words.METHOD + _missing(material)),
+            figures.add(lambda: spectrum.draw(material)),
+        ),
+        markup.section("run", "Record", provenance(material.run)),
+    ]
+    line = _headline(material)
+    return markup.page(
+        kind="Gyro bench · record of a rate sensor",
+        title=result.run,
+        tone=line.tone,
+        word=line.word,
+        sentence=line.sentence,
+        key=markup.key_figures(_key_figures(material)),
+        sections="".join(sections),
+    )
+
+
+def _headline(material: SensorMaterial) -> Headline:
+    result, sensor = material.result, material.sensor
+    if result.verdict != "good":
+        return headline(result)
+    lost = "none lost" if not result.lost else f"{count(result.lost)} lost"
+    damaged = result.counters.get("crc_errors", 0)
+    wrong = "no wrong checksum" if not damaged else f"{count(damaged)} with a wrong checksum"
+    samples = f"{count(result.samples)} samples of {count(len(sensor.channels))} axes"
+    return Headline("good", "Good", f"{samples} in {words.length(result.seconds)}, {lost}, {wrong}")
+
+
+def _key_figures(material: SensorMaterial) -> list[tuple[str, str, str]]:
+    result, sensor = material.result, material.sensor
+    apart = material.apart_ppm
+    clock = "its own clock" if apart is None else f"{apart:+.0f} ppm by this machine's clock".replace("-", "−")
+    entries = [
+        ("Length", words.length(result.seconds), f"{count(result.samples)} samples"),
+        ("Sample rate", quantity(sensor.sample_rate_Hz, "Hz"), clock),
+        (
+            "Lost, damaged",
+            f"{count(result.lost)}, {count(result.counters.get('crc_errors', 0))}",
+            "samples by the counter, datagrams by the checksum",
+        ),
+    ]
+    white = {axis: found.readings["white"] for axis, found in material.noise.items() if "white" in found.readings}
+    if white:
+        axis = max(white, key=lambda name: white[name].value)
+        value = f"{significant(white[axis].value * words.PER_ROOT_HOUR, 2)}\u00a0°/√h"
+        entries.append(("Angle random walk", value, f"axis {axis}, the largest"))
+    floors = {axis: found.bias_instability for axis, found in material.noise.items()}
+    told = {axis: read for axis, read in floors.items() if read is not None}
+    if told:
+        axis = max(told, key=lambda name: told[name].value)
+        value = f"{significant(told[axis].value * words.PER_HOUR, 2)}\u00a0°/h"
+        entries.append(("Bias instability", value, f"axis {axis}, the largest that is told"))
+    elif any(found.bias_bound_rad_s is not None for found in material.noise.values()):
+        bound = max(found.bias_bound_rad_s or 0.0 for found in material.noise.values()) * words.PER_HOUR
+        entries.append(("Bias instability", "too short", f"to tell; below {significant(bound, 2)}\u00a0°/h"))
+    if sensor.latency_us is not None:
+        remark = f"p50; p99.9 {significant(sensor.latency_us.p999)} µs, as the sensor says"
+        entries.append(("Latency", f"{significant(sensor.latency_us.p50)} µs", remark))
+    return entries
+
+
+def _missing(material: SensorMaterial) -> str:
+    if not material.gaps:
+        return ""
+    return (
+        " Samples are missing: a cluster's mean is over those there are, and clusters that lack more than a twentieth "
+        "are left out."
+    )
+
+
+def _paragraph(text: str) -> str:
+    return markup.paragraph(text) if text else ""
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:].rstrip(".") + "."
