@@ -1,13 +1,17 @@
-"""Sensonor STIM300 and its relatives, rate-only datagram, from the data sheet (TS1524).
+"""Sensonor STIM300 and its relatives, rate-only datagram.
 
     0x90 | x y z, 24 bits each | status | counter | latency, 16 bits | CRC-32        18 bytes, most significant first
 
-Rates are two's complement, 2⁻¹⁴ °/s a step, to ±400 °/s. Latency is the time in µs from the sample to the first byte.
+Rates are two's complement, 2⁻¹⁴ °/s a step, to ±400 °/s, saturating at ±480. A sensor set up to send increments or an
+integrated angle in their place sends the same datagram, which nothing in it tells. Latency is in µs.
 The checksum has the polynomial 0x04C11DB7, starts with all ones, reflects nothing and inverts nothing (known as
 CRC-32/MPEG-2); it covers everything before it and two zero bytes that are not sent, which make it a multiple of four.
-A sensor set up for it ends each datagram with CR LF. Two public drivers agree with this layout,
-vortexntnu/stim300-driver and cookednoodle/pystim300. Whether the counter counts datagrams or the sensor's internal
-samples they do not agree on: the step is learned from the stream.
+A sensor set up for it ends each datagram with CR LF.
+
+The layout was taken from two public drivers, vortexntnu/stim300-driver and cookednoodle/pystim300, and compared
+afterwards with the data sheet, TS1524 revision 31 of 2024: tables 5-20 to 5-23, section 5.5.7, equation 1. No sensor
+has been at hand. On the counter the drivers disagree; by the data sheet (7.5.2.2.18) it counts the sensor's internal
+samples, 2000 a second. Its step is learned from the stream, which is right for either.
 """
 
 import math
