@@ -52,8 +52,10 @@ def refine_parameters(
             width = _BIN / float(np.sum(record.step)) if alone else _SHARE * now
             if which in searched and searched[which].deviation > 0.0:
                 width = min(width, _FINE * searched[which].deviation)
-            model, searched[which] = _climb(model, name, which, width, _trial(record, device, controller, name, which))
-    return model, searched
+            trial = _trial(record, device, controller, name, which)
+            model, searched[which] = _climb(trial(model, now), name, which, width, trial)
+    effects = coefficients_of(model.observer)
+    return (fit(record, device, model.settings, controller, effects) if names else model), searched
 
 
 Trial = Callable[[Fitted, float], Fitted]
@@ -61,6 +63,7 @@ Trial = Callable[[Fitted, float], Fitted]
 
 def _trial(record: Record, device: Device, controller: ControllerSettings | None, name: str, which: str) -> Trial:
     def fitted_at(model: Fitted, value: float) -> Fitted:
+        # One pass from a wide start, for all alike: the likelihood of a second pass has less of the start in it.
         effects = {effect: dict(given) for effect, given in model.settings.effects.items()}
         effects[name][which] = value
         return fit(record, device, model.settings, controller, effects, passes=1)
