@@ -14,12 +14,13 @@ NOTHING = "(nothing)"
 class Judgement:
     """One record judged.
 
-    truth: names of what was hidden; verdict; named: what tracing named, in its order; right_class: per hidden effect
-    whether it is in the class of an effect named; first_class, first_member: the same of the effect named first, by
-    class and exactly; alone: the effect named first is confusable with nothing; covered: per coefficient of the effects
-    named exactly, whether its 95 % interval holds the truth; error: of those, the estimate's deviation in half-widths;
-    after: innovation on the held-out part over the true noise; bounded: a verdict of nothing bounds the hidden effect's
-    coefficients, and the bounds hold; proposes: an experiment that would tell is named.
+    truth: names of what was hidden; verdict; named: what tracing named, in its order; right_class: per hidden
+    effect whether it is in the class of an effect named; first_class, first_member: the same of the effect named
+    first, by class and exactly; alone: the effect named first is confusable with nothing; covered: per coefficient
+    and searched parameter of the effects named exactly, whether its 95 % interval holds the truth; error: of those,
+    the estimate's deviation in half-widths; after: innovation on the held-out part over the true noise; bounded: a
+    verdict of nothing bounds the hidden effect's coefficients, and the bounds hold; proposes: an experiment that
+    would tell is named.
     """
 
     name: str
@@ -79,7 +80,7 @@ def judge(truth: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Judg
     for effect in said["effects"]:
         for what in known:
             if plain(effect["name"]) in what.names:
-                for symbol, true in what.coefficients.items():
+                for symbol, true in (what.coefficients | what.parameters).items():
                     _compare(effect, symbol, true, covered, error)
     noise = truth["noise_V"]
     held_out = said.get("held_out", {})

@@ -5,6 +5,7 @@ signal reach.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
 from estimator.effects.catalogue import EFFECTS
@@ -18,7 +19,10 @@ _LINES = 5
 _LINE_CHANCE = 1e-3
 _PERIODS = 10  # in the record at least; what comes back less often is a drift
 _PEAKS = 3
-_DAMPING_RATIOS = (0.003, 0.02)
+_DAMPING_RATIO = 0.005  # of a mode, where its response does not tell
+_LEAST, _MOST = 1e-4, 0.3  # damping ratio that a response may tell
+_BESIDE = 8  # bins to either side of a peak that belong to it
+_REWEIGHTED = 5
 _SATURATION = (0.04, 0.12, 0.3, 0.55, 0.75, 0.92)  # of the largest drive
 _DEAD_BAND = (0.02, 0.06, 0.15, 0.5)  # of the drive's rms
 _CLIPPING = (0.6, 0.75, 0.9, 0.98)  # of the largest sensed displacement
@@ -89,27 +93,58 @@ def _of_thresholds(record: Record, device: Device) -> dict[str, Parameters]:
 
 
 def _of_modes(record: Record, whitened: Array) -> dict[str, Parameters]:
-    """Frequencies at which the residual follows the drive more than around them."""
+    """Frequencies at which the residual follows the drive more than around them, with the damping seen there."""
     drive = record.drive[:, :, 0]
     if not np.any(drive):
         return {}
     sample_rate = 1.0 / float(np.mean(record.step))
     length = min(_SEGMENT, len(record) // 8)
-    coherence: Array = np.zeros(length // 2 + 1)
-    frequency = np.zeros_like(coherence)
     filled = np.nan_to_num(whitened)
+    coherence: Array = np.zeros(length // 2 + 1)
+    frequency, responses = np.zeros_like(coherence), []
     for axis in range(drive.shape[1]):
         frequency, across = csd(drive[:, axis], filled[:, axis], sample_rate, nperseg=length)
         _, of_drive = welch(drive[:, axis], sample_rate, nperseg=length)
         _, of_residual = welch(filled[:, axis], sample_rate, nperseg=length)
         coherence = coherence + np.abs(across) ** 2 / np.maximum(of_drive * of_residual, np.finfo(float).tiny)
+        responses.append(across / np.maximum(of_drive, np.finfo(float).tiny))
     watched: dict[str, Parameters] = {}
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
     for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[:_PEAKS], start=1):
-        for sharpness, zeta in enumerate(_DAMPING_RATIOS, start=1):
-            watched[f"parasitic_mode:{label}{sharpness}"] = {
-                "omega": 2.0 * np.pi * float(frequency[peak]),
-                "zeta": zeta,
-            }
+        near = slice(max(peak - _BESIDE, 1), peak + _BESIDE + 1)
+        seen = resonance(2.0 * np.pi * frequency[near], [response[near] for response in responses])
+        supposed = [(2.0 * np.pi * float(frequency[peak]), _DAMPING_RATIO)]
+        for which, (omega, zeta) in enumerate(supposed if seen is None else [seen, *supposed], start=1):
+            watched[f"parasitic_mode:{label}{which}"] = {"omega": omega, "zeta": zeta}
     return watched
+
+
+def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[float, float] | None:
+    """ω and ζ of the one mode r/(ω² − Ω² + 2jζωΩ) that responses (m,) at the frequencies Ω (m,) rad/s share, each with
+    an r of its own; None where there is none.
+
+    Least squares of the equation error, weighted anew by the denominator found (Sanathanan & Koerner, IEEE Trans.
+    Automatic Control 8(1), 1963).
+    """
+    unit = float(np.mean(omega))
+    w = omega / unit
+    weight = np.ones(len(w))
+    stiffness = damping = 0.0
+    for _ in range(_REWEIGHTED):
+        rows, targets = [], []
+        for axis, response in enumerate(responses):
+            own = np.zeros((len(w), 2 + len(responses)), dtype=complex)
+            own[:, 0], own[:, 1], own[:, 2 + axis] = 1j * w * response, response, -1.0
+            rows.append(own * weight[:, None])
+            targets.append(w**2 * response * weight)
+        matrix, target = np.concatenate(rows), np.concatenate(targets)
+        solution = np.linalg.lstsq(
+            np.concatenate([matrix.real, matrix.imag]), np.concatenate([target.real, target.imag]), rcond=None
+        )[0]
+        damping, stiffness = float(solution[0]), float(solution[1])
+        weight = 1.0 / np.maximum(np.abs(stiffness - w**2 + 1j * damping * w), np.finfo(float).tiny)
+    if stiffness <= 0.0 or not w[0] < np.sqrt(stiffness) < w[-1]:
+        return None
+    zeta = damping / (2.0 * np.sqrt(stiffness))
+    return (unit * float(np.sqrt(stiffness)), zeta) if _LEAST < zeta < _MOST else None

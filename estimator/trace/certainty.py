@@ -1,7 +1,5 @@
 """How surely the coefficients of an effect are known."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
@@ -16,7 +14,7 @@ def widening(model: Fitted) -> float:
     return max(float(np.sqrt(np.nanmean(normalised))), 1.0)
 
 
-def covariance_of(name: str, model: Fitted, searched: Mapping[str, Searched]) -> Array:
+def covariance_of(name: str, model: Fitted, searched: Searched) -> Array:
     """Covariance (k, k) of an effect's k coefficients, SI: of the estimates given the parameters, and what the
     parameters' own uncertainty moves them by.
     """
@@ -24,7 +22,6 @@ def covariance_of(name: str, model: Fitted, searched: Mapping[str, Searched]) ->
     _, effect = effect_for(name, observer.device.axes)
     rows = [observer.estimated.index(c.name) for c in effect.coefficients]
     covariance = observer.covariance[np.ix_(rows, rows)].copy()
-    for one in searched.values():
-        moved = one.deviation * np.array([one.moves[c.name.partition(":")[0]] for c in effect.coefficients])
-        covariance += np.outer(moved, moved)
+    if searched.names:
+        covariance += searched.moves @ searched.covariance @ searched.moves.T
     return np.asarray(widening(model) ** 2 * covariance)

@@ -1,19 +1,22 @@
 """A frequency, a corner or a threshold that an effect has and no filter estimates: moved to where the likelihood is
 largest, and how surely it is there.
+
+Each parameter climbs by itself; several are then moved together, since a resonance's frequency, damping and size hang
+together.  Close to its top twice the log-likelihood is L − Δᵀ C⁻¹ Δ, with C the covariance of the parameters.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
+from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.record import Record
 
-_ROUNDS = 6
+_ROUNDS = 12
+_TOGETHER = 8
 _SHARE = 0.1  # first step of a threshold, a corner or a damping ratio
 _BIN = 0.5  # first step of a frequency, over the record's length
 _NEAR = 0.1  # standard deviations from the top of the parabola: near enough
@@ -23,10 +26,22 @@ _SEEN = 0.5  # of twice the log-likelihood: less says nothing
 
 @dataclass(frozen=True)
 class Searched:
-    """How surely a parameter was found: its standard deviation, and what one unit of it moves each coefficient by."""
+    """How surely n parameters were found: their covariance (n, n), and what one unit of each moves each of the k
+    coefficients of the effect by (k, n), SI.
+    """
 
-    deviation: float
-    moves: Mapping[str, float]
+    names: tuple[str, ...]
+    covariance: Array
+    moves: Array
+
+    def deviation(self, name: str) -> float:
+        """Standard deviation of a parameter."""
+        index = self.names.index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+
+NOTHING = Searched((), np.zeros((0, 0)), np.zeros((0, 0)))
+"""Of an effect without parameters."""
 
 
 def refine_parameters(
@@ -35,85 +50,147 @@ def refine_parameters(
     controller: ControllerSettings | None,
     model: Fitted,
     name: str,
-    before: Mapping[str, Searched] = MappingProxyType({}),
-) -> tuple[Fitted, dict[str, Searched]]:
-    """`model` with the parameters of its effect `name` improved one after the other, twice where there are several.
+    before: Searched | None = None,
+) -> tuple[Fitted, Searched]:
+    """`model` with the parameters of its effect `name` improved, and how surely they are known.
 
     before: how surely they were found earlier, with less of the record or fewer effects.
     """
     _, effect = effect_for(name, device.axes)
     given = model.settings.effects[name]
-    names = [p.name for p in effect.parameters if p.name in given]
-    searched = dict(before)
-    for _ in range(1 if before else min(len(names), 2)):
-        for which in names:
-            now = model.settings.effects[name][which]
-            alone = which == "omega" and len(names) == 1
-            width = _BIN / float(np.sum(record.step)) if alone else _SHARE * now
-            if which in searched and searched[which].deviation > 0.0:
-                width = min(width, _FINE * searched[which].deviation)
-            trial = _trial(record, device, controller, name, which)
-            model, searched[which] = _climb(trial(model, now), name, which, width, trial)
-    effects = coefficients_of(model.observer)
-    return (fit(record, device, model.settings, controller, effects) if names else model), searched
+    names = tuple(p.name for p in effect.parameters if p.name in given)
+    if not names:
+        return model, NOTHING
+    hill = Hill(record, device, controller, model, name, names)
+    start = np.array([given[which] for which in names])
+    alone = names == ("omega",)
+    width = np.full(1, _BIN / float(np.sum(record.step))) if alone else _SHARE * start
+    if before is not None:
+        known = np.sqrt(np.diagonal(before.covariance))
+        width = np.where(known > 0.0, np.minimum(width, _FINE * known), width)
+    top, deviation = start, np.zeros(len(names))
+    for i in range(len(names)):
+        top, deviation[i] = hill.climb(top, i, float(width[i]))
+    covariance = np.diag(deviation**2)
+    if len(names) > 1 and np.all(deviation > 0.0):
+        top, covariance = hill.together(top, deviation)
+    moves = np.stack([hill.moves(top, i, float(deviation[i])) for i in range(len(names))], axis=1)
+    return hill.fitted(top), Searched(names, covariance, moves)
 
 
-Trial = Callable[[Fitted, float], Fitted]
+class Hill:
+    """The likelihood of a model over the parameters of one of its effects."""
 
+    def __init__(
+        self,
+        record: Record,
+        device: Device,
+        controller: ControllerSettings | None,
+        model: Fitted,
+        name: str,
+        names: tuple[str, ...],
+    ) -> None:
+        self.record, self.device, self.controller = record, device, controller
+        self.name, self.names = name, names
+        self.model = model
+        self.seen: dict[bytes, tuple[float, Array]] = {}
+        self.highest = -np.inf
 
-def _trial(record: Record, device: Device, controller: ControllerSettings | None, name: str, which: str) -> Trial:
-    def fitted_at(model: Fitted, value: float) -> Fitted:
-        # One pass from a wide start, for all alike: the likelihood of a second pass has less of the start in it.
-        effects = {effect: dict(given) for effect, given in model.settings.effects.items()}
-        effects[name][which] = value
-        return fit(record, device, model.settings, controller, effects, passes=1)
+    def at(self, place: Array) -> float:
+        """Twice the log-likelihood with these parameters: of one pass, for that of a second has less of its start in
+        it, and only like can be compared with like.  What follows starts from the best so far.
+        """
+        key = place.tobytes()
+        if key not in self.seen:
+            tried = self._fit(place, 1)
+            self.seen[key] = tried.likelihood, self._coefficients(tried)
+            if tried.likelihood > self.highest:
+                self.highest, self.model = tried.likelihood, tried
+        return self.seen[key][0]
 
-    return fitted_at
+    def fitted(self, place: Array) -> Fitted:
+        """The model with these parameters, as candidates are compared."""
+        return self._fit(place, 2)
 
+    def _fit(self, place: Array, passes: int) -> Fitted:
+        effects = {effect: dict(given) for effect, given in self.model.settings.effects.items()}
+        effects[self.name].update(zip(self.names, place.tolist(), strict=True))
+        return fit(self.record, self.device, self.model.settings, self.controller, effects, passes=passes)
 
-def _climb(model: Fitted, name: str, which: str, width: float, trial: Trial) -> tuple[Fitted, Searched]:
-    """Steps uphill, twice as long each, until both sides are lower; then to the top of the parabola through the three,
-    with steps of a few standard deviations.
-    """
-    deviation, moves = 0.0, dict.fromkeys(_coefficients(model, name), 0.0)
-    seen: dict[float, Fitted] = {}
-
-    def at(value: float) -> Fitted:
-        if value not in seen:
-            seen[value] = trial(model, value)
-        return seen[value]
-
-    for _ in range(_ROUNDS):
-        now = model.settings.effects[name][which]
-        width = min(width, 0.5 * now)
-        low, high = at(now - width), at(now + width)
-        if not np.isfinite(low.likelihood) or not np.isfinite(high.likelihood):
-            width *= 0.25
-            continue
-        curvature = 2.0 * model.likelihood - low.likelihood - high.likelihood
-        better = max(low, high, key=lambda fitted: fitted.likelihood)
-        if better.likelihood > model.likelihood + _SEEN:
-            model, width = better, 2.0 * width
-            continue
-        if curvature < _SEEN:
-            if width >= 0.5 * now:
+    def climb(self, place: Array, index: int, width: float) -> tuple[Array, float]:
+        """Along one parameter: steps uphill, twice as long each, until both sides are lower; then to the top of the
+        parabola through the three, with steps of a few standard deviations.  Returns where, and its deviation.
+        """
+        deviation = 0.0
+        along = np.eye(len(place))[index]
+        for _ in range(_ROUNDS):
+            width = min(width, 0.5 * float(place[index]))
+            low, here, high = (self.at(place + side * width * along) for side in (-1.0, 0.0, 1.0))
+            if not np.isfinite(low) or not np.isfinite(high):
+                width *= 0.25
+                continue
+            curvature = 2.0 * here - low - high
+            if max(low, high) > here + _SEEN:
+                place = place + (width if high > low else -width) * along
+                width *= 2.0
+                continue
+            if curvature < _SEEN:
+                if width >= 0.5 * place[index]:
+                    break
+                width *= 3.0
+                continue
+            deviation = width * float(np.sqrt(2.0 / curvature))
+            shift = 0.5 * width * (high - low) / curvature
+            narrow = width < 2.0 * _FINE * deviation
+            if abs(shift) < _NEAR * deviation and narrow:
                 break
-            width *= 3.0
-            continue
-        deviation = width * float(np.sqrt(2.0 / curvature))
-        below, above = _coefficients(low, name), _coefficients(high, name)
-        moves = {symbol: (above[symbol] - below[symbol]) / (2.0 * width) for symbol in below}
-        shift = 0.5 * width * (high.likelihood - low.likelihood) / curvature
-        if abs(shift) > _NEAR * deviation:
-            top = at(now + shift)
-            model = top if top.likelihood > model.likelihood else model
-        elif width < 2.0 * _FINE * deviation:
-            break
-        width = min(_FINE * deviation, 0.5 * width)
-    return model, Searched(deviation, moves)
+            gained, promised = self.at(place + shift * along) - here, (shift / deviation) ** 2
+            if gained > 0.0:
+                place = place + shift * along
+            # Where the top is as high as the parabola promised, it is one; elsewhere it is come nearer to first.
+            width = min(_FINE * deviation, 0.5 * width) if narrow or gained > 0.5 * promised else 0.3 * width
+        return place, deviation
 
+    def together(self, place: Array, deviation: Array) -> tuple[Array, Array]:
+        """All parameters at once, by Newton's method with differences over their deviations; place and covariance."""
+        n = len(place)
+        steps = np.diag(deviation)
+        covariance = steps**2
+        for _ in range(_TOGETHER):
+            here = self.at(place)
+            up = np.array([self.at(place + step) for step in steps])
+            down = np.array([self.at(place - step) for step in steps])
+            slope = (up - down) / 2.0
+            bend = np.diag(up + down - 2.0 * here)
+            for i in range(n):
+                for j in range(i):
+                    both = self.at(place + steps[i] + steps[j])
+                    bend[i, j] = bend[j, i] = both - up[i] - up[j] + here
+            sizes, axes = np.linalg.eigh(-bend / 2.0)
+            if not np.all(np.isfinite(sizes)) or sizes[0] <= 0.0:
+                break
+            inverse = (axes / sizes) @ axes.T
+            covariance = steps @ inverse @ steps
+            shift = steps @ (inverse @ slope) / 2.0
+            while not np.all(place + shift > 0.0):
+                shift = shift / 2.0
+            gained = self.at(place + shift) - here
+            if gained <= _SEEN:
+                break
+            place = place + shift
+        return place, covariance
 
-def _coefficients(model: Fitted, name: str) -> dict[str, float]:
-    _, effect = effect_for(name, model.observer.device.axes)
-    bare = {c.name.partition(":")[0] for c in effect.coefficients}
-    return {symbol: value for symbol, value in coefficients_of(model.observer)[name].items() if symbol in bare}
+    def moves(self, place: Array, index: int, deviation: float) -> Array:
+        """By how much one unit of a parameter moves each coefficient (k,)."""
+        aside = np.eye(len(place))[index] * deviation
+        below, above = (self._at(place + side * aside) for side in (-1.0, 1.0))
+        return np.asarray((above - below) / (2.0 * deviation)) if deviation > 0.0 else np.zeros_like(above)
+
+    def _at(self, place: Array) -> Array:
+        self.at(place)
+        return self.seen[place.tobytes()][1]
+
+    def _coefficients(self, model: Fitted) -> Array:
+        _, effect = effect_for(self.name, self.device.axes)
+        found = coefficients_of(model.observer)[self.name]
+        return np.array([found[c.name.partition(":")[0]] for c in effect.coefficients])

@@ -36,7 +36,7 @@ def free_run_error(
     hold(observer)
     seen = observer.record["noise"].copy()
     length = min(len(record), _MOST)
-    begin = settling(settings, device)
+    begin = min(settling(settings, device), length // 4)
     run(observer, record.part(slice(0, min(begin, length))))
     errors = []
     while begin + followed + free <= length:

@@ -17,7 +17,7 @@ from estimator.settings import ControllerSettings, Device, Gain, ObserverSetting
 from estimator.trace.candidates import Parameters, watch_list
 from estimator.trace.evidence import Evidence, evidence, likeness
 from estimator.trace.fitting import Effects, Fitted, coefficients_of, fit, foresight, parameters_of
-from estimator.trace.parameters import Searched, refine_parameters
+from estimator.trace.parameters import NOTHING, Searched, refine_parameters
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan, scan
 
@@ -68,7 +68,7 @@ class Trials:
 
     base: Fitted
     models: Mapping[str, Fitted]
-    searched: Mapping[str, Mapping[str, Searched]]
+    searched: Mapping[str, Searched]
 
     @property
     def best(self) -> str:
@@ -95,7 +95,7 @@ class Selection:
     before: Fitted
     after: Fitted
     gain: Mapping[str, float]
-    searched: Mapping[str, Mapping[str, Searched]]
+    searched: Mapping[str, Searched]
 
     @property
     def samples(self) -> int:
@@ -119,7 +119,7 @@ def select(
     first = model = fit(search.record, device, settings, controller, known)
     rounds: list[Step] = []
     gains: dict[str, float] = {}
-    searched: dict[str, Mapping[str, Searched]] = {}
+    searched: dict[str, Searched] = {}
     progress("effects", 0, MOST)
     look = search.look(model)
     while look.serious and len(rounds) < MOST:
@@ -136,7 +136,7 @@ def select(
         progress("effects", len(rounds), MOST)
         if not sure:
             break
-        gains[best], searched = gain, {**searched, best: trials.searched.get(best, {})}
+        gains[best], searched = gain, {**searched, best: trials.searched.get(best, NOTHING)}
         model, look = trials.models[best], after
     else:
         rounds.append(Step(look.watched, look.evidence, None, {}, {}))
@@ -180,7 +180,7 @@ class Search:
             name: fit(self.record, self.device, self.settings, self.controller, {**effects, name: look.watched[name]})
             for name in names
         }
-        searched: dict[str, Mapping[str, Searched]] = {}
+        searched: dict[str, Searched] = {}
         for name in worth_refining(models, base, look.watched):
             models[name], searched[name] = refine_parameters(
                 self.record, self.device, self.controller, models[name], name

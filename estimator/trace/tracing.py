@@ -91,7 +91,7 @@ def _short(name: str, named: Effects) -> str:
 
 def _found(name: str, named: Effects, selection: Selection, reader: AngleReader) -> Found:
     _, effect = effect_for(name, reader.device.axes)
-    spread = covariance_of(name, selection.after, selection.searched.get(name, {}))
+    spread = covariance_of(name, selection.after, selection.searched[name])
     return Found(
         name=_short(name, named),
         title=effect.title,
@@ -105,7 +105,7 @@ def _found(name: str, named: Effects, selection: Selection, reader: AngleReader)
 
 def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Interval]:
     """Coefficients and searched parameters with their 95 % intervals; a coefficient moves with the parameters."""
-    model, searched = selection.after, selection.searched.get(name, {})
+    model, searched = selection.after, selection.searched[name]
     _, effect = effect_for(name, device.axes)
     given = selection.effects[name]
     covariance = covariance_of(name, model, searched)
@@ -114,8 +114,8 @@ def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Int
         symbol = c.name.partition(":")[0]
         intervals[symbol] = _interval(given[symbol], float(np.sqrt(covariance[i, i])), c.unit)
     for p in effect.parameters:
-        if p.name in searched:
-            intervals[p.name] = _interval(given[p.name], widening(model) * searched[p.name].deviation, p.unit)
+        if p.name in searched.names:
+            intervals[p.name] = _interval(given[p.name], widening(model) * searched.deviation(p.name), p.unit)
     return intervals
 
 

@@ -244,6 +244,13 @@ def test_repeats_of_the_drive_tell_the_noise_of_the_sense() -> None:
     assert floor.repeated_noise(sense, np.zeros((3000, 1))) is None
 
 
+def test_short_repeats_are_not_quiet_by_chance() -> None:
+    random = np.random.default_rng(5)
+    drive = np.tile([[1.0], [0.0], [-1.0], [0.0]], (2500, 1))
+    sense = drive + 0.01 * random.standard_normal(drive.shape)
+    assert floor.repeated_noise(sense, drive) == pytest.approx([0.01], rel=0.06)
+
+
 def test_gaps_are_no_findings() -> None:
     series = white(20000, 2, 14)
     series[np.random.default_rng(15).random(20000) < 0.01] = np.nan

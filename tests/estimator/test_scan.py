@@ -10,11 +10,11 @@ from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.observer import Observer
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.evidence import evidence, likeness
-from estimator.trace.examination import hold
 from estimator.trace.fitting import run
 from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
+from estimator.trace.start import hold
 
 OMEGA0 = 2 * np.pi * 200.0
 K = OMEGA0**2

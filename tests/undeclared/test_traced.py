@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,9 +23,8 @@ pytestmark = pytest.mark.slow  # closed loops, and whole traces of them
 SAMPLES = 24_000
 
 
-def traced(order: Order, folder: Path) -> Judgement:
-    """Record, trace (what `hil trace` does, less its report), judge."""
-    place = make(order, folder, SAMPLES)
+def said_of(place: Path) -> dict[str, Any]:
+    """What `hil trace` says of a record, less its report."""
     capture, bench = read_capture(place / "capture.arrow"), load_bench(place / "bench.toml")
     found = engine.trace(
         tracing.record_of(capture),
@@ -33,8 +33,14 @@ def traced(order: Order, folder: Path) -> Judgement:
         replay.control_of(bench, capture),
         split=round(0.6 * SAMPLES),
     )
-    said = json.loads(to_model(found, record="", bench="").model_dump_json(by_alias=True))
-    return judge(json.loads((place / "truth.json").read_text()), said)
+    said: dict[str, Any] = json.loads(to_model(found, record="", bench="").model_dump_json(by_alias=True))
+    return said
+
+
+def traced(order: Order, folder: Path) -> Judgement:
+    """Record, trace, judge."""
+    place = make(order, folder, SAMPLES)
+    return judge(json.loads((place / "truth.json").read_text()), said_of(place))
 
 
 @pytest.mark.parametrize(
@@ -48,6 +54,25 @@ def test_an_effect_nobody_declared_is_named(effect: str, tmp_path: Path) -> None
     assert judged.after is not None
     assert judged.before is not None
     assert judged.after < judged.before
+
+
+@pytest.mark.parametrize("effect", ["interference", "sense_clipping"])
+def test_what_was_searched_for_lies_in_its_interval(effect: str, tmp_path: Path) -> None:
+    judged = traced(Order("single", (effect,), 0, draw=2), tmp_path)
+    assert judged.first_class, judged.named
+    if judged.first_member:
+        assert {"omega", "level"} & judged.covered.keys()
+    assert {symbol: error for symbol, error in judged.error.items() if abs(error) > 1.3} == {}
+
+
+def test_what_cannot_be_undone_is_bounded(tmp_path: Path) -> None:
+    said = said_of(make(Order("single", ("cubic_stiffness",), 1, draw=2), tmp_path, SAMPLES))
+    (found,) = said["effects"]
+    assert 0.0 < found["angle_bound_rad"] < 0.1 * said["angle_moved_rad"]
+    held_out = said["held_out"]
+    assert held_out["after"]["simulation_rmse"] < held_out["before"]["simulation_rmse"]
+    assert len(said["reasons"]) == 2
+    assert "none of the" in said["reasons"][1]
 
 
 @pytest.mark.parametrize("number", [0, 1])
