@@ -33,7 +33,7 @@ from hil.records.capture import board_layout, import_layout
 from hil.records.stream import BlockWriter
 from hil.strict_toml import parse_table
 
-SAMPLES = 80_000
+SAMPLES = 60_000
 
 
 @dataclass(frozen=True)

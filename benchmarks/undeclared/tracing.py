@@ -1,22 +1,22 @@
-"""`hil trace` on the records, each without its truth; answers are kept beside the record, so that it can go on.
+"""What `hil trace` says of the records, each without its truth; answers are kept beside them, so that it can go on.
 
 FOLDER/NAME/diagnosis.json   what tracing said
-FOLDER/NAME/traced.json      by which estimator, how long it took, how it ended
+FOLDER/NAME/traced.json      by which estimator, how long it took, why it was refused, if it was
 """
 
 import hashlib
 import json
 import os
 import shutil
-import subprocess
-import sys
 import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 from benchmarks.row import Say
+from hil.errors import InputError
 from hil.records.atomic import write_text
+from hil.trace import trace_file
 
 _ROOT = Path(__file__).parents[2]
 
@@ -26,36 +26,33 @@ def trace_all(places: list[Path], jobs: int, keep: bool, say: Say) -> None:
     tracer = estimator_digest()
     waiting = [place for place in places if not _done(place, None if keep else tracer)]
     begin = time.monotonic()
-    with ThreadPoolExecutor(jobs) as pool:  # each trace is a process of its own
+    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         running = {pool.submit(trace_one, place, tracer): place for place in waiting}
         for done, future in enumerate(as_completed(running), 1):
             say(f"{done}/{len(waiting)} {running[future].name}: {future.result()}, {time.monotonic() - begin:.0f} s")
 
 
 def trace_one(place: Path, tracer: str) -> str:
-    """Trace one record from its capture and bench file; returns the verdict, or why there is none."""
+    """Trace one record from its capture and bench file as `hil trace` does; the verdict, or why there is none."""
     begin = time.monotonic()
-    command = [sys.executable, "-m", "hil", "trace", str(place / "capture.arrow"), "--bench", str(place / "bench.toml")]
-    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    done = subprocess.run(
-        [*command, "--out", str(place / "traces"), "--json", "--no-report"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=_ROOT,
-        env=os.environ | one_thread,
-    )
-    shutil.rmtree(place / "traces", ignore_errors=True)
-    said: dict[str, Any] = json.loads(done.stdout) if done.returncode in (0, 1) and done.stdout.strip() else {}
-    last = (done.stderr.strip().splitlines() or [""])[-1]
-    if said:
-        write_text(place / "diagnosis.json", json.dumps(said, indent=1))
+    (place / "diagnosis.json").unlink(missing_ok=True)
+    said = ""
+    try:
+        traced = trace_file(
+            place / "capture.arrow", place / "bench.toml", place / "traces",
+            name=None, fraction=None, report=False, progress=lambda _: None,
+        )  # fmt: skip
+    except InputError as refusal:
+        said = str(refusal)
     else:
-        (place / "diagnosis.json").unlink(missing_ok=True)
-    note = {"tracer": tracer, "seconds": round(time.monotonic() - begin, 1), "exit": done.returncode, "said": last}
+        shutil.move(traced.folder / "diagnosis.json", place / "diagnosis.json")
+    shutil.rmtree(place / "traces", ignore_errors=True)
+    note = {"tracer": tracer, "seconds": round(time.monotonic() - begin, 1), "refused": said}
     write_text(place / "traced.json", json.dumps(note, indent=1))
-    named = "+".join(effect["name"] for effect in said.get("effects", ()))
-    return f"{said['verdict']} {named}" if said else f"exit {done.returncode}: {last}"
+    if said:
+        return f"refused: {said}"
+    return f"{traced.diagnosis.verdict} {'+'.join(effect.name for effect in traced.diagnosis.effects)}"
 
 
 def estimator_digest() -> str:

@@ -11,9 +11,8 @@ from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
 from estimator.trace.fitting import Fitted
 from estimator.trace.record import Record
-from estimator.trace.selection import Selection
+from estimator.trace.selection import MOST, Selection
 
-_NAMED = 3  # effects at most: more of them are a patchwork
 _START = 8  # cycles until a start from the declared guess is over
 _LEVEL = 0.05  # of the predicted power, above it
 _PREDICTABLE = 0.02  # of the power, from the innovations before
@@ -33,8 +32,8 @@ def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple
     cycle = max(int(sample_rate / resonance_hz), 1)
     series = steadied(model, _START * cycle, cycle)
     reasons = []
-    if len(selection.gain) > _NAMED:
-        reasons.append(f"it takes {len(selection.gain)} effects to bring the residual down: none of them is the cause")
+    if selection.patchwork:
+        reasons.append(f"it takes more than {MOST} effects to bring the residual down: none of them is the cause")
     excess = power_over_prediction(model, series, record, _START * cycle, sample_rate, resonance_hz) - 1.0
     if excess > _LEVEL:
         reasons.append(f"the innovation is {np.sqrt(excess + 1.0):.3g} × what its prediction and the noise floor allow")

@@ -19,8 +19,10 @@ _ROUNDS = 12
 _TOGETHER = 8
 _SHARE = 0.1  # first step of a threshold, a corner or a damping ratio
 _BIN = 0.5  # first step of a frequency, over the record's length
-_NEAR = 0.1  # standard deviations from the top of the parabola: near enough
+_NEAR = 0.2  # standard deviations from the top of the parabola: near enough
 _FINE = 3.0  # standard deviations of a step over which the likelihood is a parabola
+_HOPE = 4.0  # times what the parameters so far have gained may still be gained by the others …
+_START = 300.0  # … and what a start from a wide spread may take off a likelihood
 _SEEN = 0.5  # of twice the log-likelihood: less says nothing
 
 
@@ -50,11 +52,14 @@ def refine_parameters(
     controller: ControllerSettings | None,
     model: Fitted,
     name: str,
+    *,
     before: Searched | None = None,
+    to_beat: float = -np.inf,
 ) -> tuple[Fitted, Searched]:
     """`model` with the parameters of its effect `name` improved, and how surely they are known.
 
-    before: how surely they were found earlier, with less of the record or fewer effects.
+    before: how surely they were found earlier, with less of the record or fewer effects; to_beat: twice the
+    log-likelihood that another model has: one that comes nowhere near it is left as it is.
     """
     _, effect = effect_for(name, device.axes)
     given = model.settings.effects[name]
@@ -71,6 +76,10 @@ def refine_parameters(
     top, deviation = start, np.zeros(len(names))
     for i in range(len(names)):
         top, deviation[i] = hill.climb(top, i, float(width[i]))
+        if model.likelihood + _HOPE * (hill.highest - hill.at(start)) + _START < to_beat:
+            return hill.fitted(top), Searched(
+                names, np.diag(deviation**2), np.zeros((len(effect.coefficients), len(names)))
+            )
     covariance = np.diag(deviation**2)
     if len(names) > 1 and np.all(deviation > 0.0):
         top, covariance = hill.together(top, deviation)

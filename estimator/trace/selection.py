@@ -21,13 +21,16 @@ from estimator.trace.parameters import NOTHING, Searched, refine_parameters
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan, scan
 
-MOST = 4
+MOST = 3
+"""Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
+
 CHANCE = 1e-4  # of naming anything on a record to which nothing is to be added
 _LOCKED = 0.03  # of the amplitude: an innovation larger than that makes the linear scan unsure
 _SAME = 0.97  # likeness above which a candidate is tried for itself beside the best
 _SERIOUS = 0.5  # of the best gain: a candidate with that much is tried as well
 _NEAR = 0.9  # of the best gain: parameters are improved before the choice
 _TRIED = 5
+_LEFT = 0.01  # of the best gain: less is a matter for a second effect
 _WIDER = 8  # tried beside, where the best does not explain everything
 _LEARNT = 2.0 / 3.0  # of the record: what an effect explains of it must be borne out by the rest
 _PROPORTION = 0.25
@@ -87,7 +90,8 @@ class Trials:
 @dataclass(frozen=True)
 class Selection:
     """Effects in the order in which they were taken, with their coefficients; the rounds; models before and after;
-    what each gained; how surely the parameters that were searched for are known.
+    what each gained; how surely the parameters that were searched for are known; whether there are as many as may be
+    and still something is left.
     """
 
     effects: Effects
@@ -96,6 +100,7 @@ class Selection:
     after: Fitted
     gain: Mapping[str, float]
     searched: Mapping[str, Searched]
+    patchwork: bool
 
     @property
     def samples(self) -> int:
@@ -125,9 +130,10 @@ def select(
     while look.serious and len(rounds) < MOST:
         trials = search.tried(model, look, shortlist(look.seen, look.serious))
         after = search.look(trials.models[trials.best])
-        if after.serious:  # it does not explain everything: would another that came into question have done better?
+        left = max((item.gain for item in after.serious), default=0.0)
+        if not rounds and left > _LEFT * trials.gains[trials.best]:  # would another have explained that, too?
             usual = trials.best
-            trials |= search.tried(model, look, second_thoughts(look.evidence, trials.models))
+            trials |= search.tried(model, look, second_thoughts(look.evidence, trials.models), trials.gains[usual])
             after = after if trials.best == usual else search.look(trials.models[trials.best])
         best, gain = trials.best, trials.gains[trials.best]
         sure = gain > surprise(search.degrees(best), len(look.evidence)) and search.carries_over(trials, best)
@@ -140,18 +146,21 @@ def select(
         model, look = trials.models[best], after
     else:
         rounds.append(Step(look.watched, look.evidence, None, {}, {}))
-    effects, gains = prune(search.record, device, controller, model, known, gains)
+    patchwork = len(gains) == MOST and bool(look.serious)
+    effects: Effects = coefficients_of(model.observer)
+    if not patchwork:
+        effects, gains = prune(search.record, device, controller, model, known, gains)
     whole = len(record) > len(search.record)
     before = fit(record, device, settings, controller, known) if whole else first
-    after_all = (
+    last = (
         fit(record, device, model.settings, controller, effects)
         if whole or len(effects) < len(model.observer.effects)
         else model
     )
-    if whole or len(gains) > 1:  # what one parameter should be depends on the record and on what else is carried
-        for name in gains:
-            after_all, searched[name] = refine_parameters(record, device, controller, after_all, name, searched[name])
-    return Selection(coefficients_of(after_all.observer), tuple(rounds), before, after_all, gains, searched)
+    if not patchwork and (whole or len(gains) > 1):
+        for name in gains:  # what a parameter should be depends on the record and on what else is carried
+            last, searched[name] = refine_parameters(record, device, controller, last, name, before=searched[name])
+    return Selection(coefficients_of(last.observer), tuple(rounds), before, last, gains, searched, patchwork)
 
 
 @dataclass(frozen=True)
@@ -173,17 +182,21 @@ class Search:
         seen = scan(record, device, carried, controller, watched, model.observer)
         return Look(watched, seen, evidence(seen))
 
-    def tried(self, base: Fitted, look: Look, names: list[str]) -> Trials:
-        """Models with each of these beside what `base` carries; parameters of those near the best are searched."""
+    def tried(self, base: Fitted, look: Look, names: list[str], reached: float = -np.inf) -> Trials:
+        """Models with each of these beside what `base` carries; parameters of those near the best are searched.
+
+        reached: the gain of the best that was tried before.
+        """
         effects = coefficients_of(base.observer)
         models = {
             name: fit(self.record, self.device, self.settings, self.controller, {**effects, name: look.watched[name]})
             for name in names
         }
         searched: dict[str, Searched] = {}
-        for name in worth_refining(models, base, look.watched):
+        for name in worth_refining(models, base, reached, look.watched):
+            best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
             models[name], searched[name] = refine_parameters(
-                self.record, self.device, self.controller, models[name], name
+                self.record, self.device, self.controller, models[name], name, to_beat=best
             )
         return Trials(base, models, searched)
 
@@ -278,11 +291,13 @@ def second_thoughts(found: Mapping[str, Evidence], tried: Mapping[str, Fitted]) 
     return names[:_WIDER]
 
 
-def worth_refining(models: Mapping[str, Fitted], base: Fitted, watched: Mapping[str, Parameters]) -> list[str]:
+def worth_refining(
+    models: Mapping[str, Fitted], base: Fitted, reached: float, watched: Mapping[str, Parameters]
+) -> list[str]:
     """Of those that come near the best, the ones with parameters; of two of a kind, or with the same parameters, the
     better.
     """
-    leading = max((fitted.likelihood for fitted in models.values()), default=-np.inf) - base.likelihood
+    leading = max(reached, *(fitted.likelihood - base.likelihood for fitted in models.values()))
     near = [name for name, fitted in models.items() if fitted.likelihood - base.likelihood > _NEAR * leading]
     near.sort(key=lambda name: -models[name].likelihood)
     taken: list[str] = []
