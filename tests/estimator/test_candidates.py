@@ -1,0 +1,48 @@
+"""What is looked for on a record: modes from the drive's response, labels that stay apart, second thoughts."""
+
+import numpy as np
+import pytest
+
+from estimator.trace.candidates import resonance
+from estimator.trace.evidence import Evidence
+from estimator.trace.selection import fresh, second_thoughts
+
+
+def mode(omega: float, zeta: float, at: np.ndarray) -> np.ndarray:
+    return np.asarray(1.0 / (omega**2 - at**2 + 2j * zeta * omega * at))
+
+
+@pytest.mark.parametrize(("omega", "zeta"), [(1000.0, 2e-2), (1030.0, 1e-3), (960.0, 8e-3)])
+def test_the_response_to_the_drive_tells_a_mode(omega: float, zeta: float) -> None:
+    at = np.arange(900.0, 1101.0, 12.5)
+    responses = [size * mode(omega, zeta, at) for size in (3.0, -0.7)]
+    noise = np.random.default_rng(1).standard_normal((2, 2, len(at))) * 2e-3 * np.max(np.abs(responses))
+    seen = resonance(at, [r + n[0] + 1j * n[1] for r, n in zip(responses, noise, strict=True)])
+    assert seen is not None
+    assert seen[0] == pytest.approx(omega, rel=2e-3)
+    assert seen[1] == pytest.approx(zeta, rel=0.2, abs=5e-4)
+
+
+def test_a_flat_response_tells_none() -> None:
+    at = np.arange(900.0, 1101.0, 12.5)
+    random = np.random.default_rng(2)
+    assert resonance(at, [1.0 + 0.01 * random.standard_normal(len(at)) + 0j]) is None
+
+
+def test_a_line_at_another_frequency_gets_a_label_of_its_own() -> None:
+    carried = {"interference:1": {"lcx": 1.0, "omega": 500.0}, "sense_gain": {"gy": 0.1}}
+    watched = {
+        "interference:1": {"omega": 700.0},
+        "interference:2": {"omega": 500.1},
+        "sense_gain": {},
+        "drive_gain": {},
+    }
+    assert fresh(watched, carried, span=10.0) == {"interference:3": {"omega": 700.0}, "drive_gain": {}}
+
+
+def test_second_thoughts_are_of_every_other_kind_once() -> None:
+    def item(name: str, gain: float) -> Evidence:
+        return Evidence(name, gain, 1, 1.0, np.zeros(1), np.ones(1))
+
+    found = {name: item(name, 9.0) for name in ("drag", "interference:1", "interference:2", "dry_friction")}
+    assert second_thoughts(found, {"drag": None}) == ["interference:1", "dry_friction"]  # type: ignore[dict-item]
