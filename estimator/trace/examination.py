@@ -54,13 +54,10 @@ def examine(
         parts.append(analyse(part.innovation, part.innovation_deviation, part, record.part(rows), resonance))
     (fitted, findings, _), (held_out, _, _) = parts
     whole = analyse_spectrum(estimates, parts)
-    alone = [
-        free_run_error(record.part(rows), device, settings, controller, effects)
-        for rows in (slice(0, split), slice(split, len(record)))
-    ]
+    alone = free_run_error(record, device, settings, controller, effects)
     fitted, held_out = (
-        replace(fit, simulation_rmse=float(np.sqrt(np.nanmean(error**2))) if len(error) else None)
-        for fit, error in zip((fitted, held_out), alone, strict=True)
+        replace(fit, simulation_rmse=float(np.sqrt(np.nanmean(error**2))) if np.any(np.isfinite(error)) else None)
+        for fit, error in ((fitted, alone[:split]), (held_out, alone[split:]))
     )
     return Examination(
         scored(fitted, record, estimates, begin, every),
