@@ -75,8 +75,15 @@ class Trials:
 
     @property
     def best(self) -> str:
-        """Whose likelihood is largest."""
-        return max(self.models, key=lambda name: self.models[name].likelihood)
+        """Whose likelihood is largest, once each number it has is paid for (Schwarz, Annals of Statistics 6(2), 1978):
+        a drive that saturates at nothing is one of another gain, with a limit too many.
+        """
+        return max(self.models, key=lambda name: self.models[name].likelihood - self._price(name))
+
+    def _price(self, name: str) -> float:
+        _, effect = effect_for(name, self.base.observer.device.axes)
+        numbers = len(effect.coefficients) + len(effect.parameters)
+        return numbers * float(np.log(self.base.estimates.innovation.size))
 
     @property
     def gains(self) -> dict[str, float]:
