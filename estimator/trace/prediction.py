@@ -5,7 +5,6 @@ delays, memories of effects and the rate as last estimated all stay in play, as 
 """
 
 from dataclasses import replace
-from itertools import chain, repeat
 
 import numpy as np
 
@@ -30,21 +29,20 @@ def free_run_error(
 ) -> Array:
     """What free runs of `FREE` cycles were off by at their samples, (n, axes) V; NaN where the record was followed."""
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
-    free, followed = round(FREE * cycle), round(_FOLLOWED * FREE * cycle)
+    free = round(FREE * cycle)
     fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
     observer = Observer(device, replace(settings, gain=fading, effects=dict(effects)), controller)
     hold(observer)
     seen = observer.record["noise"].copy()
     errors = np.full((len(record), device.axes), np.nan)
-    begin = 0
-    for pause in chain((min(settling(settings, device), len(record) // 8),), repeat(followed)):
-        run(observer, record.part(slice(begin, begin + pause)))
-        begin += pause
-        if begin + free > len(record):
-            return errors
+    begin = max(min(settling(settings, device), len(record) // 8), 1)
+    run(observer, record.part(slice(0, begin)))
+    while begin + free <= len(record):
         rows = slice(begin, begin + free)
         observer.record["noise"] = seen * _UNSEEN
         errors[rows] = run(observer, record.part(rows)).innovation
         observer.record["noise"] = seen
-        begin += free
-    raise AssertionError
+        begin = rows.stop + _FOLLOWED * free
+        if begin + free <= len(record):
+            run(observer, record.part(slice(rows.stop, begin)))
+    return errors
