@@ -70,7 +70,7 @@ def refine_parameters(
     start = np.array([given[which] for which in names])
     alone = names == ("omega",)
     width = np.full(1, _BIN / float(np.sum(record.step))) if alone else _SHARE * start
-    if before is not None:
+    if before is not None and before.names:
         known = np.sqrt(np.diagonal(before.covariance))
         width = np.where(known > 0.0, np.minimum(width, _FINE * known), width)
     top, deviation = start, np.zeros(len(names))

@@ -1,0 +1,51 @@
+"""A frequency that no filter estimates is found where it is, with an interval that says how surely."""
+
+import numpy as np
+import pytest
+
+from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.trace.fitting import fit
+from estimator.trace.parameters import NOTHING, refine_parameters
+from estimator.trace.record import Record
+from estimator.trace.separation import EXPERIMENTS, loop_record
+
+K = (2 * np.pi * 200.0) ** 2
+NOISE, OMEGA = 9e-5, 777.0
+DEVICE = Device(
+    sample_rate=4000.0,
+    stiffness=(K, K, 0.0),
+    damping=(1.3, 1.1, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, -890.0),
+    noise=(NOISE, NOISE),
+    target_stiffness=K,
+)
+SETTINGS = ObserverSettings(
+    gain=Gain.EKF,
+    spread=Spread(offset=1e-3, rate=0.1, stiffness=1e-4, damping=0.01),
+    process_noise=ProcessNoise(rate=0.5),
+    initial={"x": 1e-4, "vx": 0.0},
+)
+
+
+def with_a_line(amplitude: float) -> Record:
+    dithered = next(experiment for experiment in EXPERIMENTS if experiment.name == "dither")
+    record = loop_record(dithered, DEVICE, SETTINGS, latency=1)
+    line = amplitude * np.sin(OMEGA * record.time)[:, None]
+    return Record(record.sense + line, record.drive, record.step, record.channels)
+
+
+@pytest.mark.parametrize("earlier", [None, NOTHING])
+def test_a_frequency_is_found_within_its_bound(earlier: object) -> None:
+    """Its deviation is that of a line in white noise, √(24/n) 2σ/(a T) for one channel (Rife & Boorstyn 1974)."""
+    amplitude = 20 * NOISE
+    record = with_a_line(amplitude)
+    span = len(record) / DEVICE.sample_rate
+    started = fit(record, DEVICE, SETTINGS, None, {"interference": {"omega": OMEGA + 0.3 / span}})
+    found, searched = refine_parameters(record, DEVICE, None, started, "interference", before=earlier)  # type: ignore[arg-type]
+    omega = found.settings.effects["interference"]["omega"]
+    bound = np.sqrt(24.0 / len(record) / 2) * NOISE / amplitude / span  # two channels, phase and amplitude unknown
+    assert searched.names == ("omega",)
+    assert searched.deviation("omega") == pytest.approx(bound, rel=0.35)
+    assert abs(omega - OMEGA) < 3.0 * searched.deviation("omega")
+    assert found.likelihood > started.likelihood
