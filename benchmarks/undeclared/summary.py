@@ -25,12 +25,16 @@ def summarise(judged: Sequence[Judgement]) -> dict[str, Any]:
             "told_apart": sum(j.alone for j in single),
             "member_first_where_told_apart": sum(j.first_member and j.alone for j in single),
             "coefficients": sum(len(j.covered) for j in single),
-            "down_to_noise": sum(j.after is not None and j.after <= CONFIDENT for j in single),
+            "down_to_noise": _down_to_noise(single),
             "adequate": sum(j.verdict == "adequate" for j in single),
             "misnamed": sum(j.misnamed for j in single),
             "surplus": sum(j.surplus > 0 for j in single),
         },
-        "clean": {"n": len(clean), "adequate": sum(j.verdict == "adequate" for j in clean)},
+        "clean": {
+            "n": len(clean),
+            "adequate": sum(j.verdict == "adequate" for j in clean),
+            "down_to_noise": _down_to_noise(clean),
+        },
         "outside": {
             "n": len(outside),
             "not_misnamed": sum(not j.misnamed for j in outside),
@@ -81,6 +85,10 @@ def ratios(judged: Iterable[Judgement]) -> dict[str, tuple[float, float, float]]
         if j.innovation_ratio is not None:
             rows.setdefault(j.row, []).append(j.innovation_ratio)
     return {row: (min(r), statistics.median(r), max(r)) for row, r in sorted(rows.items())}
+
+
+def _down_to_noise(judged: Iterable[Judgement]) -> int:
+    return sum(j.after is not None and j.after <= CONFIDENT for j in judged)
 
 
 def _categories(judged: Iterable[Judgement]) -> list[str]:

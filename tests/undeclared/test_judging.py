@@ -142,7 +142,7 @@ def test_confusion_counts_what_was_named_first() -> None:
         "(nothing)": {"adequate": 1, "sense_gain": 1},
         "sense_gain": {"sense_gain": 1},
     }
-    assert summary["clean"] == {"n": 2, "adequate": 1}
+    assert summary["clean"] == {"n": 2, "adequate": 1, "down_to_noise": 2}
     assert [j.right for j in judged] == [True, False, True]
 
 
