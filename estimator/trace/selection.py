@@ -35,7 +35,7 @@ _WIDER = 8  # tried beside, where the best does not explain everything
 _LEARNT = 2.0 / 3.0  # of the record: what an effect explains of it must be borne out by the rest
 _PROPORTION = 0.25
 _APART = 30.0  # rad over the record: closer than that two frequencies are one
-_COMPARED = 200_000  # samples on which candidates are compared
+_COMPARED = 150_000  # samples on which candidates are compared
 
 
 @dataclass(frozen=True)

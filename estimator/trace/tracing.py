@@ -21,7 +21,7 @@ from estimator.trace.record import Record
 from estimator.trace.selection import Selection, kind, select, threshold
 from estimator.trace.separation import separations
 
-_READ = 200_000  # samples in which the angle is read once for each possibility
+_READ = 100_000  # samples in which the angle is read once for each possibility
 _TWO_SIDED = float(norm.ppf(0.975))
 
 
