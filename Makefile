@@ -1,16 +1,17 @@
 # Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
-# make demo · make test · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make install
+# make demo · make test · make coverage · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make install
 
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
 
-.PHONY: help install demo test test-vcan quick check bench undeclared measured
+.PHONY: help install demo test coverage test-vcan quick check bench undeclared measured
 
 help:
 	@echo "make demo     close the loop in real time, trace what the model lacks, close it again with it"
-	@echo "make test     all tests, with coverage"
+	@echo "make test     all tests"
 	@echo "make test-vcan  those of them that need a CAN interface, in user-mode Linux where the kernel has no CAN"
+	@echo "make coverage all tests again, and which lines they run"
 	@echo "make quick    the tests of daily work, under a minute"
 	@echo "make check    lint, types, import contracts"
 	@echo "make bench    measured speed, into runs/bench.json"
@@ -24,8 +25,11 @@ demo: $(STAMP)
 	$(BIN)/hil demo
 
 test: $(STAMP)
-	$(BIN)/python -m pytest --cov --cov-report=term
+	$(BIN)/python -m pytest
 	$(BIN)/python -m tests.vcan --quiet
+
+coverage: $(STAMP)
+	$(BIN)/python -m pytest --cov --cov-report=term
 
 test-vcan: $(STAMP)
 	$(BIN)/python -m tests.vcan --quiet
