@@ -15,7 +15,7 @@ from estimator.hold import drive_polynomials
 from estimator.trace.record import Record
 from estimator.trace.tracing import trace
 from hil.bench import Bench, override
-from hil.loop.declared import device_of, observer_settings_of
+from hil.declared import device_of, observer_settings_of
 
 SAMPLES, FITTED, SETTLED = 60_000, 0.6, 0.3
 

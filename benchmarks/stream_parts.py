@@ -17,8 +17,8 @@ from benchmarks.stream import EXAMPLE, RATES_HZ, scenario_at
 from estimator.foresight import rehearse
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
 from hil.emulation import emulator
-from hil.loop.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
 from hil.loop.gain import GainLoop
 from hil.loop.tracks import run_layouts
 from hil.loop.worker import configure

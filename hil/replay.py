@@ -13,8 +13,8 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings
 from hil.bench import Bench
+from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
-from hil.loop.declared import device_of, observer_settings_of
 from hil.loop.run import RunResult, conclude, new_folder
 from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts
 from hil.progress import Progress, Watcher

@@ -11,8 +11,8 @@ from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
 from estimator.trace.record import Record
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
+from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
-from hil.loop.declared import device_of, observer_settings_of
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
 from hil.rate_sensor import fitting_rows, trace_rate_sensor

@@ -49,8 +49,8 @@ def init(
     known = {} if like is None else values_of(load_bench(find("bench", like)))
     heading = "A bench file to be filled in."
     if link is not None:
+        from hil.declared import from_identity
         from hil.emulation import located
-        from hil.loop.declared import from_identity
 
         heading, told = from_identity(located(link))
         for section, table in told.items():

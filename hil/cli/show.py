@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hil.demo import Circle
     from hil.records.result import Result
 
-_VERDICT_STYLE = {"good": "green", "failed": "red", "interrupted": "yellow"}
+_VERDICT_STYLE = {"good": "green", "failed": "red", "interrupted": "yellow", "unsafe": "bold white on red"}
 
 
 def say(sentence: str) -> None:

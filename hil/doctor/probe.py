@@ -103,8 +103,8 @@ def _observer() -> "Observer | None":
         return None
     from estimator.observer import Observer
     from hil.bench import load_bench
+    from hil.declared import controller_settings_of, device_of, observer_settings_of
     from hil.examples import find
-    from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
 
     bench = load_bench(find("bench", "s-slow"))
     board = Identity(0, 0, 0, 0, bench.device.sample_rate_Hz, 2, 16, 16, 1e-5, 1e-3, 1, 0)

@@ -19,8 +19,8 @@ from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
+from hil.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.loop.armed import ArmedBoard
-from hil.loop.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.loop.force import Counters
 from hil.loop.target import TargetSteps
 from hil.loop.tracks import estimate_rows, innovation_rows, run_layouts

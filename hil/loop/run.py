@@ -115,13 +115,12 @@ def conclude(
     from hil.records.runfolder import RunFolder
     from hil.records.summary import board_clock, summarise
     from hil.report import write_report
-    from hil.verdict import judge, mishaps
+    from hil.verdict import judge
 
     progress(Progress("report", 0, 0))
     run_folder = RunFolder(folder)
     result = summarise(run_folder)
-    stopped = outcome.get("stopped", "")
-    verdict, reasons = judge(run_folder, result, bench, stopped)
+    judged = judge(run_folder, result, bench, outcome)
     identity = outcome.get("identity")
     result = result.model_copy(
         update={
@@ -129,14 +128,15 @@ def conclude(
             "clock": bench.loop.clock if link is not None else None,
             "mode": bench.loop.mode if link is not None else None,
             "board_clock": board_clock(run_folder) if link is not None else None,
-            "verdict": verdict,
-            "reasons": tuple(reasons),
+            "verdict": judged.verdict,
+            "parts": judged.parts,
+            "reasons": judged.reasons,
             "counters": outcome.get("counters", {}),
             "load": None if "load" not in outcome else Load.model_validate(outcome["load"]),
             "versions": {name: version(name) for name in _VERSIONS},
             "serial_number": f"{identity['unique_id']:016x}" if identity else None,
             "operator_note": note,
-            "remarks": (*outcome.get("refused", ()), *mishaps(result, outcome.get("counters", {}))),
+            "remarks": judged.remarks,
         }
     )
     save_result(run_folder.result_path, result)

@@ -74,7 +74,7 @@ def connect(order: Order, bench: Bench) -> Link:
 
 def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> None:
     """Clock, watchdog, limits and, in gain mode, filter and dither into the board's registers."""
-    from hil.loop.declared import board_dither_of, board_filter_of, drive_limit_of
+    from hil.declared import board_dither_of, board_filter_of, drive_limit_of
 
     clock = ClockMode[bench.loop.clock.upper()]
     able = Capabilities(identity.capabilities)
@@ -113,7 +113,7 @@ def work(order: Order) -> dict[str, Any]:
     with closing(connect(order, bench)) as link:
         endpoint = Endpoint(link)
         identity = client.connect(endpoint, bench.link.timeout_s)
-        from hil.loop.declared import require_agreement
+        from hil.declared import require_agreement
 
         require_agreement(bench, identity, order.link)
         if order.dry_run:
@@ -128,8 +128,8 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     tell(stage="prepare", done=0, total=0, note=note)
     from estimator.foresight import rehearse
     from estimator.observer import Observer
+    from hil.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
     from hil.loop.clock import EXCHANGES_PER_S, ClockExchanges
-    from hil.loop.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here
 

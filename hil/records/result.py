@@ -1,7 +1,8 @@
 """`result.json`: the figures of a run. Its JSON Schema is published in docs/reference/result.schema.json."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -16,6 +17,28 @@ class _Model(BaseModel):
 NonNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+RunVerdict = Literal["good", "failed", "interrupted", "unsafe"]
+PartOutcome = Literal["good", "complete", "lacks", "failed", "unsafe", "unknown"]
+
+
+class Part(_Model):
+    """One part of a verdict."""
+
+    outcome: PartOutcome = Field(description="unknown: there is nothing to judge it by")
+    reason: str = Field(default="", description="Why, one line")
+    next: str | None = Field(default=None, description="The command or act that comes next")
+
+    @property
+    def against(self) -> bool:
+        """Whether this part speaks against the run."""
+        return self.outcome in ("lacks", "failed", "unsafe")
+
+    @classmethod
+    def of(cls, reasons: Sequence[str], *, good: PartOutcome = "good", bad: PartOutcome = "failed") -> Self:
+        """`good` where there is no reason against, else `bad` with the reasons in one line."""
+        return cls(outcome=bad if reasons else good, reason="; ".join(reasons))
 
 
 class Percentiles(_Model):
@@ -174,7 +197,10 @@ class Result(_Model):
         default=None, description="A bare read and write, paced alike in the same run"
     )
     diagnosis: dict[str, Any] | None = None
-    verdict: Literal["good", "failed", "interrupted"] | None = None
+    verdict: RunVerdict | None = None
+    parts: dict[Literal["safety", "machine", "model", "angle"], Part] = Field(
+        default_factory=dict, description="The verdict of a run in its parts, worst first"
+    )
     reasons: tuple[str, ...] = Field(default=(), description="One line per limit that was not kept")
     score: Score | None = None
     sensor: Sensor | None = Field(default=None, description="A sensor that was recorded, not driven")

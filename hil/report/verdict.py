@@ -17,7 +17,9 @@ class Headline(NamedTuple):
 
 def headline(result: Result) -> Headline:
     """The verdict of result.json, or what can be said without one."""
-    if result.verdict == "failed":
+    if result.verdict == "unsafe":
+        tone, word, parts = "bad", "Unsafe", list(result.reasons)
+    elif result.verdict == "failed":
         tone, word, parts = "bad", "Failed", list(result.reasons) or ["a limit of the bench file was not kept"]
     elif result.verdict == "interrupted" or not result.complete:
         length = f"{count(result.samples)} samples, {significant(result.seconds)} s"

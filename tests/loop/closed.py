@@ -19,8 +19,8 @@ from device_emulator.scenario import load
 from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.clock import ClockExchanges
-from hil.loop.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.force import Counters
 from hil.loop.tracks import run_layouts
 from hil.loop.worker import configure, make_loop

@@ -11,7 +11,7 @@ from benchmarks.undeclared.population import Order
 from benchmarks.undeclared.record import make
 from hil import replay
 from hil.bench import load_bench
-from hil.loop.declared import device_of, observer_settings_of
+from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.records.diagnosis import to_model
 
