@@ -5,6 +5,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hil.bench.calibration import Calibration
 from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix
 
 
@@ -68,6 +69,8 @@ class Device(Section):
     """table [device.sense]"""
     drive: Drive
     """table [device.drive]"""
+    calibration: Calibration = Calibration()
+    """table [device.calibration]"""
 
     @model_validator(mode="after")
     def _axes_agree(self) -> Self:

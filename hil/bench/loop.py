@@ -93,6 +93,8 @@ class Limits(Section):
     """quadrature, as a fraction of the energy, up to which the angle counts as valid"""
     invalid_fraction: Annotated[float, Field(ge=0, le=1)] = 0.05
     """largest share of the scored window at which the angle is not valid"""
+    angle_rad: Positive = 0.1
+    """largest expanded uncertainty (k = 2) of the angle at the end of the scored window"""
     late_fraction: Annotated[float, Field(ge=0, le=1)] = 0.02
     """largest share of late answers"""
     lost_fraction: Annotated[float, Field(ge=0, le=1)] = 0.05

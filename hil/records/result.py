@@ -144,6 +144,19 @@ class Score(_Model):
     )
 
 
+class Contribution(_Model):
+    """One row of the angle's uncertainty budget (JCGM 100): a source, how well it is known, what it does to the angle."""
+
+    source: str
+    value: NonNegative = Field(description="Standard uncertainty of the source, in `unit`")
+    unit: str
+    sensitivity: str = Field(description="How it reaches the angle, in words and figures")
+    contribution_rad: NonNegative = Field(
+        description="Standard uncertainty of the angle by this source, at the end of the scored window"
+    )
+    assumed: bool = Field(default=False, description="The bench file declares nothing: a usual value was taken")
+
+
 class Channel(_Model):
     """One axis of a rate-output sensor over a record."""
 
@@ -183,6 +196,14 @@ class Result(_Model):
         default=None, description="Reported angle minus true rotation, zero at the start of the scored window"
     )
     rate_error_rms_rad_s: NonNegative | None = None
+    angle_u_rad: NonNegative | None = Field(
+        default=None,
+        description="Expanded uncertainty (k = 2) of the reported angle at the end of the scored window, the angle "
+        "being zero at its start; null where no angle is reported",
+    )
+    uncertainty: tuple[Contribution, ...] = Field(
+        default=(), description="Its budget: angle_u_rad is twice the root of the sum of the squared contributions"
+    )
     parameters: dict[str, Parameter] = Field(default_factory=dict)
     innovation_rms: NonNegative | None = Field(default=None, description="V, over the scored window and all axes")
     noise_floor: NonNegative | None = Field(
