@@ -145,8 +145,7 @@ class Score(_Model):
 
 
 class Contribution(_Model):
-    """One row of the angle's uncertainty budget (JCGM 100): a source, how well it is known, what that does to the angle.
-    """
+    """One row of the angle's uncertainty budget (JCGM 100): a source, how well it is known, what it does."""
 
     source: str
     value: NonNegative = Field(description="Standard uncertainty of the source, in `unit`")
