@@ -16,7 +16,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="device_emulator", description="An emulated gyro board.")
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="what the board really is (TOML)")
-    parser.add_argument("--link", default="pty", help="how the host reaches it: pty, can:vcan0, udp:239.0.0.1:4242")
+    reached = "how the host reaches it: pty, can:vcan0, udp:GROUP:PORT[?interface=ADDRESS&key=FILE]"
+    parser.add_argument("--link", default="pty", help=reached)
     parser.add_argument("--truth", type=Path, metavar="FILE", help="write the true states here (Arrow)")
     parser.add_argument("--truth-every", type=_positive, default=1, metavar="N", help="one row in N (default 1)")
     parser.add_argument("--seed", type=_seed, metavar="N", help="instead of the scenario's")
@@ -61,6 +62,8 @@ def _serve(options: argparse.Namespace) -> None:
         print(f"ready {link.url}", flush=True)
         line = Line(board, scenario, options.seed) if scenario.faults.on_the_line else None
         Server(board, link, scenario.true_rate_Hz, line).run(stop)
+        if strangers := getattr(link, "strangers", 0):  # of UDP only
+            print(f"device_emulator: {strangers} datagrams of others than the host were dropped", file=sys.stderr)
         if line is not None:
             told = ", ".join(f"{fate} {count}" for fate, count in sorted(line.inflicted.items()))
             print(f"device_emulator: faults inflicted: {told or 'none'}", file=sys.stderr)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from hil.wire.can_format import CAN, FDF, RECORD_SIZE, CanFormat
 from hil.wire.claim import Claim
-from hil.wire.datagram_link import DatagramLink
+from hil.wire.datagram_link import DatagramLink, Source
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import BOARD, HOST, Sender
 
@@ -57,7 +57,7 @@ class CanLink(DatagramLink):
             for at in range(0, len(data), RECORD_SIZE)
         ]
 
-    def _in(self, datagram: bytes) -> bytes:
+    def _in(self, datagram: bytes, source: Source) -> bytes:
         if len(datagram) == RECORD_SIZE:
             return datagram
         identifier, _ = _HEARD.unpack_from(datagram)

@@ -9,6 +9,7 @@ import socket
 import time
 from abc import ABC, abstractmethod
 from contextlib import suppress
+from typing import Any
 
 from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed
@@ -17,6 +18,9 @@ from hil.wire.stamp import ANCILLARY_SIZE, ask_for_stamps, stamp_ns
 
 BATCH = 256
 """Datagrams taken in one call at most."""
+
+Source = Any
+"""Address of a sender; what it is made of depends on the family of the socket."""
 
 _FULL = (errno.ENOBUFS, errno.EAGAIN)
 _ROOM_S = 50e-6  # a full queue of an interface cannot be waited for, only tried again
@@ -82,23 +86,38 @@ class DatagramLink(ABC):
         ever). Raises LinkClosed."""
         if self._wire.fileno() < 0:
             raise LinkClosed(f"{self.name}: the link is closed")
-        if timeout_s != 0.0 and not select.select(self._watch, (), (), timeout_s)[0]:
-            return b""
-        datagrams: list[bytes] = []
-        ancillary: list[tuple[int, int, bytes]] = []
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        while True:
+            if timeout_s != 0.0 and not select.select(self._watch, (), (), timeout_s)[0]:
+                return b""
+            if data := self._take():
+                return data
+            # What came was somebody else's: it must not pass for the peer's silence.
+            if deadline is not None:
+                timeout_s = deadline - time.monotonic()
+                if timeout_s <= 0.0:
+                    return b""
+
+    def _take(self) -> bytes:
+        """All frames that have arrived, BATCH datagrams at most."""
+        frames: list[bytes] = []
+        stamp: list[tuple[int, int, bytes]] = []
         try:
-            while len(datagrams) < BATCH:
-                datagram, ancillary, _, _ = self._wire.recvmsg(65536, ANCILLARY_SIZE)
-                datagrams.append(self._in(datagram))
+            for _ in range(BATCH):
+                datagram, ancillary, _, source = self._wire.recvmsg(65536, ANCILLARY_SIZE)
+                frame = self._in(datagram, source)
+                if frame is not None:
+                    frames.append(frame)
+                    stamp = ancillary
         except BlockingIOError:
             pass
         except OSError as error:
-            if not datagrams:
+            if not frames:
                 raise self._closed(error) from None
-        if not datagrams:
+        if not frames:
             return b""
-        self.arrived_ns = stamp_ns(ancillary)
-        return datagrams[0] if len(datagrams) == 1 else b"".join(datagrams)
+        self.arrived_ns = stamp_ns(stamp)
+        return frames[0] if len(frames) == 1 else b"".join(frames)
 
     def await_host(self) -> None:
         """Be ready for another host: what the last one left unread is dropped. Hosts come and go unseen."""
@@ -120,8 +139,8 @@ class DatagramLink(ABC):
         """The datagrams of one or several frames, and how much of `data` each stands for."""
 
     @abstractmethod
-    def _in(self, datagram: bytes) -> bytes:
-        """The frame in a datagram."""
+    def _in(self, datagram: bytes, source: Source) -> bytes | None:
+        """The frame in a datagram, None if it is to be dropped. `source` is where it came from, as the socket says."""
 
     def _closed(self, error: OSError) -> LinkClosed:
         what = "the link is closed" if error.errno == errno.EBADF else _WORDS.get(error.errno or 0, error.strerror)

@@ -15,7 +15,8 @@ def open_link(url: str) -> Link:
 
     `serial:PATH[?baud=N]` a serial port or the host's end of a pty; `can:NAME[?node=N]` a Linux CAN interface;
     `can:INTERFACE:CHANNEL[?node=N&…]` any other adapter, with the options python-can has for it;
-    `udp:GROUP:PORT[?interface=ADDRESS]` a multicast group; `inproc:SCENARIO` an emulated board in this process.
+    `udp:GROUP:PORT[?interface=ADDRESS&key=FILE]` a multicast group, on loopback unless an interface is named;
+    `inproc:SCENARIO` an emulated board in this process.
 
     Raises:
         LinkError: unknown scheme or option, or the link cannot be opened; one line that names the link and
@@ -97,10 +98,12 @@ def _udp(rest: str, sender: Sender = HOST) -> BoardLink:
     from hil.wire.udp_link import open_udp
 
     place, options = _options(rest)
-    interface = options.pop("interface", None)
-    if options:
-        raise LinkError(f"link 'udp:{rest}': bad option; expected udp:GROUP:PORT or udp:GROUP:PORT?interface=ADDRESS")
-    return open_udp(place, interface, sender)
+    interface, key = options.pop("interface", None), options.pop("key", None)
+    if options or key == "":
+        raise LinkError(
+            f"link 'udp:{rest}': bad option; expected udp:GROUP:PORT or udp:GROUP:PORT?interface=ADDRESS&key=FILE"
+        )
+    return open_udp(place, interface, key, sender)
 
 
 def _inproc(rest: str) -> Link:

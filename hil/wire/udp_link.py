@@ -1,56 +1,182 @@
-"""UDP multicast: a datagram per frame, framed as on a serial line, so that checksum and sequence are checked.
+"""UDP: a datagram per frame, framed as on a serial line, so that checksum and sequence are checked.
 
-A host sends to the group's port, a board to the next one; anybody may listen to either.
+A multicast group and a port are where a board is met: the host sends there, from a port of its own, and the board
+answers to that port, from the interface and the port of the group. Both sockets are held exclusively, so no other
+program of the machine can be taken for either end. Off the machine addresses prove nothing, and a key is needed.
+docs/security.md has the rules.
 """
 
 import errno
 import ipaddress
 import socket
 import struct
-import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
 
 from hil.wire.claim import Claim
-from hil.wire.datagram_link import DatagramLink
+from hil.wire.datagram_link import DatagramLink, Source
 from hil.wire.errors import LinkError
 from hil.wire.frame_format import HOST, Sender
+from hil.wire.key_file import read_key
+from hil.wire.keyed import KeyedBoard, KeyedHost
 from hil.wire.serial_format import SERIAL
+from hil.wire.session import Address, Heard, Peer, PlainBoard, PlainHost
 
-LISTEN_S = 0.05
-"""How long a host listens for another one before it speaks."""
+LOOPBACK = "127.0.0.1"
+"""The interface where none is named."""
 
 _BUFFER = 1 << 22  # bytes to hold while a reader is away; the system may allow less
 _IP_MULTICAST_ALL = 49
+_ADVICE = "is the board on, in the same network, on the same group, port and interface, with the same key?"
 
 
-class UdpLink(DatagramLink):
-    """One end of the conversation."""
+class _HostSession(Protocol):
+    refused: int
+    busy: bool
 
-    def __init__(self, wire: socket.socket, name: str, target: tuple[str, int], claim: Claim) -> None:
-        super().__init__(wire, name, SERIAL, claim, "is the board on, in the same network, on the same group and port?")
-        self._target = target
+    def seal(self, frame: bytes) -> bytes | None: ...
 
-    def _put(self, datagram: bytes) -> None:
-        self._wire.sendto(datagram, self._target)
+    def leave(self) -> bytes | None: ...
+
+    def heard(self, datagram: bytes) -> Heard: ...
+
+
+class _BoardSession(Protocol):
+    refused: int
+
+    def seal(self, frame: bytes) -> bytes | None: ...
+
+    def heard(self, datagram: bytes, *, from_peer: bool, taken: bool) -> Heard: ...
+
+
+class _UdpLink(DatagramLink):
+    """What both ends have in common."""
+
+    def _require_open(self) -> None:
+        if self._wire.fileno() < 0:
+            raise OSError(errno.EBADF, "closed")
 
     def _out(self, data: bytes) -> list[tuple[bytes, int]]:
         if data.find(b"\0", 1) == len(data) - 1:
             return [(data, len(data))]
         return [(b"\0" + run + b"\0", len(run) + 2) for run in data.split(b"\0") if run]
 
-    def _in(self, datagram: bytes) -> bytes:
-        return datagram
+
+class UdpHost(_UdpLink):
+    """The host's end. `board` is where the board speaks from; None where only the key tells.
+
+    Attributes:
+        strangers: datagrams dropped because they came from somebody else.
+    """
+
+    def __init__(
+        self, wire: socket.socket, name: str, group: Address, board: Address | None, session: _HostSession, claim: Claim
+    ) -> None:
+        super().__init__(wire, name, SERIAL, claim, _ADVICE)
+        self._group = group
+        self._board = board
+        self._session = session
+        self._unheard = 0
+
+    @property
+    def strangers(self) -> int:
+        """As the class says."""
+        return self._unheard + self._session.refused
+
+    def close(self) -> None:
+        """Leave the board to the next host, and close the socket; a second call does nothing."""
+        if self._wire.fileno() >= 0 and (last := self._session.leave()) is not None:
+            with suppress(OSError):
+                self._wire.sendto(last, self._group)
+        super().close()
+
+    def _put(self, datagram: bytes) -> None:
+        self._require_open()
+        sealed = self._session.seal(datagram)
+        if sealed is not None:  # nothing but HELLO is said before there is a session
+            self._wire.sendto(sealed, self._group)
+
+    def _in(self, datagram: bytes, source: Source) -> bytes | None:
+        if self._board is not None and source != self._board:
+            self._unheard += 1
+            return None
+        frame, reply, _ = self._session.heard(datagram)
+        if reply:
+            with suppress(OSError):  # HELLO is said again, and with it this
+                self._wire.sendto(reply, self._group)
+        if self._session.busy:
+            self.advice = "another host is using this board; end it there"
+        return frame
 
 
-def open_udp(place: str, interface: str | None, sender: Sender) -> UdpLink:
-    """A link by GROUP:PORT; `interface` is the address of the network interface to use, by default the system's choice.
+class UdpBoard(_UdpLink):
+    """The board's end: hears what is sent to the group, answers by another socket to its one peer.
+
+    Attributes:
+        strangers: datagrams dropped because they came from somebody else.
+    """
+
+    def __init__(
+        self, hears: socket.socket, speaks: socket.socket, name: str, session: _BoardSession, claim: Claim
+    ) -> None:
+        super().__init__(hears, name, SERIAL, claim, _ADVICE)
+        speaks.setblocking(False)
+        self._speaks = speaks
+        self._session = session
+        self._peer = Peer()
+
+    @property
+    def strangers(self) -> int:
+        """As the class says."""
+        return self._session.refused
+
+    def close(self) -> None:
+        """Close both sockets; a second call does nothing."""
+        self._speaks.close()
+        super().close()
+
+    def _put(self, datagram: bytes) -> None:
+        self._require_open()
+        peer = self._peer.address
+        sealed = None if peer is None else self._session.seal(datagram)
+        if peer is not None and sealed is not None:  # or nobody waits for it
+            self._speaks.sendto(sealed, peer)
+
+    def _in(self, datagram: bytes, source: Source) -> bytes | None:
+        peer = self._peer
+        frame, reply, opened = self._session.heard(datagram, from_peer=source == peer.address, taken=peer.taken(source))
+        if reply:
+            with suppress(OSError):
+                self._speaks.sendto(reply, source)
+        if frame is None:
+            return None
+        if not frame:
+            peer.leave()
+            return None
+        if opened or source == peer.address:
+            peer.heard(source)
+        return frame
+
+
+def open_udp(place: str, interface: str | None, key: str | None, sender: Sender) -> UdpHost | UdpBoard:
+    """A link by GROUP:PORT; `interface` is the address of the network interface to use, by default that of the
+    loopback; `key` names a key file, without which the link stays on the loopback.
 
     Raises:
-        LinkError: not a multicast group and port, no such interface, or another host (for a board: another board) is
-            there.
+        LinkError: not a multicast group and port, no such interface, no key for it, a bad key file, or another host
+            (for a board: another board) is there.
     """
-    name = f"udp:{place}" + (f"?interface={interface}" if interface else "")
+    options = "&".join(f"{name}={value}" for name, value in (("interface", interface), ("key", key)) if value)
+    name = f"udp:{place}" + (f"?{options}" if options else "")
     group, port = _parse(place, name)
-    hears, speaks = (port + 1, port) if sender == HOST else (port, port + 1)
+    local = _interface(name, interface)
+    secret = None if key is None else read_key(Path(key).expanduser())
+    if secret is None and not ipaddress.IPv4Address(local).is_loopback:
+        raise LinkError(
+            f"{name}: off this machine anybody could command the board; make a key with `hil key FILE`, give it to "
+            "the board, and add &key=FILE"
+        )
     claim = Claim(
         f"udp/{group}:{port}/{sender}",
         name,
@@ -60,14 +186,22 @@ def open_udp(place: str, interface: str | None, sender: Sender) -> UdpLink:
     )
     try:
         if sender == HOST:
-            _require_silence(name, group, port, interface)
-        return UdpLink(_join(name, group, hears, interface), name, (group, speaks), claim)
+            board = (local, port) if secret is None else None
+            session = PlainHost() if secret is None else KeyedHost(secret)
+            return UdpHost(_bound(name, local, (local, 0), None), name, (group, port), board, session, claim)
+        hears = _bound(name, local, (group, port), group)
+        try:
+            speaks = _bound(name, local, (local, port), None)
+        except LinkError:
+            hears.close()
+            raise
+        return UdpBoard(hears, speaks, name, PlainBoard() if secret is None else KeyedBoard(secret), claim)
     except LinkError:
         claim.release()
         raise
 
 
-def _parse(place: str, name: str) -> tuple[str, int]:
+def _parse(place: str, name: str) -> Address:
     group, _, port = place.rpartition(":")
     try:
         if ipaddress.IPv4Address(group).is_multicast and 0 < int(port) < 65535:
@@ -77,42 +211,38 @@ def _parse(place: str, name: str) -> tuple[str, int]:
     raise LinkError(f"{name}: expected a multicast group and a port, such as udp:239.0.0.1:4242")
 
 
-def _join(name: str, group: str, port: int, interface: str | None) -> socket.socket:
-    """A socket that hears what is sent to the group at this port."""
+def _interface(name: str, interface: str | None) -> str:
+    try:
+        local = ipaddress.IPv4Address(interface or LOOPBACK)
+        if not (local.is_unspecified or local.is_multicast):
+            return str(local)
+    except ValueError:
+        pass
+    raise LinkError(f"{name}: expected the address of one network interface, such as ?interface={LOOPBACK}")
+
+
+def _bound(name: str, local: str, address: Address, group: str | None) -> socket.socket:
+    """A socket that nobody else can have, which sends to groups by the interface `local`; with a `group`, it hears what
+    is sent there on that interface."""
     wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        wire.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # others may listen too
         wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-        wire.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-        wire.bind((group, port))
-        local = socket.inet_aton(interface or "0.0.0.0")
-        wire.setsockopt(
-            socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, struct.pack("4s4s", socket.inet_aton(group), local)
-        )
-        if interface:
-            wire.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, local)
+        wire.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)  # not what other programs have joined
+        wire.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)  # no further than this network
+        wire.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(local))
+        wire.bind(address)
+        if group is not None:
+            joined = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(local))
+            wire.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
     except OSError as error:
         wire.close()
-        raise LinkError(f"{name}: {_cure(error, interface)}") from None
+        raise LinkError(f"{name}: {_cure(error, local, address[1])}") from None
     return wire
 
 
-def _cure(error: OSError, interface: str | None) -> str:
+def _cure(error: OSError, local: str, port: int) -> str:
     if error.errno in (errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL):
-        if interface:
-            return f"no network interface has the address {interface}; see `ip address`"
-        return "no network to send to; name an interface's address, such as ?interface=127.0.0.1"
+        return f"no network interface has the address {local}; see `ip address`"
+    if error.errno == errno.EADDRINUSE:
+        return f"another program has port {port}; end it, or take another port"
     return str(error.strerror or error)
-
-
-def _require_silence(name: str, group: str, port: int, interface: str | None) -> None:
-    """Raise LinkError if a host on another machine is speaking."""
-    with _join(name, group, port, interface) as others:
-        others.settimeout(LISTEN_S)
-        until = time.monotonic() + LISTEN_S
-        try:
-            while time.monotonic() < until:
-                _, (address, _) = others.recvfrom(65536)
-                raise LinkError(f"{name}: the host at {address} is using this board; end it there")
-        except TimeoutError:
-            return
