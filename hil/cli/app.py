@@ -8,6 +8,7 @@ from hil.cli.emulate import emulate
 from hil.cli.export import export
 from hil.cli.import_ import import_
 from hil.cli.init import init
+from hil.cli.key import key
 from hil.cli.record import record
 from hil.cli.replay import replay
 from hil.cli.run import run
@@ -23,5 +24,5 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, import_, export):
+for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, import_, export, key):
     app.command(verb.__name__.rstrip("_"))(verb)

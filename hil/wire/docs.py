@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from hil.wire.framing import CRC_SIZE, HEADER, MAX_ENCODED
+from hil.wire.keyed_page import keyed_page
 from hil.wire.spec import SPEC, Enumeration, Field, Layout
 from hil.wire.stream import REPEAT_WINDOW
 
@@ -149,7 +150,7 @@ _LINKS = (
     ),
     (
         "`udp:239.0.0.1:4242`",
-        "multicast group; a datagram per frame. The host's go to the port, the board's to the next one",
+        "multicast group; a datagram per frame. On loopback unless `?interface=ADDRESS&key=FILE` is added",
         "loses frames when a reader lags; in lockstep a lost one stops both",
     ),
     ("`inproc:SCENARIO`", "emulated board in the same process, the same bytes", "lockstep only"),
@@ -239,7 +240,7 @@ def render() -> str:
     )
     order = "Types are ordered by urgency: on CAN the type goes into the identifier, and the lowest wins."
     parts = [introduction.rstrip(), f"## Messages\n\n{order}", *(_message(m) for m in SPEC.messages.values())]
-    parts += [_can(), _registers(), "## Enumerations", *(_enumeration(e) for e in SPEC.enums.values())]
+    parts += [_can(), keyed_page(), _registers(), "## Enumerations", *(_enumeration(e) for e in SPEC.enums.values())]
     parts += ["## Links", _table(("name", "what it is", "what it cannot do"), _LINKS)]
     return "\n\n".join(parts) + "\n"
 

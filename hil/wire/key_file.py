@@ -71,3 +71,9 @@ def read_key(path: Path) -> bytes:
             "make one with `hil key FILE`"
         )
     return bytes.fromhex(found[1])
+
+
+def as_c(key: bytes) -> str:
+    """The key as an initialised array of C."""
+    rows = [", ".join(f"0x{byte:02X}" for byte in key[at : at + 8]) for at in range(0, len(key), 8)]
+    return f"static const uint8_t key[{len(key)}] = {{\n" + "".join(f"    {row},\n" for row in rows) + "};\n"
