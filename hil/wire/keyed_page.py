@@ -60,8 +60,8 @@ Each end numbers its FRAMEs from 0, one by one, and takes one only if its counte
 it has taken in this session, its tag is right, and, at the board, it comes from the peer. 2⁶⁴ − 1 is the last. What
 is not taken changes nothing and is not answered.
 
-With the key {secret_first:02x} {secret_second:02x} … {secret_last:02x}, host nonce {host_first:02x} …
-{host_last:02x}, board nonce {board_first:02x} … {board_last:02x}:
+With the key {secret_first:02x} {secret_second:02x} … {secret_last:02x},
+host nonce {host_first:02x} … {host_last:02x}, board nonce {board_first:02x} … {board_last:02x}:
 
 | | hex |
 | --- | --- |
