@@ -16,7 +16,6 @@ from estimator.trace.record import Record
 from estimator.trace.start import begin_about
 
 PARTS = 32
-COURSE = 16  # instants of a part at which the angle's sensitivity is kept
 _JUMP = 4.0  # times the usual innovation: what lies around a jump of the rate counts less from there on
 Watched = Mapping[str, Mapping[str, float]]
 
@@ -26,8 +25,7 @@ class Scan:
     """Normal equations of the watched coefficients, by part of the record, scaled to their plausible sizes.
 
     normal (parts, k, k), score (parts, k); columns: those of each watched effect; plausible (k,) SI sizes; innovation
-    and its predicted deviation (n, axes) V; observer: as it stands after the last sample; course (parts · COURSE, k):
-    how far the reported angle would have moved by then, were a coefficient carried, rad for one SI unit of it.
+    and its predicted deviation (n, axes) V; observer: as it stands after the last sample.
     """
 
     columns: dict[str, slice]
@@ -37,7 +35,6 @@ class Scan:
     innovation: Array
     deviation: Array
     observer: Observer
-    course: Array
 
     @property
     def ratio(self) -> float:
@@ -52,13 +49,10 @@ def scan(
     controller: ControllerSettings | None,
     watched: Watched,
     previous: Observer | None = None,
-    *,
-    weighed: bool = True,
 ) -> Scan:
     """Run the observer of `settings` over the record and follow the signatures of the effects in `watched`.
 
     watched: by name, each with its parameters in SI; previous: an observer whose pass over the record came before.
-    Without `weighed`, which takes most of the time, there are no normal equations: zeros.
     Raises ModelError as `Observer` does.
     """
     plain = replace(settings, effects={**settings.effects, **watched})
@@ -76,33 +70,25 @@ def scan(
     rows = np.zeros(len(record), OUTPUT)
     delta = np.zeros((observer.states + len(observer.active), first))
     normal, score = np.zeros((PARTS, first, first)), np.zeros((PARTS, first))
-    turned, course = np.zeros(first), np.zeros((PARTS * COURSE, first))
     edges = np.linspace(0, len(record), PARTS + 1).astype(int)
     level = _JUMP
     for part, (begin, end) in enumerate(pairwise(edges)):
         span = slice(begin, end)
-        equations = np.zeros((device.axes * (end - begin) if weighed else 0, first + 1))
         scan_block(
             observer.record, observer.active, observer.walk, observer.prior, observer.spread, observer.guess,
             observer.table, observer.x, observer.p, observer.c, observer.memory,
-            z[span], u[span], h[span], warmth[span], rows[span], delta, level,
-            equations, turned, course[part * COURSE : (part + 1) * COURSE],
+            z[span], u[span], h[span], warmth[span], rows[span], delta, level, normal[part], score[part],
         )  # fmt: skip
-        if weighed:
-            normal[part] = equations[:, :-1].T @ equations[:, :-1]
-            score[part] = equations[:, :-1].T @ equations[:, -1]
         with np.errstate(invalid="ignore"):
             usual = np.nanmedian(rows["nu"][span, : device.axes] ** 2 / rows["s"][span, : device.axes]) / 0.455
         level = _JUMP * max(1.0, float(usual))
-    factors = observer.factors[len(observer.names) - first :]
     volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
     return Scan(
         columns=columns,
         normal=normal * np.outer(scale, scale),
         score=score * scale,
-        plausible=scale * np.abs(factors),
+        plausible=scale * np.abs(observer.factors[len(observer.names) - first :]),
         innovation=np.where(np.isfinite(record.sense), rows["nu"][:, : device.axes] * volts, np.nan),
         deviation=np.sqrt(rows["s"][:, : device.axes]) * np.abs(volts),
         observer=observer,
-        course=course / factors,
     )

@@ -96,8 +96,8 @@ class Limits(Section):
     angle_rad: Positive = 0.1
     """largest expanded uncertainty (k = 2) of the angle at the end of the scored window"""
     late_fraction: Annotated[float, Field(ge=0, le=1)] = 0.02
-    """largest share of late answers"""
+    """largest share of samples without an answer in time: late, not given, or lost on its way"""
     lost_fraction: Annotated[float, Field(ge=0, le=1)] = 0.05
-    """largest share of samples lost on the way"""
+    """largest share of samples that are not in the record: lost on the way, or not taken while the board was SAFE"""
     residual_safe: Positive = 100.0
     """innovation, in units of the noise, above which the host sends SAFE"""

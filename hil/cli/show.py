@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from hil.demo import Circle
     from hil.records.result import Result
 
 _VERDICT_STYLE = {"good": "green", "failed": "red", "interrupted": "yellow", "unsafe": "bold white on red"}
+_OUTCOME_STYLE = {"good": "green", "complete": "green", "unknown": "dim", "unsafe": "bold white on red"}  # else red
+_IN_TIME = "answered in time"
+_MACHINE_STYLE = "yellow"  # of a run whose only trouble is this machine's
 
 
 def say(sentence: str) -> None:
@@ -36,6 +40,8 @@ def finish(folder: Path, *, as_json: bool) -> NoReturn:
     run = RunFolder(folder)
     result = load_result(run.result_path)
     if as_json:
+        if result.verdict == "unsafe":
+            say(f"UNSAFE: {_alarm(result)}")
         print(run.result_path.read_text(encoding="utf-8"), end="")
     else:
         _print_tables(result, run.report_path)
@@ -57,11 +63,14 @@ def print_before_and_after(circle: "Circle") -> None:
         print("\nnothing to add to the model: no second run\n")
         return
     table = Table("", "before", "after", box=None, pad_edge=False, header_style="dim")
-    before, after = (dict(_figures(load_result(RunFolder(run).result_path))) for run in (circle.before, circle.after))
-    for label in ("angle error, rms", "angle per rotation", "rate error, rms", "residual, rms"):
+    results = [load_result(RunFolder(run).result_path) for run in (circle.before, circle.after)]
+    before, after = (dict(_figures(result)) for result in results)
+    for label in ("angle error, rms", "angle per rotation", "rate error, rms", "residual, rms", _IN_TIME):
         table.add_row(label, before.get(label, ""), after.get(label, ""))
     print("\nthe loop without it and with it")
     Console(highlight=False, soft_wrap=True).print(table)
+    if any("machine" in result.parts and result.parts["machine"].against for result in results):
+        print("this machine was too slow for its part; that is told apart from the model's, below")
     print()
 
 
@@ -79,6 +88,9 @@ def _print_tables(result: "Result", report: Path) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
+    if result.verdict == "unsafe":
+        console.print(f"[{_VERDICT_STYLE['unsafe']}] UNSAFE [/] ", end="")
+        console.print(f"{_alarm(result)}\n", markup=False, style="bold red")
     console.print(f"[bold]{result.run}[/bold]\n")
     for label, value in _figures(result):
         console.print(f"{label:<34}{value}", markup=False)
@@ -87,14 +99,40 @@ def _print_tables(result: "Result", report: Path) -> None:
         console.print(_parameters(result))
     console.print()
     if result.verdict is not None:
-        style = _VERDICT_STYLE[result.verdict]
-        console.print(f"verdict  [{style}]{result.verdict}[/{style}]")
-        for reason in result.reasons:
-            console.print(f"         {reason}", markup=False)
+        _print_verdict(console, result)
     for remark in result.remarks:
         console.print(f"remark   {remark}", markup=False)
     if report.exists():
         console.print(f"report   {report}", markup=False)
+    if result.next is not None:
+        console.print(f"next     {result.next}", markup=False)
+
+
+def _print_verdict(console: "Console", result: "Result") -> None:
+    """The verdict, why the run ended early, and each part: what it came to, why, what to do about it."""
+    assert result.verdict is not None
+    against = [name for name, part in result.parts.items() if part.against]
+    style = _MACHINE_STYLE if against == ["machine"] else _VERDICT_STYLE[result.verdict]
+    named = f": {', '.join(against)}" if result.verdict == "failed" and against else ""
+    console.print(f"verdict  [{style}]{result.verdict}{named}[/]")
+    told = [part.reason for part in result.parts.values()]
+    for reason in result.reasons:
+        if reason not in told:
+            console.print(f"         {reason}", markup=False)
+    for name, part in result.parts.items():
+        if part.outcome == "unknown" and not part.reason:
+            continue
+        colour = _MACHINE_STYLE if name == "machine" and part.against else _OUTCOME_STYLE.get(part.outcome, "red")
+        console.print(f"         {name:<9}[{colour}]{part.outcome:<9}[/]", end="")
+        console.print(part.reason, markup=False)
+        if part.next is not None and part.next != result.next:
+            console.print(f"{'':<27}next: {part.next}", markup=False)
+
+
+def _alarm(result: "Result") -> str:
+    """What an unsafe run says before anything else."""
+    safety = result.parts.get("safety")
+    return safety.reason if safety is not None and safety.reason else "a stop was not confirmed: cut the supply"
 
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
@@ -107,9 +145,13 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
             f"{kind}:{Path(place).name if is_emulated(result.link) else place}, {result.clock}",
         )
     yield "length", f"{result.seconds:.3f} s, {result.samples} samples"
-    if result.sensor is None:
-        late = f"{result.late} ({result.late / result.samples:.2%})" if result.samples else str(result.late)
-        yield "lost, late", f"{result.lost}, {late}"
+    if (answers := result.answers) is not None:
+        yield _IN_TIME, f"{answers.in_time} of {answers.ticks} ({answers.in_time / answers.ticks:.2%})"
+        rest = [f"{count} {name}" for name, count in answers.parts.items() if count and name != _IN_TIME]
+        if rest:
+            yield "the others", ", ".join(rest)
+    elif result.sensor is None:
+        yield "lost", str(result.lost)
     else:
         yield "lost, damaged", f"{result.lost}, {result.counters['crc_errors']}"
     if result.turnaround_us is not None:

@@ -33,6 +33,7 @@ class Counters:
 
     samples: int = 0
     lost: int = 0
+    stopped: int = 0  # of these: the board was SAFE until it was armed again
     held: int = 0
     clipped: int = 0
     saturated: int = 0
@@ -193,6 +194,7 @@ class ForceLoop:
                 f"{self._name}: the board's tick went back from {self._next - 1} to {tick}; did it restart?"
             )
         self.counters.lost += missing
+        self.counters.stopped += missing if self._phase_lost else 0
         if missing > self._long_gap or self._phase_lost:
             self._hindsight.forget()
             self._observer.lose_phase(missing)

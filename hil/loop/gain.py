@@ -132,6 +132,7 @@ class GainLoop:
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters."""
         self.counters.board = self._board.farewell(reason)
+        self._leave_open()
 
     def _take(self, block: Received, first: int, *, newest: bool) -> int:
         """Observe a block, answer it if it is the newest, record it; returns how many ticks are done."""
@@ -168,6 +169,8 @@ class GainLoop:
         self._endpoint.send(matrix)
         sent_ns = time.monotonic_ns()
         self._foresight.tell(gain, bias, effective)
+        if len(self._sent) == _LATER:
+            self._close(self._sent.popleft(), -1)
         self._sent.append(_Sent(self._matrix_id, effective, last, (received_ns, estimated_ns, sent_ns)))
 
     def _keep(self, tick: int, sense: Sense, estimates: Estimates) -> None:
@@ -206,8 +209,16 @@ class GainLoop:
                 self._late.append(last - sent.effective_tick if tick > sent.effective_tick else 0)
             elif len(self._sent) == 1 or all(later.matrix_id != matrix_id for later in self._sent):
                 return  # late: it is still to come
-            self._sent.popleft()
-            self._tracks["timing"].put(sent.tick, *sent.times_ns, applied)
+            self._close(self._sent.popleft(), applied)
+
+    def _close(self, sent: _Sent, applied: int) -> None:
+        """Enter a matrix into the ledger, with the first tick computed with it, -1 where none was seen."""
+        self._tracks["timing"].put(sent.tick, *sent.times_ns, applied)
+
+    def _leave_open(self) -> None:
+        """The effect of what was sent will not be seen any more."""
+        while self._sent:
+            self._close(self._sent.popleft(), -1)
 
     def _guard(self, innovation: NDArray[np.float64], since: int) -> None:
         """Stop the run when the residual leaves its bounds."""
@@ -228,6 +239,7 @@ class GainLoop:
             )
         lost, self._phase_lost = self._phase_lost, False
         self.counters.lost += missing
+        self.counters.stopped += missing if lost else 0
         if missing > self._long_gap or lost:
             self._observer.lose_phase(missing)
             self._guarded = self.counters.samples + self.counters.lost + _RESIDUAL_SAMPLES
@@ -244,5 +256,5 @@ class GainLoop:
             self.counters.rearmed += 1
             self._phase_lost = True
             self._foresight.arm()
-            self._sent.clear()
+            self._leave_open()
         self.between()

@@ -119,26 +119,21 @@ def conclude(
 
     progress(Progress("report", 0, 0))
     run_folder = RunFolder(folder)
-    result = summarise(run_folder)
-    judged = judge(run_folder, result, bench, outcome)
-    identity = outcome.get("identity")
-    result = result.model_copy(
+    identity, counters = outcome.get("identity"), outcome.get("counters", {})
+    result = summarise(run_folder, counters).model_copy(
         update={
             "link": link,
             "clock": bench.loop.clock if link is not None else None,
             "mode": bench.loop.mode if link is not None else None,
             "board_clock": board_clock(run_folder) if link is not None else None,
-            "verdict": judged.verdict,
-            "parts": judged.parts,
-            "reasons": judged.reasons,
-            "counters": outcome.get("counters", {}),
+            "counters": counters,
             "load": None if "load" not in outcome else Load.model_validate(outcome["load"]),
             "versions": {name: version(name) for name in _VERSIONS},
             "serial_number": f"{identity['unique_id']:016x}" if identity else None,
             "operator_note": note,
-            "remarks": judged.remarks,
         }
     )
+    result = result.model_copy(update=judge(run_folder, result, bench, outcome)._asdict())
     save_result(run_folder.result_path, result)
     write_report(folder)
 

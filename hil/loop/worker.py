@@ -9,10 +9,8 @@ and leaves the record without its end marker.
 import json
 import math
 import os
-import resource
 import signal
 import sys
-import time
 from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
@@ -23,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Self
 from hil.bench import Bench
 from hil.errors import InputError, told_to_user
 from hil.loop import realtime
+from hil.loop.load import LoadMeter
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import WireError
@@ -174,8 +173,8 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
             if clock is not None:
                 clock.ask()
 
-        client.arm(endpoint, bench.link.timeout_s)
-        begin = time.monotonic(), time.process_time()
+        armed = client.arm(endpoint, bench.link.timeout_s)
+        meter = LoadMeter()
         try:
             loop.run(samples, report, report_every)
             if loop.counters.residual_safe:
@@ -186,7 +185,7 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         except WireError as error:
             stopped = str(error)
         finally:
-            elapsed, busy = time.monotonic() - begin[0], time.process_time() - begin[1]
+            meter.stop()
             loop.finish(_why_safe(loop))
             os.set_blocking(1, True)
         if clock is not None and loop.counters.board and not orphaned():
@@ -202,11 +201,10 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         "frames_damaged": rx.bad,
     }
     board = counters.pop("board")
-    counters |= {f"board_{name}": value for name, value in board.items()}
+    # The board counts since its power-up; what it counted before this run is none of it.
+    counters |= {f"board_{name}": max(value - getattr(armed, name), 0) for name, value in board.items()}
     counters |= {f"records_dropped_{stem}": count for stem, count in dropped.items() if count}
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    load = {"loop": busy / elapsed, "recorder": (children.ru_utime + children.ru_stime) / elapsed}
-    return {"counters": counters, "stopped": stopped, "refused": refused, "load": load}
+    return {"counters": counters, "stopped": stopped, "refused": refused, "load": meter.load()}
 
 
 def make_loop(

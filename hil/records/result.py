@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from hil.errors import InputError
 from hil.records.atomic import write_text
@@ -106,6 +106,56 @@ class Load(_Model):
 
     loop: NonNegative = Field(description="Of the process that answers the board")
     recorder: NonNegative = Field(description="Of the process that writes the records; 0 where the loop itself does")
+    waited: NonNegative | None = Field(
+        default=None, description="Of the process that answers: ready to run, and no processor free for it"
+    )
+    stolen: NonNegative | None = Field(
+        default=None, description="Of a processor of this machine, on average: taken away by what the machine runs on"
+    )
+    pressed: NonNegative | None = Field(
+        default=None, description="Share of the time in which something on this machine waited for a processor"
+    )
+
+    @property
+    def lacked(self) -> float | None:
+        """Share of the time in which the process that answers could not run though it was ready."""
+        return None if self.waited is None else self.waited + (self.stolen or 0.0)
+
+
+class Answers(_Model):
+    """What became of each sample, first to last tick of the record; the parts add up to `ticks`."""
+
+    ticks: Count = Field(description="Samples the board took, from the first recorded to the last")
+    in_time: Count = Field(description="Answered, and neither the record nor the board says that it was not in time")
+    late: Count = Field(description="Answered; the answer reached the board after its effective tick")
+    unanswered: Count = Field(description="Seen by the host when newer ones had come, of which the newest was answered")
+    lost_to_board: Count = Field(description="Answered; the answer did not reach the board, or found it SAFE")
+    lost_to_host: Count = Field(description="Not in the record, while the board streamed")
+    stopped: Count = Field(description="Not in the record: the board was SAFE until it was armed again")
+    slow: Count = Field(description="No part of the sum: answers that left the host after its deadline, of all answers")
+
+    @property
+    def missed(self) -> int:
+        """Samples seen by the host that had no answer in time."""
+        return self.late + self.unanswered + self.lost_to_board
+
+    @property
+    def parts(self) -> dict[str, int]:
+        """The parts of the sum by name, as they are told."""
+        return {
+            "answered in time": self.in_time,
+            "answered late": self.late,
+            "not answered": self.unanswered,
+            "answer lost": self.lost_to_board,
+            "sample lost": self.lost_to_host,
+            "board stopped": self.stopped,
+        }
+
+    @model_validator(mode="after")
+    def _adds_up(self) -> Self:
+        if sum(self.parts.values()) != self.ticks:
+            raise ValueError(f"the parts are {sum(self.parts.values())} samples, ticks is {self.ticks}")
+        return self
 
 
 class Parameter(_Model):
@@ -191,7 +241,8 @@ class Result(_Model):
     seconds: NonNegative = Field(description="Length of the record in bench time")
     samples: Count
     lost: Count = Field(default=0, description="Samples missing between the first and the last")
-    late: Count = Field(default=0, description="Samples before which the board held its last drive")
+    late: Count = Field(default=0, description="Samples whose answer reached the board after its effective tick")
+    answers: Answers | None = Field(default=None, description="Null where no board was answered")
     angle_error_rms_rad: NonNegative | None = Field(
         default=None, description="Reported angle minus true rotation, zero at the start of the scored window"
     )
@@ -223,6 +274,7 @@ class Result(_Model):
         default_factory=dict, description="The verdict of a run in its parts, worst first"
     )
     reasons: tuple[str, ...] = Field(default=(), description="One line per limit that was not kept")
+    next: str | None = Field(default=None, description="The command or act that comes next")
     score: Score | None = None
     sensor: Sensor | None = Field(default=None, description="A sensor that was recorded, not driven")
     counters: dict[str, int] = Field(default_factory=dict)

@@ -1,13 +1,16 @@
 """The figures that a run folder's records give by themselves, without any truth."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.answers import count_answers
 from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
 from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation
-from hil.records.result import BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
+from hil.records.result import Answers, BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
 from hil.records.runfolder import RunFolder
 from hil.records.timing import Timing
 from hil.records.truth import Truth
@@ -22,10 +25,11 @@ _MOVING = ("x_m", "vx_mps", "y_m", "vy_mps", "rate_rad_s")
 _PER_MASS = {"1/s²": "N/m", "1/s": "N·s/m"}
 
 
-def summarise(folder: RunFolder) -> Result:
+def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> Result:
     """Figures of a run from its files: counts, parameters at the end, innovation, turnaround.
 
-    Whatever file is missing leaves its figures null. An existing result.json is not looked at.
+    Whatever file is missing leaves its figures null. An existing result.json is not looked at. `counters` are the
+    loop's and the board's own.
     """
     capture, estimates, innovation, timing = (
         folder.capture,
@@ -33,12 +37,14 @@ def summarise(folder: RunFolder) -> Result:
         folder.innovation,
         folder.timing,
     )
+    counted = answers(capture, timing, counters or {})
     return Result(
         run=folder.path.resolve().name,
         seconds=_seconds(capture, estimates),
         samples=0 if capture is None else len(capture),
         lost=0 if capture is None else lost_samples(capture),
-        late=0 if capture is None else int(np.count_nonzero(capture.flags & RowFlag.LATE_ANSWER_HELD)),
+        late=0 if counted is None else counted.late,
+        answers=counted,
         parameters={} if estimates is None else parameters(estimates, mass_kg=reporting_mass_kg(folder)),
         innovation_rms=None if innovation is None else innovation_rms(innovation, folder.settle_s),
         noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
@@ -51,6 +57,19 @@ def summarise(folder: RunFolder) -> Result:
 def lost_samples(capture: Capture) -> int:
     """Samples missing between the first and the last row."""
     return int(capture.tick[-1] - capture.tick[0]) + 1 - len(capture) if len(capture) else 0
+
+
+def answers(capture: Capture | None, timing: Timing | None, counters: Mapping[str, int]) -> Answers | None:
+    """What became of each sample; None where no board was answered."""
+    if capture is None or timing is None or "identity" not in capture.header:
+        return None
+    return count_answers(
+        [(capture.tick, capture.flags)],
+        timing,
+        capture.latency_ticks,
+        stopped=counters.get("stopped", 0),
+        board_late=counters.get("board_late"),
+    )
 
 
 def parameters(

@@ -41,11 +41,11 @@ def timing_layout(*, tick_rate_Hz: float, deadline_us: float | None = None) -> L
 
 def ledger_layout(*, tick_rate_Hz: float, block: int, deadline_us: float | None = None) -> Layout:
     """The same for blocks of samples, with applied_tick, the first tick computed with the block's matrix (-1: not
-    known, it was replaced before).
+    seen; it was replaced before, or did not arrive).
     """
     timing = timing_layout(tick_rate_Hz=tick_rate_Hz, deadline_us=deadline_us)
     columns = (*timing.columns, Column("applied_tick", "i8", clock=BENCH))
-    return Layout("timing", columns, block_rows_for(tick_rate_Hz / block), timing.header)
+    return Layout("timing", columns, block_rows_for(tick_rate_Hz / block), {**timing.header, "block": block})
 
 
 @dataclass(frozen=True)

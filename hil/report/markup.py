@@ -7,8 +7,20 @@ from importlib.resources import files
 Row = Sequence[str]
 
 
-def page(*, kind: str, title: str, tone: str, word: str, sentence: str, key: str, sections: str) -> str:
-    """A whole page. `tone` is a CSS class: good, bad or open; `key` and `sections` are HTML already."""
+def page(
+    *,
+    kind: str,
+    title: str,
+    tone: str,
+    word: str,
+    sentence: str,
+    key: str,
+    sections: str,
+    alarm: str = "",
+    verdict: str = "",
+) -> str:
+    """A whole page. `tone` is a CSS class: good, slow, bad or open; `key`, `sections` and `verdict`, which stands below
+    the sentence, are HTML already. `alarm` stands above everything."""
     report = files("hil.report")
     text = report.joinpath("page.html").read_text(encoding="utf-8")
     values = {
@@ -18,6 +30,8 @@ def page(*, kind: str, title: str, tone: str, word: str, sentence: str, key: str
         "tone": tone,
         "word": escape(word),
         "sentence": escape(sentence),
+        "alarm": f'<p class="alarm" role="alert"><strong>Unsafe.</strong> {escape(alarm)}</p>' if alarm else "",
+        "parts": verdict,
         "key": key,
         "sections": sections,
     }
@@ -53,6 +67,18 @@ def key_figures(entries: Iterable[tuple[str, str, str]]) -> str:
         for what, number, remark in entries
     )
     return f'<dl class="key">{cells}</dl>'
+
+
+def verdict(parts: Iterable[tuple[str, str, str, str, str]], command: str | None) -> str:
+    """The parts of a verdict, (tone, name, outcome, reason, next), and the command that comes next."""
+    rows = "".join(
+        f'<div class="{tone}"><dt>{escape(name)}</dt><dd><b>{escape(outcome)}</b> {escape(reason)}'
+        + (f' <span class="do">Next: <code>{escape(after)}</code></span>' if after and after != command else "")
+        + "</dd></div>"
+        for tone, name, outcome, reason, after in parts
+    )
+    listed = f'<dl class="parts">{rows}</dl>' if rows else ""
+    return listed + (f'<p class="next">Next: <code>{escape(command)}</code></p>' if command else "")
 
 
 def section(key: str, title: str, *parts: str) -> str:

@@ -11,7 +11,7 @@ from hil.report.figures import angle, closing, innovation, parameters, pattern, 
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Material
 from hil.report.numbering import Figures
-from hil.report.verdict import headline, key_figures
+from hil.report.verdict import alarm, headline, key_figures, parts
 
 _ANGLES = "The reported angle φ is +∫Ω dt; the pattern turns the other way in the board's frame, θ = −φ + constant."
 _INTERVALS = (
@@ -58,7 +58,12 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
         markup.section("vibration", "Vibration", drawn(pattern.draw), drawn(signals.draw)),
         markup.section("innovation", "Innovation", drawn(innovation.draw), drawn(spectrum.draw)),
         markup.section(
-            "timing", "Timing and link", drawn(timing.draw), tables.ledger(material), tables.counters(material)
+            "timing",
+            "Timing and link",
+            drawn(timing.draw),
+            tables.answers(material),
+            tables.ledger(material),
+            tables.counters(material),
         ),
         markup.section("run", "Run", tables.provenance(material), _conventions(material)),
         markup.section("bench", "Bench file as run", _listing(folder)),
@@ -71,6 +76,8 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
         sentence=line.sentence,
         key=markup.key_figures(key_figures(material.result)),
         sections="".join(sections),
+        alarm=alarm(material.result),
+        verdict=markup.verdict(parts(material.result), material.result.next),
     )
 
 

@@ -12,8 +12,8 @@ from hil.report.numbers import count, percent, plus_minus, prefix_for, quantity,
 _COUNTED = {
     "samples": "rows of the capture",
     "lost": "samples missing between the first and the last",
-    "late": "samples before which the board held its last drive",
-    "held": "the same, as the loop saw it",
+    "stopped": "of these, while the board was SAFE until it was armed again",
+    "held": "samples before which the board held its last drive, whatever the reason",
     "clipped": "samples with the converter at its end",
     "saturated": "samples with the drive at its limit",
     "rearmed": "times the board was armed again after a SAFE",
@@ -22,7 +22,7 @@ _COUNTED = {
     "frames_repeated": "frames that came twice, or after a later one, and were dropped",
     "frames_damaged": "frames the host dropped: framing, checksum, length or type",
     "board_late": "drives that reached the board after their tick",
-    "board_held": "ticks at which the board held its last drive",
+    "board_held": "ticks at which the board held its last drive, before and after the record, too",
     "board_bad_frames": "frames the board dropped: framing, checksum, length or type",
     "board_lost_seq": "frames the board missed in the host's sequence",
     "board_saturated": "drive codes the board had to limit",
@@ -93,10 +93,20 @@ def coverage(material: Material) -> str:
     return table(caption, ("state", "held", "state", "held"), rows)
 
 
+def answers(material: Material) -> str:
+    """What became of each sample: the one count that every figure of deadlines and loss comes from."""
+    counted = material.result.answers
+    if counted is None:
+        return ""
+    rows = [(name, count(part), percent(part / counted.ticks, 2)) for name, part in counted.parts.items()]
+    rows.append(("all", count(counted.ticks), percent(1.0, 2)))
+    return table("What became of each sample", ("", "samples", "share"), rows, (1, 2))
+
+
 def counters(material: Material) -> str:
     """Everything that was counted."""
     result = material.result
-    entries = {"samples": result.samples, "lost": result.lost, "late": result.late, **result.counters}
+    entries = {"samples": result.samples, "lost": result.lost, **result.counters}
     rows = [(name.replace("_", " "), count(value), _COUNTED.get(name, "")) for name, value in entries.items()]
     return table("What was counted", ("counter", "count", "meaning"), rows, (1,))
 
@@ -118,8 +128,12 @@ def ledger(material: Material) -> str:
         head = ("stage", "p50 / µs", "p99 / µs", "p99.9 / µs", "")
         parts.append(table("A block of samples, from the sampling of its last row on", head, rows, (1, 2, 3)))
     if result.load is not None:
-        rows = [(name, percent(share)) for name, share in result.load.model_dump().items()]
-        parts.append(table("What the host needed of a core", ("process", "share"), rows, (1,)))
+        fields = type(result.load).model_fields
+        rows = [
+            (name, percent(share), fields[name].description or "")
+            for name, share in result.load.model_dump(exclude_none=True).items()
+        ]
+        parts.append(table("What the host needed of a processor, and lacked", ("", "share", ""), rows, (1,)))
     return "".join(parts)
 
 

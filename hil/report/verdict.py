@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 from hil.records.result import Result
-from hil.report.numbers import count, quantity, relative, share, significant
+from hil.report.numbers import count, percent, quantity, relative, share, significant
 
 
 class Headline(NamedTuple):
-    """`tone` is a CSS class: good, bad or open."""
+    """`tone` is a CSS class: good, slow (this machine's trouble only), bad or open."""
 
     tone: str
     word: str
@@ -17,19 +17,47 @@ class Headline(NamedTuple):
 
 def headline(result: Result) -> Headline:
     """The verdict of result.json, or what can be said without one."""
-    if result.verdict == "unsafe":
-        tone, word, parts = "bad", "Unsafe", list(result.reasons)
-    elif result.verdict == "failed":
-        tone, word, parts = "bad", "Failed", list(result.reasons) or ["a limit of the bench file was not kept"]
+    against = [name for name, part in result.parts.items() if part.against]
+    if result.verdict in ("failed", "unsafe"):
+        tone = "slow" if against == ["machine"] else "bad"
+        word, said = result.verdict.capitalize(), _outcomes(result)
+        said = said or list(result.reasons) or ["a limit of the bench file was not kept"]
     elif result.verdict == "interrupted" or not result.complete:
         length = f"{count(result.samples)} samples, {significant(result.seconds)} s"
         end = "" if result.complete else ", and no end marker"
-        tone, word, parts = "bad", "Interrupted", [*result.reasons, f"the record holds {length}{end}"]
+        tone, word, said = "bad", "Interrupted", [*result.reasons, f"the record holds {length}{end}"]
     else:
         tone, word = ("good", "Good") if result.verdict == "good" else ("open", "Recorded")
-        parts = _findings(result)
-    sentence = "; ".join(parts)
+        said = _findings(result)
+    sentence = "; ".join(said)
     return Headline(tone, word, sentence[0].upper() + sentence[1:])
+
+
+def alarm(result: Result) -> str:
+    """What stands above everything else on the page of an unsafe run, else nothing."""
+    if result.verdict != "unsafe":
+        return ""
+    safety = result.parts.get("safety")
+    return safety.reason if safety is not None and safety.reason else "A stop was not confirmed: cut the supply"
+
+
+def parts(result: Result) -> list[tuple[str, str, str, str, str]]:
+    """The verdict's parts, worst first: (tone, name, outcome, reason, next); those nobody could judge are left out."""
+    return [
+        (
+            ("slow" if name == "machine" else "bad")
+            if part.against
+            else "open"
+            if part.outcome == "unknown"
+            else "good",
+            name,
+            part.outcome,
+            part.reason,
+            part.next or "",
+        )
+        for name, part in result.parts.items()
+        if part.outcome != "unknown" or part.reason
+    ]
 
 
 def key_figures(result: Result) -> list[tuple[str, str, str]]:
@@ -49,13 +77,7 @@ def key_figures(result: Result) -> list[tuple[str, str, str]]:
         floor = result.noise_floor
         remark = "rms" if not floor else f"rms, {significant(result.innovation_rms / floor)} × the noise floor"
         entries.append(("Innovation", quantity(result.innovation_rms, "V"), remark))
-    entries.append(
-        (
-            "Samples",
-            count(result.samples),
-            f"{count(result.lost)} lost, {share(result.late, result.samples)} late",
-        )
-    )
+    entries.append(_samples(result))
     if result.turnaround_us is not None:
         remark = f"p50; p99.9 {significant(result.turnaround_us.p999)} µs"
         entries.append(("Turnaround", f"{significant(result.turnaround_us.p50)} µs", remark))
@@ -71,6 +93,27 @@ def _findings(result: Result) -> list[str]:
         found.append(f"innovation at {significant(result.innovation_rms / result.noise_floor)} × the noise floor")
     lost = "nothing lost" if not result.lost else f"{count(result.lost)} samples lost"
     found.append(f"{count(result.samples)} samples, {lost}")
-    if result.late:
-        found.append(f"{share(result.late, result.samples)} late")
+    if result.answers is not None and result.answers.missed:
+        found.append(f"{share(result.answers.missed, result.answers.ticks)} without an answer in time")
     return found
+
+
+def _outcomes(result: Result) -> list[str]:
+    """Every part with what it came to, those against the run first."""
+    judged = [(name, part) for name, part in result.parts.items() if part.outcome != "unknown"]
+    return [
+        ", ".join(f"{name} {part.outcome}" for name, part in judged if part.against is wanted)
+        for wanted in (True, False)
+        if any(part.against is wanted for _, part in judged)
+    ]
+
+
+def _samples(result: Result) -> tuple[str, str, str]:
+    answers = result.answers
+    if answers is None:
+        return "Samples", count(result.samples), f"{count(result.lost)} lost"
+    first, *rest = answers.parts
+    others = [f"{count(answers.parts[name])} {name}" for name in rest if answers.parts[name]]
+    remark = f"of {count(answers.ticks)} samples" + ("; " + ", ".join(others) if others else "")
+    number = percent(answers.in_time / answers.ticks, 2 if others else 0)
+    return first.capitalize(), number, remark

@@ -3,6 +3,7 @@
 A part says good things although another one failed: the machine's trouble is not the model's.
 """
 
+import shlex
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -18,13 +19,14 @@ __all__ = ["Judgement", "judge"]
 
 
 class Judgement(NamedTuple):
-    """The verdict, its four parts by name (worst first), one line per limit that was not kept, and one line per mishap
-    that ended nothing."""
+    """The verdict as in result.json: its four parts by name (worst first), one line per limit that was not kept, one
+    per mishap that ended nothing, and the command that comes next."""
 
     verdict: RunVerdict
     parts: dict[str, Part]
     reasons: tuple[str, ...]
     remarks: tuple[str, ...]
+    next: str
 
 
 def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str, Any]) -> Judgement:
@@ -32,17 +34,23 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
 
     Limits without a record to hold against them are not judged.
     """
-    stopped = str(outcome.get("stopped", ""))
+    stopped, refused = str(outcome.get("stopped", "")), tuple(outcome.get("refused", ()))
+    bench_file = shlex.quote(str(folder.bench_path))
     parts = {
         "safety": judge_safety(outcome),
-        "machine": judge_machine(result, bench),
+        "machine": judge_machine(result, bench, refused, bench_file),
         "model": judge_model(folder, result, bench),
         "angle": judge_angle(folder, bench),
     }
+    if parts["machine"].against and parts["angle"].against:
+        reason = f"{parts['angle'].reason}; answers were missing, which the machine's part is about: mend that first"
+        parts["angle"] = parts["angle"].model_copy(update={"reason": reason})
     told = [part.reason for part in parts.values() if part.against]
     reasons = ([stopped] if stopped and stopped not in told else []) + told
-    remarks = (*outcome.get("refused", ()), *mishaps(result, outcome.get("counters", {})))
-    return Judgement(_verdict(parts, stopped or not result.complete), parts, tuple(reasons), remarks)
+    remarks = (*refused, *mishaps(result, outcome.get("counters", {})))
+    return Judgement(
+        _verdict(parts, stopped or not result.complete), parts, tuple(reasons), remarks, _next(parts, folder)
+    )
 
 
 def _verdict(parts: Mapping[str, Part], ended_early: object) -> RunVerdict:
@@ -51,3 +59,9 @@ def _verdict(parts: Mapping[str, Part], ended_early: object) -> RunVerdict:
     if ended_early:
         return "interrupted"
     return "failed" if any(part.against for part in parts.values()) else "good"
+
+
+def _next(parts: Mapping[str, Part], folder: RunFolder) -> str:
+    """What the worst part asks for; a look at the report where none asks for anything."""
+    asked = (part.next for part in parts.values() if part.against and part.next)
+    return next(asked, f"xdg-open {shlex.quote(str(folder.report_path))}")

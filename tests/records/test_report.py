@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
-from hil.records.result import load_result, save_result
+from hil.records.result import Part, load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
 from hil.score import score
@@ -199,6 +199,75 @@ def test_a_failed_run_gives_its_reasons(undrawn, make_run):
     page = written(folder)
     assert 'class="verdict bad"><strong>Failed.</strong>' in page
     assert "Innovation 3.1 × the noise floor; 5 % of answers late" in page
+
+
+PARTS = {
+    "safety": Part(outcome="good", reason="every stop was confirmed"),
+    "machine": Part(outcome="failed", reason="12 % had no answer in time", next="hil doctor"),
+    "model": Part(outcome="complete", reason="nothing is missing"),
+    "angle": Part(outcome="good", reason="± 1.9 mrad"),
+}
+
+
+def judged(folder, verdict, **parts):
+    """The run with a verdict in parts; its page."""
+    result = load_result(folder / "result.json")
+    parts = PARTS | parts
+    against = [part for part in parts.values() if part.against]
+    update = {"verdict": verdict, "parts": parts, "reasons": tuple(part.reason for part in against)}
+    update["next"] = next((part.next for part in against if part.next), "xdg-open report.html")
+    save_result(folder / "result.json", result.model_copy(update=update))
+    page = written(folder)
+    checked(page)
+    return page.partition("<h2")[0]
+
+
+def test_the_first_screen_names_every_part(undrawn, make_run):
+    folder, _ = make_run()
+    screen = judged(folder, "failed")
+    assert 'class="verdict slow"><strong>Failed.</strong>' in screen  # the machine's trouble is not the model's
+    assert "Machine failed; safety good, model complete, angle good." in screen
+    rows = re.findall(r'<div class="(\w+)"><dt>(\w+)</dt><dd><b>(\w+)</b> ([^<]*)', screen)
+    assert [(name, outcome, reason.strip()) for _, name, outcome, reason in rows] == [
+        (name, part.outcome, part.reason) for name, part in PARTS.items()
+    ]
+    assert [tone for tone, *_ in rows] == ["good", "slow", "good", "good"]
+    assert screen.count("<code>hil doctor</code>") == 1
+    assert "alarm" not in screen.partition("</style>")[2]
+
+
+def test_what_the_model_lacks_is_not_the_machines_trouble(undrawn, make_run):
+    folder, _ = make_run()
+    lacks = Part(outcome="lacks", reason="drive gain, + 2.0 %", next="hil trace runs/a")
+    screen = judged(folder, "failed", model=lacks)
+    assert 'class="verdict bad"' in screen
+    assert "Machine failed, model lacks; safety good, angle good." in screen
+    assert "<code>hil trace runs/a</code>" in screen
+
+
+def test_unsafe_stands_above_everything(undrawn, make_run):
+    folder, _ = make_run()
+    unsafe = Part(outcome="unsafe", reason="the board did not confirm SAFE: cut the supply", next="cut the supply")
+    screen = judged(folder, "unsafe", safety=unsafe)
+    body = screen.partition("<body>")[2]
+    first = re.search(r"<p[^>]*>.*?</p>", body, flags=re.DOTALL)
+    assert first is not None
+    assert 'role="alert"' in first.group()
+    assert "the board did not confirm SAFE: cut the supply" in first.group()
+    assert 'class="verdict bad"><strong>Unsafe.</strong>' in screen
+
+
+def test_the_count_on_the_page_adds_up(undrawn, make_run):
+    folder, _ = make_run()
+    page = written(folder)
+    table = re.search(r"<caption>What became of each sample</caption>.*?</table>", page, flags=re.DOTALL)
+    assert table is not None
+    counts = [int(re.sub(r"\D", "", cell)) for cell in re.findall(r'<td class="n">([^<%]*)</td>', table.group())]
+    *parts, whole = counts
+    assert sum(parts) == whole == 8000
+    assert parts[1] == 4  # answered late
+    assert "7996" in page.partition("<h2")[0] or "99.95" in page.partition("<h2")[0]
+    assert re.search(r"[\d.]+\u00a0% of these answers left the host after the deadline", page)
 
 
 def test_a_rate_channel_is_a_reference(undrawn, make_run, tmp_path):

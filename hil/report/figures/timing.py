@@ -43,7 +43,8 @@ def draw(material: Material) -> Drawing | None:
     caption = f"Turnaround of {count(turnaround.size)} answers: {_listed(found)}."
     if deadline:
         _mark(ax, deadline, "deadline", BAD, 2 if bare is not None else 1)
-        caption += f" Deadline {deadline:.4g} µs: {percent(float(np.mean(turnaround > deadline)), 2)} beyond it."
+        slow = percent(float(np.mean(turnaround > deadline)), 2)
+        caption += f" {slow} of these answers left the host after the deadline of {deadline:.4g} µs."
     if bare is not None:
         caption += f" A bare read and write paced alike: {_listed(bare)}."
     plain_log_ticks(ax.xaxis)

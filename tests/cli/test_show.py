@@ -1,0 +1,91 @@
+"""How a run's verdict looks on the terminal: loudest first, what is good although another part failed, what is next."""
+
+from pathlib import Path
+
+import pytest
+import typer
+
+from hil.cli.show import finish
+from hil.records.result import Answers, Part, Result, save_result
+
+PARTS = {
+    "safety": Part(outcome="good", reason="every stop was confirmed"),
+    "machine": Part(outcome="failed", reason="12.00% of the samples had no answer in time", next="hil doctor"),
+    "model": Part(outcome="complete", reason="nothing is missing"),
+    "angle": Part(outcome="good", reason="± 1.9 mrad"),
+}
+ANSWERS = Answers(
+    ticks=1000, in_time=870, late=20, unanswered=90, lost_to_board=10, lost_to_host=6, stopped=4, slow=15
+)  # fmt: skip
+
+
+def shown(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], *, as_json: bool = False, **given: object
+) -> tuple[int, list[str], str]:
+    """Exit code, lines on standard output, and standard error."""
+    known = {"run": "r", "seconds": 1.0, "samples": 990, "lost": 10, "complete": True, "answers": ANSWERS}
+    save_result(tmp_path / "result.json", Result.model_validate(known | given))
+    with pytest.raises(typer.Exit) as left:
+        finish(tmp_path, as_json=as_json)
+    out, err = capfd.readouterr()
+    return left.value.exit_code, out.splitlines(), err
+
+
+def line(lines: list[str], start: str) -> str:
+    (found,) = [line for line in lines if line.startswith(start)]
+    return found
+
+
+def test_the_count_is_told_and_adds_up(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    _, lines, _ = shown(tmp_path, capfd, verdict="good", parts=PARTS)
+    assert line(lines, "answered in time").endswith("870 of 1000 (87.00%)")
+    others = line(lines, "the others").split(maxsplit=2)[2]
+    assert others == "20 answered late, 90 not answered, 10 answer lost, 6 sample lost, 4 board stopped"
+    assert 870 + sum(int(word) for word in others.split() if word.isdigit()) == 1000
+
+
+def test_each_part_says_what_it_came_to(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    reasons = (PARTS["machine"].reason,)
+    code, lines, _ = shown(tmp_path, capfd, verdict="failed", parts=PARTS, reasons=reasons, next="hil doctor")
+    assert code == 1
+    start = lines.index("verdict  failed: machine")
+    assert [row.split(maxsplit=2) for row in lines[start + 1 : start + 5]] == [
+        [name, part.outcome, part.reason] for name, part in PARTS.items()
+    ]
+    assert sum(PARTS["machine"].reason in row for row in lines) == 1
+    assert lines[-1] == "next     hil doctor"
+
+
+def test_a_part_that_nobody_could_judge_is_left_out(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    parts = PARTS | {"machine": Part(outcome="unknown"), "model": Part(outcome="unknown", reason="too short")}
+    _, lines, _ = shown(tmp_path, capfd, verdict="good", parts=parts)
+    assert not any(row.split()[:1] == ["machine"] for row in lines)
+    assert any(row.split() == ["model", "unknown", "too", "short"] for row in lines)
+
+
+def test_unsafe_comes_before_anything_else(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    alarm = "the board did not confirm SAFE: cut the supply"
+    parts = PARTS | {"safety": Part(outcome="unsafe", reason=alarm, next="cut the supply")}
+    code, lines, _ = shown(tmp_path, capfd, verdict="unsafe", parts=parts, next="cut the supply")
+    assert code == 1
+    assert lines[0].split(maxsplit=1) == ["UNSAFE", alarm]
+    assert lines[-1] == "next     cut the supply"
+
+
+def test_unsafe_is_heard_beside_json(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    parts = PARTS | {"safety": Part(outcome="unsafe", reason="cut the supply")}
+    code, _, err = shown(tmp_path, capfd, as_json=True, verdict="unsafe", parts=parts)
+    assert (code, err) == (1, "UNSAFE: cut the supply\n")
+
+
+def test_why_a_run_ended_early_stands_under_the_verdict(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    code, lines, _ = shown(tmp_path, capfd, verdict="interrupted", parts=PARTS, reasons=("stopped on request",))
+    assert code == 1
+    assert lines[lines.index("verdict  interrupted") + 1].strip() == "stopped on request"
+
+
+def test_a_record_without_a_verdict_has_none(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    code, lines, _ = shown(tmp_path, capfd, answers=None, lost=3)
+    assert code == 0
+    assert line(lines, "lost").split() == ["lost", "3"]
+    assert not any(row.startswith(("verdict", "next")) for row in lines)

@@ -1,0 +1,253 @@
+"""What became of each sample: the count beside what a link really did, in force and gain mode.
+
+The links here lose samples, lose answers, hold answers up and stop the host at chosen ticks, so that each part of the
+count is known beforehand; the parts follow docs/reference/run-folder.md.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from hil.bench import Bench
+from hil.loop.run import run
+from hil.progress import Progress
+from hil.records.answers import count_answers
+from hil.records.result import Answers
+from hil.records.runfolder import RunFolder
+from hil.records.summary import summarise
+from hil.wire.messages import ClockMode
+from tests.loop import gyro
+from tests.loop.closed import HandPaced, board, close_loop, waiting
+
+TICKS = 4000
+BLOCK = 20
+NOTHING = {"late": 0, "unanswered": 0, "lost_to_board": 0, "lost_to_host": 0, "stopped": 0}
+
+
+class HeldUp(HandPaced):
+    """Answers to chosen ticks reach the board only with the one after them, which is in time."""
+
+    def __init__(self, *args: Any, held_up: set[int], **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._held_up, self._travelling = held_up, b""
+
+    def send(self, data: bytes) -> None:
+        if self.board.streaming and self.board.tick in self._held_up:
+            self._travelling += data
+            return
+        travelling, self._travelling = self._travelling, b""
+        for frame in (travelling, data) if travelling else (data,):
+            super().send(frame)
+
+
+def force() -> Bench:
+    return gyro.bench(1.0, "paced", link={"watchdog_s": 0.02, "timeout_s": 0.5})
+
+
+def gain(watchdog_s: float = 0.1) -> Bench:
+    loop = {"mode": "gain", "block": BLOCK, "estimate_every": BLOCK}
+    return gyro.bench(1.0, "paced", loop=loop, link={"watchdog_s": watchdog_s, "timeout_s": 0.5})
+
+
+def counted(
+    tmp_path: Path, declared: Bench, link: type[HandPaced] = HandPaced, *, told: bool = True, **options: Any
+) -> Answers:
+    """The count of a second of S-slow on a board that does not wait; `told`: with what loop and board counted."""
+    device = board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED)
+    folder, counters = close_loop(link(device, **options), declared, tmp_path / "run")
+    said = {"stopped": counters.stopped, "board_late": counters.board["late"]} if told else {}
+    result = summarise(folder, said)
+    assert result.answers is not None
+    assert (result.late, result.lost) == (result.answers.late, result.answers.lost_to_host + result.answers.stopped)
+    assert sum(result.answers.parts.values()) == result.answers.ticks == result.samples + result.lost
+    return result.answers
+
+
+def parts(answers: Answers) -> dict[str, int]:
+    return answers.model_dump(include=set(NOTHING))
+
+
+@pytest.mark.parametrize("declared", [force(), gain()])
+def test_an_undisturbed_run_is_answered_in_time(tmp_path: Path, declared: Bench) -> None:
+    answers = counted(tmp_path, declared)
+    assert (answers.ticks, answers.in_time, parts(answers)) == (TICKS, TICKS, NOTHING)
+
+
+def test_lockstep_is_in_time(tmp_path: Path) -> None:
+    for number, declared in enumerate((gyro.bench(0.5), gain().model_copy(update={"loop": gyro.bench(0.5).loop}))):
+        folder, _ = close_loop(waiting(gyro.scenario(tmp_path / "board.toml")), declared, tmp_path / str(number))
+        answers = summarise(folder).answers
+        assert answers is not None
+        assert (answers.ticks, answers.in_time, answers.slow) == (2000, 2000, 0)
+
+
+def test_samples_lost_on_the_way_to_the_host(tmp_path: Path) -> None:
+    """The board holds its drive for each, and yet no answer was late: there was none to give."""
+    lost = range(100, 3900, 17)
+    answers = counted(tmp_path, force(), lost=lost)
+    assert parts(answers) == NOTHING | {"lost_to_host": len(lost)}
+
+
+def test_answers_lost_on_the_way_to_the_board(tmp_path: Path) -> None:
+    unheard = range(500, 3900, 17)
+    answers = counted(tmp_path, force(), unheard=unheard)
+    assert parts(answers) == NOTHING | {"lost_to_board": len(unheard)}
+
+
+def test_answers_that_come_late(tmp_path: Path) -> None:
+    held_up = set(range(500, 3900, 17))
+    answers = counted(tmp_path, force(), HeldUp, held_up=held_up)
+    assert parts(answers) == NOTHING | {"late": len(held_up)}
+
+
+def test_a_host_that_was_stopped(tmp_path: Path) -> None:
+    """60 ticks pass, then it sees 60 samples at once, of which it answers the newest."""
+    answers = counted(tmp_path, force(), stops={1500: 60})
+    assert parts(answers) == NOTHING | {"unanswered": 59}
+
+
+def test_a_board_that_was_stopped(tmp_path: Path) -> None:
+    """Its watchdog trips; what is missing until it was armed again was not lost by the link."""
+    answers = counted(tmp_path, force(), stops={1500: 300})
+    assert answers.lost_to_host == 0
+    assert answers.unanswered == 80  # the watchdog's 80 ticks, and the row that says SAFE, the newest, is answered
+    assert answers.stopped == 301 - 81  # one tick passes before the host arms it again
+    folder = RunFolder(tmp_path / "run")
+    alone = summarise(folder).answers  # the record does not say who caused a gap
+    assert alone is not None
+    assert (alone.lost_to_host, alone.stopped) == (answers.stopped, 0)
+
+
+def test_everything_at_once(tmp_path: Path) -> None:
+    """Apart from each other, so that what one does cannot hide what another does."""
+    lost, unheard, held_up = range(100, 1000, 9), range(1100, 1400, 3), set(range(2000, 3900, 7))
+    answers = counted(tmp_path, force(), HeldUp, held_up=held_up, lost=lost, unheard=unheard, stops={1500: 50})
+    expected = {
+        "late": len(held_up),
+        "unanswered": 49,
+        "lost_to_board": len(unheard),
+        "lost_to_host": len(lost),
+        "stopped": 0,
+    }
+    assert parts(answers) == expected
+
+
+def test_what_the_board_did_not_say_counts_as_late(tmp_path: Path) -> None:
+    """Without its counters nobody can tell a late answer from a lost one."""
+    unheard = range(500, 3900, 17)
+    answers = counted(tmp_path, force(), unheard=unheard, told=False)
+    assert parts(answers) == NOTHING | {"late": len(unheard)}
+
+
+def test_gain_mode_loses_blocks(tmp_path: Path) -> None:
+    lost = {tick - tick % BLOCK for tick in range(1000, 3500, 200)}
+    answers = counted(tmp_path, gain(), lost=lost)
+    assert parts(answers) == NOTHING | {"lost_to_host": len(lost) * BLOCK}
+
+
+def test_gain_mode_loses_matrices(tmp_path: Path) -> None:
+    unheard = {tick + BLOCK - 1 for tick in range(1000, 3500, 60)}
+    answers = counted(tmp_path, gain(), unheard=unheard)
+    assert parts(answers) == NOTHING | {"lost_to_board": len(unheard) * BLOCK}
+
+
+def test_gain_mode_late_matrices(tmp_path: Path) -> None:
+    """A matrix is due a block after the one it answers; this one comes when the next is sent."""
+    held_up = {tick + BLOCK - 1 for tick in range(1000, 3500, 100)}
+    answers = counted(tmp_path, gain(), HeldUp, held_up=held_up)
+    assert parts(answers) == NOTHING | {"late": len(held_up) * BLOCK}
+
+
+def test_gain_mode_blocks_that_piled_up(tmp_path: Path) -> None:
+    answers = counted(tmp_path, gain(), stops={2000: 3})
+    assert parts(answers) == NOTHING | {"unanswered": 2 * BLOCK}
+
+
+def test_gain_mode_a_board_that_was_stopped(tmp_path: Path) -> None:
+    answers = counted(tmp_path, gain(watchdog_s=0.02), stops={2000: 15})
+    assert answers.lost_to_host == 0
+    assert answers.lost_to_board == BLOCK  # the newest of what had come was answered to a board that was SAFE by then
+    assert answers.stopped > 0
+
+
+@pytest.mark.parametrize(("declared", "size"), [(force, 1), (force, 7), (gain, 13), (gain, 1000)])
+def test_the_count_does_not_depend_on_how_the_record_is_read(
+    tmp_path: Path, declared: Callable[[], Bench], size: int
+) -> None:
+    link = HandPaced(
+        board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED),
+        lost=range(1000, 3000, 100),
+        unheard=range(1039, 3000, 140),
+        stops={3100: 3},
+    )
+    folder, counters = close_loop(link, declared(), tmp_path / "run")
+    capture, timing = folder.capture, folder.timing
+    assert capture is not None
+    assert timing is not None
+    known: dict[str, Any] = {"stopped": counters.stopped, "board_late": counters.board["late"]}
+    whole = count_answers([(capture.tick, capture.flags)], timing, capture.latency_ticks, **known)
+    pieces = [
+        (capture.tick[start : start + size], capture.flags[start : start + size])
+        for start in range(0, len(capture), size)
+    ]
+    assert whole is not None
+    assert whole.lost_to_host > 0
+    assert whole.lost_to_board > 0
+    assert whole.unanswered > 0
+    assert count_answers(pieces, timing, capture.latency_ticks, **known) == whole
+    assert count_answers([], timing, capture.latency_ticks, **known) is None
+
+
+def test_a_count_that_does_not_add_up_is_refused() -> None:
+    good = {"ticks": 9, "in_time": 4, "slow": 3, "late": 1, "unanswered": 1, "lost_to_board": 1, "lost_to_host": 1}
+    assert Answers(**good, stopped=1).missed == 3
+    with pytest.raises(ValidationError, match="the parts are 8 samples, ticks is 9"):
+        Answers(**good, stopped=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["force", "gain"])
+@pytest.mark.parametrize(
+    "faults",
+    [
+        "lost = 0.02\ncorrupted = 0.002\nduplicated = 0.01\nreordered = 0.01\ndelayed = 0.01\ndelay_s = [0.0, 0.002]",
+        'lost = 0.05\ntoward = "board"',
+        'lost = 0.05\ntoward = "host"',
+        "[[faults.stall]]\nstart_s = 0.5\nduration_s = 0.1",
+    ],
+    ids=["all", "to the board", "to the host", "stall"],
+)
+def test_on_a_bad_line_every_figure_comes_from_one_count(
+    tmp_path: Path, mode: str, faults: str, no_report: None
+) -> None:
+    scenario = gyro.scenario(tmp_path / "board.toml")
+    scenario.write_text(f"{scenario.read_text()}\n[faults]\n{faults}\n")
+    loop = {} if mode == "force" else {"mode": "gain", "block": BLOCK, "estimate_every": BLOCK}
+    told: list[Progress] = []
+    done = run(gyro.bench(1.0, loop=loop), f"inproc:{scenario}", tmp_path / "runs", progress=told.append)
+    assert done.folder is not None
+    result = RunFolder(done.folder).result
+    assert result is not None
+    assert result.answers is not None
+    answers, counters = result.answers, result.counters
+    assert answers.ticks == 4000 == result.samples + result.lost
+    assert result.late == answers.late
+    assert answers.in_time > 0.7 * answers.ticks
+    block = BLOCK if mode == "gain" else 1
+    if faults.startswith("lost = 0.05"):
+        assert (answers.late, answers.unanswered) == (0, 0)
+        to_board = counters["board_lost_seq"] * block
+        if "host" in faults:
+            assert answers.lost_to_board == 0
+            assert answers.lost_to_host == counters["lost"] == counters["frames_lost"] * block > 0
+        else:
+            assert answers.lost_to_host == 0
+            # The first is lost before the board is driven, when it holds nothing; the effect of the last is not seen.
+            assert 0 < to_board - 3 * block <= answers.lost_to_board <= to_board
+    if "stall" in faults and mode == "force":
+        assert answers.stopped > 0
+        assert np.isclose(answers.stopped + answers.unanswered, 400, atol=120)
