@@ -131,7 +131,8 @@ def test_a_stuck_channel_is_named(tmp_path: Path) -> None:
     scenario = faulty(tmp_path / "board.toml", stuck)
     _, result = go(gyro.bench(1.0), f"inproc:{scenario}", tmp_path / "runs")
     assert result.verdict == "failed"
-    assert "channel x repeated one code for 0.1 s from 0.4998 s on: it is stuck" in result.reasons
+    told = "channel x repeated one code for 0.1 s from 0.4998 s on: it is stuck"
+    assert any(told in reason for reason in result.reasons), result.reasons
 
 
 @pytest.mark.slow
@@ -140,7 +141,7 @@ def test_a_saturated_channel_is_named(tmp_path: Path) -> None:
     scenario = faulty(tmp_path / "board.toml", saturated)
     _, result = go(gyro.bench(1.0), f"inproc:{scenario}", tmp_path / "runs")
     assert result.verdict == "failed"
-    assert any(reason.startswith("channel y went no further than 0.05 V") for reason in result.reasons), result.reasons
+    assert any("channel y went no further than 0.05 V" in reason for reason in result.reasons), result.reasons
 
 
 @pytest.mark.slow
