@@ -3,7 +3,10 @@
     BOOT → IDLE       HELLO of the same spec
     → ARMED           ARM; SENSE streams, force is zero
     → RUNNING         the first drive, in gain mode the first matrix
-    → SAFE            SAFE, watchdog, a lost or restarted host; force is zero until ARM
+    → SAFE            SAFE, watchdog, a lost or restarted host, a fault; force is zero until ARM
+
+docs/safety.md has the rules and the whole table. What keeps a board in SAFE is a latch, which a HELLO lifts, or its own
+fault, which lasts as long as the scenario says.
 
 In lockstep `exchange` itself goes on to the next SENSE when a drive frame answers the last one. On wall time
 the server calls `block` at each deadline, and `exchange` only takes what the host says.
@@ -58,9 +61,14 @@ from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
 from hil.wire.stream import Receiver, Transmitter
 
+_BOARD_TYPES = frozenset(layout.type for layout in SPEC.messages.values() if layout.sender == "board")
+_PASSING = SafeReason.LINK_LOST  # the one reason a host may give that does not latch
+_LATCHING = (SafeReason.HOST_REQUEST, SafeReason.INTERRUPTED, SafeReason.RESIDUAL)
+
 HORIZON = 1 << 16
 """An effective tick up to this far ahead is to come; any other, in 32 bits, has passed."""
 
+_DRIVE_LIMIT = SPEC.registers["DRIVE_LIMIT"].id
 _TICK = 0xFFFFFFFF
 _HELD, _CLIPPED, _SATURATED = (int(flag) for flag in SenseFlags)  # plain integers: the flags are slow
 
@@ -81,6 +89,9 @@ class Board:
         self._tick_ns = 1e9 / scenario.board.sample_rate_Hz
         self._pace = 1.0 + scenario.faults.clock_skew
         self._identity = _identity(scenario, clocks)
+        self._rate_Hz = scenario.board.sample_rate_Hz
+        tripped = scenario.faults.tripped
+        self._spells = [(round(spell.start_s * self._rate_Hz), spell.duration_s * self._rate_Hz) for spell in tripped]
         self._answers: dict[type[Any], Callable[[Any], list[Message]]] = {
             Hello: self._hello,
             RegisterRead: self._read,
@@ -97,12 +108,14 @@ class Board:
     def power_up(self) -> None:
         """Begin as after switching on: nothing remembered but what the device itself does. Its ticks go on."""
         self._schedule = Schedule()
-        self._rx = Receiver(self.format)
+        self._rx = Receiver(self.format, _BOARD_TYPES)
         self._tx = Transmitter(self.format)
-        self.registers = Registers(self._clocks)
+        self.registers = Registers(self._clocks, self._rate_Hz)
         self.state = State.BOOT
         self._reason = SafeReason.NONE
-        self._greeted = False
+        self._greeted = False  # the last HELLO matched
+        self._latched = False  # a stop stands that only HELLO lifts
+        self._faulty = False
         self.dropped = 0  # SENSE blocks, by whoever sends them
         self._late = self._held = self._saturated = self._trips = 0
         self._due = 0  # next tick that needs a drive, while RUNNING
@@ -115,6 +128,10 @@ class Board:
     def streaming(self) -> bool:
         """Whether SENSE is due."""
         return self.state is State.RUNNING or self.state is State.ARMED
+
+    @property
+    def _limit(self) -> int:
+        return min(self.registers.drive_limit, self._code_max)
 
     @property
     def rows(self) -> int:
@@ -204,7 +221,9 @@ class Board:
         device, feedback = self._device, self._feedback
         feedback.obey(self.registers)
         while rows:
-            n = min(rows, feedback.switch(device.tick + 1) - device.tick - 1)
+            if self._spells:
+                self._protect(self.tick)
+            n = min(rows, feedback.switch(device.tick + 1) - device.tick - 1, self._until_fault())
             if self.state is State.RUNNING:
                 left = self._fed + self.registers.watchdog - device.tick
                 if left <= 0:
@@ -224,6 +243,8 @@ class Board:
 
     def _begin(self, tick: int) -> int:
         """Settle which drive is held over the interval that starts at `tick`; returns flags for its row."""
+        if self._spells and self.streaming:
+            self._protect(tick)
         came = self._schedule.take(tick)
         if self.state is not State.RUNNING:
             return 0
@@ -239,19 +260,42 @@ class Board:
         self._held += 1
         return _HELD
 
-    def coast(self, ticks: int) -> None:
-        """Let the mass swing for some ticks under zero force, unwatched."""
+    def coast(self, ticks: int) -> bytes:
+        """Let the mass swing for some ticks under zero force, unwatched; returns STATUS if a fault came meanwhile."""
         self._device.rows(np.zeros((ticks, 2), np.int32))
+        tripped = bool(self._spells) and self._protect(self.tick)
+        return self._say(self.status()) if tripped else b""
 
     def prepare(self) -> None:
         """Do between ticks what can be done before the next one."""
         self._device.prepare()
 
     def enter_safe(self, reason: SafeReason) -> None:
-        """Zero force from the next interval on."""
+        """Zero force from the present interval on."""
         self.state, self._reason = State.SAFE, reason
         self._schedule.clear()
         self._feedback.open()
+
+    def fault(self, present: bool) -> bytes:
+        """The board's own protection trips, or its fault is gone; returns the STATUS that tells it."""
+        return self._say(self.status()) if self._trip(present) else b""
+
+    def _trip(self, present: bool) -> bool:
+        """`fault` without a word; whether it tripped."""
+        tripped = present and not self._faulty
+        self._faulty = present
+        if tripped:
+            self.enter_safe(SafeReason.FAULT)
+        return tripped
+
+    def _protect(self, tick: int) -> bool:
+        """Trip, or see that the fault is gone, as the scenario says for the interval that begins at a tick; whether it
+        tripped."""
+        return self._trip(any(first <= tick < first + ticks for first, ticks in self._spells))
+
+    def _until_fault(self) -> int:
+        """Ticks until the next fault."""
+        return min((first - self.tick for first, _ in self._spells if first > self.tick), default=1 << 62)
 
     def status(self) -> Status:
         """State and counters."""
@@ -282,7 +326,7 @@ class Board:
         if ahead >= HORIZON:
             self._late += 1
             return None
-        limit = min(self.registers.drive_limit, self._code_max)
+        limit = self._limit
         limited = not (-limit <= ux <= limit and -limit <= uy <= limit)
         if limited:
             self._saturated += 1
@@ -294,7 +338,7 @@ class Board:
     def _gains(self, gains: DriveGains) -> list[Message]:
         if not (self.streaming and self.registers.gain_mode):
             raise Refused(NackReason.BAD_STATE)
-        if gains.matrix_id == 0 or not np.all(np.isfinite((*gains.gain, *gains.bias))):
+        if gains.matrix_id == 0 or not np.all(np.abs((*gains.gain, *gains.bias)) <= SPEC.gains_limit):
             raise Refused(NackReason.OUT_OF_RANGE)
         following = self._device.tick + 1
         ahead = (gains.effective_tick - following) & _TICK
@@ -319,6 +363,8 @@ class Board:
 
     def _hello(self, hello: Hello) -> list[Message]:
         self._greeted = hello.protocol == SPEC.protocol and hello.spec_hash == SPEC.hash
+        if self._greeted:
+            self._latched = False
         if self.streaming:  # a host that begins anew has forgotten what it was driving
             self.enter_safe(SafeReason.LINK_LOST)
         elif self._greeted and self.state is State.BOOT:
@@ -330,8 +376,12 @@ class Board:
             return [self.status()]
         if self.state not in (State.IDLE, State.SAFE) or not self._greeted:
             raise Refused(NackReason.BAD_STATE)
+        if self._latched or self._faulty:
+            raise Refused(NackReason.LATCHED)
         if self._latency == 0 and not (self.registers.lockstep or self.registers.gain_mode):
             raise Refused(NackReason.NOT_SUPPORTED)
+        if self.registers.gain_mode and self.registers.filter_radius > SPEC.filter_radius:
+            raise Refused(NackReason.OUT_OF_RANGE)
         self.state, self._reason = State.ARMED, SafeReason.NONE
         self._schedule.clear()
         self._feedback.start(self.registers)
@@ -339,9 +389,12 @@ class Board:
         return [self.status()]
 
     def _safe(self, safe: Safe) -> list[Message]:
-        if self.state is not State.SAFE:  # or else what brought it there stays the reason
-            known = safe.reason in SafeReason.__members__.values()
-            self.enter_safe(SafeReason(safe.reason) if known else SafeReason.HOST_REQUEST)
+        reason = SafeReason(safe.reason) if safe.reason in (_PASSING, *_LATCHING) else SafeReason.HOST_REQUEST
+        latches = reason is not _PASSING
+        free = not (self._latched or self._faulty)
+        if self.state is not State.SAFE or (latches and free):  # or else what keeps it there stays the reason
+            self.enter_safe(reason)
+        self._latched = self._latched or latches
         return [self.status()]
 
     def _read(self, request: RegisterRead) -> list[Message]:
@@ -349,7 +402,11 @@ class Board:
 
     def _write(self, request: RegisterWrite) -> list[Message]:
         settled = self.state in (State.IDLE, State.SAFE)
-        return [RegisterValue(request.register, self.registers.write(*request, settled=settled))]
+        value = self.registers.write(*request, settled=settled)
+        if request.register == _DRIVE_LIMIT:
+            self._schedule.limit(self._limit)
+            self._feedback.limit(self._limit)
+        return [RegisterValue(request.register, value)]
 
     def _field(self, request: FieldRead) -> list[Message]:
         if request.line >= len(SPEC.table):

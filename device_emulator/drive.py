@@ -124,7 +124,18 @@ class Schedule:
         self.held = command
         return True
 
+    def limit(self, code: int) -> None:
+        """Bring the command that is held, and those that wait, within ± `code`."""
+        self.held = _within(self.held, code)
+        self._waiting = {tick: _within(command, code) for tick, command in self._waiting.items()}
+
     def clear(self) -> None:
         """Forget every command: zero force."""
         self._waiting.clear()
         self.held = (0, 0, False)
+
+
+def _within(command: tuple[int, int, bool], code: int) -> tuple[int, int, bool]:
+    ux, uy, limited = command
+    bounded = max(-code, min(ux, code)), max(-code, min(uy, code))
+    return *bounded, limited or bounded != (ux, uy)

@@ -53,6 +53,7 @@ class Faults(Section):
     clock_skew: Annotated[float, Field(gt=-0.1, lt=0.1)] = 0.0  # by which the board's clock runs fast
     stall: list[Spell] = Field(default_factory=list)  # the line holds everything back, then lets it go
     brown_out: list[Spell] = Field(default_factory=list)  # no supply; afterwards the board boots
+    tripped: list[Spell] = Field(default_factory=list)  # the board's own protection: SAFE, FAULT, until it is over
     stuck: list[Stuck] = Field(default_factory=list)
     saturated: list[Saturated] = Field(default_factory=list)
 

@@ -86,6 +86,10 @@ class Feedback:
         self.record["limit"] = min(registers.drive_limit, self._code_max)
         self.record["dither"] = registers.dither_amplitude
 
+    def limit(self, code: int) -> None:
+        """Bring the drives computed and not yet acting within ± `code`."""
+        self.record["queue"] = np.clip(self.record["queue"], -code, code)
+
     def put(self, matrix: Matrix) -> None:
         """Have a matrix wait for its tick, in place of one that waits already."""
         self._waiting = matrix

@@ -1,5 +1,7 @@
 """The board's registers: defaults and limits from the wire's spec, refusals with a reason."""
 
+import numpy as np
+
 from hil.wire.messages import ClockMode, LoopMode, NackReason
 from hil.wire.spec import SPEC
 
@@ -17,10 +19,13 @@ class Refused(Exception):
 class Registers:
     """Values in force, the ones of the inner loop as plain attributes."""
 
-    def __init__(self, clocks: tuple[ClockMode, ...]) -> None:
+    def __init__(self, clocks: tuple[ClockMode, ...], tick_rate_Hz: float) -> None:
         self._clocks = clocks
+        watchdog = SPEC.registers["WATCHDOG_TICKS"]
+        self._watchdog_most = max(watchdog.minimum, min(SPEC.watchdog_s * tick_rate_Hz // 1.0, watchdog.maximum))
         self._values: dict[int, float] = {register.id: register.default for register in _BY_ID.values()}
         self._values[SPEC.registers["CLOCK_MODE"].id] = clocks[0]
+        self._values[watchdog.id] = min(watchdog.default, self._watchdog_most)
         self._unpack()
 
     def read(self, number: int) -> float:
@@ -40,7 +45,7 @@ class Registers:
             raise Refused(NackReason.UNKNOWN_REGISTER)
         if register.access != "rw":
             raise Refused(NackReason.READ_ONLY)
-        if not register.accepts(value):
+        if not register.accepts(value) or (register.name == "WATCHDOG_TICKS" and value > self._watchdog_most):
             raise Refused(NackReason.OUT_OF_RANGE)
         if not (settled or register.live):
             raise Refused(NackReason.BAD_STATE)
@@ -49,6 +54,11 @@ class Registers:
         self._values[number] = value if register.real else int(value)
         self._unpack()
         return self._values[number]
+
+    @property
+    def filter_radius(self) -> float:
+        """Spectral radius of the filter's A."""
+        return float(np.abs(np.linalg.eigvals(np.array(self.filter_a))).max())
 
     def _unpack(self) -> None:
         value = {register.name: self._values[register.id] for register in _BY_ID.values()}

@@ -146,7 +146,7 @@ class Server:
         assert self._origin is not None
         behind = int((time.monotonic() - self._origin) * self._rate_Hz) + 1 - self._board.rows
         if behind > 0:
-            self._board.coast(behind)
+            self._say(self._board.coast(behind))
 
     def _be_urgent(self, urgent: bool) -> None:
         if urgent == self._urgent:

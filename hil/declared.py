@@ -133,7 +133,7 @@ def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]]]:
             identity = client.connect(endpoint)
         finally:
             endpoint.close()
-    heading = f"Board {identity.unique_id:016x}, firmware {identity.firmware >> 16}.{identity.firmware & 0xFFFF}."
+    heading = f"Board {identity.unique_id:016x}, firmware {identity.version}."
     drive = identity.drive_scale_mps2 * 2 ** (identity.drive_bits - 1)
     told: dict[str, dict[str, Any]] = {
         "device": {"axes": identity.axes, "sample_rate_Hz": identity.tick_rate_Hz},

@@ -5,6 +5,10 @@
 /* A sequence number up to this far behind the expected one is a repetition; further behind, a jump ahead. */
 #define REPEAT_WINDOW 256u
 
+/* So many frames in a row, each following the one before, move the count back to where they are: the number ahead of
+ * them was a stray one. */
+#define REPEAT_RUN 4u
+
 /* An effective tick up to this far ahead is to come; any other, in 32 bits, has passed. */
 #define HORIZON 0x10000u
 
@@ -23,12 +27,21 @@ static uint32_t tick_now(const hil_board *b) {
     return b->tick < 0 ? 0u : (uint32_t)b->tick;
 }
 
-static bool settled(const hil_board *b) {
-    return b->state == HIL_STATE_IDLE || b->state == HIL_STATE_SAFE;
+/* What the state table says to an event: nothing has happened yet. */
+static const hil_transition *at(const hil_board *b, unsigned event) {
+    return &hil_transitions[b->situation][event];
+}
+
+uint8_t hil_board_state(const hil_board *board) {
+    return hil_situation_state[board->situation];
+}
+
+static bool running(const hil_board *b) {
+    return b->situation == HIL_SITUATION_RUNNING;
 }
 
 bool hil_board_streaming(const hil_board *board) {
-    return board->state == HIL_STATE_ARMED || board->state == HIL_STATE_RUNNING;
+    return board->situation == HIL_SITUATION_ARMED || running(board);
 }
 
 bool hil_board_lockstep(const hil_board *board) {
@@ -85,12 +98,12 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
         (uint32_t)((config->blocks_size / 2u - HIL_SENSE_SIZE) / (HIL_SENSE_COLUMNS * (size_t)board->width));
     if (config->blocks_size / 2u < HIL_SENSE_SIZE || board->room_rows == 0u)
         return false;
-    if (identity->latency_ticks >= HIL_LATENCY)
+    if (identity->latency_ticks >= HIL_LATENCY || !(identity->tick_rate_Hz > 0.0))
         return false;
     board->block[0].payload = config->blocks;
     board->block[1].payload = config->blocks + config->blocks_size / 2u;
 
-    hil_registers_init(&board->registers);
+    hil_registers_init(&board->registers, identity->tick_rate_Hz);
     unsigned clock = HIL_CLOCK_MODE_REAL;
     while (clock > 0u && !(config->clocks & 1u << clock))
         clock--;
@@ -98,7 +111,7 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
         return false;
     board->registers.value[HIL_REGISTER_CLOCK_MODE] = clock;
     registers_changed(board);
-    board->state = HIL_STATE_BOOT;
+    board->situation = HIL_SITUATION_BOOT;
     board->tick = -1;
     return true;
 }
@@ -164,18 +177,42 @@ static void forget_drives(hil_board *b) {
     b->interval_flags = 0u;
 }
 
-static void enter_safe(hil_board *b, uint8_t reason) {
-    b->state = HIL_STATE_SAFE;
-    b->reason = reason;
-    b->granted = 0u;
-    forget_drives(b);
-    end_block(b);
+static void put_now(hil_board *b) {
+    if (b->config.put_now != NULL)
+        b->config.put_now(b->config.context, b->held.codes);
+}
+
+/* An event happens: the state table says what becomes of it. Whatever ends the stream ends the force. */
+static const hil_transition *happen(hil_board *b, unsigned event, uint8_t sent) {
+    const hil_transition *told = at(b, event);
+    bool streamed = hil_board_streaming(b);
+    b->situation = told->next;
+    if (told->reason != HIL_REASON_KEPT)
+        b->reason = told->reason == HIL_REASON_SENT ? sent : told->reason;
+    if (streamed && !hil_board_streaming(b)) {
+        b->granted = 0u;
+        forget_drives(b);
+        put_now(b);
+        end_block(b);
+    }
+    return told;
+}
+
+/* An event of the board's own, which STATUS tells. */
+static void happen_here(hil_board *b, unsigned event) {
+    if (happen(b, event, HIL_SAFE_REASON_NONE)->answer == HIL_TYPE_STATUS)
+        b->status_due = true;
 }
 
 void hil_board_safe(hil_board *board, uint8_t reason) {
     lock(board, true);
-    enter_safe(board, reason);
-    board->status_due = true;
+    happen_here(board, reason == HIL_SAFE_REASON_FAULT ? HIL_EVENT_FAULT : HIL_EVENT_LINK_LOST);
+    lock(board, false);
+}
+
+void hil_board_fault_gone(hil_board *board) {
+    lock(board, true);
+    happen_here(board, HIL_EVENT_FAULT_GONE);
     lock(board, false);
 }
 
@@ -220,6 +257,25 @@ static bool put_command(hil_board *b, int64_t tick, hil_drive codes, bool limite
     place->waits = true;
     place->tick = tick;
     return true;
+}
+
+static void limit_command(hil_command *command, int32_t limit) {
+    hil_drive codes = {within(command->codes.ux, limit), within(command->codes.uy, limit)};
+    command->limited = command->limited || codes.ux != command->codes.ux || codes.uy != command->codes.uy;
+    command->codes = codes;
+}
+
+/* Bring every drive that acts or waits within the limit, which may have been lowered. */
+static void limit_drives(hil_board *b) {
+    int32_t limit = (int32_t)b->drive_limit;
+    limit_command(&b->held, limit);
+    for (unsigned k = 0; k < HIL_WAITING; k++)
+        limit_command(&b->waiting[k], limit);
+    for (unsigned k = 0; k < HIL_LATENCY; k++) {
+        b->computed[k].ux = within(b->computed[k].ux, limit);
+        b->computed[k].uy = within(b->computed[k].uy, limit);
+    }
+    put_now(b);
 }
 
 /* The drive that the codes just sampled lead to; true if it had to be limited. */
@@ -271,11 +327,10 @@ hil_drive hil_board_drive(hil_board *board) {
     bool came = !board->gain_mode && take_command(board);
     if (board->gain_mode && hil_board_streaming(board))
         board->held.codes = board->computed[(uint64_t)board->tick % HIL_LATENCY];
-    if (board->state == HIL_STATE_RUNNING) {
+    if (running(board)) {
         if (board->tick - board->fed >= (int64_t)board->watchdog) {
             hil_count(&board->trips, 1u);
-            enter_safe(board, HIL_SAFE_REASON_WATCHDOG);
-            board->status_due = true;
+            happen_here(board, HIL_EVENT_WATCHDOG);
         } else if (!board->gain_mode && board->tick == board->due) {
             board->due += (int64_t)board->block_rows;
             if (!came) {
@@ -293,7 +348,7 @@ static void say_status(hil_board *b, reply *said) {
     hil_status status;
     uint32_t bad = b->config.link->bad(b->config.link);
     hil_count(&bad, b->undecodable);
-    status.state = b->state;
+    status.state = hil_board_state(b);
     status.reason = b->reason;
     status.late = b->late;
     status.held = b->held_ticks;
@@ -317,10 +372,7 @@ static void say_register(hil_board *b, unsigned place, reply *said) {
 
 static uint8_t hello(hil_board *b, const hil_hello *message, reply *said) {
     b->greeted = message->protocol == HIL_PROTOCOL && message->spec_hash == HIL_SPEC_HASH;
-    if (hil_board_streaming(b)) /* a host that begins anew has forgotten what it was driving */
-        enter_safe(b, HIL_SAFE_REASON_LINK_LOST);
-    else if (b->greeted && b->state == HIL_STATE_BOOT)
-        b->state = HIL_STATE_IDLE;
+    (void)happen(b, b->greeted ? HIL_EVENT_HELLO : HIL_EVENT_HELLO_OTHER, HIL_SAFE_REASON_NONE);
     forget_blocks(b); /* the new host has not asked for them */
     said->type = HIL_TYPE_IDENTITY;
     said->size = hil_pack_identity(&b->config.identity, said->payload);
@@ -328,41 +380,56 @@ static uint8_t hello(hil_board *b, const hil_hello *message, reply *said) {
 }
 
 static uint8_t arm(hil_board *b, reply *said) {
-    if (b->state == HIL_STATE_ARMED) { /* the answer to the first one was lost on the way */
-        say_status(b, said);
-        return 0;
+    unsigned event = b->greeted ? HIL_EVENT_ARM : HIL_EVENT_ARM_UNGREETED;
+    if (at(b, event)->refusal != 0u)
+        return at(b, event)->refusal;
+    if (!hil_board_streaming(b)) { /* or else the answer to the first one was lost on the way */
+        if (b->config.identity.latency_ticks == 0u && !b->lockstep && !b->gain_mode)
+            return HIL_NACK_REASON_NOT_SUPPORTED;
+        if (b->gain_mode && !hil_gain_stable(&b->registers))
+            return HIL_NACK_REASON_OUT_OF_RANGE;
+        (void)happen(b, event, HIL_SAFE_REASON_NONE);
+        b->started = true;
+        b->granted = 0u;
+        count_down(b);
+        hil_gain_start(&b->gain, &b->registers);
+        hil_gain_obey(&b->gain, &b->registers, b->drive_limit);
+        forget_drives(b);
+        grant(b);
     }
-    if (!settled(b) || !b->greeted)
-        return HIL_NACK_REASON_BAD_STATE;
-    if (b->config.identity.latency_ticks == 0u && !b->lockstep && !b->gain_mode)
-        return HIL_NACK_REASON_NOT_SUPPORTED;
-    b->state = HIL_STATE_ARMED;
-    b->reason = HIL_SAFE_REASON_NONE;
-    b->started = true;
-    b->granted = 0u;
-    count_down(b);
-    hil_gain_start(&b->gain, &b->registers);
-    hil_gain_obey(&b->gain, &b->registers, b->drive_limit);
-    forget_drives(b);
-    grant(b);
     say_status(b, said);
     return 0;
 }
 
-static uint8_t safe(hil_board *b, const hil_safe *message, reply *said) {
-    if (b->state != HIL_STATE_SAFE) /* or else what brought it there stays the reason */
-        enter_safe(b, message->reason <= HIL_SAFE_REASON_FAULT ? message->reason : HIL_SAFE_REASON_HOST_REQUEST);
+/* Whatever its number and its length. */
+static void safe(hil_board *b, const hil_frame *frame, reply *said) {
+    uint8_t reason = frame->size == HIL_SAFE_SIZE ? frame->payload[0] : HIL_SAFE_OTHER;
+    unsigned bit = reason < 8u ? 1u << reason : 0u;
+    bool passing = (bit & HIL_SAFE_PASSING) != 0u;
+    if (!passing && !(bit & HIL_SAFE_LATCHING))
+        reason = HIL_SAFE_OTHER;
+    (void)happen(b, passing ? HIL_EVENT_SAFE_PASSING : HIL_EVENT_SAFE_LATCHING, reason);
     say_status(b, said);
-    return 0;
+}
+
+/* A drive was taken: it feeds the watchdog. */
+static void feed(hil_board *b, reply *said) {
+    b->fed = b->tick;
+    if (happen(b, HIL_EVENT_DRIVE, HIL_SAFE_REASON_NONE)->answer == HIL_TYPE_STATUS)
+        say_status(b, said);
+    grant(b);
 }
 
 static uint8_t drive_force(hil_board *b, const hil_drive_force *message, reply *said) {
-    if (!hil_board_streaming(b) || b->gain_mode)
-        return HIL_NACK_REASON_BAD_STATE;
+    if (b->gain_mode)
+        return at(b, HIL_EVENT_DRIVE_OTHER)->refusal;
+    if (at(b, HIL_EVENT_DRIVE)->refusal != 0u)
+        return at(b, HIL_EVENT_DRIVE)->refusal;
     /* With a latency the present interval has begun and cannot be changed; without one it waits for this. */
     int64_t first_open = b->tick + (b->config.identity.latency_ticks > 0u ? 1 : 0);
     uint32_t ahead = message->effective_tick - (uint32_t)first_open;
     if (ahead >= HORIZON) {
+        (void)happen(b, HIL_EVENT_DRIVE_LATE, HIL_SAFE_REASON_NONE);
         hil_count(&b->late, 1u);
         grant(b);
         return 0;
@@ -374,19 +441,17 @@ static uint8_t drive_force(hil_board *b, const hil_drive_force *message, reply *
         return HIL_NACK_REASON_OUT_OF_RANGE;
     if (limited)
         hil_count(&b->saturated, 1u);
-    b->fed = b->tick;
-    if (b->state == HIL_STATE_ARMED) {
-        b->state = HIL_STATE_RUNNING;
+    if (!running(b))
         b->due = first_open + (int64_t)ahead;
-        say_status(b, said);
-    }
-    grant(b);
+    feed(b, said);
     return 0;
 }
 
 static uint8_t drive_gains(hil_board *b, const hil_drive_gains *message, reply *said) {
-    if (!hil_board_streaming(b) || !b->gain_mode)
-        return HIL_NACK_REASON_BAD_STATE;
+    if (!b->gain_mode)
+        return at(b, HIL_EVENT_DRIVE_OTHER)->refusal;
+    if (at(b, HIL_EVENT_DRIVE)->refusal != 0u)
+        return at(b, HIL_EVENT_DRIVE)->refusal;
     if (!hil_gain_accepts(message))
         return HIL_NACK_REASON_OUT_OF_RANGE;
     int64_t following = b->tick + 1;
@@ -396,18 +461,14 @@ static uint8_t drive_gains(hil_board *b, const hil_drive_gains *message, reply *
         ahead = 0u;
     }
     hil_gain_put(&b->gain, message, following + (int64_t)ahead);
-    b->fed = b->tick;
-    if (b->state == HIL_STATE_ARMED) {
-        b->state = HIL_STATE_RUNNING;
-        say_status(b, said);
-    }
-    grant(b);
+    feed(b, said);
     return 0;
 }
 
 static uint8_t register_write(hil_board *b, const hil_register_write *message, reply *said) {
     unsigned place = hil_registers_find(message->register_);
-    uint8_t reason = hil_registers_refuse(place, message->value, settled(b));
+    bool settled = at(b, HIL_EVENT_WRITE)->refusal == 0u;
+    uint8_t reason = hil_registers_refuse(&b->registers, place, message->value, settled);
     if (reason != 0u)
         return reason;
     if (place == HIL_REGISTER_CLOCK_MODE && !(b->config.clocks & 1u << (unsigned)message->value))
@@ -416,6 +477,8 @@ static uint8_t register_write(hil_board *b, const hil_register_write *message, r
         return HIL_NACK_REASON_NOT_SUPPORTED;
     b->registers.value[place] = message->value;
     registers_changed(b);
+    if (place == HIL_REGISTER_DRIVE_LIMIT)
+        limit_drives(b);
     say_register(b, place, said);
     return 0;
 }
@@ -451,20 +514,24 @@ static uint8_t time_sync(hil_board *b, const hil_time_sync *message, reply *said
 
 /* Account for a sequence number; false if the frame has been here before. */
 static bool follows(hil_board *b, const hil_frame *frame) {
-    if (!frame->sequenced)
-        return true;
     if (frame->type == HIL_TYPE_HELLO)
         b->expecting = false;
     if (b->expecting && frame->seq != b->expected) {
         uint16_t behind = (uint16_t)(b->expected - frame->seq);
         if (behind <= REPEAT_WINDOW) {
-            hil_count(&b->repeated, 1u);
-            return false;
+            b->run = b->run > 0u && frame->seq == b->run_next ? (uint8_t)(b->run + 1u) : 1u;
+            b->run_next = (uint16_t)(frame->seq + 1u);
+            if (b->run < REPEAT_RUN) {
+                hil_count(&b->repeated, 1u);
+                return false;
+            }
+        } else {
+            hil_count(&b->lost, (uint16_t)(frame->seq - b->expected));
         }
-        hil_count(&b->lost, (uint16_t)(frame->seq - b->expected));
     }
     b->expecting = true;
     b->expected = (uint16_t)(frame->seq + 1u);
+    b->run = 0u;
     return true;
 }
 
@@ -472,7 +539,6 @@ static bool follows(hil_board *b, const hil_frame *frame) {
 static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
     union {
         hil_hello hello;
-        hil_safe safe;
         hil_drive_force drive_force;
         hil_drive_gains drive_gains;
         hil_register_read register_read;
@@ -488,9 +554,6 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
                                                                : HIL_NACK_REASON_BAD_LENGTH;
     case HIL_TYPE_ARM:
         return size == HIL_ARM_SIZE ? arm(b, said) : HIL_NACK_REASON_BAD_LENGTH;
-    case HIL_TYPE_SAFE:
-        return hil_unpack_safe(&message.safe, payload, size) ? safe(b, &message.safe, said)
-                                                             : HIL_NACK_REASON_BAD_LENGTH;
     case HIL_TYPE_DRIVE_FORCE:
         return hil_unpack_drive_force(&message.drive_force, payload, size)
                    ? drive_force(b, &message.drive_force, said)
@@ -546,7 +609,9 @@ void hil_board_frame(hil_board *board, const hil_frame *frame) {
     said.type = 0u;
     said.size = 0u;
     lock(board, true);
-    if (follows(board, frame)) {
+    if (frame->type == HIL_TYPE_SAFE) {
+        safe(board, frame, &said); /* stands outside the sequence */
+    } else if (frame->sequenced && follows(board, frame)) {
         uint8_t reason = answer(board, frame, &said);
         if (reason == HIL_NACK_REASON_BAD_LENGTH || reason == HIL_NACK_REASON_UNKNOWN_TYPE)
             hil_count(&board->undecodable, 1u);

@@ -1,9 +1,6 @@
 /* The board: states, sequence, registers, timing, watchdog and counters. No allocation, no operating system.
  *
- *     BOOT -> IDLE      HELLO of the same spec
- *     -> ARMED          ARM; SENSE streams, force is zero
- *     -> RUNNING        the first drive, in gain mode the first matrix
- *     -> SAFE           SAFE, watchdog, a lost or restarted host; force is zero until ARM
+ * What brings it from one state to another is the table hil_transitions, which is that of docs/safety.md.
  *
  * Two calls make up a tick, always in this order and both at every tick, whatever the state:
  *
@@ -48,6 +45,9 @@ typedef struct hil_config {
     size_t blocks_size; /* HIL_BLOCKS_SIZE: bounds the BLOCK register */
     uint64_t (*now_ns)(void *context);
     void (*lock)(void *context, bool locked); /* masks and unmasks the sample interrupt; NULL if there is none */
+    /* Put these codes out now, within the interval: the board was stopped, or its limit lowered. Called from the main
+     * loop under `lock`, or from hil_board_drive. NULL: they are put out at the next tick. */
+    void (*put_now)(void *context, hil_drive codes);
     void *context;
 } hil_config;
 
@@ -72,9 +72,9 @@ typedef struct hil_block {
 typedef struct hil_board {
     hil_config config;
     hil_register_file registers;
-    uint8_t state;
+    uint8_t situation; /* HIL_SITUATION: the state, and in SAFE what keeps it there */
     uint8_t reason;
-    bool greeted;
+    bool greeted; /* the last HELLO since the start matched */
     bool started; /* armed once: ticks count */
     int64_t tick; /* of the last row, -1 before the first */
     /* Registers of the inner loop, as whole numbers. */
@@ -115,11 +115,14 @@ typedef struct hil_board {
     /* Sequence. */
     bool expecting;
     uint16_t expected;
+    uint16_t run_next; /* number that would continue a run of frames behind the expected one */
+    uint8_t run;       /* frames in that run */
     uint16_t seq;
 } hil_board;
 
 /* The board after power-up, in BOOT. False if the configuration cannot work: no link, no time, no clock, a latency
- * of HIL_LATENCY or more, a drive converter of less than 2 or more than 24 bits, or memory for less than one row. */
+ * of HIL_LATENCY or more, a tick rate that is not positive, a drive converter of less than 2 or more than 24 bits, or
+ * memory for less than one row. */
 bool hil_board_init(hil_board *board, const hil_config *config);
 
 /* Take an intact frame from the host, and answer it. */
@@ -134,9 +137,14 @@ hil_drive hil_board_drive(hil_board *board);
 /* Send what is ready: a full block, a due STATUS. */
 void hil_board_poll(hil_board *board);
 
-/* Zero force and SAFE, for reasons of the board's own: HIL_SAFE_REASON_LINK_LOST, HIL_SAFE_REASON_FAULT. From the
- * main loop, as it uses `lock`. */
+/* Zero force and SAFE, for reasons of the board's own: HIL_SAFE_REASON_LINK_LOST when the host has hung up (of a board
+ * that streams), HIL_SAFE_REASON_FAULT when a protection of yours trips. It cannot be armed until
+ * hil_board_fault_gone. Both from the main loop, as they use `lock`. */
 void hil_board_safe(hil_board *board, uint8_t reason);
+void hil_board_fault_gone(hil_board *board);
+
+/* State as in STATUS. */
+uint8_t hil_board_state(const hil_board *board);
 
 /* Whether SENSE is due at every tick. */
 bool hil_board_streaming(const hil_board *board);

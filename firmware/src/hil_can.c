@@ -143,17 +143,11 @@ static void give(hil_board *board, uint8_t type, bool sequenced, uint16_t seq, u
     hil_board_frame(board, &frame);
 }
 
-static bool receive_safe(hil_board *board, const hil_can_frame *in) {
-    hil_can_safe safe;
+/* Any node may stop the board, also one that keeps no count. */
+static void receive_safe(hil_board *board, const hil_can_frame *in) {
     uint8_t unsaid = HIL_SAFE_REASON_HOST_REQUEST;
-    if (in->length <= 1u) { /* from a node that keeps no count: any may stop the board */
-        give(board, HIL_TYPE_SAFE, false, 0u, 0u, in->length ? in->data : &unsaid, 1u);
-        return true;
-    }
-    if (!hil_unpack_can_safe(&safe, in->data, in->length))
-        return false;
-    give(board, HIL_TYPE_SAFE, true, safe.seq, safe.tick, &safe.reason, 1u);
-    return true;
+    bool said = !in->fd && (in->length == 1u || in->length == HIL_CAN_SAFE_SIZE);
+    give(board, HIL_TYPE_SAFE, false, 0u, 0u, said ? in->data : &unsaid, 1u);
 }
 
 static bool receive_arm(hil_board *board, const hil_can_frame *in) {
@@ -221,13 +215,13 @@ static bool receive_part(hil_can *can, hil_board *board, uint8_t type, const hil
 
 void hil_can_receive(hil_can *can, hil_board *board, const hil_can_frame *frame) {
     uint8_t type = (uint8_t)(frame->identifier >> HIL_CAN_TYPE_SHIFT);
-    bool good;
+    bool good = true;
     if ((frame->identifier & hil_can_mask()) != hil_can_match(can) || frame->length > HIL_CAN_MOST)
         return;
     if (type == HIL_TYPE_STATUS_BRIEF)
         return; /* has no place in the sequence, and no host sends it */
     if (type == HIL_TYPE_SAFE)
-        good = receive_safe(board, frame);
+        receive_safe(board, frame);
     else if (type == HIL_TYPE_ARM)
         good = receive_arm(board, frame);
     else if (type == HIL_TYPE_SENSE)

@@ -30,11 +30,30 @@ static bool is_finite(float value) {
     return value >= -FLT_MAX && value <= FLT_MAX;
 }
 
+static double magnitude(double value) {
+    return value < 0.0 ? -value : value;
+}
+
+bool hil_gain_stable(const hil_register_file *registers) {
+    const double *value = registers->value;
+    double a11 = value[HIL_REGISTER_FILTER_A11], a12 = value[HIL_REGISTER_FILTER_A12];
+    double a21 = value[HIL_REGISTER_FILTER_A21], a22 = value[HIL_REGISTER_FILTER_A22];
+    double trace = a11 + a22, determinant = a11 * a22 - a12 * a21;
+    double area = HIL_FILTER_RADIUS * HIL_FILTER_RADIUS;
+    /* Jury's criterion for both roots of z^2 - trace z + determinant to lie within the radius. */
+    return magnitude(determinant) <= area && magnitude(trace) * HIL_FILTER_RADIUS <= area + determinant;
+}
+
+/* Written so that NaN, which compares with nothing, is not. */
+static bool is_bounded(float value) {
+    return value >= -HIL_GAINS_LIMIT && value <= HIL_GAINS_LIMIT;
+}
+
 bool hil_gain_accepts(const hil_drive_gains *matrix) {
     bool good = matrix->matrix_id != 0u;
     for (unsigned k = 0; k < 8u; k++)
-        good = good && is_finite(matrix->gain[k]);
-    return good && is_finite(matrix->bias[0]) && is_finite(matrix->bias[1]);
+        good = good && is_bounded(matrix->gain[k]);
+    return good && is_bounded(matrix->bias[0]) && is_bounded(matrix->bias[1]);
 }
 
 void hil_gain_put(hil_gain *gain, const hil_drive_gains *matrix, int64_t tick) {

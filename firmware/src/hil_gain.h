@@ -40,7 +40,10 @@ void hil_gain_start(hil_gain *gain, const hil_register_file *registers);
 /* Take over what may change while the loop runs: dither, and the largest code. */
 void hil_gain_obey(hil_gain *gain, const hil_register_file *registers, uint32_t limit);
 
-/* Whether all of a matrix is finite, and it has a name. */
+/* Whether the filter in the registers may run: the spectral radius of A is at most HIL_FILTER_RADIUS. */
+bool hil_gain_stable(const hil_register_file *registers);
+
+/* Whether all of a matrix is within HIL_GAINS_LIMIT, and it has a name. */
 bool hil_gain_accepts(const hil_drive_gains *matrix);
 
 /* Have a matrix wait for its tick, in place of one that waits already. */

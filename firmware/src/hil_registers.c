@@ -1,8 +1,15 @@
 #include "hil_registers.h"
 
-void hil_registers_init(hil_register_file *registers) {
+void hil_registers_init(hil_register_file *registers, double tick_rate_Hz) {
+    const hil_register *watchdog = &hil_registers[HIL_REGISTER_WATCHDOG_TICKS];
+    double most = HIL_WATCHDOG_S * tick_rate_Hz;
     for (unsigned k = 0; k < HIL_REGISTERS; k++)
         registers->value[k] = hil_registers[k].initial;
+    /* Whole ticks within the register's own limits. */
+    most = most < watchdog->maximum ? (double)(uint32_t)most : watchdog->maximum;
+    registers->watchdog_most = most > watchdog->minimum ? most : watchdog->minimum;
+    if (registers->value[HIL_REGISTER_WATCHDOG_TICKS] > registers->watchdog_most)
+        registers->value[HIL_REGISTER_WATCHDOG_TICKS] = registers->watchdog_most;
 }
 
 unsigned hil_registers_find(uint16_t id) {
@@ -12,7 +19,7 @@ unsigned hil_registers_find(uint16_t id) {
     return place;
 }
 
-uint8_t hil_registers_refuse(unsigned place, double value, bool settled) {
+uint8_t hil_registers_refuse(const hil_register_file *registers, unsigned place, double value, bool settled) {
     if (place >= HIL_REGISTERS)
         return HIL_NACK_REASON_UNKNOWN_REGISTER;
     const hil_register *declared = &hil_registers[place];
@@ -22,6 +29,8 @@ uint8_t hil_registers_refuse(unsigned place, double value, bool settled) {
     if (!(value >= declared->minimum && value <= declared->maximum))
         return HIL_NACK_REASON_OUT_OF_RANGE;
     if (!declared->real && (value < (double)(int64_t)value || value > (double)(int64_t)value))
+        return HIL_NACK_REASON_OUT_OF_RANGE;
+    if (place == HIL_REGISTER_WATCHDOG_TICKS && value > registers->watchdog_most)
         return HIL_NACK_REASON_OUT_OF_RANGE;
     if (!settled && !declared->live)
         return HIL_NACK_REASON_BAD_STATE;

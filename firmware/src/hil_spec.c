@@ -467,13 +467,14 @@ bool hil_unpack_can_status_brief(hil_can_status_brief *message, const uint8_t *p
 const uint8_t hil_can_lengths[HIL_CAN_LENGTHS] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
 
 const hil_register hil_registers[HIL_REGISTERS] = {
-    {0x0001u, true, false, false, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What makes the board go on to the next tick. */
+    {0x0001u, true, false, false, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What makes the board go on to the next tick. A board starts with a mode it can keep, whatever the default here, and refuses one it cannot (NOT_SUPPORTED). */
     {0x0002u, true, false, false, 0.0, 0.0, 1.0},  /* LOOP_MODE: Which drive messages close the loop. */
-    {0x0003u, true, false, false, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE. More than one only where nobody answers sample by sample. At most what fills a payload at 3 bytes a code. */
-    {0x0004u, true, false, false, 80.0, 1.0, 16777215.0},  /* WATCHDOG_TICKS: Ticks without a valid drive frame after which a RUNNING board goes to SAFE. */
-    {0x0005u, true, true, false, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. */
+    {0x0003u, true, false, false, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE; in force mode one drive is due for each. At most what fills a payload at 3 bytes a code; what is more than the board has memory for is refused (NOT_SUPPORTED). */
+    {0x0004u, true, false, false, 80.0, 1.0, 2000000.0},  /* WATCHDOG_TICKS: Ticks without an accepted drive frame after which a RUNNING board goes to SAFE. At most 2 s of the board's ticks: a board refuses more (OUT_OF_RANGE), and starts with its ceiling where the default is above it. */
+    {0x0005u, true, true, false, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. Written lower it limits at once the drive that is held and those that wait; raised again it brings nothing back. */
     {0x0006u, true, true, false, 0.0, 0.0, 16777215.0},  /* STATUS_EVERY: Ticks between two unasked STATUS messages while ARMED or RUNNING; 0: only at a change of state. */
-    {0x0010u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A11: A, row 1, column 1. */
+    {0x0007u, true, false, false, 0.0, 0.0, 4294967295.0},  /* SESSION: A number of the host's own; 0 after every start of the board, by which the host sees that it restarted. Nothing else changes it. */
+    {0x0010u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A11: A, row 1, column 1. ARM is refused in gain mode while the spectral radius of A is above 0.99. */
     {0x0011u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A12: A, row 1, column 2. */
     {0x0012u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A21: A, row 2, column 1. */
     {0x0013u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A22: A, row 2, column 2. */
@@ -484,6 +485,156 @@ const hil_register hil_registers[HIL_REGISTERS] = {
     {0x0018u, true, false, false, 1.0, 1.0, 63.0},  /* FILTER_DELAY: D. The defaults of all filter registers make the pair V[m], V[m − 1]. */
     {0x0020u, true, true, false, 0.0, 0.0, 8388607.0},  /* DITHER_AMPLITUDE: Gain mode: what dither adds to, or takes from, each drive at every tick. */
     {0x0021u, true, false, false, 1.0, 1.0, 4294967295.0},  /* DITHER_SEED: Where the dither's shift register starts at ARM. */
+};
+
+const uint8_t hil_situation_state[HIL_SITUATIONS] = {
+    HIL_STATE_BOOT,
+    HIL_STATE_IDLE,
+    HIL_STATE_ARMED,
+    HIL_STATE_RUNNING,
+    HIL_STATE_SAFE,
+    HIL_STATE_SAFE,
+    HIL_STATE_SAFE,
+    HIL_STATE_SAFE,
+};
+
+const hil_transition hil_transitions[HIL_SITUATIONS][HIL_EVENTS] = {
+    { /* BOOT */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, 0u},  /* ARM */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_LATE */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* WRITE */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT, HIL_SAFE_REASON_FAULT, HIL_TYPE_STATUS, 0u},  /* FAULT */
+        {HIL_SITUATION_BOOT, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
+    { /* IDLE */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_ARMED, HIL_SAFE_REASON_NONE, HIL_TYPE_STATUS, 0u},  /* ARM */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_LATE */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, 0u, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT, HIL_SAFE_REASON_FAULT, HIL_TYPE_STATUS, 0u},  /* FAULT */
+        {HIL_SITUATION_IDLE, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
+    { /* ARMED */
+        {HIL_SITUATION_SAFE, HIL_SAFE_REASON_LINK_LOST, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_SAFE, HIL_SAFE_REASON_LINK_LOST, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* ARM */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, 0u, 0u},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* DRIVE */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, 0u, 0u},  /* DRIVE_LATE */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* WRITE */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, 0u, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_SAFE, HIL_SAFE_REASON_LINK_LOST, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT, HIL_SAFE_REASON_FAULT, HIL_TYPE_STATUS, 0u},  /* FAULT */
+        {HIL_SITUATION_ARMED, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
+    { /* RUNNING */
+        {HIL_SITUATION_SAFE, HIL_SAFE_REASON_LINK_LOST, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_SAFE, HIL_SAFE_REASON_LINK_LOST, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* ARM */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, 0u, 0u},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, 0u, 0u},  /* DRIVE */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, 0u, 0u},  /* DRIVE_LATE */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* WRITE */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_SAFE, HIL_SAFE_REASON_WATCHDOG, HIL_TYPE_STATUS, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_SAFE, HIL_SAFE_REASON_LINK_LOST, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT, HIL_SAFE_REASON_FAULT, HIL_TYPE_STATUS, 0u},  /* FAULT */
+        {HIL_SITUATION_RUNNING, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
+    { /* SAFE */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_ARMED, HIL_SAFE_REASON_NONE, HIL_TYPE_STATUS, 0u},  /* ARM */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_SENT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_LATE */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT, HIL_SAFE_REASON_FAULT, HIL_TYPE_STATUS, 0u},  /* FAULT */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
+    { /* SAFE_LATCHED */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_LATCHED},  /* ARM */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_LATE */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_SAFE_REASON_FAULT, HIL_TYPE_STATUS, 0u},  /* FAULT */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
+    { /* SAFE_FAULT */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_LATCHED},  /* ARM */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_LATE */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, 0u, 0u},  /* FAULT */
+        {HIL_SITUATION_SAFE, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
+    { /* SAFE_FAULT_LATCHED */
+        {HIL_SITUATION_SAFE_FAULT, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, HIL_TYPE_IDENTITY, 0u},  /* HELLO_OTHER */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_LATCHED},  /* ARM */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* ARM_UNGREETED */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* SAFE_LATCHING */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, HIL_TYPE_STATUS, 0u},  /* SAFE_PASSING */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_LATE */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, HIL_NACK_REASON_BAD_STATE},  /* DRIVE_OTHER */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, HIL_TYPE_REGISTER_VALUE, 0u},  /* WRITE_LIVE */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, 0u},  /* WATCHDOG */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, 0u},  /* LINK_LOST */
+        {HIL_SITUATION_SAFE_FAULT_LATCHED, HIL_REASON_KEPT, 0u, 0u},  /* FAULT */
+        {HIL_SITUATION_SAFE_LATCHED, HIL_REASON_KEPT, 0u, 0u},  /* FAULT_GONE */
+    },
 };
 
 const char *const hil_field_table[HIL_FIELD_LINES] = {
@@ -587,9 +738,10 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "register\tCLOCK_MODE\t0x0001 rw\t0..2 ClockMode, default 1",
     "register\tLOOP_MODE\t0x0002 rw\t0..1 LoopMode, default 0",
     "register\tBLOCK\t0x0003 rw\t1..682 1, default 1",
-    "register\tWATCHDOG_TICKS\t0x0004 rw\t1..16777215 tick, default 80",
+    "register\tWATCHDOG_TICKS\t0x0004 rw\t1..2000000 tick, default 80",
     "register\tDRIVE_LIMIT\t0x0005 rw live\t0..8388607 code, default 8388607",
     "register\tSTATUS_EVERY\t0x0006 rw live\t0..16777215 tick, default 0",
+    "register\tSESSION\t0x0007 rw\t0..4294967295 1, default 0",
     "register\tFILTER_A11\t0x0010 rw real\t-16.0..16.0 1, default 0.0",
     "register\tFILTER_A12\t0x0011 rw real\t-16.0..16.0 1, default 0.0",
     "register\tFILTER_A21\t0x0012 rw real\t-16.0..16.0 1, default 0.0",
@@ -601,6 +753,9 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "register\tFILTER_DELAY\t0x0018 rw\t1..63 tick, default 1",
     "register\tDITHER_AMPLITUDE\t0x0020 rw live\t0..8388607 code, default 0",
     "register\tDITHER_SEED\t0x0021 rw\t1..4294967295 1, default 1",
+    "limit\tfilter_radius\t0.99\t1",
+    "limit\tgains_limit\t1.152921504606847e+18\t1",
+    "limit\twatchdog_s\t2.0\ts",
     "State\tBOOT\t0\t",
     "State\tIDLE\t1\t",
     "State\tARMED\t2\t",
@@ -620,6 +775,7 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "NackReason\tREAD_ONLY\t5\t",
     "NackReason\tOUT_OF_RANGE\t6\t",
     "NackReason\tNOT_SUPPORTED\t7\t",
+    "NackReason\tLATCHED\t8\t",
     "ClockMode\tLOCKSTEP\t0\t",
     "ClockMode\tPACED\t1\t",
     "ClockMode\tREAL\t2\t",

@@ -6,13 +6,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define HIL_PROTOCOL 2u
-#define HIL_SPEC_HASH 0x692fe18fu
+#define HIL_PROTOCOL 3u
+#define HIL_SPEC_HASH 0x4e8b482du
 #define HIL_MAX_PAYLOAD 8192u
 /* Longest payload a host sends. */
 #define HIL_MAX_HOST_PAYLOAD 45u
 /* Longest payload a board sends beside SENSE. */
 #define HIL_MAX_ANSWER 72u
+
+/* Gain mode: largest spectral radius of A to be armed with, and largest magnitude of a number in DRIVE_GAINS. */
+#define HIL_FILTER_RADIUS 0.99
+#define HIL_GAINS_LIMIT 1.152921504606847e+18f
+/* Seconds of its own ticks that a board takes as WATCHDOG_TICKS at most. */
+#define HIL_WATCHDOG_S 2.0
 
 /* States of the board. Force is zero in every state but RUNNING. */
 enum {
@@ -43,6 +49,7 @@ enum {
     HIL_NACK_REASON_READ_ONLY = 5,
     HIL_NACK_REASON_OUT_OF_RANGE = 6,
     HIL_NACK_REASON_NOT_SUPPORTED = 7,
+    HIL_NACK_REASON_LATCHED = 8,
 };
 
 /* LOCKSTEP waits for the answer to each frame; PACED is an emulated board on wall time; REAL is hardware. */
@@ -58,7 +65,9 @@ enum {
     HIL_LOOP_MODE_GAIN = 1,
 };
 
-/* Bits of SENSE.flags. */
+/* Bits of SENSE.flags. HELD, force mode: no drive had come for the interval that ends at the row, although one
+ * was due, so the last one was held. CLIPPED: the sense converter was at its end at the row. SATURATED: force
+ * mode: the drive in the row had to be limited; gain mode: the one computed at the row. */
 enum {
     HIL_SENSE_FLAGS_HELD = 1,
     HIL_SENSE_FLAGS_CLIPPED = 2,
@@ -92,21 +101,27 @@ enum {
     HIL_TYPE_FIELD_VALUE = 0x46,
 };
 
-/* Go to SAFE: zero force at once, in any state. Answered by STATUS. */
+/* Go to SAFE: zero force at once, in any state, whatever the frame's sequence number, tick and length.
+ * Answered by STATUS each time. A payload of another length than this counts as HOST_REQUEST. */
 #define HIL_SAFE_SIZE 1u
 typedef struct hil_safe {
-    /* [SafeReason] Why the host asks. */
+    /* [SafeReason] Why the host asks. NONE, WATCHDOG, FAULT and numbers not listed count as HOST_REQUEST. */
     uint8_t reason;
 } hil_safe;
 size_t hil_pack_safe(const hil_safe *message, uint8_t *payload);
 bool hil_unpack_safe(hil_safe *message, const uint8_t *payload, size_t size);
 
 /* From IDLE or SAFE to ARMED: the board streams SENSE from now on. Answered by STATUS. Ticks start at 0 at the
- * first ARM and go on counting at the next ones. */
+ * first ARM and go on counting from then on, in every state; in lockstep they stand still while nothing
+ * streams. Refused: BAD_STATE without a matching HELLO since the board's start, and while RUNNING; LATCHED
+ * after a stop that latches; NOT_SUPPORTED in force mode by a board of latency 0 that is not in lockstep;
+ * OUT_OF_RANGE in gain mode with a filter that is not stable. */
 #define HIL_ARM_SIZE 0u
 
 /* Force mode: the drive to apply from `effective_tick` on. A drive computed from row m first acts at m +
- * latency: its effective tick. Held until the next one. */
+ * latency: its effective tick. Held until the next one. One whose effective tick has passed is late: counted,
+ * otherwise ignored, and not answered. BAD_STATE in gain mode and where nothing streams; OUT_OF_RANGE if it
+ * finds no room to wait in. */
 #define HIL_DRIVE_FORCE_SIZE 12u
 typedef struct hil_drive_force {
     /* [code] Drive along x. */
@@ -121,7 +136,8 @@ bool hil_unpack_drive_force(hil_drive_force *message, const uint8_t *payload, si
 
 /* Gain mode: from `effective_tick` on the drive is computed with this matrix, switched in one piece. One waits
  * at a time: the next one replaces it. One whose effective tick has passed is counted as late and taken from
- * the next tick on. A matrix_id of 0, or a value that is not finite, is refused. */
+ * the next tick on. A matrix_id of 0, or a value that is not finite or beyond ± 2⁶⁰, is refused
+ * (OUT_OF_RANGE). BAD_STATE in force mode and where nothing streams. */
 #define HIL_DRIVE_GAINS_SIZE 45u
 typedef struct hil_drive_gains {
     /* Name of this matrix, 1 to 255, echoed in SENSE. */
@@ -136,16 +152,17 @@ typedef struct hil_drive_gains {
 size_t hil_pack_drive_gains(const hil_drive_gains *message, uint8_t *payload);
 bool hil_unpack_drive_gains(hil_drive_gains *message, const uint8_t *payload, size_t size);
 
-/* A block of n samples; the header's tick is that of the first row. Row m holds the codes sampled at tick m,
- * and the drive codes, after quantisation and saturation, held over the interval that ENDS at m. */
+/* A block of n samples; the header's tick is that of the first row. n is BLOCK, or less in the last block
+ * before SAFE. Row m holds the codes sampled at tick m, and the drive codes, after quantisation and
+ * saturation, held over the interval that ENDS at m. */
 #define HIL_SENSE_SIZE 5u  /* then rows of codes: vx, vy, ux, uy */
 #define HIL_SENSE_COLUMNS 4u
 typedef struct hil_sense {
-    /* Rows in this block, ≥ 1. */
+    /* Rows in this block, ≥ 1; the payload has exactly so many. */
     uint16_t n;
     /* [byte] Bytes per code: 2 or 3. */
     uint8_t width;
-    /* [SenseFlags] What happened within the block. */
+    /* [SenseFlags] What happened in any row of the block. */
     uint8_t flags;
     /* Gain mode: the matrix that the drive computed at the last row was computed with; 0 for none, and in
      * force mode. */
@@ -154,7 +171,8 @@ typedef struct hil_sense {
 size_t hil_pack_sense(const hil_sense *message, uint8_t *payload);
 bool hil_unpack_sense(hil_sense *message, const uint8_t *payload, size_t size);
 
-/* The host sends its clock with board_ns = 0; the board returns host_ns unchanged beside its own clock. */
+/* The host sends its clock with board_ns = 0; the board returns host_ns unchanged beside its own clock, in
+ * every state. */
 #define HIL_TIME_SYNC_SIZE 16u
 typedef struct hil_time_sync {
     /* [ns] Host clock, monotonic, when the request was sent. */
@@ -165,23 +183,24 @@ typedef struct hil_time_sync {
 size_t hil_pack_time_sync(const hil_time_sync *message, uint8_t *payload);
 bool hil_unpack_time_sync(hil_time_sync *message, const uint8_t *payload, size_t size);
 
-/* Sent after every change of state, every STATUS_EVERY ticks, and in answer to ARM and SAFE. Counters count
- * since power-up and stop at 2³² − 1. */
+/* Sent after every change of state but those that HELLO brings, every STATUS_EVERY ticks, and in answer to ARM
+ * and SAFE. Counters count since power-up and stop at 2³² − 1. */
 #define HIL_STATUS_SIZE 34u
 typedef struct hil_status {
     /* [State] State of the board. */
     uint8_t state;
     /* [SafeReason] Why it is in SAFE; NONE otherwise. */
     uint8_t reason;
-    /* Drive frames that came after their effective tick. */
+    /* Drive frames that came after their effective tick (in time is: before the interval that begins at it). */
     uint32_t late;
-    /* Ticks at which the last drive was held for want of a new one. */
+    /* Ticks at which a drive was due and none came, so that the last one was held; force mode. */
     uint32_t held;
-    /* Frames dropped: framing, CRC, length or unknown type. */
+    /* Frames dropped: framing, CRC, and intact ones of unknown type or wrong length, which are answered by
+     * NACK too. */
     uint32_t bad_frames;
     /* Frames missing from the host's sequence. */
     uint32_t lost_seq;
-    /* Drive codes that had to be limited. */
+    /* Drives that had to be limited when they came, in gain mode ticks at which one had to be. */
     uint32_t saturated;
     /* Times the watchdog brought the board to SAFE. */
     uint32_t watchdog_trips;
@@ -206,7 +225,10 @@ typedef struct hil_nack {
 size_t hil_pack_nack(const hil_nack *message, uint8_t *payload);
 bool hil_unpack_nack(hil_nack *message, const uint8_t *payload, size_t size);
 
-/* Opens a conversation; the board answers IDENTITY. Restarts the sequence count of the host's direction. */
+/* Opens a conversation; the board answers IDENTITY, in every state and to any protocol and hash. Restarts the
+ * sequence count of the host's direction. If both numbers are the board's own it permits ARM and lifts the
+ * latch of a stop; if not, it takes the permission back. A board that streams goes to SAFE, LINK_LOST: its
+ * host has begun anew. */
 #define HIL_HELLO_SIZE 6u
 typedef struct hil_hello {
     /* Protocol number of the sender. */
@@ -227,7 +249,7 @@ typedef struct hil_identity {
     uint32_t spec_hash;
     /* Serial number of the board. */
     uint64_t unique_id;
-    /* Firmware version, 0x00MMmmpp. */
+    /* Firmware version 0x00MMmmpp, a byte for each part: 0x00010203 is 1.2.3. */
     uint32_t firmware;
     /* [Hz] Ticks, that is samples, per second. */
     double tick_rate_Hz;
@@ -249,7 +271,7 @@ typedef struct hil_identity {
 size_t hil_pack_identity(const hil_identity *message, uint8_t *payload);
 bool hil_unpack_identity(hil_identity *message, const uint8_t *payload, size_t size);
 
-/* Answered by REGISTER_VALUE or NACK. */
+/* Answered by REGISTER_VALUE or NACK (UNKNOWN_REGISTER), in every state. */
 #define HIL_REGISTER_READ_SIZE 2u
 typedef struct hil_register_read {
     /* Register number. */
@@ -258,7 +280,7 @@ typedef struct hil_register_read {
 size_t hil_pack_register_read(const hil_register_read *message, uint8_t *payload);
 bool hil_unpack_register_read(hil_register_read *message, const uint8_t *payload, size_t size);
 
-/* Answered by REGISTER_VALUE with the value now in force, or NACK. */
+/* Answered by REGISTER_VALUE with the value now in force, or NACK; then the register keeps the value it had. */
 #define HIL_REGISTER_WRITE_SIZE 10u
 typedef struct hil_register_write {
     /* Register number. */
@@ -348,7 +370,7 @@ typedef struct hil_can_rows {
     uint8_t n;
     /* 0: 2 bytes a code, 1: 3. */
     uint8_t wide;
-    /* [SenseFlags] What happened within the block. */
+    /* [SenseFlags] What happened in any row of the block. */
     uint8_t flags;
     /* As in SENSE. */
     uint8_t matrix_id;
@@ -356,8 +378,8 @@ typedef struct hil_can_rows {
 size_t hil_pack_can_rows(const hil_can_rows *message, uint8_t *payload);
 bool hil_unpack_can_rows(hil_can_rows *message, const uint8_t *payload, size_t size);
 
-/* A frame cut short after the reason is taken out of sequence: any node may stop the board, `cansend can0
- * 010#01`. */
+/* Any node may stop the board: a frame cut short after the reason is enough, `cansend can0 010#01`. One of
+ * another length, or a CAN FD frame, counts as HOST_REQUEST. */
 #define HIL_CAN_SAFE_SIZE 7u
 typedef struct hil_can_safe {
     /* [SafeReason] Why. */
@@ -407,18 +429,19 @@ enum {
     HIL_REGISTER_WATCHDOG_TICKS = 3,
     HIL_REGISTER_DRIVE_LIMIT = 4,
     HIL_REGISTER_STATUS_EVERY = 5,
-    HIL_REGISTER_FILTER_A11 = 6,
-    HIL_REGISTER_FILTER_A12 = 7,
-    HIL_REGISTER_FILTER_A21 = 8,
-    HIL_REGISTER_FILTER_A22 = 9,
-    HIL_REGISTER_FILTER_B1 = 10,
-    HIL_REGISTER_FILTER_B2 = 11,
-    HIL_REGISTER_FILTER_C1 = 12,
-    HIL_REGISTER_FILTER_C2 = 13,
-    HIL_REGISTER_FILTER_DELAY = 14,
-    HIL_REGISTER_DITHER_AMPLITUDE = 15,
-    HIL_REGISTER_DITHER_SEED = 16,
-    HIL_REGISTERS = 17,
+    HIL_REGISTER_SESSION = 6,
+    HIL_REGISTER_FILTER_A11 = 7,
+    HIL_REGISTER_FILTER_A12 = 8,
+    HIL_REGISTER_FILTER_A21 = 9,
+    HIL_REGISTER_FILTER_A22 = 10,
+    HIL_REGISTER_FILTER_B1 = 11,
+    HIL_REGISTER_FILTER_B2 = 12,
+    HIL_REGISTER_FILTER_C1 = 13,
+    HIL_REGISTER_FILTER_C2 = 14,
+    HIL_REGISTER_FILTER_DELAY = 15,
+    HIL_REGISTER_DITHER_AMPLITUDE = 16,
+    HIL_REGISTER_DITHER_SEED = 17,
+    HIL_REGISTERS = 18,
 };
 
 typedef struct hil_register {
@@ -433,8 +456,60 @@ typedef struct hil_register {
 
 extern const hil_register hil_registers[HIL_REGISTERS];
 
+/* The state table of docs/safety.md. */
+enum {
+    HIL_SITUATION_BOOT = 0,
+    HIL_SITUATION_IDLE = 1,
+    HIL_SITUATION_ARMED = 2,
+    HIL_SITUATION_RUNNING = 3,
+    HIL_SITUATION_SAFE = 4,
+    HIL_SITUATION_SAFE_LATCHED = 5,
+    HIL_SITUATION_SAFE_FAULT = 6,
+    HIL_SITUATION_SAFE_FAULT_LATCHED = 7,
+    HIL_SITUATIONS = 8,
+};
+
+enum {
+    HIL_EVENT_HELLO = 0,
+    HIL_EVENT_HELLO_OTHER = 1,
+    HIL_EVENT_ARM = 2,
+    HIL_EVENT_ARM_UNGREETED = 3,
+    HIL_EVENT_SAFE_LATCHING = 4,
+    HIL_EVENT_SAFE_PASSING = 5,
+    HIL_EVENT_DRIVE = 6,
+    HIL_EVENT_DRIVE_LATE = 7,
+    HIL_EVENT_DRIVE_OTHER = 8,
+    HIL_EVENT_WRITE = 9,
+    HIL_EVENT_WRITE_LIVE = 10,
+    HIL_EVENT_WATCHDOG = 11,
+    HIL_EVENT_LINK_LOST = 12,
+    HIL_EVENT_FAULT = 13,
+    HIL_EVENT_FAULT_GONE = 14,
+    HIL_EVENTS = 15,
+};
+
+/* Reasons of a SAFE frame, as bits: those that latch, and those that do not. All others count as HIL_SAFE_OTHER. */
+#define HIL_SAFE_LATCHING 0x0eu
+#define HIL_SAFE_PASSING 0x20u
+#define HIL_SAFE_OTHER HIL_SAFE_REASON_HOST_REQUEST
+
+/* In place of a HIL_SAFE_REASON: the one there is stays, or the one in the frame. */
+#define HIL_REASON_KEPT 0xFFu
+#define HIL_REASON_SENT 0xFEu
+
+typedef struct hil_transition {
+    uint8_t next;    /* HIL_SITUATION */
+    uint8_t reason;  /* HIL_SAFE_REASON, HIL_REASON_KEPT or HIL_REASON_SENT */
+    uint8_t answer;  /* HIL_TYPE of what answers or tells, 0 for none */
+    uint8_t refusal; /* HIL_NACK_REASON, 0 for none */
+} hil_transition;
+
+extern const hil_transition hil_transitions[HIL_SITUATIONS][HIL_EVENTS];
+/* HIL_STATE that STATUS says in each situation. */
+extern const uint8_t hil_situation_state[HIL_SITUATIONS];
+
 /* The field table: message, field, type, scale, separated by tabs. Its CRC-32C is HIL_SPEC_HASH. */
-#define HIL_FIELD_LINES 145u
+#define HIL_FIELD_LINES 150u
 extern const char *const hil_field_table[HIL_FIELD_LINES];
 
 #endif

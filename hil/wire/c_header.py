@@ -44,6 +44,12 @@ _HEADER = """\
 /* Longest payload a board sends beside SENSE. */
 #define HIL_MAX_ANSWER {max_answer}u
 
+/* Gain mode: largest spectral radius of A to be armed with, and largest magnitude of a number in DRIVE_GAINS. */
+#define HIL_FILTER_RADIUS {filter_radius}
+#define HIL_GAINS_LIMIT {gains_limit}f
+/* Seconds of its own ticks that a board takes as WATCHDOG_TICKS at most. */
+#define HIL_WATCHDOG_S {watchdog_s}
+
 {enumerations}
 
 /* Message types. */
@@ -67,6 +73,31 @@ typedef struct hil_register {{
 }} hil_register;
 
 extern const hil_register hil_registers[HIL_REGISTERS];
+
+/* The state table of docs/safety.md. */
+{situations}
+
+{events}
+
+/* Reasons of a SAFE frame, as bits: those that latch, and those that do not. All others count as HIL_SAFE_OTHER. */
+#define HIL_SAFE_LATCHING 0x{latching:02x}u
+#define HIL_SAFE_PASSING 0x{passing:02x}u
+#define HIL_SAFE_OTHER {other}
+
+/* In place of a HIL_SAFE_REASON: the one there is stays, or the one in the frame. */
+#define HIL_REASON_KEPT 0xFFu
+#define HIL_REASON_SENT 0xFEu
+
+typedef struct hil_transition {{
+    uint8_t next;    /* HIL_SITUATION */
+    uint8_t reason;  /* HIL_SAFE_REASON, HIL_REASON_KEPT or HIL_REASON_SENT */
+    uint8_t answer;  /* HIL_TYPE of what answers or tells, 0 for none */
+    uint8_t refusal; /* HIL_NACK_REASON, 0 for none */
+}} hil_transition;
+
+extern const hil_transition hil_transitions[HIL_SITUATIONS][HIL_EVENTS];
+/* HIL_STATE that STATUS says in each situation. */
+extern const uint8_t hil_situation_state[HIL_SITUATIONS];
 
 /* The field table: message, field, type, scale, separated by tabs. Its CRC-32C is HIL_SPEC_HASH. */
 #define HIL_FIELD_LINES {lines}u
@@ -101,6 +132,14 @@ const uint8_t hil_can_lengths[HIL_CAN_LENGTHS] = {{{lengths}}};
 
 const hil_register hil_registers[HIL_REGISTERS] = {{
 {registers}
+}};
+
+const uint8_t hil_situation_state[HIL_SITUATIONS] = {{
+{situation_states}
+}};
+
+const hil_transition hil_transitions[HIL_SITUATIONS][HIL_EVENTS] = {{
+{transitions}
 }};
 
 const char *const hil_field_table[HIL_FIELD_LINES] = {{
@@ -323,6 +362,31 @@ def _register(register: Register) -> str:
     return f"    {{0x{register.id:04x}u, {flags}, {numbers}}},  /* {register.name}: {register.doc} */"
 
 
+def _transitions() -> str:
+    states = SPEC.states
+    reasons = {"": "HIL_REASON_KEPT", "SENT": "HIL_REASON_SENT"}
+    blocks = []
+    for situation in states.situations:
+        rows = []
+        for event in states.events:
+            cell = states.table[situation, event]
+            reason = reasons.get(cell.reason, f"HIL_SAFE_REASON_{cell.reason}")
+            answer = f"HIL_TYPE_{cell.answer}" if cell.answer else "0u"
+            refusal = f"HIL_NACK_REASON_{cell.refusal}" if cell.refusal else "0u"
+            rows.append(f"        {{HIL_SITUATION_{cell.next}, {reason}, {answer}, {refusal}}},  /* {event} */")
+        blocks.append("\n".join((f"    {{ /* {situation} */", *rows, "    },")))
+    return "\n".join(blocks)
+
+
+def _bits(reasons: Iterable[str]) -> int:
+    return sum(1 << SPEC.enums["SafeReason"].members[name] for name in reasons)
+
+
+def _numbered(prefix: str, count: str, names: Iterable[str]) -> str:
+    members = [(f"{prefix}_{name}", str(k)) for k, name in enumerate(names)]
+    return _enum([*members, (count, str(len(members)))])
+
+
 def _c_string(text: str) -> str:
     """A C string literal; bytes beyond ASCII as octal escapes, which, unlike hexadecimal ones, end by themselves."""
     out = ""
@@ -349,6 +413,14 @@ def header() -> str:
         max_payload=SPEC.max_payload,
         max_host=max(m.size for m in SPEC.messages.values() if m.sender != "board"),
         max_answer=max(*answers, fields.size + entries),
+        filter_radius=SPEC.filter_radius,
+        gains_limit=SPEC.gains_limit,
+        watchdog_s=SPEC.watchdog_s,
+        situations=_numbered("HIL_SITUATION", "HIL_SITUATIONS", SPEC.states.situations),
+        events=_numbered("HIL_EVENT", "HIL_EVENTS", SPEC.states.events),
+        latching=_bits(SPEC.states.latching),
+        passing=_bits(SPEC.states.passing),
+        other=f"HIL_SAFE_REASON_{SPEC.states.latching[0]}",
         enumerations=_enumerations(),
         types=_enum((f"HIL_TYPE_{m.name}", f"0x{m.type:02x}") for m in SPEC.messages.values()),
         messages="\n\n".join(_declaration(m) for m in SPEC.messages.values()),
@@ -372,6 +444,8 @@ def source() -> str:
         ),
         lengths=", ".join(map(str, SPEC.can.lengths)),
         registers="\n".join(_register(r) for r in SPEC.registers.values()),
+        situation_states="\n".join(f"    HIL_STATE_{state}," for state in SPEC.states.state.values()),
+        transitions=_transitions(),
         table="\n".join(f"    {_c_string(entry.text)}," for entry in SPEC.table),
     )
 

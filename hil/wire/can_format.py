@@ -9,7 +9,6 @@ from bisect import bisect_left
 
 from hil.wire.errors import ProtocolError
 from hil.wire.frame_format import BOARD, HOST, UNSEQUENCED, Frame, Sender
-from hil.wire.messages import SafeReason
 from hil.wire.sense import COLUMNS
 from hil.wire.spec import SPEC, Field
 
@@ -119,10 +118,11 @@ class CanDecoder:
         self._rest = data[whole:]
         frames: list[Frame] = []
         for at in range(0, whole, RECORD_SIZE):
-            identifier, length, _ = HEAD.unpack_from(data, at)
+            identifier, length, flags = HEAD.unpack_from(data, at)
             type_ = self._types.get(identifier)
             if type_ is not None:
-                frame = self._open(type_, data[at + HEAD.size : at + HEAD.size + length], length)
+                body = data[at + HEAD.size : at + HEAD.size + length]
+                frame = _open_safe(body, flags) if type_ == _SAFE else self._open(type_, body, length)
                 if frame is not None:
                     self.frames += 1
                     frames.append(frame)
@@ -164,13 +164,7 @@ class CanDecoder:
         """The frame in the data bytes of one CAN frame; None for a part of one, and after counting a bad one."""
         if type_ == _SENSE:
             return self._open_rows(data, length)
-        if type_ == _SAFE:
-            if length <= 1:
-                return Frame(type_, UNSEQUENCED, 0, data or bytes([SafeReason.HOST_REQUEST]))
-            if length == _SAFE_BODY.size:
-                reason, seq, tick = _SAFE_BODY.unpack(data)
-                return Frame(type_, seq, tick, bytes([reason]))
-        elif type_ == _ARM:
+        if type_ == _ARM:
             if length == _ARM_BODY.size:
                 seq, tick = _ARM_BODY.unpack(data)
                 return Frame(type_, seq, tick, b"")
@@ -218,6 +212,16 @@ class CanDecoder:
             return Frame(type_, seq, tick, payload)
         self.malformed += 1
         return None
+
+
+def _open_safe(body: bytes, flags: int) -> Frame:
+    """SAFE, which counts whatever it looks like: a whole frame, or one cut short after the reason."""
+    if flags & FDF or len(body) not in (1, _SAFE_BODY.size):
+        return Frame(_SAFE, UNSEQUENCED, 0, b"")
+    if len(body) == 1:
+        return Frame(_SAFE, UNSEQUENCED, 0, body)
+    reason, seq, tick = _SAFE_BODY.unpack(body)
+    return Frame(_SAFE, seq, tick, bytes([reason]))
 
 
 class CanFormat:

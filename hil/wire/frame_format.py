@@ -8,7 +8,7 @@ BOARD: Sender = 1
 """The ends of a link, numbered as in a CAN identifier."""
 
 UNSEQUENCED = -1
-"""In place of a sequence number: the frame stands outside the sequence, and has no tick."""
+"""In place of a sequence number: the frame has none, and no tick. Only SAFE may."""
 
 
 class Frame(NamedTuple):

@@ -42,6 +42,7 @@ class NackReason(IntEnum):
     READ_ONLY = 5
     OUT_OF_RANGE = 6
     NOT_SUPPORTED = 7
+    LATCHED = 8
 
 
 class ClockMode(IntEnum):
@@ -157,6 +158,11 @@ class Identity(NamedTuple):
     drive_scale_mps2: float
     latency_ticks: int
     capabilities: int
+
+    @property
+    def version(self) -> str:
+        """The firmware's version in words, such as 1.2.3."""
+        return ".".join(str(self.firmware >> shift & 0xFF) for shift in (16, 8, 0))
 
 
 class RegisterRead(NamedTuple):

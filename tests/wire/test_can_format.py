@@ -28,8 +28,8 @@ def records(data: bytes) -> list[bytes]:
     return [data[at : at + RECORD_SIZE] for at in range(0, len(data), RECORD_SIZE)]
 
 
-def record(identifier: int, body: bytes, length: int | None = None) -> bytes:
-    return HEAD.pack(identifier, len(body) if length is None else length, 0) + body.ljust(64, b"\0")
+def record(identifier: int, body: bytes, length: int | None = None, flags: int = 0) -> bytes:
+    return HEAD.pack(identifier, len(body) if length is None else length, flags) + body.ljust(64, b"\0")
 
 
 def pair(node: int = 0) -> tuple[Transmitter, Receiver]:
@@ -200,8 +200,11 @@ def test_safe_from_any_node():
     for body, reason in ((b"\1", 1), (b"", SafeReason.HOST_REQUEST), (b"\6", 6)):
         (item,) = rx.feed(record(0x010, body))
         assert item == (7, 0, Safe(reason))
+    for body, flags in ((b"\5\0", 0), (bytes(8), 0), (struct.pack("<HIBB", 5, 0, 1, 0) + b"\5\0\0\0", FDF)):
+        (item,) = rx.feed(record(0x010, body, flags=flags))
+        assert item == (7, 0, Safe(SafeReason.HOST_REQUEST))  # of a length that SAFE has not, or as CAN FD
     (item,) = rx.feed(host.encode(Safe(3), 8))
-    assert item == (8, 2, Safe(3))
+    assert item == (7, 2, Safe(3))  # its tick is not looked at
     assert (rx.lost, rx.repeated, rx.bad) == (0, 0, 0)
     assert UNSEQUENCED not in range(0x10000)
 
@@ -247,8 +250,6 @@ def test_unknown_types_are_refused():
         ("HELLO", struct.pack("<HIBB6s", 0, 0, 6, 0, b""), 64),
         ("HELLO", struct.pack("<HIBB", 0, 0, 57, 0), 64),
         ("HELLO", struct.pack("<HIBB", 0, 0, 255, 0), 64),
-        ("SAFE", b"\0\0", 2),
-        ("SAFE", bytes(8), 8),
         ("ARM", b"", 0),
         ("ARM", bytes(8), 8),
         ("SENSE", struct.pack("<HIBB", 0, 0, 0, 0), 8),

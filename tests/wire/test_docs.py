@@ -1,16 +1,35 @@
-"""The committed page is the one the spec makes."""
+"""The committed pages are the ones the spec makes."""
 
 from pathlib import Path
+
+from crc32c import crc32c
 
 from hil.wire import docs
 from hil.wire.spec import SPEC
 
-PAGE = Path(__file__).parents[2] / "docs" / "wire.md"
+PAGES = Path(__file__).parents[2] / "docs"
+PAGE = PAGES / "wire.md"
 
 
 def test_page_is_current():
-    """If this fails: python -m hil.wire.docs docs/wire.md"""
+    """If this fails: python -m hil.wire.docs docs"""
     assert PAGE.read_text(encoding="utf-8") == docs.render()
+
+
+def test_the_state_table_in_the_safety_page_is_current():
+    """If this fails: python -m hil.wire.docs docs"""
+    page = (PAGES / "safety.md").read_text(encoding="utf-8")
+    assert docs.state_table() in page
+    assert docs.with_state_table(page) == page
+
+
+def test_the_published_field_table_is_the_one_that_is_hashed():
+    """If this fails: python -m hil.wire.docs docs"""
+    file = (PAGES / "reference" / "field-table.tsv").read_bytes()
+    assert crc32c(file) == SPEC.hash
+    lines = file.decode().split("\n")
+    assert lines == [entry.text for entry in SPEC.table]
+    assert all(line.count("\t") == 3 for line in lines)
 
 
 def test_page_has_every_name():

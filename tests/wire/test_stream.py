@@ -8,16 +8,20 @@ from hypothesis import strategies as st
 from hil.wire.codec import pack, type_of
 from hil.wire.errors import ProtocolError
 from hil.wire.framing import encode_frame
-from hil.wire.messages import DriveForce, Hello, Identity, Nack, NackReason, Safe
+from hil.wire.messages import DriveForce, Hello, Identity, Nack, NackReason, RegisterRead, Safe
 from hil.wire.sense import Sense
-from hil.wire.stream import REPEAT_WINDOW, Received, Receiver, Transmitter, unwrap
+from hil.wire.stream import REPEAT_RUN, REPEAT_WINDOW, Received, Receiver, Transmitter, unwrap
 
 untimed = settings(deadline=None)
 IDENTITY = Identity(1, 2, 3, 4, 5.0, 2, 16, 16, 1.0, 1.0, 0, 0)
 
 
-def safe(seq: int, tick: int = 0) -> bytes:
-    return encode_frame(type_of(Safe), seq, tick, pack(Safe(0)))
+def frame(seq: int, tick: int = 0) -> bytes:
+    return encode_frame(type_of(RegisterRead), seq, tick, pack(RegisterRead(1)))
+
+
+def safe(seq: int, tick: int = 0, payload: bytes = b"\3") -> bytes:
+    return encode_frame(type_of(Safe), seq, tick, payload)
 
 
 def seqs(receiver: Receiver, data: bytes) -> list[int]:
@@ -39,7 +43,7 @@ def test_unwrap_never_goes_below_zero():
 def test_ticks_pass_the_wrap():
     transmitter, receiver = Transmitter(), Receiver()
     start = 2**32 - 3
-    stream = [receiver.feed(transmitter.encode(Safe(0), start + k)) for k in range(6)]
+    stream = [receiver.feed(transmitter.encode(RegisterRead(1), start + k)) for k in range(6)]
     assert [items[0].tick for items in stream] == list(range(start, start + 6))
     assert receiver.tick == start + 5
 
@@ -47,62 +51,140 @@ def test_ticks_pass_the_wrap():
 def test_sequence_passes_the_wrap():
     transmitter, receiver = Transmitter(), Receiver()
     transmitter.seq = 0xFFFE
-    found = seqs(receiver, b"".join(transmitter.encode(Safe(0), 0) for _ in range(4)))
+    found = seqs(receiver, b"".join(transmitter.encode(RegisterRead(1), 0) for _ in range(4)))
     assert found == [0xFFFE, 0xFFFF, 0, 1]
     assert receiver.lost == receiver.repeated == 0
 
 
 def test_the_first_frame_sets_the_sequence():
     receiver = Receiver()
-    assert seqs(receiver, safe(500) + safe(501)) == [500, 501]
+    assert seqs(receiver, frame(500) + frame(501)) == [500, 501]
     assert receiver.lost == 0
 
 
 def test_lost_frames_are_counted():
     receiver = Receiver()
-    assert seqs(receiver, safe(0xFFFF) + safe(3)) == [0xFFFF, 3]
+    assert seqs(receiver, frame(0xFFFF) + frame(3)) == [0xFFFF, 3]
     assert receiver.lost == 3
 
 
 def test_repeated_and_overtaken_frames_are_dropped():
     receiver = Receiver()
-    assert seqs(receiver, safe(9) + safe(10) + safe(10) + safe(9) + safe(11)) == [9, 10, 11]
+    assert seqs(receiver, frame(9) + frame(10) + frame(10) + frame(9) + frame(11)) == [9, 10, 11]
     assert receiver.repeated == 2
     assert receiver.lost == 0
 
 
 def test_a_peer_that_jumps_far_back_is_heard():
     receiver = Receiver()
-    assert seqs(receiver, safe(1000) + safe(1001 - REPEAT_WINDOW)) == [1000]
+    assert seqs(receiver, frame(1000) + frame(1001 - REPEAT_WINDOW)) == [1000]
     assert receiver.repeated == 1
-    assert seqs(receiver, safe(1000 - REPEAT_WINDOW) + safe(1001 - REPEAT_WINDOW)) == [744, 745]
+    assert seqs(receiver, frame(1000 - REPEAT_WINDOW) + frame(1001 - REPEAT_WINDOW)) == [744, 745]
     assert receiver.lost == 0x10000 - REPEAT_WINDOW - 1
+
+
+@pytest.mark.parametrize("ahead", [5, 100, 200, 30000])
+def test_one_stray_frame_far_ahead_costs_three_good_ones(ahead):
+    """docs/wire.md: the fourth of a run of numbers behind the expected one is taken, and the count goes on from it."""
+    receiver = Receiver()
+    assert seqs(receiver, frame(50) + frame(51 + ahead)) == [50, 51 + ahead]
+    good = b"".join(frame(51 + k) for k in range(10))
+    behind = ahead + 1 <= REPEAT_WINDOW
+    assert seqs(receiver, good) == list(range(51 + (REPEAT_RUN - 1) * behind, 61))
+    assert seqs(receiver, frame(61)) == [61]
+    assert receiver.repeated == (REPEAT_RUN - 1) * behind
+
+
+def test_repetitions_that_do_not_follow_each_other_move_nothing():
+    """Doubled frames, pairs of them, and a burst repeated between frames that are in order."""
+    receiver = Receiver()
+    assert seqs(receiver, b"".join(frame(k) for k in range(20))) == list(range(20))
+    assert seqs(receiver, b"".join(map(frame, (5, 5, 6, 6, 5, 6, 7, 9, 10, 11, 1)))) == []
+    for k in range(20, 30):
+        assert seqs(receiver, frame(k) + frame(k - 10) + frame(k - 9) + frame(k - 8)) == [k]
+    assert (receiver.lost, receiver.repeated) == (0, 11 + 30)
+
+
+def test_the_short_way_ends_a_run_of_repetitions():
+    transmitter, receiver = Transmitter(), Receiver()
+    rows = [transmitter.encode_row(tick, tick, 0, 0, 0, 0, 2) for tick in range(12)]
+    for tick in range(10):
+        assert [item.tick for item in receiver.feed(rows[tick])] == [tick]
+    assert receiver.feed(rows[3] + rows[4] + rows[5]) == []
+    assert receiver.take_row(rows[10]) is not None
+    assert receiver.feed(rows[6]) == []
+    assert receiver.take_row(rows[11]) is not None
+
+
+@pytest.mark.parametrize("seq", [0, 8, 9, 10, 11, 300, 0xFFFF])
+@pytest.mark.parametrize("payload", [b"\3", b"", b"\3\0"])
+def test_safe_stands_outside_the_sequence(seq, payload):
+    """It is heard whatever its number, tick and length, as often as it comes, and moves nothing."""
+    receiver = Receiver()
+    seqs(receiver, frame(9, 70))
+    heard = receiver.feed(safe(seq, 2**31, payload) * 2)
+    assert [item.message for item in heard] == [Safe(3 if payload == b"\3" else 1)] * 2
+    assert (receiver.tick, receiver.lost, receiver.repeated, receiver.bad) == (70, 0, 0, 0)
+    assert seqs(receiver, frame(10, 71)) == [10]
+
+
+def test_safe_spends_no_number():
+    transmitter = Transmitter()
+    transmitter.encode(RegisterRead(1), 0)
+    transmitter.encode(Safe(1), 0)
+    receiver = Receiver()
+    assert seqs(receiver, transmitter.encode(Safe(1), 0) + transmitter.encode(RegisterRead(1), 0)) == [1, 1]
+    assert transmitter.seq == 2
+
+
+def test_what_only_the_other_end_says_is_refused_unread():
+    receiver = Receiver(foreign=frozenset((0x20,)))
+    assert receiver.feed(encode_frame(0x20, 4, 0, b"anything") + frame(5)) != []
+    assert receiver.refused == [Nack(0x20, 4, NackReason.NOT_SUPPORTED)]
+    assert (receiver.undecodable, receiver.lost) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("n", "width", "rows"), [(0, 2, 0), (0, 2, 1), (2, 2, 1), (65535, 2, 1), (1, 7, 1), (1, 0, 0), (1, 1, 1), (1, 4, 1)]
+)
+def test_sense_that_contradicts_itself_is_no_row_and_no_time(n, width, rows):
+    """Counted, dropped, and its tick not believed, on the long way and the short one."""
+    receiver = Receiver()
+    receiver.feed(Transmitter().encode_row(5, 1, 2, 3, 4, 0, 2))
+    size = 4 * rows * (width if width in (1, 4, 7) else 2)
+    data = encode_frame(0x20, 1, 9000, bytes((n & 0xFF, n >> 8, width, 0, 0)) + bytes(size))
+    assert receiver.take_row(data) is None
+    assert receiver.feed(data) == []
+    assert (receiver.undecodable, receiver.bad, receiver.tick, receiver.lost) == (1, 1, 5, 0)
 
 
 @pytest.mark.parametrize("opening", [Hello(1, 2), IDENTITY])
 def test_opening_messages_restart_the_count(opening):
     receiver = Receiver()
-    seqs(receiver, safe(100))
-    assert seqs(receiver, encode_frame(type_of(opening), 50, 0, pack(opening)) + safe(51)) == [50, 51]
+    seqs(receiver, frame(100))
+    assert seqs(receiver, encode_frame(type_of(opening), 50, 0, pack(opening)) + frame(51)) == [50, 51]
     assert receiver.lost == receiver.repeated == 0
 
 
 def test_restart_forgets_place_but_not_counters():
     receiver = Receiver()
-    seqs(receiver, safe(1, 70) + safe(5, 71))
+    seqs(receiver, frame(1, 70) + frame(5, 71))
     receiver.restart()
     assert receiver.tick == 0
-    assert seqs(receiver, safe(0, 2)) == [0]
+    assert seqs(receiver, frame(0, 2)) == [0]
     assert (receiver.lost, receiver.repeated, receiver.tick) == (3, 0, 2)
 
 
 def test_frames_that_cannot_be_understood_are_named_for_a_nack():
     receiver = Receiver()
-    stream = encode_frame(0xEE, 0, 0, b"") + encode_frame(type_of(Safe), 1, 0, b"too long") + safe(2)
+    stream = encode_frame(0xEE, 0, 0, b"") + encode_frame(type_of(RegisterRead), 1, 0, b"too long") + frame(2)
     assert seqs(receiver, stream) == [2]
-    assert receiver.refused == [Nack(0xEE, 0, NackReason.UNKNOWN_TYPE), Nack(0x01, 1, NackReason.BAD_LENGTH)]
+    assert receiver.refused == [
+        Nack(0xEE, 0, NackReason.UNKNOWN_TYPE),
+        Nack(type_of(RegisterRead), 1, NackReason.BAD_LENGTH),
+    ]
     assert (receiver.undecodable, receiver.lost, receiver.bad) == (2, 0, 2)
-    assert seqs(receiver, safe(3)) == [3]
+    assert seqs(receiver, frame(3)) == [3]
     assert receiver.refused == []
 
 
@@ -134,8 +216,8 @@ def test_the_short_way_for_rows_is_the_long_way(tick, vx, vy, ux, uy, flags, wid
     long, short = Transmitter(), Transmitter()
     block = Sense(np.array([[vx, vy, ux, uy]], np.int32), width, flags)
     for step in range(2):
-        frame = short.encode_row(tick + step, vx, vy, ux, uy, flags, width)
-        assert frame == long.encode(block, tick + step)
+        row = short.encode_row(tick + step, vx, vy, ux, uy, flags, width)
+        assert row == long.encode(block, tick + step)
     receiver = Receiver()
     receiver.feed(short.encode_row(tick, 0, 0, 0, 0, 0, width))
     near = receiver.tick
@@ -149,13 +231,13 @@ def test_the_short_way_for_rows_is_the_long_way(tick, vx, vy, ux, uy, flags, wid
 @given(ticks, st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), ticks)
 def test_the_short_way_for_drives_is_the_long_way(tick, ux, uy, effective):
     long, short = Transmitter(), Transmitter()
-    frame = short.encode_drive(ux, uy, effective, tick)
-    assert frame == long.encode(DriveForce(ux, uy, effective), tick)
+    drive = short.encode_drive(ux, uy, effective, tick)
+    assert drive == long.encode(DriveForce(ux, uy, effective), tick)
     receiver = Receiver()
-    receiver.feed(frame)
+    receiver.feed(drive)
     again = short.encode_drive(ux, uy, effective, tick)
     assert receiver.take_drive(again) == (ux, uy, effective & 0xFFFFFFFF)
-    assert (receiver.decoder.frames, receiver.decoder.bytes) == (2, len(frame) + len(again))
+    assert (receiver.decoder.frames, receiver.decoder.bytes) == (2, len(drive) + len(again))
 
 
 @pytest.mark.parametrize("take", [Receiver.take_row, Receiver.take_drive])
@@ -166,7 +248,7 @@ def test_the_short_way_leaves_alone_what_is_not_its_own(take):
     unknown = [
         row,
         drive,
-        safe(2),
+        frame(2),
         row + drive,
         row[:-1],
         row[1:],
