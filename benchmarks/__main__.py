@@ -21,6 +21,7 @@ BENCHMARKS = {
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
     "trace_time": "a trace of a million samples with the whole catalogue",
+    "bit_flips": "a thousand single changed bits in the record files of a run, each to be told",
     "soak": "ten million samples in lockstep",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",

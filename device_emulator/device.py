@@ -40,6 +40,7 @@ from device_emulator.temperature import warmer
 PAGE = 64  # rows for which noise is drawn, and truth handed on, at a time
 
 TRUTH_COLUMNS = ("x_m", "vx_mps", "y_m", "vy_mps", "phi_x_V", "phi_y_V", "rate_rad_s", "angle_rad")
+CODE_COLUMNS = ("vx_code", "vy_code", "ux_code", "uy_code")
 
 _CONSTANTS = np.dtype([("plant", PLANT), ("drive", DRIVE), ("sense", SENSE)], align=True)
 _STATE = np.dtype(
@@ -60,8 +61,8 @@ _STATE = np.dtype(
 class Device:
     """A gyro of one scenario; `seed` overrides the scenario's.
 
-    The true states go to `sink(first_tick, rows)`: rows of shape (n ≤ PAGE, 8), columns `TRUTH_COLUMNS`, lent
-    for the call.
+    The true states go to `sink(first_tick, rows)`: rows of shape (n ≤ PAGE, 12), columns `TRUTH_COLUMNS` and, as they
+    were sent, `CODE_COLUMNS`.
 
     Attributes:
         tick: of the last row, -1 before the first.
@@ -168,7 +169,8 @@ class Device:
 
     def _hand_on(self) -> None:
         if self._sink is not None and self._page is not None and self.tick >= self._page:
-            self._sink(self._page, self._truth[self._page % PAGE : self.tick % PAGE + 1])
+            rows = slice(self._page % PAGE, self.tick % PAGE + 1)
+            self._sink(self._page, np.hstack([self._truth[rows], self._sense[rows], self._drive[rows]]))
 
 
 @compiled

@@ -1,11 +1,12 @@
 """The truth file: the true state at every row, for `hil score` and nobody else.
 
-Arrow IPC stream; columns `tick` (int64) and `TRUTH_COLUMNS` (float64); what the numbers mean stands in the
-schema's metadata under `gyrohil`. Each block is written whole, so a kill leaves those before it readable.
+Arrow IPC stream; columns `tick` (int64), `TRUTH_COLUMNS` (float64) and `CODE_COLUMNS` (int32), the codes that the board
+sent of that row, by which the score knows the truth of the run from that of another; what the numbers mean stands in
+the schema's metadata under `gyrohil`. Each block is written whole, so a kill leaves those before it readable.
 """
 
+import contextlib
 import errno
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,8 +16,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from device_emulator.device import TRUTH_COLUMNS
+from device_emulator.device import CODE_COLUMNS, TRUTH_COLUMNS
 from device_emulator.scenario import Scenario
+from device_emulator.seal import SealedStream
 from device_emulator.section import ScenarioError
 from device_emulator.sense import sense_gain
 
@@ -45,25 +47,34 @@ class TruthFile:
     """Writes the rows of a device, one in `metadata["every"]`, starting with tick 0."""
 
     def __init__(self, path: Path, metadata: Mapping[str, Any]) -> None:
-        """Raises `ScenarioError` when the file cannot be made."""
+        """Raises `ScenarioError` when the file cannot be made, or is there already."""
         self._every = int(metadata["every"])
         schema = pa.schema(
-            [("tick", pa.int64()), *((name, pa.float64()) for name in TRUTH_COLUMNS)],
-            metadata={b"gyrohil": json.dumps(metadata, sort_keys=True).encode()},
+            [
+                ("tick", pa.int64()),
+                *((name, pa.float64()) for name in TRUTH_COLUMNS),
+                *((name, pa.int32()) for name in CODE_COLUMNS),
+            ]
         )
+        self._path = path
+        self._sealed = SealedStream(schema, metadata)
         try:
-            self._file = pa.OSFile(str(path), "wb")  # unbuffered
+            self._file = path.open("xb", buffering=0)
+        except FileExistsError:
+            raise ScenarioError(f"{path}: exists already; give another truth file, or remove it") from None
         except OSError as error:
-            why = os.strerror(error.errno or errno.EIO)  # Arrow's own text repeats the path
-            raise ScenarioError(f"{path}: cannot write the truth file ({why})") from None
-        self._writer = pa.ipc.new_stream(self._file, schema)
-        self._schema = schema
+            raise self._refused(error) from None
+        self._size = 0
         self._ticks: list[NDArray[np.int64]] = []
         self._rows: list[NDArray[np.float64]] = []
         self._waiting = 0
+        self._put_down(self._sealed.opening())
 
     def add(self, first_tick: int, rows: NDArray[np.float64]) -> None:
-        """Take rows, shape (n, 8), of consecutive ticks; they are copied. Whole blocks go to the file."""
+        """Take rows, shape (n, 12), of consecutive ticks; they are copied. Whole blocks go to the file.
+
+        Raises `ScenarioError` when it cannot be written; it then ends with its last whole block.
+        """
         skip = -first_tick % self._every
         self._rows.append(rows[skip :: self._every].copy())
         self._ticks.append(np.arange(first_tick + skip, first_tick + len(rows), self._every, dtype=np.int64))
@@ -73,14 +84,38 @@ class TruthFile:
 
     def close(self) -> None:
         """Write what is left and end the stream; a second call does nothing."""
-        if not self._file.closed:
+        if self._file.closed:
+            return
+        try:
             self._write()
-            self._writer.close()
+            self._put_down(self._sealed.end())
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._refused(error) from None
+        finally:
             self._file.close()
 
     def _write(self) -> None:
         if self._waiting:
             columns = np.concatenate(self._rows).T
-            arrays = [pa.array(np.concatenate(self._ticks)), *(pa.array(column) for column in columns)]
-            self._writer.write_batch(pa.record_batch(arrays, schema=self._schema))
+            states, codes = columns[: len(TRUTH_COLUMNS)], columns[len(TRUTH_COLUMNS) :].astype(np.int32)
+            arrays = [pa.array(np.concatenate(self._ticks)), *map(pa.array, states), *map(pa.array, codes)]
             self._ticks, self._rows, self._waiting = [], [], 0
+            self._put_down(self._sealed.block(arrays))
+
+    def _put_down(self, data: bytes) -> None:
+        """All of it or, where the disk has no room, nothing and the end of the file."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._file.write(left) or 0 :]
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.truncate(self._size)
+            self._file.close()
+            raise self._refused(error) from None
+        self._size += len(data)
+
+    def _refused(self, error: OSError) -> ScenarioError:
+        why = os.strerror(error.errno or errno.EIO)
+        return ScenarioError(f"{self._path}: cannot write the truth file ({why})")

@@ -1,6 +1,22 @@
 """The one error a user of the bench meets when something given to it cannot be used."""
 
 
+_TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
+
+
+def printable(text: str) -> str:
+    """`text` with everything that a terminal would obey or hide written out: control characters, escape sequences,
+    marks that change the direction of writing, lone surrogates. Letters of all scripts stay."""
+    return "".join(
+        mark if mark.isprintable() or mark == " " else _TOLD_APART.get(ord(mark)) or _escape(mark) for mark in text
+    )
+
+
+def _escape(mark: str) -> str:
+    code = ord(mark)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
 class InputError(ValueError):
     """A file, key or value given by the user is unusable.
 

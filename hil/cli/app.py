@@ -2,6 +2,7 @@
 
 import typer
 
+from hil.cli.check import check
 from hil.cli.demo import demo
 from hil.cli.doctor import doctor
 from hil.cli.emulate import emulate
@@ -24,5 +25,5 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, import_, export, key):
+for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, check, import_, export, key):
     app.command(verb.__name__.rstrip("_"))(verb)

@@ -6,7 +6,7 @@ see no difference: volts, drive in its unit, seconds. Row m carries the sense va
 value at t_m.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cached_property
@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
+from hil.records.blocks import Columns, part_of, pieces_of, read_blocks, rows_of
 from hil.records.layout import BENCH, TICK, Column, Layout, block_rows_for
-from hil.records.stream import read_blocks
 from hil.records.units import unit_of
 
 Floats = npt.NDArray[np.float64]
@@ -44,14 +44,19 @@ class RowFlag(IntFlag):
 
 @dataclass(frozen=True)
 class Capture:
-    """One record, read. `complete` is False when it was interrupted (its end marker is missing)."""
+    """One record. `complete` is False when it was interrupted (its end marker is missing), `sealed` when it is from
+    before there were checksums.
 
-    columns: Mapping[str, npt.NDArray[Any]]
+    Its columns are read when asked for: what is large is gone through in `pieces`.
+    """
+
+    columns: Columns
     header: Mapping[str, Any]
     complete: bool
+    sealed: bool = True
 
     def __len__(self) -> int:
-        return self.tick.size
+        return rows_of(self.columns)
 
     @property
     def axes(self) -> int:
@@ -142,8 +147,12 @@ class Capture:
     def part(self, start: int, stop: int) -> "Capture":
         """Rows [start, stop) as a capture of their own; ticks and times stay as they are, segments go."""
         header = {key: value for key, value in self.header.items() if key != "segments"}
-        columns = {name: values[start:stop] for name, values in self.columns.items()}
-        return Capture(columns, header, self.complete)
+        return Capture(part_of(self.columns, start, stop), header, self.complete, self.sealed)
+
+    def pieces(self) -> Iterator["Capture"]:
+        """The record in parts that memory always has room for, one after another."""
+        for start, columns in pieces_of(self.columns):
+            yield self.part(start, start + rows_of(columns))
 
     def segment(self, name: str) -> "Capture":
         """The part called `name`. Raises InputError with the names there are."""
@@ -169,7 +178,7 @@ def read_capture(path: Path) -> Capture:
     blocks = read_blocks(path, "capture")
     if "tick" not in blocks.columns or not any(name.startswith(("vx_", "rate_x_")) for name in blocks.columns):
         raise InputError(f"{path}: a capture without tick or vx column; record or import it again")
-    return Capture(blocks.columns, blocks.header, blocks.complete)
+    return Capture(blocks.columns, blocks.header, blocks.complete, blocks.sealed)
 
 
 def board_layout(

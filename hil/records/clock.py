@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.blocks import read_blocks
 from hil.records.clock_fit import ClockFit, ClockUnknownError, fit_clock
 from hil.records.layout import BOARD, HOST, TICK, Column, Layout
-from hil.records.stream import read_blocks
 
 _BLOCK_ROWS = 64
 

@@ -1,6 +1,6 @@
 """`estimates.arrow`: the observer's state with its standard deviations, and the angle, every few samples."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
+from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
-from hil.records.stream import read_blocks
 from hil.records.units import unit_of
 
 Floats = npt.NDArray[np.float64]
@@ -60,12 +60,17 @@ def estimates_layout(
 class Estimates:
     """Estimates of a run, read. Which states there are depends on the model: see `states`."""
 
-    columns: Mapping[str, npt.NDArray[Any]]
+    columns: Columns
     header: Mapping[str, Any]
     complete: bool
 
     def __len__(self) -> int:
-        return self.tick.size
+        return rows_of(self.columns)
+
+    def pieces(self) -> Iterator["Estimates"]:
+        """The record in parts that memory always has room for, one after another."""
+        for _, columns in pieces_of(self.columns):
+            yield Estimates(columns, self.header, self.complete)
 
     def __contains__(self, name: str) -> bool:
         return name in self.columns

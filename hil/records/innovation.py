@@ -1,6 +1,6 @@
 """`innovation.arrow`: measured minus predicted voltage at every sample, and how large it should have been."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
-from hil.records.stream import read_blocks
 
 _AXES = ("x", "y")
 
@@ -31,9 +31,17 @@ def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
 class Innovation:
     """Innovation of a run, read."""
 
-    columns: Mapping[str, npt.NDArray[Any]]
+    columns: Columns
     header: Mapping[str, Any]
     complete: bool
+
+    def __len__(self) -> int:
+        return rows_of(self.columns)
+
+    def pieces(self) -> Iterator["Innovation"]:
+        """The record in parts that memory always has room for, one after another."""
+        for _, columns in pieces_of(self.columns):
+            yield Innovation(columns, self.header, self.complete)
 
     @property
     def axes(self) -> int:

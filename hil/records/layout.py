@@ -7,12 +7,14 @@ three cannot drift apart.
 import json
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+
+from hil.records.seal import METHOD
 
 HEADER_KEY = b"gyrohil"
 VERSION = 1
@@ -46,7 +48,7 @@ TICK = Column("tick", "i8", clock=BENCH)
 class Layout:
     """Columns, header and block size of one record file.
 
-    `header` holds JSON values only; `kind`, `version` and `columns` are added to it by `header_json`.
+    `header` holds JSON values only; `kind`, `version`, `columns` and `checksum` are added to it by `header_json`.
     `block_rows` is the number of rows that reach the disk together.
     """
 
@@ -65,15 +67,22 @@ class Layout:
         """The same row for `struct.pack_into`, which beats NumPy for a row at a time."""
         return row_struct(self.dtype)
 
-    def header_json(self) -> str:
-        """The file header: fixed key order, so that equal runs give equal bytes."""
+    def header_json(self, heads: Sequence[int]) -> str:
+        """The file header: fixed key order, so that equal runs give equal bytes; `heads` are the lengths that heads of
+        its blocks have."""
         columns = {
             column.name: {"unit": column.unit, "scale": column.scale}
             | ({"clock": column.clock} if column.clock else {})
             for column in self.columns
         }
         return json.dumps(
-            {"kind": self.kind, "version": VERSION, **self.header, "columns": columns},
+            {
+                "kind": self.kind,
+                "version": VERSION,
+                **self.header,
+                "columns": columns,
+                "checksum": {"method": METHOD, "heads": list(heads)},
+            },
             ensure_ascii=False,
             allow_nan=False,
         )

@@ -1,13 +1,14 @@
-"""Append-only Arrow IPC streams that survive being cut anywhere.
+"""Append-only Arrow IPC streams that survive being cut anywhere, and show it when a bit of them was changed.
 
-A file is a header with an empty block, then blocks of rows, then an empty block that says "end". Each block
-carries its number and the number of its first row, and reaches the kernel before the next begins, so that
+A file is a header with an empty block, then blocks of rows, then an empty block that says "end". Each block carries
+its number, the number of its first row and its checksums (`hil.records.seal`), and is written in one piece, so that
 after `kill -9` every whole block is readable, and a cut between two blocks cannot be mistaken for the end.
+`hil.records.blocks` reads them.
 """
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+import contextlib
+import io
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,32 +16,42 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+from crc32c import crc32c
 
-from hil.errors import InputError
-from hil.records.layout import HEADER_KEY, VERSION, Layout
+from hil.records.layout import HEADER_KEY, Layout
+from hil.records.seal import lengths_of, note_text, seal
 
 
 class BlockWriter:
     """Writes rows to `path`, a new file, in blocks of `layout.block_rows`.
 
     The bytes depend on the rows only, not on how they were grouped when handed over. As a context manager it
-    ends the file with the end marker, or without it when the body raised.
+    ends the file with the end marker, or without it when the body raised. Raises OSError with the file's name when it
+    cannot be written; what it holds then ends with its last whole block.
     """
 
     dropped = 0
 
     def __init__(self, path: Path, layout: Layout) -> None:
         self.layout = layout
-        self._schema = _schema(layout)
+        self._path = path
+        self._schema = schema_of(layout)
         self._rows = np.zeros(layout.block_rows, layout.dtype)
         # NumPy copies rows of a packed dtype field by field; as bytes they go in one piece.
         self._bytes = self._rows.view(np.uint8).reshape(self._rows.size, layout.dtype.itemsize)
         self._filled = 0
         self._written = 0
         self._blocks = 0
-        self._file = pa.OSFile(str(path), "wb")  # unbuffered: a written block is the kernel's
-        self._stream = pa.ipc.new_stream(self._file, self._schema)
-        self._number_and_write([])  # Arrow writes the header with the first block: let that be now
+        self._before = 0  # head checksum of the last block
+        self._size = 0
+        self._made = io.BytesIO()
+        self._stream = pa.ipc.new_stream(self._made, self._schema)
+        self._file = path.open("wb", buffering=0)  # a written block is the kernel's
+        try:
+            self._number_and_write([])  # Arrow writes the header with the first block: let that be now
+        except BaseException:
+            self._file.close()
+            raise
 
     def put(self, *values: float) -> bool:
         """Append one row given column by column; always True (the ring's `put` can drop)."""
@@ -65,20 +76,31 @@ class BlockWriter:
         return rows.size
 
     def close(self) -> None:
-        """Write what is left and the end marker, and close the file. May be called again."""
+        """Write what is left and the end marker, wait until the disk has it, and close. May be called again."""
         if self._file.closed:
             return
-        self._write_block()
-        self._write([], {"end": True, "rows": self._written})
-        self._stream.close()
-        self._file.close()
+        try:
+            self._write_block()
+            self._write([], {"end": True, "rows": self._written})
+            self._stream.close()
+            self._put_down(self._taken())
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._named(error) from None
+        finally:
+            self._file.close()
 
     def abandon(self) -> None:
         """Write what is left and close the file without the end marker: the record was interrupted."""
         if self._file.closed:
             return
-        self._write_block()
-        self._file.close()
+        try:
+            self._write_block()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._named(error) from None
+        finally:
+            self._file.close()
 
     def _write_block(self) -> None:
         if not self._filled:
@@ -89,13 +111,43 @@ class BlockWriter:
         self._filled = 0
 
     def _number_and_write(self, columns: list[npt.NDArray[Any]]) -> None:
-        self._write(columns, {"block": self._blocks, "first_row": self._written})
+        rows = columns[0].size if columns else 0
+        self._write(columns, {"block": self._blocks, "first_row": self._written, "rows": rows})
         self._blocks += 1
 
     def _write(self, columns: list[npt.NDArray[Any]], note: dict[str, object]) -> None:
         arrays = [pa.array(column) for column in columns] or [pa.array([], kind) for kind in self._schema.types]
         batch = pa.RecordBatch.from_arrays(arrays, schema=self._schema)
-        self._stream.write_batch(batch, custom_metadata={HEADER_KEY: json.dumps(note)})
+        self._stream.write_batch(batch, custom_metadata={HEADER_KEY: note_text(note)})
+        made = self._taken()
+        header = bytearray()
+        if not self._size:  # the header came along
+            header, made = made[: lengths_of(made).head], made[lengths_of(made).head :]
+            self._before = crc32c(header)
+        self._before = seal(made, self._before)
+        self._put_down(header + made)
+
+    def _taken(self) -> bytearray:
+        """What Arrow has made since last time."""
+        made = bytearray(self._made.getbuffer())
+        self._made.seek(0)
+        self._made.truncate()
+        return made
+
+    def _put_down(self, data: bytearray) -> None:
+        """All of it or, where the disk has no room, nothing."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._file.write(left) or 0 :]
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.truncate(self._size)
+            raise self._named(error) from None
+        self._size += len(data)
+
+    def _named(self, error: OSError) -> OSError:
+        return OSError(error.errno, error.strerror, str(self._path))
 
     def __enter__(self) -> Self:
         return self
@@ -109,91 +161,23 @@ class BlockWriter:
             self.abandon()
 
 
-@dataclass(frozen=True)
-class Blocks:
-    """What was read from one file: columns (n,), the header, and whether the end marker was there."""
-
-    columns: Mapping[str, npt.NDArray[Any]]
-    header: Mapping[str, Any]
-    complete: bool
-
-    @property
-    def rows(self) -> int:
-        """Number of rows read."""
-        return next(iter(self.columns.values())).size
-
-
-def read_blocks(path: Path, kind: str, *, numbered: bool = True) -> Blocks:
-    """Read every whole block of a record file of the given kind.
-
-    A file cut anywhere after its header gives the blocks before the cut and `complete` False; so does one
-    whose later part is damaged. `numbered` False reads a plain Arrow stream, whose blocks carry no numbers
-    and which has no end marker to miss. Raises InputError when it cannot be opened, is no Arrow stream of
-    this bench, or is of another kind or a newer version.
-    """
-    try:
-        data = path.read_bytes()  # not from the file piece by piece: a damaged length would ask for any memory
-    except OSError as error:
-        reason = (error.strerror or "unreadable").lower()
-        raise InputError(f"{path}: cannot be read ({reason}); give an existing {kind} file") from None
-    with pa.BufferReader(data) as source:
-        try:
-            reader = pa.ipc.open_stream(source)
-        except (pa.ArrowException, OSError):
-            raise InputError(
-                f"{path}: no {kind} record: not an Arrow stream, or cut inside its header; give a {kind} file"
-            ) from None
-        header = _header(path, kind, reader.schema, numbered)
-        batches, complete = _whole_blocks(reader, numbered)
-        table = pa.Table.from_batches(batches, reader.schema)
-        columns = {name: _own(table.column(name)) for name in table.schema.names}
-    return Blocks(columns, header, complete)
-
-
-def _whole_blocks(reader: Any, numbered: bool) -> tuple[list[Any], bool]:
-    batches: list[Any] = []
-    rows = 0
-    while True:
-        try:
-            batch, metadata = reader.read_next_batch_with_custom_metadata()
-            batch.validate(full=True)
-            note = json.loads(metadata[HEADER_KEY]) if numbered else {}
-        except StopIteration:
-            return batches, not numbered
-        except (pa.ArrowException, OSError, KeyError, TypeError, ValueError):
-            return batches, False
-        if note.get("end"):
-            return batches, note.get("rows") == rows
-        if numbered and (note.get("block") != len(batches) or note.get("first_row") != rows):
-            return batches, False
-        batches.append(batch)
-        rows += batch.num_rows
-
-
-def _header(path: Path, kind: str, schema: Any, numbered: bool) -> dict[str, Any]:
-    try:
-        header = dict(json.loads((schema.metadata or {})[HEADER_KEY]))
-        found, version = header["kind"], header["version"]
-        names = list(schema.names)
-    except (KeyError, ValueError, TypeError):  # UnicodeDecodeError is a ValueError
-        raise InputError(
-            f"{path}: an Arrow stream without this bench's header; give a {kind} file that hil wrote"
-        ) from None
-    if found != kind:
-        raise InputError(f"{path}: holds {found!r}, not {kind!r}; give a {kind} file")
-    if version != VERSION:
-        raise InputError(f"{path}: {kind} version {version}, this program reads {VERSION}; use the hil that wrote it")
-    if numbered and names != list(header.get("columns", {})):
-        raise InputError(f"{path}: damaged header: its columns are not those it lists; restore the file")
-    return header
-
-
-def _own(column: Any) -> npt.NDArray[Any]:
-    """The column as an array that its reader may keep and change."""
-    values: npt.NDArray[Any] = column.to_numpy()
-    return values if values.flags.writeable else values.copy()
-
-
-def _schema(layout: Layout) -> Any:
+def schema_of(layout: Layout) -> Any:
+    """The layout as an Arrow schema, its header in the metadata."""
     fields = [(column.name, pa.from_numpy_dtype(np.dtype(f"<{column.type}"))) for column in layout.columns]
-    return pa.schema(fields, metadata={HEADER_KEY: layout.header_json()})
+    plain = pa.schema(fields)
+    return pa.schema(fields, metadata={HEADER_KEY: layout.header_json(head_lengths(plain))})
+
+
+def head_lengths(schema: Any) -> list[int]:
+    """Lengths of the heads of an empty block and of one with rows: no others are in a file of this schema."""
+    found = []
+    for rows in (0, 1):
+        made = io.BytesIO()
+        with pa.ipc.new_stream(made, schema) as stream:
+            arrays = [pa.nulls(rows, kind).fill_null(0) for kind in schema.types]
+            stream.write_batch(
+                pa.RecordBatch.from_arrays(arrays, schema=schema), custom_metadata={HEADER_KEY: note_text({})}
+            )
+        data = made.getvalue()
+        found.append(lengths_of(data[lengths_of(data).head :]).head)
+    return found

@@ -7,7 +7,7 @@ it by the fastest arrivals, and by the board's own word where it has given its t
 that leaves the wire more: what has been sampled by then was sampled no later.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
 from hil.records.clock import ClockRecord
 from hil.records.layout import BENCH, HOST, TICK, Column, Layout, block_rows_for
-from hil.records.stream import read_blocks
 
 _PARTS = 10
 
@@ -52,9 +52,17 @@ def ledger_layout(*, tick_rate_Hz: float, block: int, deadline_us: float | None 
 class Timing:
     """Wall times of a run, read."""
 
-    columns: Mapping[str, npt.NDArray[Any]]
+    columns: Columns
     header: Mapping[str, Any]
     complete: bool
+
+    def __len__(self) -> int:
+        return rows_of(self.columns)
+
+    def pieces(self) -> Iterator["Timing"]:
+        """The record in parts that memory always has room for, one after another."""
+        for _, columns in pieces_of(self.columns):
+            yield Timing(columns, self.header, self.complete)
 
     @property
     def tick(self) -> npt.NDArray[np.int64]:

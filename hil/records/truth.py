@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.stream import read_blocks
+from hil.records.blocks import Columns, read_blocks
 
 Floats = npt.NDArray[np.float64]
 
+_CODES = ("vx_code", "vy_code", "ux_code", "uy_code")
 _REQUIRED = ("tick", "x_m", "vx_mps", "phi_x_V", "rate_rad_s", "angle_rad")
 
 
@@ -20,7 +21,7 @@ _REQUIRED = ("tick", "x_m", "vx_mps", "phi_x_V", "rate_rad_s", "angle_rad")
 class Truth:
     """True state at sampling instants: columns (n,) named as in the estimates, and `angle_rad` = ∫Ω dt."""
 
-    columns: Mapping[str, npt.NDArray[Any]]
+    columns: Columns
     header: Mapping[str, Any]
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
@@ -37,6 +38,11 @@ class Truth:
         stiffness = zip(("kxx_per_s2", "kyy_per_s2", "kxy_per_s2"), self.header["stiffness_per_s2"], strict=False)
         damping = zip(("dxx_per_s", "dyy_per_s", "dxy_per_s"), self.header["damping_per_s"], strict=False)
         return {name: float(value) for name, value in (*stiffness, *damping)}
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Columns of codes as sent, by which a truth is known to be that of a run; none in old files."""
+        return tuple(name for name in _CODES if name in self.columns)
 
     def at(self, tick: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
         """Indices (into `tick`, into this truth) of the ticks both have, ascending."""

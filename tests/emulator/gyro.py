@@ -64,7 +64,7 @@ def record(what: Scenario, drive_codes: ArrayLike, seed: int | None = None) -> R
     codes = device.rows(drive_codes)
     device.close()
     rows = np.vstack(pages)
-    return Record(codes, dict(zip(TRUTH_COLUMNS, rows.T, strict=True)), device)
+    return Record(codes, dict(zip(TRUTH_COLUMNS, rows.T, strict=False)), device)
 
 
 def undriven(n: int) -> NDArray[np.int32]:

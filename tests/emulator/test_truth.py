@@ -1,6 +1,10 @@
 """The truth file: what it holds, and what a kill leaves of it."""
 
 import json
+import resource
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +12,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from device_emulator.device import TRUTH_COLUMNS, Device
+from device_emulator.device import CODE_COLUMNS, TRUTH_COLUMNS, Device
 from device_emulator.scenario import Scenario
 from device_emulator.section import ScenarioError
 from device_emulator.truth import BLOCK_ROWS, TruthFile, truth_metadata
+from hil.errors import InputError
+from hil.records.blocks import read_blocks
 from tests.emulator.gyro import record, scenario, undriven
 
 
@@ -36,7 +42,7 @@ def test_every_row_of_the_device(tmp_path: Path) -> None:
     n = BLOCK_ROWS + 100
     write(tmp_path / "truth.arrow", what, n)
     table, _ = read(tmp_path / "truth.arrow")
-    assert table.column_names == ["tick", *TRUTH_COLUMNS]
+    assert table.column_names == ["tick", *TRUTH_COLUMNS, *CODE_COLUMNS]
     np.testing.assert_array_equal(table["tick"], np.arange(n))
     truth = record(what, undriven(n)).truth
     for name in TRUTH_COLUMNS:
@@ -63,6 +69,7 @@ def test_metadata_tells_the_truth_per_unit_mass(tmp_path: Path) -> None:
     )
     write(tmp_path / "truth.arrow", what, 1)
     _, metadata = read(tmp_path / "truth.arrow")
+    assert metadata.pop("checksum")["method"] == "CRC-32C"
     assert metadata == {
         "kind": "truth",
         "version": 1,
@@ -84,7 +91,7 @@ def test_a_kill_leaves_whole_blocks(tmp_path: Path) -> None:
     truth = write(path, scenario(), 2 * BLOCK_ROWS + 300, close=False)
     with pa.OSFile(str(path)) as file:
         rows = [len(batch) for batch in pa.ipc.open_stream(file)]
-    assert rows == [BLOCK_ROWS, BLOCK_ROWS]
+    assert rows == [0, BLOCK_ROWS, BLOCK_ROWS]
     truth.close()
 
 
@@ -99,3 +106,50 @@ def test_a_file_that_cannot_be_made(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="cannot write the truth file") as caught:
         TruthFile(tmp_path / "none" / "truth.arrow", truth_metadata(scenario(), None))
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "truth.arrow"
+    path.write_text("the record of a long night")
+    with pytest.raises(ScenarioError, match=r"truth\.arrow: exists already; give another truth file"):
+        TruthFile(path, truth_metadata(scenario(), None))
+    assert path.read_text() == "the record of a long night"
+
+
+def test_the_bench_finds_every_block_whole_and_the_codes_in_it(tmp_path: Path) -> None:
+    """The emulator's checksums and the bench's reader come from the same page, not from the same code."""
+    what, n = scenario(), 2 * BLOCK_ROWS + 300
+    write(tmp_path / "truth.arrow", what, n)
+    blocks = read_blocks(tmp_path / "truth.arrow", "truth")
+    assert (blocks.rows, blocks.complete, blocks.sealed) == (n, True, True)
+    sent = Device(what).rows(undriven(n))
+    np.testing.assert_array_equal(np.column_stack([blocks.columns["vx_code"], blocks.columns["vy_code"]]), sent)
+    data = bytearray((tmp_path / "truth.arrow").read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "truth.arrow").write_bytes(data)
+    with pytest.raises(InputError, match=r"truth\.arrow: block 2, .* is damaged"):
+        read_blocks(tmp_path / "truth.arrow", "truth")
+
+
+def test_a_full_disk_is_one_line_and_leaves_whole_blocks(tmp_path: Path) -> None:
+    whole = tmp_path / "whole.arrow"
+    write(whole, scenario(), 3 * BLOCK_ROWS)
+    small = tmp_path / "small"
+    small.mkdir()
+    with limited_to(whole.stat().st_size // 2), pytest.raises(ScenarioError, match="cannot write the truth file") as told:
+        write(small / "truth.arrow", scenario(), 3 * BLOCK_ROWS)
+    assert "\n" not in str(told.value)
+    assert read_blocks(small / "truth.arrow", "truth").rows == BLOCK_ROWS
+
+
+@contextmanager
+def limited_to(size: int) -> Iterator[None]:
+    """No file may grow beyond `size` bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)

@@ -1,0 +1,368 @@
+"""Reading record files: their blocks found and checked, their columns read when asked for, whole or in part.
+
+Nothing is computed from a file before all of it was checked, and no more of it is in memory than was asked for.
+"""
+
+import json
+import os
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+from crc32c import crc32c
+
+from hil.errors import InputError
+from hil.records.layout import HEADER_KEY, VERSION
+from hil.records.seal import (
+    END_OF_STREAM,
+    PREFIX,
+    BrokenBlockError,
+    checked_head,
+    head_length,
+    is_sealed,
+    lengths_of,
+)
+
+_PIECE_ROWS = 1 << 18
+"""Rows that are read together where a record is gone through from one end to the other."""
+_BEGIN = 1 << 18
+"""Bytes in which a header and the first block end."""
+
+
+class Block(NamedTuple):
+    """Where a block lies in its file: first byte, byte after it, its rows, and where each column begins."""
+
+    start: int
+    stop: int
+    first_row: int
+    rows: int
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What a file was found to hold. `damage` says in words which block is not what was written, "" when none is."""
+
+    path: Path
+    header: Mapping[str, Any]
+    dtypes: Mapping[str, np.dtype[Any]]
+    blocks: tuple[Block, ...]
+    complete: bool
+    sealed: bool
+    damage: str
+    opening: int
+    """Bytes of the header."""
+
+    @property
+    def rows(self) -> int:
+        """Rows of the blocks before any damage."""
+        return self.blocks[-1].first_row + self.blocks[-1].rows if self.blocks else 0
+
+    @property
+    def size(self) -> int:
+        """Bytes up to the end of the last whole block."""
+        return self.blocks[-1].stop if self.blocks else self.opening
+
+
+class StoredColumns(Mapping[str, npt.NDArray[Any]]):
+    """Rows [start, stop) of a checked file, by column; each is read anew when asked for, and is the reader's own."""
+
+    def __init__(self, scan: Scan, start: int, stop: int) -> None:
+        self._scan = scan
+        self._firsts = [block.first_row for block in scan.blocks]
+        self._start, self._stop = start, stop
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        return self._stop - self._start
+
+    def part(self, start: int, stop: int) -> "StoredColumns":
+        """Rows [start, stop) of these, by the rules of slices."""
+        start, stop, _ = slice(start, stop).indices(self.rows)
+        part = StoredColumns.__new__(StoredColumns)
+        part._scan, part._firsts = self._scan, self._firsts
+        part._start, part._stop = self._start + start, self._start + max(start, stop)
+        return part
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        dtype = self._scan.dtypes[name]
+        values = np.empty(self.rows, dtype)
+        column = list(self._scan.dtypes).index(name)
+        with _opened(self._scan.path, "record") as file:
+            row = self._start
+            block = max(bisect_right(self._firsts, row) - 1, 0)
+            while row < self._stop:
+                at = self._scan.blocks[block]
+                count = min(at.first_row + at.rows, self._stop) - row
+                if count > 0:
+                    place = at.start + at.columns[column] + (row - at.first_row) * dtype.itemsize
+                    piece = values[row - self._start : row - self._start + count]
+                    if os.preadv(file.fileno(), [piece.view(np.uint8).data], place) != piece.nbytes:
+                        raise InputError(f"{self._scan.path}: became shorter while it was read; give a finished record")
+                    row += count
+                block += 1
+        return values
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._scan.dtypes)
+
+    def __len__(self) -> int:
+        return len(self._scan.dtypes)
+
+
+Columns = Mapping[str, npt.NDArray[Any]]
+"""Columns of equal length by name: arrays, or those of a file."""
+
+
+def rows_of(columns: Columns) -> int:
+    """Number of rows."""
+    return columns.rows if isinstance(columns, StoredColumns) else next(iter(columns.values())).size
+
+
+def part_of(columns: Columns, start: int, stop: int) -> Columns:
+    """Rows [start, stop); of a file, nothing is read yet."""
+    if isinstance(columns, StoredColumns):
+        return columns.part(start, stop)
+    return {name: values[start:stop] for name, values in columns.items()}
+
+
+def pieces_of(columns: Columns, rows: int = _PIECE_ROWS) -> Iterator[tuple[int, Columns]]:
+    """One part after another, each with the number of its first row; of a file, each is read once."""
+    for start in range(0, rows_of(columns), rows):
+        yield start, part_of(columns, start, start + rows)
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """What was read from one file: columns (n,), the header, whether the end marker was there, and whether the blocks
+    carried checksums."""
+
+    columns: Columns
+    header: Mapping[str, Any]
+    complete: bool
+    sealed: bool
+
+    @property
+    def rows(self) -> int:
+        """Number of rows read."""
+        return rows_of(self.columns)
+
+
+def read_blocks(path: Path, kind: str, *, numbered: bool = True) -> Blocks:
+    """Every whole block of a record file of the given kind, checked.
+
+    A file cut anywhere after its first block gives the blocks before the cut and `complete` False; so does one from
+    before there were checksums whose later part is damaged. `numbered` False allows a plain Arrow stream, whose blocks
+    carry no numbers and which has no end marker to miss. Raises InputError when it cannot be opened, is no Arrow stream
+    of this bench, is of another kind or a newer version, or when a checksum differs.
+    """
+    scan = scan_blocks(path, kind, numbered=numbered)
+    if scan.damage:
+        rest = f"hil check --repair keeps the {scan.rows} rows before it" if scan.blocks else "restore the file"
+        raise InputError(f"{path}: {scan.damage}; {rest}")
+    return Blocks(StoredColumns(scan, 0, scan.rows), scan.header, scan.complete, scan.sealed)
+
+
+def scan_blocks(path: Path, kind: str | None, *, numbered: bool = True) -> Scan:
+    """Find and check the blocks of a record file, of any kind where None is given; raises InputError as `read_blocks`
+    does, but not for damage."""
+    wanted, kind = kind, kind or "record"
+    with _opened(path, kind) as file:
+        size = os.fstat(file.fileno()).st_size
+        opening = _opening(file, size)
+        _require_whole(path, file, opening)
+        try:
+            schema = pa.ipc.read_schema(pa.py_buffer(opening))
+        except (pa.ArrowException, OSError, ValueError):
+            raise InputError(
+                f"{path}: no {kind} record: not an Arrow stream, or cut inside its header; give a {kind} file"
+            ) from None
+        header = _header(path, wanted, schema, numbered)
+        dtypes = _dtypes(path, schema)
+        seal = header.get("checksum")
+        walk = _Walk(file, size, opening, None if seal is None else _heads(path, seal), numbered)
+        blocks, complete, damage = walk.blocks()
+        if seal is not None and not blocks and not damage:
+            raise InputError(f"{path}: no {kind} record: cut inside its header; give a {kind} file")
+    return Scan(path, header, dtypes, tuple(blocks), complete, seal is not None, damage, len(opening))
+
+
+class _Walk:
+    """Goes from block to block of an open file."""
+
+    def __init__(
+        self, file: BufferedReader, size: int, opening: bytes, heads: tuple[int, ...] | None, numbered: bool
+    ) -> None:
+        self._file = file
+        self._size = size
+        self._opening = opening
+        self._heads = heads
+        self._numbered = numbered
+        self._at = len(opening)
+        self._before = crc32c(opening)
+        self._found: list[Block] = []
+        self._rows = 0
+
+    def blocks(self) -> tuple[list[Block], bool, str]:
+        """The whole blocks, whether the file is complete, and what is damaged, in words."""
+        try:
+            complete = self._go()
+        except BrokenBlockError as broken:
+            if self._heads is None:  # before there were checksums, damage could not be told from a cut
+                return self._found, False, ""
+            place = f"block {len(self._found)}, from row {self._rows} on," if self._found else "the header or block 0"
+            return self._found, False, f"{place} is damaged: {broken}"
+        return self._found, complete, ""
+
+    def _go(self) -> bool:
+        while True:
+            left = self._size - self._at
+            prefix = self._read(PREFIX)
+            if prefix == END_OF_STREAM and not self._numbered and self._heads is None:
+                return True
+            if left < PREFIX:
+                return not self._numbered and self._heads is None and not left
+            length = head_length(prefix)
+            if self._heads is not None and length not in self._heads:
+                raise BrokenBlockError("its length is none that a block here has")
+            if left < length:
+                return False
+            head = self._read(length)
+            body_sum = 0
+            if self._heads is not None:
+                self._before, body_sum = checked_head(head, self._before)
+            elif is_sealed(head):
+                self._heads = ()
+                raise BrokenBlockError("it carries checksums of which the header says nothing")
+            message = lengths_of(head)
+            if left < message.head + message.body:
+                return False
+            data = self._read(message.head + message.body)
+            if self._heads is not None and crc32c(memoryview(data)[message.head :]) != body_sum:
+                raise BrokenBlockError("its checksum differs")
+            if self._took(data):
+                return self._ended()
+
+    def _took(self, data: bytes) -> bool:
+        """Take a block; True when it is the end marker."""
+        note, columns, rows = self._decoded(data)
+        if note.get("end"):
+            if note.get("rows") != self._rows:
+                raise BrokenBlockError("the end marker counts other rows")
+            self._at += len(data)
+            return True
+        if note.get("block", len(self._found)) != len(self._found) or note.get("first_row", self._rows) != self._rows:
+            raise BrokenBlockError("it is not the one that follows")
+        if note.get("rows", rows) != rows:
+            raise BrokenBlockError("it has other rows than it says")
+        self._found.append(Block(self._at, self._at + len(data), self._rows, rows, columns))
+        self._at += len(data)
+        self._rows += rows
+        return False
+
+    def _decoded(self, data: bytes) -> tuple[dict[str, Any], tuple[int, ...], int]:
+        """Note of a block, offset of each column in it, and its rows."""
+        together = pa.py_buffer(self._opening + data)
+        start = together.address + len(self._opening)
+        try:
+            with pa.ipc.open_stream(together) as reader:
+                batch, metadata = reader.read_next_batch_with_custom_metadata()
+            batch.validate(full=True)
+            note = dict(json.loads(metadata[HEADER_KEY])) if self._numbered or self._heads is not None else {}
+        except (pa.ArrowException, OSError, KeyError, TypeError, ValueError, StopIteration, RecursionError):
+            raise BrokenBlockError("it is no block of this record") from None
+        if any(column.null_count for column in batch.columns):
+            raise BrokenBlockError("it has rows without a value")
+        offsets = [column.buffers()[1].address - start for column in batch.columns] if batch.num_rows else []
+        return note, tuple(offsets), batch.num_rows
+
+    def _ended(self) -> bool:
+        rest = self._size - self._at
+        if rest > len(END_OF_STREAM) or not END_OF_STREAM.startswith(self._read(len(END_OF_STREAM))):
+            raise BrokenBlockError("what follows the end marker does not belong there")
+        return True
+
+    def _read(self, count: int) -> bytes:
+        self._file.seek(self._at)
+        return self._file.read(min(count, max(self._size - self._at, 0)))
+
+
+@contextmanager
+def _opened(path: Path, kind: str) -> Iterator[BufferedReader]:
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        reason = (error.strerror or "unreadable").lower()
+        raise InputError(f"{path}: cannot be read ({reason}); give an existing {kind} file") from None
+
+
+def _opening(file: BufferedReader, size: int) -> bytes:
+    """The bytes of the header; what they are when the file holds none is for Arrow to say."""
+    try:
+        length = head_length(file.read(PREFIX))
+    except BrokenBlockError:
+        return b""
+    file.seek(0)
+    return file.read(length) if length <= size else b""
+
+
+def _require_whole(path: Path, file: BufferedReader, opening: bytes) -> None:
+    """InputError where the first block's checksum says that the header is not the one that was written."""
+    file.seek(0)
+    begin = file.read(_BEGIN)
+    if not is_sealed(begin):
+        return
+    at = len(opening)
+    try:
+        length = head_length(begin[at:][:PREFIX])
+        if at and length > len(begin) - at:
+            return  # cut inside it
+        checked_head(begin[at:][:length], crc32c(opening))
+    except BrokenBlockError as broken:
+        raise InputError(f"{path}: block 0, with the header, is damaged: {broken}; restore the file") from None
+
+
+def _header(path: Path, kind: str | None, schema: Any, numbered: bool) -> dict[str, Any]:
+    try:
+        header = dict(json.loads((schema.metadata or {})[HEADER_KEY]))
+        found, version = header["kind"], header["version"]
+        names = list(schema.names)
+    except (KeyError, ValueError, TypeError, RecursionError):  # UnicodeDecodeError is a ValueError
+        raise InputError(
+            f"{path}: an Arrow stream without this bench's header; give a {kind or 'record'} file that hil wrote"
+        ) from None
+    if kind is not None and found != kind:
+        raise InputError(f"{path}: holds {found!r}, not {kind!r}; give a {kind} file")
+    if version != VERSION:
+        raise InputError(f"{path}: {kind} version {version}, this program reads {VERSION}; use the hil that wrote it")
+    if numbered and names != list(header.get("columns", {})):
+        raise InputError(f"{path}: damaged header: its columns are not those it lists; restore the file")
+    return header
+
+
+def _dtypes(path: Path, schema: Any) -> dict[str, np.dtype[Any]]:
+    try:
+        found = {field.name: np.dtype(field.type.to_pandas_dtype()) for field in schema}
+    except (NotImplementedError, TypeError):
+        found = {}
+    if len(found) != len(schema) or not all(
+        issubclass(dtype.type, (np.integer, np.floating)) for dtype in found.values()
+    ):
+        raise InputError(f"{path}: a column is no plain number; give a file that hil wrote")
+    return found
+
+
+def _heads(path: Path, seal: Any) -> tuple[int, ...]:
+    heads = seal.get("heads") if isinstance(seal, dict) else None
+    if not isinstance(heads, list) or not all(isinstance(length, int) for length in heads):
+        raise InputError(f"{path}: damaged header: what it says of checksums cannot be read; restore the file")
+    return tuple(heads)

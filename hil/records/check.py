@@ -1,0 +1,206 @@
+"""Whether records are what was written, whole, and agree with each other; and what can be kept of those that are not."""
+
+import os
+import shutil
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.errors import InputError
+from hil.records.atomic import replacing
+from hil.records.blocks import Scan, StoredColumns, pieces_of, scan_blocks
+from hil.records.result import load_result
+
+STEMS = ("capture", "innovation", "estimates", "timing", "clock")
+"""Record files of a run, by stem."""
+_MADE_FROM_THEM = ("result.json", "report.html")
+_STEADY = ("capture", "innovation", "estimates")
+
+
+@dataclass
+class Checked:
+    """What was found of one file. `problems` speak against it, `remarks` do not; each is one line."""
+
+    name: str
+    rows: int = 0
+    seconds: float = 0.0
+    complete: bool = False
+    lost: int = 0
+    gaps: int = 0
+    problems: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    scan: Scan | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.problems
+
+    def figures(self) -> dict[str, Any]:
+        """As JSON values."""
+        names = ("name", "rows", "seconds", "complete", "lost", "gaps", "problems", "remarks")
+        return {"whole": self.whole} | {name: getattr(self, name) for name in names}
+
+
+def check(place: Path) -> list[Checked]:
+    """Check a record file, or all files of a run folder and that they agree.
+
+    Raises InputError where there is no record at all.
+    """
+    if not place.is_dir():
+        return [_record(place)]
+    found = [_tolerant(place / f"{stem}.arrow") for stem in STEMS if (place / f"{stem}.arrow").exists()]
+    if not found:
+        raise InputError(f"{place}: no record in it; give a run folder, or a capture")
+    _compare(found)
+    return found + list(_texts(place, found))
+
+
+def repair(place: Path, out: Path | None = None) -> Path:
+    """Keep every whole block: a new file `<stem>.repaired.arrow` or folder `<run>-repaired`, or `out`; returns it.
+
+    The original stays as it is. A repaired record has no end marker: it reads as interrupted. A new folder has no
+    result.json and no report.html, which spoke of other records. Raises InputError when nothing can be kept, nothing
+    is to be repaired, or the target exists.
+    """
+    checked = check(place)
+    if all(entry.scan is not None and not entry.scan.damage and entry.complete for entry in checked if _is_record(entry)):
+        raise InputError(f"{place}: every block is whole; there is nothing to repair")
+    name = f"{place.name}-repaired" if place.is_dir() else f"{place.stem}.repaired{place.suffix}"
+    target = out or place.resolve().parent / name
+    if target.exists():
+        raise InputError(f"{target}: exists already; give another --out, or remove it")
+    if not place.is_dir():
+        _keep(checked[0].scan, place, target)
+        return target
+    target.mkdir(parents=True)
+    for path in sorted(place.iterdir()):
+        entry = next((entry for entry in checked if entry.name == path.name and _is_record(entry)), None)
+        if path.is_dir() or path.name in _MADE_FROM_THEM or (entry is not None and entry.scan is None):
+            continue
+        if entry is None:
+            shutil.copyfile(path, target / path.name)
+        else:
+            _keep(entry.scan, path, target / path.name)
+    return target
+
+
+def _is_record(entry: Checked) -> bool:
+    return entry.name.endswith(".arrow")
+
+
+def _keep(scan: Scan | None, path: Path, target: Path) -> None:
+    """Copy the whole blocks; a file without damage as it is."""
+    if scan is None or (scan.damage and not scan.blocks):
+        raise InputError(f"{path}: no block of it is whole; restore it from a copy")
+    left = scan.size if scan.damage or not scan.complete else path.stat().st_size
+    with replacing(target) as part, path.open("rb") as source, part.open("wb") as copy:
+        while left:
+            left -= copy.write(source.read(min(left, 1 << 20)))
+
+
+def _tolerant(path: Path) -> Checked:
+    """In a folder, a file that is no record is a finding."""
+    try:
+        return _record(path)
+    except InputError as error:
+        return Checked(path.name, problems=[str(error).removeprefix(f"{path}: ")])
+
+
+def _record(path: Path) -> Checked:
+    scan = scan_blocks(path, path.stem if path.stem in STEMS else None, numbered=path.stem in STEMS)
+    found = Checked(path.name, scan.rows, complete=scan.complete, scan=scan)
+    if scan.damage:
+        found.problems.append(scan.damage)
+    elif not scan.complete:
+        found.problems.append(f"interrupted: it ends after row {scan.rows}, without an end marker")
+    if not scan.sealed:
+        found.remarks.append("without checksums, as it is from before there were any: a changed bit would not show")
+    _count(found, scan)
+    return found
+
+
+def _count(found: Checked, scan: Scan) -> None:
+    """Length and gaps, by the column of ticks."""
+    if "tick" not in scan.dtypes or not scan.rows:
+        return
+    every = int(scan.header.get("every", 1))
+    back, last, first = 0, None, 0
+    for _, columns in pieces_of(StoredColumns(scan, 0, scan.rows)):
+        tick = columns["tick"]
+        if last is None:
+            first = int(tick[0])
+        steps = np.diff(tick, prepend=tick[:1] - every if last is None else last)
+        back += int(np.count_nonzero(steps <= 0))
+        if scan.header.get("kind") in ("capture", "innovation"):
+            found.gaps += int(np.count_nonzero(steps > 1))
+            found.lost += int(np.sum(steps[steps > 1] - 1))
+        last = tick[-1]
+    rate = float(scan.header.get("tick_rate_Hz", scan.header.get("sample_rate_Hz", 0.0)))
+    found.seconds = (int(last) - first) / rate if rate and last is not None else 0.0
+    if back and scan.header.get("kind") in _STEADY:
+        found.problems.append(f"{back} rows do not come after the one before them")
+    if found.gaps:
+        found.remarks.append(f"{found.lost} samples are missing, in {found.gaps} gaps")
+
+
+def _compare(found: list[Checked]) -> None:
+    """Files of one run have one rate, and what was estimated lies within what was captured."""
+    scans = {entry.name.removesuffix(".arrow"): entry for entry in found if entry.scan is not None and entry.rows}
+    capture = scans.get("capture")
+    if capture is None:
+        return
+    low, high = _span(capture)
+    rate = _rate(capture)
+    for stem, entry in scans.items():
+        if abs(_rate(entry) / rate - 1.0) > 1e-3:
+            entry.problems.append(f"of {_rate(entry):g} samples a second, the capture of {rate:g}: of another run")
+        elif stem in _STEADY:
+            first, last = _span(entry)
+            if first < low or (last > high and capture.complete):
+                entry.problems.append(
+                    f"ticks {first} to {last}, the capture {low} to {high}: of another run, or rows of one are missing"
+                )
+
+
+def _texts(folder: Path, found: list[Checked]) -> Iterator[Checked]:
+    """The bench file as run, and the figures beside the record they speak of."""
+    bench = folder / "bench.toml"
+    if bench.exists():
+        entry = Checked(bench.name, complete=True)
+        try:
+            tomllib.loads(bench.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError, OSError) as error:
+            entry.problems.append(f"not TOML ({error})")
+        yield entry
+    path = folder / "result.json"
+    if not path.exists():
+        return
+    entry = Checked(path.name, complete=True)
+    capture = next((other for other in found if other.name == "capture.arrow" and other.scan is not None), None)
+    try:
+        result = load_result(path)
+    except InputError as error:
+        entry.problems.append(str(error).removeprefix(f"{path}: "))
+    else:
+        if capture is not None and result.samples != capture.rows:
+            entry.problems.append(f"speaks of {result.samples} samples, the capture has {capture.rows}: of another run")
+        elif capture is not None and result.complete and not capture.complete:
+            entry.problems.append("speaks of a complete record, the capture is not")
+    yield entry
+
+
+def _span(entry: Checked) -> tuple[int, int]:
+    assert entry.scan is not None
+    columns = StoredColumns(entry.scan, 0, entry.scan.rows)
+    ends = columns.part(0, 1)["tick"], columns.part(entry.scan.rows - 1, entry.scan.rows)["tick"]
+    return int(ends[0][0]), int(ends[1][0])
+
+
+def _rate(entry: Checked) -> float:
+    assert entry.scan is not None
+    return float(entry.scan.header.get("tick_rate_Hz", 0.0)) or 1.0
