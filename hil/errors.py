@@ -1,6 +1,5 @@
 """The one error a user of the bench meets when something given to it cannot be used."""
 
-
 _TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
 
 

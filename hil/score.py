@@ -5,6 +5,7 @@ in the board's frame runs the other way, θ = −φ + constant. Angles are compa
 difference at the first scored instant, since neither φ nor ∫Ω has a natural zero there.
 """
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from hil.errors import InputError
 from hil.records.estimates import Estimates
 from hil.records.result import Result, Score, save_result
 from hil.records.runfolder import RunFolder
-from hil.records.summary import SD_95, parameters, reporting_mass_kg, rms, summarise
+from hil.records.summary import SD_95, parameters, reporting_mass_kg, summarise
 from hil.records.truth import Truth, read_truth
 
 Floats = npt.NDArray[np.float64]
@@ -37,31 +38,62 @@ def score(run: Path, truth_file: Path) -> Result:
 
     Scored are the instants that estimates and truth share, from the bench file's `[loop] settle_s` on.
     Filled in are `angle_error_rms_rad`, `rate_error_rms_rad_s`, the truth of each parameter, and `score`. A
-    run that was killed before it wrote result.json gets one. Raises InputError when the two have nothing to
-    compare.
+    run that was killed before it wrote result.json gets one. Raises InputError when the truth is that of another run,
+    or the two have nothing to compare.
     """
     folder = RunFolder.open(run)
     truth = read_truth(truth_file)
     if folder.estimates is None:
         raise InputError(f"{folder.estimates_path}: not there; replay the capture first")
-    window = scored_window(folder.estimates, truth, folder.settle_s)
-    if window.t_s.size < 2:
+    remarks = require_same_run(folder, truth, truth_file)
+    found = compare(folder.estimates, truth, folder.settle_s)
+    if found is None:
         raise InputError(
             f"{truth_file}: fewer than two instants in common with {folder.estimates_path} "
             f"after settle_s = {folder.settle_s:g} s; give the truth of this run, or a smaller settle_s"
         )
-    figures = compare(folder.estimates, truth, window)
     mass_kg = reporting_mass_kg(folder)
-    result = (folder.result or summarise(folder)).model_copy(
+    before = folder.result or summarise(folder)
+    result = before.model_copy(
         update={
-            "angle_error_rms_rad": _rms(angle_error_rad(folder.estimates, truth, window)),
-            "rate_error_rms_rad_s": _rms(rate_error_rad_s(folder.estimates, truth, window)),
+            "angle_error_rms_rad": found.angle.rms,
+            "rate_error_rms_rad_s": found.rate.rms,
             "parameters": parameters(folder.estimates, mass_kg=mass_kg, truth=truth),
-            "score": figures,
+            "score": found.figures(),
+            "remarks": (*before.remarks, *(remark for remark in remarks if remark not in before.remarks)),
         }
     )
     save_result(folder.result_path, result)
     return result
+
+
+def require_same_run(folder: RunFolder, truth: Truth, place: Path) -> list[str]:
+    """InputError unless the codes that the board sent are those that were captured; remarks where that cannot be told.
+
+    A truth holds the codes of its rows: sense and drive of two runs differ as soon as anything in them does.
+    """
+    capture = folder.capture
+    if capture is None or not truth.codes or not all(name in capture.columns for name in truth.codes):
+        what = "the truth" if not truth.codes else "the run"
+        return [f"whether the truth is that of this run cannot be told: {what} has no codes to compare"]
+    shared = 0
+    for piece in capture.pieces():
+        tick = piece.tick
+        part = truth.between(int(tick[0]), int(tick[-1]))
+        captured, true = part.at(tick)
+        for name in part.codes:
+            differ = np.flatnonzero(piece.columns[name][captured] != part[name][true])
+            if differ.size:
+                raise InputError(
+                    f"{place}: of another run: at tick {tick[captured[differ[0]]]} its {name} is not the one in "
+                    f"{folder.capture_path}; give the truth that this run wrote"
+                )
+        shared += captured.size
+    if not shared:
+        raise InputError(
+            f"{place}: fewer than two instants in common with {folder.capture_path}; give the truth of this run"
+        )
+    return []
 
 
 def scored_window(estimates: Estimates, truth: Truth, settle_s: float) -> Window:
@@ -71,33 +103,144 @@ def scored_window(estimates: Estimates, truth: Truth, settle_s: float) -> Window
     return Window(estimates.t_s[estimated[scored]], estimated[scored], true[scored])
 
 
-def compare(estimates: Estimates, truth: Truth, window: Window) -> Score:
-    """All figures of `Score` over the window; null where the model has no such quantity."""
-    angle, rate = angle_error_rad(estimates, truth, window), rate_error_rad_s(estimates, truth, window)
-    estimation = estimation_error_rad(estimates, truth, window)
-    pattern = angle_error_rad(estimates, truth, window, "angle_pattern_rad")
-    control = None if pattern is None or estimation is None else pattern - (estimation - estimation[0])
-    rotation = truth["angle_rad"][window.true]
-    return Score(
-        window_s=(float(window.t_s[0]), float(window.t_s[-1])),
-        rows=window.t_s.size,
-        turns=float(np.abs(np.diff(rotation)).sum()) / (2 * np.pi),
-        angle_per_rotation=_slope(rotation, angle),
-        angle_error_max_rad=_largest(angle),
-        rate_error_max_rad_s=_largest(rate),
-        pattern_angle_error_rms_rad=_rms(pattern),
-        angle_estimation_error_rms_rad=_rms(estimation),
-        control_imperfection_rms_rad=_rms(control),
-        coverage=coverage(estimates, truth, window),
-    )
+class Running:
+    """An error (n,) that comes in parts; `zeroed` counts it from its first value. None where a model has none."""
+
+    def __init__(self, *, zeroed: bool = False) -> None:
+        self._zeroed = zeroed
+        self._first: float | None = None
+        self._squares, self._largest, self._count = 0.0, 0.0, 0
+
+    def add(self, values: Floats | None) -> Floats | None:
+        """Take the next part; returns it, counted from the first value where that is asked for."""
+        if values is None or not values.size:
+            return values
+        if self._first is None:
+            self._first = float(values[0]) if self._zeroed else 0.0
+        counted: Floats = values - self._first
+        self._count += values.size
+        self._squares += float(np.sum(counted**2))
+        self._largest = float(np.fmax(self._largest, np.abs(counted).max()))
+        return counted
+
+    @property
+    def rms(self) -> float | None:
+        """Root mean square; None of nothing, or when a value is not finite."""
+        return math.sqrt(self._squares / self._count) if self._count and math.isfinite(self._squares) else None
+
+    @property
+    def largest(self) -> float | None:
+        """Largest magnitude, likewise."""
+        return self._largest if self.rms is not None else None
+
+
+class Slope:
+    """Least-squares slope of one quantity over another, from parts: sums about the first values."""
+
+    def __init__(self) -> None:
+        self._sums = np.zeros(5)  # of 1, x, x², y, xy
+        self._origin: float | None = None
+        self._low, self._high = math.inf, -math.inf
+
+    def add(self, x: Floats, y: Floats) -> None:
+        """Take the next part, both (n,)."""
+        if self._origin is None:
+            self._origin = float(x[0])
+        self._low, self._high = min(self._low, float(x.min())), max(self._high, float(x.max()))
+        x = x - self._origin
+        self._sums += np.array([x.size, x.sum(), x @ x, y.sum(), x @ y])
+
+    def over(self, needs: float) -> float | None:
+        """The slope; None when x spans less than it `needs`, or a value is not finite."""
+        n, x, xx, y, xy = self._sums
+        if not np.isfinite(self._sums).all() or self._high - self._low < needs:
+            return None
+        return float((xy - x * y / n) / (xx - x * x / n))
+
+
+class Comparison:
+    """Estimates beside the truth, gathered window after window."""
+
+    def __init__(self) -> None:
+        self.angle, self.rate = Running(zeroed=True), Running()
+        self._pattern, self._estimation, self._control = Running(zeroed=True), Running(), Running()
+        self._slope = Slope()
+        self._since: float | None = None
+        self._until = 0.0
+        self._estimation_since: float | None = None
+        self._rotation: float | None = None
+        self._turned = 0.0
+        self._held: dict[str, int] = {}
+        self.rows = 0
+
+    def add(self, estimates: Estimates, truth: Truth, window: Window) -> None:
+        """Take one window more."""
+        if self._since is None:
+            self._since = float(window.t_s[0])
+        self._until = float(window.t_s[-1])
+        self.rows += window.t_s.size
+        angle = self.angle.add(_angle_difference_rad(estimates, truth, window))
+        self.rate.add(rate_error_rad_s(estimates, truth, window))
+        pattern = self._pattern.add(_angle_difference_rad(estimates, truth, window, "angle_pattern_rad"))
+        estimation = self._estimation.add(estimation_error_rad(estimates, truth, window))
+        if pattern is not None and estimation is not None:
+            if self._estimation_since is None:
+                self._estimation_since = float(estimation[0])
+            self._control.add(pattern - (estimation - self._estimation_since))
+        rotation = truth["angle_rad"][window.true]
+        before = rotation[0] if self._rotation is None else self._rotation
+        self._turned += float(np.abs(np.diff(rotation, prepend=before)).sum())
+        self._rotation = float(rotation[-1])
+        if angle is not None:
+            self._slope.add(rotation, angle)
+        for name, held in _held(estimates, truth, window).items():
+            self._held[name] = self._held.get(name, 0) + held
+
+    def figures(self) -> Score:
+        """All figures of `Score`; null where the model has no such quantity."""
+        slope = None if self.angle.rms is None else self._slope.over(_SLOPE_NEEDS_RAD)
+        return Score(
+            window_s=(self._since or 0.0, self._until),
+            rows=self.rows,
+            turns=self._turned / (2 * np.pi),
+            angle_per_rotation=None if slope is None else 1.0 + slope,
+            angle_error_max_rad=self.angle.largest,
+            rate_error_max_rad_s=self.rate.largest,
+            pattern_angle_error_rms_rad=self._pattern.rms,
+            angle_estimation_error_rms_rad=self._estimation.rms,
+            control_imperfection_rms_rad=self._control.rms,
+            coverage={name: held / self.rows for name, held in self._held.items()},
+        )
+
+
+def compare(estimates: Estimates, truth: Truth, settle_s: float) -> Comparison | None:
+    """All figures over the instants in both records from `settle_s` on; None when there are fewer than two.
+
+    Goes through the records part by part: neither is in memory as a whole.
+    """
+    found = Comparison()
+    for piece in estimates.pieces():
+        tick = piece.tick
+        part = truth.between(int(tick[0]), int(tick[-1]))
+        window = scored_window(piece, part, settle_s)
+        if window.t_s.size:
+            found.add(piece, part, window)
+    return found if found.rows > 1 else None
 
 
 def angle_error_rad(estimates: Estimates, truth: Truth, window: Window, column: str = "angle_rad") -> Floats | None:
     """An estimated angle minus ∫Ω dt (n,), zero at the first scored instant. None where there is none."""
+    error = _angle_difference_rad(estimates, truth, window, column)
+    return None if error is None else np.asarray(error - error[0])
+
+
+def _angle_difference_rad(
+    estimates: Estimates, truth: Truth, window: Window, column: str = "angle_rad"
+) -> Floats | None:
     if column not in estimates:
         return None
-    error: Floats = estimates[column][window.estimated] - truth["angle_rad"][window.true]
-    return np.asarray(error - error[0])
+    difference: Floats = estimates[column][window.estimated] - truth["angle_rad"][window.true]
+    return difference
 
 
 def rate_error_rad_s(estimates: Estimates, truth: Truth, window: Window) -> Floats | None:
@@ -140,12 +283,12 @@ def pattern_angle_rad(state: Floats, stiffness_per_s2: float, spin_rad_s: Floats
     return theta
 
 
-def coverage(estimates: Estimates, truth: Truth, window: Window) -> dict[str, float]:
-    """For each state with a known truth, the fraction of scored instants within ± 1.96 standard deviations.
+def _held(estimates: Estimates, truth: Truth, window: Window) -> dict[str, int]:
+    """For each state with a known truth, how many scored instants lie within ± 1.96 standard deviations.
 
     Instants of one run are correlated: this tells an honest interval from a wrong one, not 94 % from 96 %.
     """
-    found: dict[str, float] = {}
+    found: dict[str, int] = {}
     for name in estimates.states:
         if name in truth.constants:
             true: Floats = np.full(window.t_s.size, truth.constants[name])
@@ -154,24 +297,8 @@ def coverage(estimates: Estimates, truth: Truth, window: Window) -> dict[str, fl
         else:
             continue
         error = np.abs(estimates[name][window.estimated] - true)
-        found[name] = float(np.mean(error <= SD_95 * estimates.sd(name)[window.estimated]))
+        found[name] = int(np.count_nonzero(error <= SD_95 * estimates.sd(name)[window.estimated]))
     return found
-
-
-def _rms(values: Floats | None) -> float | None:
-    return None if values is None else rms(values)
-
-
-def _largest(values: Floats | None) -> float | None:
-    return None if values is None or not np.isfinite(values).all() else float(np.abs(values).max())
-
-
-def _slope(rotation: Floats, error: Floats | None) -> float | None:
-    """Least-squares slope of rotation + error over rotation: 1 plus the slope of the error."""
-    if error is None or not np.isfinite(error).all() or np.ptp(rotation) < _SLOPE_NEEDS_RAD:
-        return None
-    centred = rotation - rotation.mean()
-    return 1.0 + float(centred @ error / (centred @ centred))
 
 
 def _stiffness_per_s2(estimates: Estimates, truth: Truth) -> float:

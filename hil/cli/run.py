@@ -70,6 +70,8 @@ def run(
     url = located(place, beside=path)
     if truth is not None and not is_emulated(url):
         raise InputError(f"--truth: {url} is not started here; give --truth to its hil emulate")
+    if truth is not None and truth.exists():
+        raise InputError(f"--truth: {truth}: exists already; give another name, or remove it")
     if not dry_run and not is_emulated(url):
         consent.require(url, declared, given=arm, open_loop=open_loop)
     from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it

@@ -4,18 +4,17 @@ import json
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, get_args
 
+import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.records.atomic import replacing
-from hil.records.capture import Capture, read_capture
+from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.layout import HEADER_KEY
 from hil.records.rates import rates_rad_s
 
 Format = Literal["csv", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
-
-_CHUNK_ROWS = 65_536
 
 
 def export_record(capture: Path, target: Path, to: Format) -> int:
@@ -54,12 +53,10 @@ def _write_csv(capture: Capture, file: BinaryIO) -> None:
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 
-    columns = channels(capture)
-    file.write((",".join(columns) + "\n").encode())
     options = pa_csv.WriteOptions(include_header=False)
-    for start in range(0, len(capture), _CHUNK_ROWS):
-        part = {name: values[start : start + _CHUNK_ROWS] for name, values in columns.items()}
-        pa_csv.write_csv(pa.table(part), file, options)
+    file.write((",".join(channels(capture.part(0, 0))) + "\n").encode())
+    for piece in capture.pieces():
+        pa_csv.write_csv(pa.table(channels(piece)), file, options)
 
 
 def _write_parquet(capture: Capture, path: Path) -> None:
@@ -75,6 +72,16 @@ def _write_parquet(capture: Capture, path: Path) -> None:
         "complete": capture.complete,
         "identity": capture.header.get("identity"),
     }
-    columns = {"tick": capture.tick, **channels(capture), "flags": capture.flags}
-    table = pa.table(columns).replace_schema_metadata({HEADER_KEY: json.dumps(about)})
-    pq.write_table(table, path)
+    schema = pa.table(_rows(capture.part(0, 0))).schema.with_metadata({HEADER_KEY: json.dumps(about)})
+    before = None
+    with pq.ParquetWriter(path, schema) as writer:
+        for piece in capture.pieces():
+            columns = _rows(piece)
+            if before is not None and columns["tick"][0] != before + 1:  # the gap that lies between two pieces
+                columns["flags"][0] |= np.uint8(RowFlag.GAP_BEFORE)
+            before = columns["tick"][-1]
+            writer.write_table(pa.table(columns, schema))
+
+
+def _rows(capture: Capture) -> dict[str, npt.NDArray[Any]]:
+    return {"tick": capture.tick, **channels(capture), "flags": capture.flags}

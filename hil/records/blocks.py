@@ -140,6 +140,25 @@ def pieces_of(columns: Columns, rows: int = _PIECE_ROWS) -> Iterator[tuple[int, 
         yield start, part_of(columns, start, start + rows)
 
 
+def between(columns: Columns, first_tick: int, last_tick: int) -> Columns:
+    """The rows of ticks first_tick … last_tick, of columns whose ticks ascend."""
+    return part_of(columns, _row_of(columns, first_tick), _row_of(columns, last_tick + 1))
+
+
+def _row_of(columns: Columns, tick: int) -> int:
+    """The first row at or after a tick."""
+    if not isinstance(columns, StoredColumns):
+        return int(np.searchsorted(columns["tick"], tick))
+    low, high = 0, columns.rows
+    while low < high:
+        middle = (low + high) // 2
+        if columns.part(middle, middle + 1)["tick"][0] < tick:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
 @dataclass(frozen=True)
 class Blocks:
     """What was read from one file: columns (n,), the header, whether the end marker was there, and whether the blocks

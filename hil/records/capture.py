@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, part_of, pieces_of, read_blocks, rows_of
+from hil.records.blocks import Columns, between, part_of, pieces_of, read_blocks, rows_of
 from hil.records.layout import BENCH, TICK, Column, Layout, block_rows_for
 from hil.records.units import unit_of
 
@@ -153,6 +153,16 @@ class Capture:
         """The record in parts that memory always has room for, one after another."""
         for start, columns in pieces_of(self.columns):
             yield self.part(start, start + rows_of(columns))
+
+    def between(self, first_tick: int, last_tick: int) -> "Capture":
+        """The rows of ticks first_tick … last_tick as a capture of their own."""
+        return Capture(between(self.columns, first_tick, last_tick), self.header, self.complete, self.sealed)
+
+    @property
+    def ends(self) -> tuple[int, int]:
+        """First and last tick of a capture that is not empty."""
+        last = len(self) - 1
+        return int(self.part(0, 1).tick[0]), int(self.part(last, last + 1).tick[0])
 
     def segment(self, name: str) -> "Capture":
         """The part called `name`. Raises InputError with the names there are."""

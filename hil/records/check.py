@@ -1,6 +1,5 @@
-"""Whether records are what was written, whole, and agree with each other; and what can be kept of those that are not."""
+"""Whether records are what was written, whole, and agree with each other; and what can be kept of others."""
 
-import os
 import shutil
 import tomllib
 from collections.abc import Iterator
@@ -68,7 +67,9 @@ def repair(place: Path, out: Path | None = None) -> Path:
     is to be repaired, or the target exists.
     """
     checked = check(place)
-    if all(entry.scan is not None and not entry.scan.damage and entry.complete for entry in checked if _is_record(entry)):
+    if all(
+        entry.scan is not None and not entry.scan.damage and entry.complete for entry in checked if _is_record(entry)
+    ):
         raise InputError(f"{place}: every block is whole; there is nothing to repair")
     name = f"{place.name}-repaired" if place.is_dir() else f"{place.stem}.repaired{place.suffix}"
     target = out or place.resolve().parent / name
@@ -182,6 +183,8 @@ def _texts(folder: Path, found: list[Checked]) -> Iterator[Checked]:
         return
     entry = Checked(path.name, complete=True)
     capture = next((other for other in found if other.name == "capture.arrow" and other.scan is not None), None)
+    if capture is not None and capture.scan is not None and capture.scan.damage:
+        capture = None  # that it now has fewer rows says nothing of the figures
     try:
         result = load_result(path)
     except InputError as error:

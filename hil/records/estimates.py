@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
+from hil.records.blocks import Columns, part_of, pieces_of, read_blocks, rows_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.units import unit_of
 
@@ -66,6 +66,10 @@ class Estimates:
 
     def __len__(self) -> int:
         return rows_of(self.columns)
+
+    def part(self, start: int, stop: int) -> "Estimates":
+        """Rows [start, stop)."""
+        return Estimates(part_of(self.columns, start, stop), self.header, self.complete)
 
     def pieces(self) -> Iterator["Estimates"]:
         """The record in parts that memory always has room for, one after another."""

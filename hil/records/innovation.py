@@ -1,5 +1,6 @@
 """`innovation.arrow`: measured minus predicted voltage at every sample, and how large it should have been."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,10 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
+from hil.records.blocks import Columns, between, part_of, pieces_of, read_blocks, rows_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 
 _AXES = ("x", "y")
+_LAST_TICK = 1 << 62
 
 
 def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
@@ -38,6 +40,10 @@ class Innovation:
     def __len__(self) -> int:
         return rows_of(self.columns)
 
+    def part(self, start: int, stop: int) -> "Innovation":
+        """Rows [start, stop)."""
+        return Innovation(part_of(self.columns, start, stop), self.header, self.complete)
+
     def pieces(self) -> Iterator["Innovation"]:
         """The record in parts that memory always has room for, one after another."""
         for _, columns in pieces_of(self.columns):
@@ -62,6 +68,13 @@ class Innovation:
     def t_s(self) -> npt.NDArray[np.float64]:
         """Bench time (n,) in seconds."""
         return self.tick / self.tick_rate_Hz
+
+    def since(self, t_s: float) -> "Innovation":
+        """The part from that bench time on."""
+        first = math.floor(t_s * self.tick_rate_Hz) - 1
+        while first / self.tick_rate_Hz < t_s:
+            first += 1
+        return Innovation(between(self.columns, first, _LAST_TICK), self.header, self.complete)
 
     @cached_property
     def nu_V(self) -> npt.NDArray[np.float64]:

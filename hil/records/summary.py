@@ -1,5 +1,6 @@
 """The figures that a run folder's records give by themselves, without any truth."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,6 +11,7 @@ from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
 from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation
+from hil.records.quantiles import quantiles
 from hil.records.result import Answers, BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
 from hil.records.runfolder import RunFolder
 from hil.records.timing import Timing
@@ -21,6 +23,8 @@ SD_95 = 1.959964
 
 _ONE_CLOCK = "in lockstep no clock runs: there is nothing to relate"
 _NOT_ASKED = "nobody asked the board for its time"
+_LEDGER_ROWS, _STRETCHES = 1 << 20, 16
+_BACK_ROWS = 4096
 _MOVING = ("x_m", "vx_mps", "y_m", "vy_mps", "rate_rad_s")
 _PER_MASS = {"1/s²": "N/m", "1/s": "N·s/m"}
 
@@ -48,7 +52,7 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         parameters={} if estimates is None else parameters(estimates, mass_kg=reporting_mass_kg(folder)),
         innovation_rms=None if innovation is None else innovation_rms(innovation, folder.settle_s),
         noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
-        turnaround_us=None if timing is None else percentiles(timing.turnaround_us),
+        turnaround_us=None if timing is None else turnaround(timing),
         ledger_us=None if timing is None else ledger(timing, capture, folder.clock),
         complete=capture is not None and capture.complete,
     )
@@ -56,7 +60,10 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
 
 def lost_samples(capture: Capture) -> int:
     """Samples missing between the first and the last row."""
-    return int(capture.tick[-1] - capture.tick[0]) + 1 - len(capture) if len(capture) else 0
+    if not len(capture):
+        return 0
+    first, last = capture.ends
+    return last - first + 1 - len(capture)
 
 
 def answers(capture: Capture | None, timing: Timing | None, counters: Mapping[str, int]) -> Answers | None:
@@ -64,7 +71,7 @@ def answers(capture: Capture | None, timing: Timing | None, counters: Mapping[st
     if capture is None or timing is None or "identity" not in capture.header:
         return None
     return count_answers(
-        [(capture.tick, capture.flags)],
+        ((piece.tick, piece.flags) for piece in capture.pieces()),
         timing,
         capture.latency_ticks,
         stopped=counters.get("stopped", 0),
@@ -82,13 +89,14 @@ def parameters(
     """
     if not len(estimates):
         return {}
+    last = estimates.part(len(estimates) - 1, len(estimates))
     table: dict[str, Parameter] = {}
     for name in estimates.states:
         if name in _MOVING:
             continue
         unit = estimates.unit(name)
         factor = mass_kg if mass_kg is not None and unit in _PER_MASS else 1.0
-        value, spread = float(estimates[name][-1]), SD_95 * float(estimates.sd(name)[-1])
+        value, spread = float(last[name][0]), SD_95 * float(last.sd(name)[0])
         if not np.isfinite([value, spread]).all():
             continue
         true = None if truth is None else _true_value(name, estimates, truth)
@@ -103,16 +111,26 @@ def parameters(
 
 def innovation_rms(innovation: Innovation, settle_s: float) -> float | None:
     """Root mean square in volts over all axes from `settle_s` on; None when there is nothing after it."""
-    scored = innovation.nu_V[innovation.t_s >= settle_s]
-    return rms(scored)
+    count, squares = 0, 0.0
+    for piece in innovation.since(settle_s).pieces():
+        count += piece.nu_V.size
+        squares += float(np.sum(piece.nu_V**2))
+    return math.sqrt(squares / count) if count and math.isfinite(squares) else None
 
 
 def predicted_rms(innovation: Innovation, settle_s: float) -> float | None:
     """What `innovation_rms` would be for a complete model: the predicted standard deviation, as the median,
     since after a gap in the record the prediction is wide for a few samples and that is no noise floor.
     """
-    scored = innovation.sd_V[innovation.t_s >= settle_s]
-    return float(np.sqrt(np.mean(np.median(scored, axis=0) ** 2))) if scored.size else None
+    scored = innovation.since(settle_s)
+
+    def of_axis(axis: int) -> list[float] | None:
+        return quantiles(lambda: (piece.sd_V[:, axis] for piece in scored.pieces()), (0.5,))
+
+    found = [of_axis(axis) for axis in range(innovation.axes)]
+    medians = np.array([median[0] for median in found if median is not None])
+    whole = len(medians) == innovation.axes and np.isfinite(medians).all()
+    return float(np.sqrt(np.mean(medians**2))) if whole else None
 
 
 def rms(values: npt.NDArray[np.float64]) -> float | None:
@@ -128,11 +146,21 @@ def percentiles(times_us: npt.NDArray[np.float64]) -> Percentiles | None:
     return Percentiles(p50=p50, p99=p99, p999=p999)
 
 
+def turnaround(timing: Timing) -> Percentiles | None:
+    """Percentiles of the time from a sample's arrival to its answer's departure."""
+    found = quantiles(lambda: (piece.turnaround_us for piece in timing.pieces()), (0.5, 0.99, 0.999))
+    return None if found is None else Percentiles(p50=found[0], p99=found[1], p999=found[2])
+
+
 def ledger(timing: Timing, capture: Capture | None, clock: ClockRecord | None) -> Ledger | None:
-    """Percentiles of each stage of the blocks; None in lockstep, and where nothing tells when answers acted."""
+    """Percentiles of each stage of the blocks; None in lockstep, and where nothing tells when answers acted.
+
+    Of a very long record a million blocks stand for all, in stretches spread over it.
+    """
+    timing = timing.spread(_LEDGER_ROWS, _STRETCHES)
     applied = timing.applied
-    if applied is None and capture is not None:
-        applied = applied_ticks(timing.tick, capture)
+    if applied is None and capture is not None and timing.deadline_us is not None:
+        applied = np.concatenate([applied_ticks(part, capture) for part in timing.stretches()])
     stages = {} if applied is None else timing.ledger_us(applied, clock)
     if not stages:
         return None
@@ -147,6 +175,8 @@ def applied_ticks(tick: npt.NDArray[np.int64], capture: Capture) -> npt.NDArray[
     The row after it tells: it carries the drive held since, and a flag where that was an old one.
     """
     effective = tick + capture.latency_ticks
+    if tick.size:
+        capture = capture.between(int(effective.min()), int(effective.max()) + 1)
     told = capture.tick[(capture.flags & RowFlag.LATE_ANSWER_HELD) == 0]
     return np.where(np.isin(effective + 1, told), effective, -1)
 
@@ -183,8 +213,10 @@ def reporting_mass_kg(folder: RunFolder) -> float | None:
 
 
 def _seconds(capture: Capture | None, estimates: Estimates | None) -> float:
-    times = capture.t_s if capture is not None else estimates.t_s if estimates is not None else np.empty(0)
-    return float(times[-1] - times[0]) if times.size else 0.0
+    record = capture if capture is not None else estimates
+    if record is None or not len(record):
+        return 0.0
+    return float(record.part(len(record) - 1, len(record)).t_s[0] - record.part(0, 1).t_s[0])
 
 
 def _true_value(name: str, estimates: Estimates, truth: Truth) -> float | None:
@@ -192,5 +224,10 @@ def _true_value(name: str, estimates: Estimates, truth: Truth) -> float | None:
         return truth.constants[name]
     if name not in truth.columns:
         return None
-    _, ours = truth.at(estimates.tick)
-    return float(truth[name][ours[-1]]) if ours.size else None
+    for start in range(len(estimates) - 1, -1, -_BACK_ROWS):  # the last instant that both have is near the end
+        tick = estimates.part(max(start - _BACK_ROWS + 1, 0), start + 1).tick
+        part = truth.between(int(tick[0]), int(tick[-1]))
+        _, ours = part.at(tick)
+        if ours.size:
+            return float(part[name][ours[-1]])
+    return None

@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
+from hil.records.blocks import Columns, part_of, pieces_of, read_blocks, rows_of
 from hil.records.clock import ClockRecord
 from hil.records.layout import BENCH, HOST, TICK, Column, Layout, block_rows_for
 
 _PARTS = 10
+_FAR = 1000
 
 
 def timing_layout(*, tick_rate_Hz: float, deadline_us: float | None = None) -> Layout:
@@ -59,6 +60,10 @@ class Timing:
     def __len__(self) -> int:
         return rows_of(self.columns)
 
+    def part(self, start: int, stop: int) -> "Timing":
+        """Rows [start, stop)."""
+        return Timing(part_of(self.columns, start, stop), self.header, self.complete)
+
     def pieces(self) -> Iterator["Timing"]:
         """The record in parts that memory always has room for, one after another."""
         for _, columns in pieces_of(self.columns):
@@ -68,6 +73,21 @@ class Timing:
     def tick(self) -> npt.NDArray[np.int64]:
         """Sample counter (n,)."""
         return self.columns["tick"]
+
+    def spread(self, rows: int, stretches: int) -> "Timing":
+        """So many rows at most, in stretches spread over the record; all of them where there are no more."""
+        if len(self) <= rows:
+            return self
+        each = rows // stretches
+        starts = [round(k * (len(self) - each) / (stretches - 1)) for k in range(stretches)]
+        names = list(self.columns)
+        parts = [part_of(self.columns, start, start + each) for start in starts]
+        return Timing({name: np.concatenate([part[name] for part in parts]) for name in names}, self.header, False)
+
+    def stretches(self) -> Iterator[npt.NDArray[np.int64]]:
+        """The ticks, cut where more than a thousand are missing."""
+        tick = self.tick
+        yield from np.split(tick, np.flatnonzero(np.diff(tick) > _FAR) + 1)
 
     @property
     def deadline_us(self) -> float | None:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, read_blocks
+from hil.records.blocks import Columns, between, read_blocks
 
 Floats = npt.NDArray[np.float64]
 
@@ -43,6 +43,10 @@ class Truth:
     def codes(self) -> tuple[str, ...]:
         """Columns of codes as sent, by which a truth is known to be that of a run; none in old files."""
         return tuple(name for name in _CODES if name in self.columns)
+
+    def between(self, first_tick: int, last_tick: int) -> "Truth":
+        """The part of these ticks."""
+        return Truth(between(self.columns, first_tick, last_tick), self.header)
 
     def at(self, tick: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
         """Indices (into `tick`, into this truth) of the ticks both have, ascending."""

@@ -16,7 +16,7 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench) -> Part:
                 f"innovation {ratio:.3g} × the noise floor, [limits] innovation_ratio is "
                 f"{limits.innovation_ratio:g}: the model lacks something"
             )
-    elif folder.innovation is not None and (folder.innovation.t_s >= bench.loop.settle_s).any():
+    elif folder.innovation is not None and len(folder.innovation.since(bench.loop.settle_s)):
         reasons.append("the innovation is not finite: the observer diverged; check the signs and gains in [device]")
     if folder.capture is not None:
         reasons += sense_faults(folder.capture, bench.device.sense.noise_V)

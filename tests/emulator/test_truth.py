@@ -136,7 +136,10 @@ def test_a_full_disk_is_one_line_and_leaves_whole_blocks(tmp_path: Path) -> None
     write(whole, scenario(), 3 * BLOCK_ROWS)
     small = tmp_path / "small"
     small.mkdir()
-    with limited_to(whole.stat().st_size // 2), pytest.raises(ScenarioError, match="cannot write the truth file") as told:
+    with (
+        limited_to(whole.stat().st_size // 2),
+        pytest.raises(ScenarioError, match="cannot write the truth file") as told,
+    ):
         write(small / "truth.arrow", scenario(), 3 * BLOCK_ROWS)
     assert "\n" not in str(told.value)
     assert read_blocks(small / "truth.arrow", "truth").rows == BLOCK_ROWS

@@ -136,7 +136,8 @@ def write_run(folder: Path, options: Options = Options()) -> Path:
     if options.result:
         _write_result(folder)
     truth = folder.parent / f"{folder.name}-truth.arrow"
-    write_truth(truth, tick, true, options)
+    codes = {name: rows["capture"][name] for name in rows["capture"].dtype.names if name.endswith("_code")}
+    write_truth(truth, tick, true | codes, options)
     return truth
 
 

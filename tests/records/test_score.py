@@ -17,7 +17,7 @@ from hil.score import (
     score,
     scored_window,
 )
-from tests.records.synthetic_run import MASS_KG, TRUE, D, K
+from tests.records.synthetic_run import MASS_KG, TRUE, D, K, Options, write_run
 
 
 def test_a_good_run(make_run):
@@ -215,3 +215,51 @@ def test_rotation_back_and_forth_is_added_up(make_run, tmp_path):
             table.set_column(index, "angle_rad", pa.array(swing)).replace_schema_metadata(table.schema.metadata)
         )
     assert score(folder, other).score.turns == pytest.approx(3 * 1.0 / (2 * np.pi), rel=1e-3)
+
+
+def test_the_truth_of_another_run_is_refused(make_run, tmp_path):
+    folder, _ = make_run()
+    other = write_run(tmp_path / "other", Options(seed=2))
+    before = (folder / "result.json").read_bytes()
+    with pytest.raises(InputError, match=r"of another run: at tick \d+ its vx_code is not the one in .*capture\.arrow"):
+        score(folder, other)
+    assert (folder / "result.json").read_bytes() == before
+
+
+def test_one_changed_code_is_another_run(make_run, tmp_path):
+    folder, truth_file = make_run()
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        table = stream.read_all()
+    drive = table["uy_code"].to_numpy().copy()
+    drive[5432] += 1
+    other = tmp_path / "other.arrow"
+    changed = table.set_column(table.column_names.index("uy_code"), "uy_code", pa.array(drive))
+    with pa.ipc.new_stream(str(other), changed.schema) as stream:
+        stream.write_table(changed)
+    with pytest.raises(InputError, match="of another run: at tick 5432 its uy_code"):
+        score(folder, other)
+
+
+def test_an_old_truth_without_codes_is_taken_with_a_remark(make_run, tmp_path):
+    folder, truth_file = make_run()
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        table = stream.read_all()
+    old = tmp_path / "old.arrow"
+    table = table.drop_columns([name for name in table.column_names if name.endswith("_code")])
+    with pa.ipc.new_stream(str(old), table.schema) as stream:
+        stream.write_table(table)
+    for _ in range(2):
+        remarks = score(folder, old).remarks
+    assert remarks == ("whether the truth is that of this run cannot be told: the truth has no codes to compare",)
+
+
+def test_parts_make_no_difference(make_run, monkeypatch):
+    folder, truth = make_run(virtual_rotation_rad_s=5.0, angle_drift=0.02)
+    whole = score(folder, truth).model_dump()
+    monkeypatch.setattr("hil.records.blocks.pieces_of.__defaults__", (77,))
+    parts = score(folder, truth).model_dump()
+    for name, value in whole["score"].items():
+        assert parts["score"][name] == pytest.approx(value, rel=1e-9), name
+    for name in ("angle_error_rms_rad", "rate_error_rms_rad_s"):
+        assert parts[name] == pytest.approx(whole[name], rel=1e-9)
+    assert parts["parameters"] == whole["parameters"]

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hil.records.capture import Capture
-from hil.records.sensing import crowded_code, longest_run, sense_faults
+from hil.records.sensing import Counts, Runs, sense_faults
 
 SCALE_V = 1e-5
 N = 8000
@@ -52,7 +52,19 @@ def test_without_noise_nothing_can_be_said(signal: NDArray[Any]) -> None:
     assert sense_faults(record(signal), 4e-6) == []
 
 
-def test_the_parts() -> None:
-    assert longest_run(np.array([1, 1, 2, 2, 2, 1], np.int32)) == (2, 3)
-    assert longest_run(np.array([4, 4], np.int32)) == (0, 2)
-    assert crowded_code(np.arange(1000, dtype=np.int32)) is None
+@pytest.mark.parametrize("cuts", [[], [1], [2, 3], [1, 2, 3, 4, 5], [3, 5]])
+def test_a_stretch_across_parts_is_one(cuts: list[int]) -> None:
+    codes = np.array([1, 1, 2, 2, 2, 1], np.int32)
+    runs = Runs()
+    for part in np.split(codes, cuts):
+        runs.add(part)
+    assert runs.longest == (2, 3)
+
+
+def test_codes_of_all_parts_are_counted_together() -> None:
+    counts = Counts()
+    for low in (500, -300, 0):
+        counts.add(np.arange(low, low + 400, dtype=np.int32))
+    assert counts.crowded() is None
+    counts.add(np.full(600, -17, np.int32))
+    assert counts.crowded() == -17
