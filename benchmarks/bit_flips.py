@@ -66,7 +66,7 @@ def _run(place: Path) -> Path:
 
 def _told(path: Path) -> bool:
     try:
-        read_blocks(path, path.stem, numbered=path.stem != "truth")
+        read_blocks(path, path.stem)
     except InputError as error:
         return _ONE_LINE.fullmatch(str(error)) is not None
     return False

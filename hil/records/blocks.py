@@ -175,22 +175,22 @@ class Blocks:
         return rows_of(self.columns)
 
 
-def read_blocks(path: Path, kind: str, *, numbered: bool = True) -> Blocks:
+def read_blocks(path: Path, kind: str) -> Blocks:
     """Every whole block of a record file of the given kind, checked.
 
     A file cut anywhere after its first block gives the blocks before the cut and `complete` False; so does one from
-    before there were checksums whose later part is damaged. `numbered` False allows a plain Arrow stream, whose blocks
-    carry no numbers and which has no end marker to miss. Raises InputError when it cannot be opened, is no Arrow stream
-    of this bench, is of another kind or a newer version, or when a checksum differs.
+    before there were checksums whose later part is damaged. A truth from before then is a plain Arrow stream, whose
+    blocks carry no numbers and which has no end marker to miss. Raises InputError when it cannot be opened, is no Arrow
+    stream of this bench, is of another kind or a newer version, or when a checksum differs.
     """
-    scan = scan_blocks(path, kind, numbered=numbered)
+    scan = scan_blocks(path, kind)
     if scan.damage:
         rest = f"hil check --repair keeps the {scan.rows} rows before it" if scan.blocks else "restore the file"
         raise InputError(f"{path}: {scan.damage}; {rest}")
     return Blocks(StoredColumns(scan, 0, scan.rows), scan.header, scan.complete, scan.sealed)
 
 
-def scan_blocks(path: Path, kind: str | None, *, numbered: bool = True) -> Scan:
+def scan_blocks(path: Path, kind: str | None) -> Scan:
     """Find and check the blocks of a record file, of any kind where None is given; raises InputError as `read_blocks`
     does, but not for damage."""
     wanted, kind = kind, kind or "record"
@@ -204,7 +204,8 @@ def scan_blocks(path: Path, kind: str | None, *, numbered: bool = True) -> Scan:
             raise InputError(
                 f"{path}: no {kind} record: not an Arrow stream, or cut inside its header; give a {kind} file"
             ) from None
-        header = _header(path, wanted, schema, numbered)
+        header = _header(path, wanted, schema)
+        numbered = header["kind"] != "truth"
         dtypes = _dtypes(path, schema)
         seal = header.get("checksum")
         walk = _Walk(file, size, opening, None if seal is None else _heads(path, seal), numbered)
@@ -350,7 +351,7 @@ def _require_whole(path: Path, file: BufferedReader, opening: bytes) -> None:
         raise InputError(f"{path}: block 0, with the header, is damaged: {broken}; restore the file") from None
 
 
-def _header(path: Path, kind: str | None, schema: Any, numbered: bool) -> dict[str, Any]:
+def _header(path: Path, kind: str | None, schema: Any) -> dict[str, Any]:
     try:
         header = dict(json.loads((schema.metadata or {})[HEADER_KEY]))
         found, version = header["kind"], header["version"]
@@ -363,7 +364,7 @@ def _header(path: Path, kind: str | None, schema: Any, numbered: bool) -> dict[s
         raise InputError(f"{path}: holds {found!r}, not {kind!r}; give a {kind} file")
     if version != VERSION:
         raise InputError(f"{path}: {kind} version {version}, this program reads {VERSION}; use the hil that wrote it")
-    if numbered and names != list(header.get("columns", {})):
+    if found != "truth" and names != list(header.get("columns", {})):
         raise InputError(f"{path}: damaged header: its columns are not those it lists; restore the file")
     return header
 

@@ -113,7 +113,7 @@ def _tolerant(path: Path) -> Checked:
 
 
 def _record(path: Path) -> Checked:
-    scan = scan_blocks(path, path.stem if path.stem in STEMS else None, numbered=path.stem in STEMS)
+    scan = scan_blocks(path, path.stem if path.stem in STEMS else None)
     found = Checked(path.name, scan.rows, complete=scan.complete, scan=scan)
     if scan.damage:
         found.problems.append(scan.damage)

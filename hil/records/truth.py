@@ -56,7 +56,7 @@ class Truth:
 
 def read_truth(path: Path) -> Truth:
     """Read a truth file. Raises InputError when it is not one, or lacks a column."""
-    blocks = read_blocks(path, "truth", numbered=False)
+    blocks = read_blocks(path, "truth")
     missing = [name for name in _REQUIRED if name not in blocks.columns]
     missing += [key for key in ("stiffness_per_s2", "damping_per_s", "sample_rate_Hz") if key not in blocks.header]
     if missing:
