@@ -24,8 +24,12 @@ install: $(STAMP)
 demo: $(STAMP)
 	$(BIN)/hil demo
 
+# Files side by side, as many as there are processors; then what has to keep up with the wall clock, alone.
+BESIDE := -n auto --dist loadfile
+
 test: $(STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(BESIDE) -m "not realtime"
+	$(BIN)/python -m pytest -m realtime
 	$(BIN)/python -m tests.vcan --quiet
 
 coverage: $(STAMP)
@@ -35,7 +39,7 @@ test-vcan: $(STAMP)
 	$(BIN)/python -m tests.vcan --quiet
 
 quick: $(STAMP)
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest $(BESIDE) -m "not slow and not realtime"
 
 check: $(STAMP)
 	$(BIN)/ruff check

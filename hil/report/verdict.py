@@ -7,6 +7,9 @@ from hil.records.result import Result
 from hil.report.numbers import count, percent, quantity, relative, share, significant
 
 
+_WORDS = {"lacks": "lacks something"}
+
+
 class Headline(NamedTuple):
     """`tone` is a CSS class: good, slow (this machine's trouble only), bad or open."""
 
@@ -38,7 +41,8 @@ def alarm(result: Result) -> str:
     if result.verdict != "unsafe":
         return ""
     safety = result.parts.get("safety")
-    return safety.reason if safety is not None and safety.reason else "A stop was not confirmed: cut the supply"
+    said = safety.reason if safety is not None and safety.reason else "a stop was not confirmed: cut the supply"
+    return said[0].upper() + said[1:]
 
 
 def parts(result: Result) -> list[tuple[str, str, str, str, str]]:
@@ -102,7 +106,7 @@ def _outcomes(result: Result) -> list[str]:
     """Every part with what it came to, those against the run first."""
     judged = [(name, part) for name, part in result.parts.items() if part.outcome != "unknown"]
     return [
-        ", ".join(f"{name} {part.outcome}" for name, part in judged if part.against is wanted)
+        ", ".join(f"{name} {_WORDS.get(part.outcome, part.outcome)}" for name, part in judged if part.against is wanted)
         for wanted in (True, False)
         if any(part.against is wanted for _, part in judged)
     ]

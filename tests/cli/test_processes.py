@@ -1,8 +1,13 @@
 """The command line as processes: two of them over a pty, interrupted, terminated, left behind."""
 
 import json
+import os
+import re
 import signal
 import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -14,7 +19,7 @@ from hil.records.capture import read_capture
 from hil.records.truth import read_truth
 from tests.cli.conftest import WAIT_S, Start
 
-pytestmark = pytest.mark.slow  # whole processes
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]  # whole processes
 
 
 def finished(process: "subprocess.Popen[str]", wait_s: float = WAIT_S) -> tuple[int, str, str]:
@@ -125,3 +130,46 @@ def test_demo_goes_the_whole_circle_in_real_time(start: Start, tmp_path: Path) -
     assert "What the residual told" in page
     assert "Angle error before and after" in page
     assert not list((tmp_path / "runs").rglob("truth*"))
+
+
+@contextmanager
+def busy(processes: int) -> Iterator[None]:
+    """So many processes that never wait, ended with the block."""
+    command = [sys.executable, "-c", "while True: pass"]
+    running = [subprocess.Popen(command) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path: Path) -> None:
+    """Before and after come first, and hold; what the machine missed is the machine's part and nobody else's."""
+    with busy(2 * (os.cpu_count() or 1)):
+        code, out, err = finished(start("demo", "--duration", "10", "--name", "busy"), wait_s=4 * WAIT_S)
+    (folder,) = (tmp_path / "runs").glob("*-busy")
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    parts, answers = result["parts"], result["answers"]
+    assert code == (0 if result["verdict"] == "good" else 1), err
+    assert out.index("[effects.cubic_stiffness]") < out.index("the loop without it and with it") < out.index("verdict ")
+    before, after = (
+        float(number) for number in re.findall(r"([\d.e-]+) rad(?: |$)", line_with(out, "angle error, rms"))
+    )
+    assert after < before / 5.0
+    assert parts["model"]["outcome"] == "complete"
+    counted = ("in_time", "late", "unanswered", "lost_to_board", "lost_to_host", "stopped")
+    assert sum(answers[part] for part in counted) == answers["ticks"] == 40000
+    assert f"{answers['in_time']} of 40000" in out
+    if parts["machine"]["outcome"] == "failed":
+        assert "this machine was too slow for its part" in out.partition("verdict ")[0]
+        assert "this machine was too busy" in parts["machine"]["reason"]
+        assert line_with(out, "verdict ").startswith(f"verdict  {result['verdict']}")
+        assert out.splitlines()[-1] == f"next     {result['next']}"
+
+
+def line_with(text: str, start: str) -> str:
+    """The first line that starts so."""
+    return next(line for line in text.splitlines() if line.startswith(start))

@@ -184,6 +184,7 @@ def test_a_link_that_is_not_there_fails(capfd: pytest.CaptureFixture[str]) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_link_is_measured(capfd: pytest.CaptureFixture[str]) -> None:
     assert cli.execute(["doctor", "--link", "pty:s-slow", "--json"]) == 0
     told = json.loads(capfd.readouterr().out)

@@ -132,6 +132,7 @@ def await_status(endpoint: Endpoint, state: State) -> Status:
     raise AssertionError(f"no STATUS {state.name}")
 
 
+@pytest.mark.realtime
 def test_paced_through_watchdog_hang_up_and_a_second_host(start: Callable[..., Process], tmp_path: Path) -> None:
     # At 500 Hz even a machine that stalls for a second loses nothing.
     scenario = tmp_path / "leisurely.scenario.toml"
@@ -222,6 +223,7 @@ def test_bad_options_are_exit_2(arguments: list[str]) -> None:
     assert done.returncode == 2
 
 
+@pytest.mark.realtime
 def test_a_stream_nobody_reads_waits_and_then_is_dropped_in_whole_blocks(start: Callable[..., Process]) -> None:
     """8 bytes at 100 kHz for 2 s are more than pty and queue hold together; what is missing is counted at both ends."""
     endpoint = start(str(EXAMPLES / "s-modern-5k.scenario.toml"), "--link", "pty").connect()

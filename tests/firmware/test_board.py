@@ -235,6 +235,7 @@ def test_lockstep_ends_with_its_host(built: Path) -> None:
         assert process.wait(PATIENCE_S) == 0
 
 
+@pytest.mark.realtime
 def test_paced_goes_safe_and_awaits_the_next_host(built: Path) -> None:
     with pty_board(built) as (process, url):
         host = Host(url, ClockMode.PACED)

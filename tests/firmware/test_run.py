@@ -81,6 +81,7 @@ def test_gain_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, la
     check(folder, FAST, 1.5, 0.7, 5e-3)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("mode", ["force", "gain"])
 def test_its_clock_is_this_machines(built: Path, tmp_path: Path, mode: str) -> None:
     """On wall time; it reads the same clock as the host, so that offset and skew are zero to within what is stated."""

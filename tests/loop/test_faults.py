@@ -145,6 +145,7 @@ def test_a_saturated_channel_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_on_wall_time_handshake_and_run_survive_a_bad_line(tmp_path: Path) -> None:
     """Requests are repeated, watchdogs rearmed; the emulator says at the end what it did."""
     gyro.unhurried_scenario(tmp_path / "board.toml")

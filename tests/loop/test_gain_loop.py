@@ -268,6 +268,7 @@ def test_one_seed_is_one_record_on_any_link(tmp_path: Path, no_report: None) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_in_real_time_over_a_pty(tmp_path: Path) -> None:
     """Slow enough for any machine: nothing lost, every block in the ledger, the load told."""
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")

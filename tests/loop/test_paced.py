@@ -22,7 +22,7 @@ from tests.loop.closed import angle_errors
 from tests.loop.gyro import WATCHDOG_TICKS
 from tests.loop.processes import Host, alive, children, safe_reason, stopped, until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 Ticks = NDArray[np.int64]
 

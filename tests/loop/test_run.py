@@ -178,6 +178,7 @@ def test_no_board_behind_the_port(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_wild_record_brings_the_board_to_safe(tmp_path: Path) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
     declared = gyro.unhurried_bench(

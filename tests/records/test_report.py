@@ -241,7 +241,7 @@ def test_what_the_model_lacks_is_not_the_machines_trouble(undrawn, make_run):
     lacks = Part(outcome="lacks", reason="drive gain, + 2.0 %", next="hil trace runs/a")
     screen = judged(folder, "failed", model=lacks)
     assert 'class="verdict bad"' in screen
-    assert "Machine failed, model lacks; safety good, angle good." in screen
+    assert "Machine failed, model lacks something; safety good, angle good." in screen
     assert "<code>hil trace runs/a</code>" in screen
 
 
@@ -253,7 +253,7 @@ def test_unsafe_stands_above_everything(undrawn, make_run):
     first = re.search(r"<p[^>]*>.*?</p>", body, flags=re.DOTALL)
     assert first is not None
     assert 'role="alert"' in first.group()
-    assert "the board did not confirm SAFE: cut the supply" in first.group()
+    assert "The board did not confirm SAFE: cut the supply" in first.group()
     assert 'class="verdict bad"><strong>Unsafe.</strong>' in screen
 
 

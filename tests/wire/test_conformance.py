@@ -35,12 +35,14 @@ class TestPty(Conformance):
         return emulated("pty")
 
 
+@pytest.mark.realtime  # a reader that lags loses datagrams
 class TestUdp(Conformance):
     @classmethod
     def start(cls):
         return emulated("udp:239.255.42.42:42420?interface=127.0.0.1")
 
 
+@pytest.mark.realtime
 class TestPythonCan(Conformance):
     """python-can's CAN FD between processes, on the loopback interface."""
 
