@@ -6,7 +6,6 @@ from typing import NamedTuple
 from hil.records.result import Result
 from hil.report.numbers import count, percent, quantity, relative, share, significant
 
-
 _WORDS = {"lacks": "lacks something"}
 
 
