@@ -4,15 +4,20 @@ The signature of a coefficient is what the innovations would gain if it were 1: 
 moves prediction and correction alike, δx⁻ = F δx + Γ, δν = −(H δx⁻ + η), δx⁺ = δx⁻ + L δν (Willsky & Jones, IEEE Trans.
 Automatic Control 21(1), 1976, for jumps).  What the filter's own states and constants can take up is projected out by
 the filter itself.  The sums N = Σ δν S⁻¹ δνᵀ and b = Σ δν S⁻¹ ν are the normal equations of all coefficients at once.
+
+The reported angle is followed the same way: from one sample to the next it moves by Ω̂ h, and by what the correction
+turns the pattern (`estimator.kernel.angle`); the derivative of both along δx is what a coefficient would move it by.
 """
+
+import math
 
 import numpy as np
 
-from estimator.kernel.block import advance
+from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import drive_at, part_of, taylor
-from estimator.kernel.layout import Floats, Ints, Record
-from estimator.kernel.observer import workspace
+from estimator.kernel.layout import RATE, Floats, Ints, Record
+from estimator.kernel.observer import correct, predict, recall_guess, remember_drive, runs_riccati, workspace
 from estimator.kernel.signals import directions, line_values, signal_values
 
 _effect_force = generated().effect_force
@@ -147,6 +152,97 @@ def multiply_rows(g: Floats, delta: Floats, scratch: Floats) -> None:
 
 
 @compiled
+def pattern_gradient(s: Floats, k: float, w: float, rate: float, out: Floats) -> None:
+    """out (5,) ← derivatives of the pattern angle θ by x, ẋ, y, ẏ and by the rate, of which the rotation w is a part.
+
+    Of `estimator.kernel.pattern.pattern`; zero where there is no pattern.
+    """
+    x = s[0]
+    y = s[2]
+    vx = s[1] - w * y
+    vy = s[3] + w * x
+    ke = k + w * w - rate * rate
+    sine = 2.0 * (ke * x * y + vx * vy)
+    cosine = ke * (x * x - y * y) + vx * vx - vy * vy
+    size = sine * sine + cosine * cosine
+    if not size > 0.0:
+        out[:] = 0.0
+        return
+    by_vx = (cosine * vy - sine * vx) / size
+    by_vy = (cosine * vx + sine * vy) / size
+    by_ke = (cosine * x * y - 0.5 * sine * (x * x - y * y)) / size
+    out[0] = ke * (cosine * y - sine * x) / size + by_vy * w
+    out[1] = by_vx
+    out[2] = ke * (cosine * x + sine * y) / size - by_vx * w
+    out[3] = by_vy
+    out[4] = by_vy * x - by_vx * y + 2.0 * (w - rate) * by_ke
+
+
+@compiled
+def add_turn(
+    settings: Record,
+    s: Floats,
+    w: float,
+    rate: float,
+    delta: Floats,
+    row: int,
+    sign: float,
+    gradient: Floats,
+    turned: Floats,
+) -> None:
+    """turned (k,) += sign · ∂θ along delta, at the states s and the rotation w; row: the rate's in delta, −1: none.
+
+    gradient (5,) is scratch.
+    """
+    pattern_gradient(s, settings.stiffness, w, rate, gradient)
+    for i in range(4):
+        g = sign * gradient[i]
+        for k in range(turned.shape[0]):
+            turned[k] += g * delta[i, k]
+    if row >= 0:
+        g = sign * gradient[4]
+        for k in range(turned.shape[0]):
+            turned[k] += g * delta[row, k]
+
+
+@compiled
+def recall(
+    settings: Record,
+    active: Ints,
+    prior: Floats,
+    spread: Floats,
+    guess: Floats,
+    x: Floats,
+    p: Floats,
+    c: Floats,
+    memory: Record,
+    scratch: Floats,
+    delta: Floats,
+) -> None:
+    """`estimator.kernel.observer.remember_prior`, the sensitivities pulled along; the cursor has moved on already."""
+    for turn in range(active.shape[0] + 1):
+        index = memory.cursor if turn == 0 else turn - 1
+        row = settings.states + index
+        noise = prior[index]
+        if turn > 0:
+            variance = p[row, row]
+            wide = spread[index] > 0.0 and variance > spread[index]
+            noise = variance * spread[index] / (variance - spread[index]) if wide else 0.0
+        if noise > 0.0:
+            recall_guess(settings, active, noise, guess, x, p, c, index, scratch)
+            pull(delta, row, scratch[0])
+
+
+@compiled
+def pull(delta: Floats, row: int, gain: Floats) -> None:
+    """delta after a measurement of constant `row` against a guess that no coefficient moves."""
+    for k in range(delta.shape[1]):
+        moved = delta[row, k]
+        for j in range(delta.shape[0]):
+            delta[j, k] -= gain[j] * moved
+
+
+@compiled
 def scan_block(
     settings_record: Record,
     active: Ints,
@@ -166,14 +262,18 @@ def scan_block(
     rows: Record,
     delta: Floats,
     level: float,
-    normal: Floats,
-    score: Floats,
+    equations: Floats,
+    turned: Floats,
+    course: Floats,
 ) -> None:
-    """Observe n samples as `observe_block` does, and add their normal equations to normal (k, k) and score (k,).
+    """Observe n samples as `observe_block` does, and write to equations (axes · n, k + 1), where it is not empty, the
+    innovations' sensitivities to the k watched coefficients and behind them the innovation, all over its deviation;
+    columns beyond are left alone.
 
-    delta (states + active constants, k): sensitivity of the filter's estimates to the k watched coefficients, carried
-    on.  Samples around an innovation larger than `level` times its variance count less, in proportion: a jump of the
-    rate says nothing of an effect.
+    delta (states + active constants, k): sensitivity of the filter's estimates to the coefficients, carried on; turned
+    (k,): that of the reported angle, of two axes, carried on and written to course (rows, k) at equal distances, the
+    last time after the last sample.  Samples around an innovation larger than `level` times its variance count less,
+    in proportion: a jump of the rate says nothing of an effect.
     """
     settings = settings_record[0]
     memory = memory_record[0]
@@ -191,16 +291,41 @@ def scan_block(
     )  # fmt: skip
     response = responses(settings, x[states:], h[0], a, b, out)
     length = h[0]
+    weighed = equations.shape[0] > 0
+    foreseen = np.zeros(states)
+    nothing = np.zeros(active.shape[0])
+    gradient = np.zeros(5)
+    rate_row = -1
+    if settings.axes == 2:
+        for i in range(active.shape[0]):
+            if active[i] == RATE:
+                rate_row = states + i
+    written = 0
     for m in range(z.shape[0]):
         if temperature.shape[0] > 0:
             memory.temperature = temperature[m]
         if h[m] != length:
             length = h[m]
             response = responses(settings, x[states:], length, a, b, out)
-        advance(
-            settings, active, walk, prior, spread, guess, table, x, p, c, memory, z[m], u[m], h[m],
-            work, nu, variance, rows[m],
+        turning = settings.axes == 2 and memory.started == 1
+        if settings.axes == 2:
+            driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
+            memory.virtual_applied = settings.virtual_rate if settings.control == 1 and driven else 0.0
+        rotation = memory.rotation
+        rate = memory.rate
+        predict(settings, active, walk, x, p, c, memory, u[m], h[m], work)
+        if settings.axes == 2:
+            note_forced_rotation(settings, memory, x, h[m])
+        for i in range(states):
+            foreseen[i] = x[i]
+        correct(
+            settings, active, nothing, nothing, guess, table, x, p, c, memory, z[m], u[m], h[m], work, nu, variance
         )  # fmt: skip
+        memory.time += h[m]
+        remember_drive(settings, memory, u[m])
+        for axis in range(settings.axes):
+            rows[m].nu[axis] = nu[axis]
+            rows[m].s[axis] = variance[axis]
         multiply_rows(g, delta, scratch)
         signal_values(settings, memory, memory.time, signals)
         add_forced(settings, memory, before, x, u[m], length, response, origin, work, by_constants, delta)
@@ -217,21 +342,32 @@ def scan_block(
                             signature[axis, k] -= w * delta[j, k]
             else:
                 signature[axis, :] = 0.0
-        if usable == 0:
-            continue
-        for j in range(delta.shape[0]):
-            for axis in range(settings.axes):
-                w = gain[j, axis]
+        if turning:
+            if rate_row >= 0:
                 for k in range(watched):
-                    delta[j, k] += w * signature[axis, k]
+                    turned[k] += delta[rate_row, k] * length
+            add_turn(settings, foreseen, rotation, rate, delta, rate_row, 1.0, gradient, turned)
+        if usable > 0:
+            for j in range(delta.shape[0]):
+                for axis in range(settings.axes):
+                    w = gain[j, axis]
+                    for k in range(watched):
+                        delta[j, k] += w * signature[axis, k]
+            if settings.fade > 1.0 and runs_riccati(settings, memory):
+                recall(settings, active, prior, spread, guess, x, p, c, memory, work[8], delta)
+        if settings.axes == 2:
+            read_angle(settings, memory, x, h[m], rows[m])
+        if turning:
+            add_turn(settings, x, memory.rotation, memory.rate, delta, rate_row, -1.0, gradient, turned)
+        if (m + 1) * course.shape[0] >= (written + 1) * z.shape[0]:
+            course[written] = turned
+            written += 1
+        if usable == 0 or not weighed:
+            continue
         share = min(1.0, level / max(memory.surprise, 1e-12))
         for axis in range(settings.axes):
-            weight = share / variance[axis]
-            for i in range(watched):
-                w = weight * signature[axis, i]
-                score[i] += w * nu[axis]
-                for k in range(i, watched):
-                    normal[i, k] += w * signature[axis, k]
-    for i in range(watched):
-        for k in range(i):
-            normal[i, k] = normal[k, i]
+            weight = math.sqrt(share / variance[axis])
+            row = settings.axes * m + axis
+            for k in range(watched):
+                equations[row, k] = weight * signature[axis, k]
+            equations[row, watched] = weight * nu[axis]

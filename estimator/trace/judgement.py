@@ -25,15 +25,18 @@ _RATE_POWER = 1e-2  # the same beside the resonance, where a rate that moves oth
 
 def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple[str, ...]:
     """Reasons, in words, why the residual of the fitted part is not explained; none when it is."""
-    model = selection.after
-    if not np.isfinite(model.likelihood):
+    if not np.isfinite(selection.after.likelihood):
         return ("the observer does not converge on this record",)
+    patchwork = f"it takes more than {MOST} effects to bring the residual down: none of them is the cause"
+    return (*((patchwork,) if selection.patchwork else ()), *unexplained(selection.after, record, resonance_hz))
+
+
+def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str, ...]:
+    """What in the residual of a model is larger than can be left to chance, in words."""
     sample_rate = 1.0 / float(np.mean(record.step))
     cycle = max(int(sample_rate / resonance_hz), 1)
     series = steadied(model, _START * cycle, cycle)
     reasons = []
-    if selection.patchwork:
-        reasons.append(f"it takes more than {MOST} effects to bring the residual down: none of them is the cause")
     excess = power_over_prediction(model, series, record, _START * cycle, sample_rate, resonance_hz) - 1.0
     if excess > _LEVEL:
         reasons.append(f"the innovation is {np.sqrt(excess + 1.0):.3g} × what its prediction and the noise floor allow")

@@ -7,15 +7,18 @@ from itertools import pairwise
 import numpy as np
 
 from estimator.kernel.flow import taylor_order
+from estimator.kernel.gram import BLOCK, add_gram
 from estimator.kernel.layout import OUTPUT
 from estimator.kernel.scan import scan_block
+from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
 from estimator.observer import Observer
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.trace.record import Record
 from estimator.trace.start import begin_about
 
 PARTS = 32
+COURSE = 16  # instants of a part at which the angle's sensitivity is kept
 _JUMP = 4.0  # times the usual innovation: what lies around a jump of the rate counts less from there on
 Watched = Mapping[str, Mapping[str, float]]
 
@@ -25,7 +28,8 @@ class Scan:
     """Normal equations of the watched coefficients, by part of the record, scaled to their plausible sizes.
 
     normal (parts, k, k), score (parts, k); columns: those of each watched effect; plausible (k,) SI sizes; innovation
-    and its predicted deviation (n, axes) V; observer: as it stands after the last sample.
+    and its predicted deviation (n, axes) V; observer: as it stands after the last sample; course (parts · COURSE, k):
+    how far the reported angle would have moved by then, were a coefficient carried, rad for one SI unit of it.
     """
 
     columns: dict[str, slice]
@@ -35,6 +39,7 @@ class Scan:
     innovation: Array
     deviation: Array
     observer: Observer
+    course: Array
 
     @property
     def ratio(self) -> float:
@@ -49,10 +54,15 @@ def scan(
     controller: ControllerSettings | None,
     watched: Watched,
     previous: Observer | None = None,
+    *,
+    weighed: bool = True,
+    vector: bool = True,
 ) -> Scan:
     """Run the observer of `settings` over the record and follow the signatures of the effects in `watched`.
 
     watched: by name, each with its parameters in SI; previous: an observer whose pass over the record came before.
+    Without `weighed` there are no normal equations: zeros.  Without `vector`, the general kernel runs where the quick
+    one could.
     Raises ModelError as `Observer` does.
     """
     plain = replace(settings, effects={**settings.effects, **watched})
@@ -70,25 +80,48 @@ def scan(
     rows = np.zeros(len(record), OUTPUT)
     delta = np.zeros((observer.states + len(observer.active), first))
     normal, score = np.zeros((PARTS, first, first)), np.zeros((PARTS, first))
+    width = first + BLOCK - first % BLOCK  # with a column for the innovation
+    turned, course = np.zeros(first), np.zeros((PARTS * COURSE, first))
     edges = np.linspace(0, len(record), PARTS + 1).astype(int)
     level = _JUMP
+    if settings.gain is Gain.EKF and vector:
+        observer.record["twin"] = 1  # a plain EKF's two covariances are one: carried twice, they run in the registers
+    plain = vector and bool(scans_plainly(observer.record, observer.active, observer.x[: len(observer.x) - first]))
     for part, (begin, end) in enumerate(pairwise(edges)):
         span = slice(begin, end)
-        scan_block(
-            observer.record, observer.active, observer.walk, observer.prior, observer.spread, observer.guess,
-            observer.table, observer.x, observer.p, observer.c, observer.memory,
-            z[span], u[span], h[span], warmth[span], rows[span], delta, level, normal[part], score[part],
+        equations = np.zeros((device.axes * (end - begin) if weighed else 0, width))
+        what = (
+            z[span], u[span], h[span], warmth[span], rows[span], delta, level,
+            equations, turned, course[part * COURSE : (part + 1) * COURSE],
         )  # fmt: skip
+        if plain:
+            scan_plain_block(
+                observer.record, observer.walk, observer.prior, observer.spread, observer.guess,
+                observer.x, observer.p, observer.c, observer.memory, *what,
+            )  # fmt: skip
+        else:
+            scan_block(
+                observer.record, observer.active, observer.walk, observer.prior, observer.spread, observer.guess,
+                observer.table, observer.x, observer.p, observer.c, observer.memory, *what,
+            )  # fmt: skip
+        if weighed:
+            products = np.zeros(width * width)
+            add_gram(equations.ravel(), width, products)
+            upper = np.triu(products.reshape(width, width))
+            normal[part] = upper[:first, :first] + np.triu(upper[:first, :first], 1).T
+            score[part] = upper[:first, first]
         with np.errstate(invalid="ignore"):
             usual = np.nanmedian(rows["nu"][span, : device.axes] ** 2 / rows["s"][span, : device.axes]) / 0.455
         level = _JUMP * max(1.0, float(usual))
+    factors = observer.factors[len(observer.names) - first :]
     volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
     return Scan(
         columns=columns,
         normal=normal * np.outer(scale, scale),
         score=score * scale,
-        plausible=scale * np.abs(observer.factors[len(observer.names) - first :]),
+        plausible=scale * np.abs(factors),
         innovation=np.where(np.isfinite(record.sense), rows["nu"][:, : device.axes] * volts, np.nan),
         deviation=np.sqrt(rows["s"][:, : device.axes]) * np.abs(volts),
         observer=observer,
+        course=course / factors,
     )

@@ -1,0 +1,154 @@
+"""The scan that closes every run: what the model lacks, what the record excludes, how far the angle may be off."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.completeness.answer import Completeness, Outcome
+from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.lacking import judge
+from estimator.completeness.stretch import Stretch, joined, settled_s
+from estimator.effects.catalogue import effect_for
+from estimator.errors import ModelError
+from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.trace.candidates import Parameters, watch_list
+from estimator.trace.fitting import Fitted, fit
+from estimator.trace.scan import COURSE, PARTS, Scan, scan
+from estimator.trace.selection import fresh, scanned_with
+
+_FEWEST_CYCLES = 100.0
+_FEWEST_SAMPLES = 2000
+
+Progress = Callable[[str, int, int], None]
+
+
+def closing_scan(
+    stretches: Sequence[Stretch],
+    device: Device,
+    settings: ObserverSettings,
+    controller: ControllerSettings | None,
+    *,
+    scored_s: tuple[float, float],
+    limit_rad: float = 0.0,
+    progress: Progress = lambda stage, done, total: None,
+) -> Completeness:
+    """Judge a run by stretches of its record (`stretches_of`), with the observer settings of the run.
+
+    scored_s: first and last scored instant, s from the start of the run; limit_rad: an effect that moves the angle by
+    less than this is told and not held against the run.  Never raises for a record that cannot be judged: the outcome
+    is then unknown, with the reason.
+    """
+    samples = sum(len(stretch.record) for stretch in stretches)
+    seconds = sum(float(np.sum(stretch.record.step)) for stretch in stretches)
+    try:
+        require_scannable(stretches, device)
+        with np.errstate(all="ignore"):
+            answer = _scanned(stretches, device, settings, controller, scored_s, limit_rad, progress)
+    except (ModelError, np.linalg.LinAlgError) as error:
+        return Completeness(Outcome.UNKNOWN, f"not scanned: {error}", samples=samples, seconds=seconds)
+    return replace(answer, samples=samples, seconds=seconds)
+
+
+def require_scannable(stretches: Sequence[Stretch], device: Device) -> None:
+    """ModelError with the reason where a record says nothing of a model."""
+    if device.axes != 2:
+        raise ModelError("a single axis has no angle; hil trace judges its model")
+    first = stretches[0].record
+    cycles = float(np.sum(first.step)) * np.sqrt(device.target) / (2.0 * np.pi)
+    if cycles < _FEWEST_CYCLES or len(first) < _FEWEST_SAMPLES:
+        raise ModelError(f"{len(first)} samples, {cycles:.3g} cycles of the resonance, are too few")
+    for stretch in stretches:
+        sensed = np.isfinite(stretch.record.sense)
+        if np.mean(sensed) < 0.5:
+            raise ModelError(f"{1.0 - np.mean(sensed):.0%} of the samples are lost")
+        moved = np.sqrt(np.nanmean(stretch.record.sense**2, axis=0))
+        if not np.all(np.isfinite(stretch.record.drive)) or not np.all(moved > 0.0):
+            raise ModelError("a sense channel is dead")
+
+
+def _scanned(
+    stretches: Sequence[Stretch],
+    device: Device,
+    settings: ObserverSettings,
+    controller: ControllerSettings | None,
+    scored_s: tuple[float, float],
+    limit_rad: float,
+    progress: Progress,
+) -> Completeness:
+    progress("scan", 0, 3)
+    first = stretches[0].record
+    known = {name: dict(given) for name, given in settings.effects.items()}
+    base = fit(first, device, settings, controller, known)
+    if not np.isfinite(base.likelihood):
+        return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
+    watched = watched_of(stretches, device, base)
+    progress("scan", 1, 3)
+    carried = scanned_with(base, device, settings)
+    seen = together([scan(s.record, device, carried, controller, watched, base.observer) for s in stretches])
+    progress("scan", 2, 3)
+    information = information_of(stretches, device, settings, controller, watched, seen, scored_s)
+    progress("scan", 3, 3)
+    return judge(first, device, settings, controller, base, watched, seen, information, limit_rad)
+
+
+def watched_of(stretches: Sequence[Stretch], device: Device, base: Fitted) -> dict[str, Parameters]:
+    """The catalogue, as the first stretch suggests its parameters."""
+    record = stretches[0].record
+    everything = watch_list(record, device, base.estimates.innovation, base.estimates.innovation_deviation)
+    return fresh(everything, base.settings.effects, float(np.sum(record.step)))
+
+
+def together(scans: Sequence[Scan]) -> Scan:
+    """One scan of several stretches."""
+    return replace(
+        scans[-1],
+        normal=np.concatenate([one.normal for one in scans]),
+        score=np.concatenate([one.score for one in scans]),
+        innovation=np.concatenate([one.innovation for one in scans]),
+        deviation=np.concatenate([one.deviation for one in scans]),
+        course=np.concatenate([one.course for one in scans]),
+    )
+
+
+def information_of(
+    stretches: Sequence[Stretch],
+    device: Device,
+    settings: ObserverSettings,
+    controller: ControllerSettings | None,
+    watched: dict[str, Parameters],
+    seen: Scan,
+    scored_s: tuple[float, float],
+) -> Information:
+    """The scan's normal equations, and the sensitivity of the angle as the bench's own observer has it."""
+    times, courses = [], []
+    for stretch in stretches:
+        course = scan(stretch.record, device, settings, controller, watched, weighed=False).course
+        elapsed = np.cumsum(stretch.record.step)
+        edges = np.linspace(0, len(elapsed), PARTS + 1).astype(int)
+        ends = np.concatenate(
+            [begin + np.ceil(np.arange(1, COURSE + 1) * (end - begin) / COURSE) - 1 for begin, end in pairs(edges)]
+        ).astype(int)
+        time = stretch.begin_s + elapsed[ends]
+        settled = time >= settled_s(stretch, settings, device, scored_s[0])
+        times.append(time[settled])
+        courses.append(course[settled])
+    time, sensitivity = joined(times, courses, scored_s[0], scored_s[1])
+    coefficients = []
+    for name, columns in seen.columns.items():
+        _, effect = effect_for(name, device.axes)
+        for c, plausible in zip(effect.coefficients, seen.plausible[columns], strict=True):
+            coefficients.append(Coefficient(name, c.name.partition(":")[0], c.unit, float(plausible)))
+    return Information(
+        tuple(coefficients),
+        seen.normal.sum(axis=0),
+        seen.score.sum(axis=0),
+        time,
+        sensitivity,
+        max(seen.ratio, 1.0),
+    )
+
+
+def pairs(edges: np.ndarray) -> list[tuple[int, int]]:
+    """Neighbours."""
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))

@@ -1,0 +1,153 @@
+"""What a record says of the coefficients of effects that are not carried, and what each does to the angle.
+
+A scan gives the normal equations of all coefficients at once, with everything that the observer estimates projected
+out: the information matrix N and the score b of a linear model with coefficients c.  With a prior covariance P0 of some
+of them (what a calibration declares) c is normal with covariance C = (N + P0⁻¹)⁻¹ and mean −C b, and what stays
+uncertain of the angle is gᵀ C g, with g what a unit of each coefficient moves the reported angle by.  Look-alikes come
+out right: where N cannot tell two of them apart, C holds both as large as their priors, and their correlation says that
+one goes with the other.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.scaling import Array
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One coefficient of an effect that was watched.
+
+    effect: its name, with a label where it was watched with several parameters; plausible: its largest likely size, SI.
+    """
+
+    effect: str
+    symbol: str
+    unit: str
+    plausible: float
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Coefficients c after the record: normal with this mean (k,) and covariance (k, k), SI, by `symbols`.
+
+    sensitivity (m, k) rad per SI unit: what each moves the reported angle by, at the instants of the `Information`;
+    at its first instant, the start of the scored window, it is zero.
+    """
+
+    symbols: tuple[str, ...]
+    units: tuple[str, ...]
+    mean: Array
+    covariance: Array
+    sensitivity: Array
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation (k,) of each coefficient."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
+
+    @property
+    def angle_deviation(self) -> Array:
+        """Standard uncertainty (m,) of the angle from all of them together, rad."""
+        spread = np.einsum("mi,ij,mj->m", self.sensitivity, self.covariance, self.sensitivity)
+        return np.asarray(np.sqrt(np.maximum(spread, 0.0)))
+
+    @property
+    def angle_shift(self) -> Array:
+        """How far (m,) the angle would move, were the coefficients carried at their mean, rad."""
+        return np.asarray(self.sensitivity @ self.mean)
+
+    @property
+    def angle_uncertainty(self) -> Array:
+        """Root mean square (m,) of what the angle is expected to be off by, the coefficients not being carried, rad."""
+        return np.asarray(np.hypot(self.angle_deviation, self.angle_shift))
+
+    def contribution(self, symbol: str) -> Array:
+        """What the angle is expected to be off by (m,) for this coefficient alone, rms, rad."""
+        k = self.symbols.index(symbol)
+        return np.asarray(np.abs(self.sensitivity[:, k]) * np.hypot(self.deviation[k], self.mean[k]))
+
+
+@dataclass(frozen=True)
+class Information:
+    """Normal equations of the watched coefficients, and the angle's sensitivity to them.
+
+    normal (k, k), score (k,): N and b over the whole record, scaled to the plausible sizes; time (m,) s from the start
+    of the run, the first instant being the start of what was scored; sensitivity (m, k): rad per SI unit, zero at the
+    first instant; widening: by how much deviations are larger than N says, as the innovations are.
+    """
+
+    coefficients: tuple[Coefficient, ...]
+    normal: Array
+    score: Array
+    time: Array
+    sensitivity: Array
+    widening: float = 1.0
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects watched, in order."""
+        return tuple(dict.fromkeys(c.effect for c in self.coefficients))
+
+    def columns(self, names: Sequence[str]) -> list[int]:
+        """Places of the coefficients of these symbols, or of these effects.
+
+        Raises ModelError for a name that was not watched.
+        """
+        places: list[int] = []
+        for name in names:
+            found = [k for k, c in enumerate(self.coefficients) if name in (c.symbol, c.effect)]
+            if not found:
+                raise ModelError(f"no coefficient {name!r} was watched")
+            places += found
+        return places
+
+    def watches(self, symbol: str) -> bool:
+        """Whether a coefficient of that symbol was watched: an open loop shows nothing of the drive."""
+        return any(c.symbol == symbol for c in self.coefficients)
+
+    def posterior(self, prior_sd: Mapping[str, float], with_effect: str | None = None) -> Posterior:
+        """The coefficients of `prior_sd` (SI, standard deviations by symbol; 0 is known exactly, inf is no knowledge
+        but the plausible size) after the record, all others being absent but those of `with_effect`.
+
+        Symbols that were not watched are left as their prior says, with no part in the angle (`watches` tells).
+        """
+        declared = [symbol for symbol in prior_sd if self.watches(symbol)]
+        places = [self.columns([symbol])[0] for symbol in declared]
+        sd = [prior_sd[symbol] for symbol in declared]
+        if with_effect is not None:
+            more = [k for k in self.columns([with_effect]) if k not in places]
+            places += more
+            sd += [np.inf] * len(more)
+        chosen = [self.coefficients[k] for k in places]
+        scale = np.array([c.plausible for c in chosen])
+        relative = np.minimum(np.array(sd, dtype=float) / scale, np.where(np.isinf(sd), 1.0, np.inf))
+        # (N + P0⁻¹)⁻¹ = R (I + R N R)⁻¹ R with R = P0^½: a coefficient known exactly needs no infinity.
+        root = np.diag(relative)
+        within = np.eye(len(places)) + root @ self.normal[np.ix_(places, places)] @ root / self.widening**2
+        covariance = root @ np.linalg.solve(within, root) if places else np.zeros((0, 0))
+        mean = -covariance @ self.score[places] / self.widening**2
+        return Posterior(
+            tuple(c.symbol for c in chosen),
+            tuple(c.unit for c in chosen),
+            mean * scale,
+            covariance * np.outer(scale, scale),
+            self.sensitivity[:, places],
+        )
+
+    def cannot_exclude(self, prior_sd: Mapping[str, float]) -> dict[str, Array]:
+        """By effect that has no prior: by how much (m,) rad more the angle may be off, rms, if that effect is there,
+        no larger than is plausible and than the record allows, beside what is declared.
+        """
+        alone = self.posterior(prior_sd)
+        declared = alone.angle_uncertainty**2
+        found = {}
+        for effect in self.effects:
+            if all(self.coefficients[k].symbol in prior_sd for k in self.columns([effect])):
+                continue
+            beside = self.posterior(prior_sd, effect).angle_uncertainty ** 2
+            found[effect] = np.asarray(np.sqrt(np.maximum(beside - declared, 0.0)))
+        return found

@@ -1,0 +1,138 @@
+"""From what a scan shows to what the model lacks: the leading candidates carried, their likelihoods compared.
+
+Far from the truth a scan is a rough guide, so those that come into question are each carried by an observer once.
+"""
+
+import numpy as np
+from scipy.stats import norm
+
+from estimator.completeness.answer import Completeness, Lacking, Outcome
+from estimator.completeness.information import Information
+from estimator.effects.catalogue import effect_for
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.trace.candidates import Parameters
+from estimator.trace.certainty import widening
+from estimator.trace.diagnosis import Interval
+from estimator.trace.evidence import SAME, Evidence, evidence, likeness
+from estimator.trace.fitting import Fitted, coefficients_of, fit
+from estimator.trace.judgement import unexplained
+from estimator.trace.record import Record
+from estimator.trace.scan import Scan
+from estimator.trace.selection import kind, second_thoughts, shortlist, surprise, threshold
+
+_TWO_SIDED = float(norm.ppf(0.975))
+_BESIDE = 2  # tried beside the shortlist, of other kinds
+_COMPARED = 20_000  # samples on which candidates are compared, at least
+_ENOUGH = 1000.0  # of twice the log-likelihood: so much tells candidates apart
+_HARMLESS = 1.0 / 3.0  # of the limit: an angle that moves by less is told, not held against the run
+
+
+def judge(
+    record: Record,
+    device: Device,
+    settings: ObserverSettings,
+    controller: ControllerSettings | None,
+    base: Fitted,
+    watched: dict[str, Parameters],
+    seen: Scan,
+    information: Information,
+    limit_rad: float,
+) -> Completeness:
+    """The answer for a record that `base` was fitted to, by the scan of it and perhaps of further stretches."""
+    found = evidence(seen)
+    serious = [item for item in found.values() if item.significance > threshold(len(found))]
+    named = [leading(record, device, base, controller, watched, seen, serious, information)] if serious else []
+    lacking = [item for item in named if item is not None]
+    harmless = tuple(item for item in lacking if item.angle.high < _HARMLESS * limit_rad)
+    lacks = tuple(item for item in lacking if item not in harmless)
+    resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
+    reasons = () if lacking else unexplained(base, record, resonance)
+    if lacks:
+        reason = "; ".join(map(told, lacks))
+    elif reasons:
+        reason = f"the residual is not explained by any effect known: {'; '.join(reasons)}"
+    elif harmless:
+        reason = f"nothing that matters is lacking; {'; '.join(map(told, harmless))}"
+    else:
+        reason = f"none of the {len({kind(name) for name in found})} effects looked for explains more than chance would"
+    outcome = Outcome.LACKS if lacks or reasons else Outcome.COMPLETE
+    return Completeness(outcome, reason, lacks, harmless, information, seen.ratio)
+
+
+def told(item: Lacking) -> str:
+    """An effect that is lacking, in one line."""
+    sizes = ", ".join(
+        f"{symbol} {signed(c.value)} ± {0.5 * (c.high - c.low):.2g}" + (f" {c.unit}" if c.unit != "1" else "")
+        for symbol, c in item.coefficients.items()
+    )
+    like = f" (or {', '.join(item.alike)})" if item.alike else ""
+    return f"lacks {item.effect}{like}: {sizes}; the angle may be off by {item.angle.value:.3g} rad"
+
+
+def signed(value: float) -> str:
+    """With its sign, a minus being one and no hyphen; what has no unit and is small, in per cent."""
+    return f"{value:+.3g}".replace("-", "−")
+
+
+def leading(
+    record: Record,
+    device: Device,
+    base: Fitted,
+    controller: ControllerSettings | None,
+    watched: dict[str, Parameters],
+    seen: Scan,
+    serious: list[Evidence],
+    information: Information,
+) -> Lacking | None:
+    """The effect that explains most once it is carried, None where none explains more than chance would."""
+    names = shortlist(seen, serious)
+    if serious[0].gain > _ENOUGH:
+        names += second_thoughts({item.name: item for item in serious}, dict.fromkeys(names, base))[:_BESIDE]
+    share = min(_ENOUGH / serious[0].gain, 1.0)
+    compared = record.part(slice(0, min(max(int(share * len(record)), _COMPARED), len(record))))
+    effects = coefficients_of(base.observer)
+    without = fit(compared, device, base.settings, controller, effects)
+    models = {
+        name: fit(compared, device, base.settings, controller, {**effects, name: watched[name]}) for name in names
+    }
+    gains = {name: model.likelihood - without.likelihood for name, model in models.items()}
+    best = max(gains, key=lambda name: gains[name] - price(name, device, compared))
+    _, effect = effect_for(best, device.axes)
+    if not gains[best] > surprise(len(effect.coefficients), len(seen.columns)):
+        return None
+    model = models[best]
+    rows = [model.observer.estimated.index(c.name) for c in effect.coefficients]
+    covariance = model.observer.covariance[np.ix_(rows, rows)] * widening(model) ** 2
+    values = np.array([coefficients_of(model.observer)[best][c.name.partition(":")[0]] for c in effect.coefficients])
+    deviation = np.sqrt(np.diagonal(covariance))
+    alike = likeness(seen, best, values)
+    return Lacking(
+        effect=kind(best),
+        title=effect.title,
+        coefficients={
+            c.name.partition(":")[0]: Interval(
+                float(value), float(value - _TWO_SIDED * sd), float(value + _TWO_SIDED * sd), c.unit
+            )
+            for c, value, sd in zip(effect.coefficients, values, deviation, strict=True)
+        },
+        evidence=gains[best],
+        angle=angle_of(information, best, values, covariance),
+        alike=tuple(dict.fromkeys(kind(o) for o, value in alike.items() if value > SAME and kind(o) != kind(best))),
+    )
+
+
+def price(name: str, device: Device, record: Record) -> float:
+    """What the numbers of an effect cost in likelihood (Schwarz 1978)."""
+    _, effect = effect_for(name, device.axes)
+    return (len(effect.coefficients) + len(effect.parameters)) * float(np.log(record.sense.size))
+
+
+def angle_of(information: Information, name: str, values: Array, covariance: Array) -> Interval:
+    """How far the angle is off, at the instant where that is most, for coefficients with that covariance."""
+    moves = information.sensitivity[:, information.columns([name])]
+    shift = moves @ values
+    at = int(np.argmax(np.abs(shift)))
+    half = _TWO_SIDED * float(np.sqrt(moves[at] @ covariance @ moves[at]))
+    size = float(abs(shift[at]))
+    return Interval(size, max(size - half, 0.0), size + half, "rad")

@@ -1,0 +1,71 @@
+"""The parts of a run that its closing scan looks at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.scaling import Array
+from estimator.settings import Device, ObserverSettings
+from estimator.trace.record import Record
+from estimator.trace.start import settling
+
+MOST = 120_000
+"""Samples that are looked at."""
+
+_PARTS = 3  # of a longer run: its beginning, its middle, its end
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Consecutive samples of a run: record, and the time of the first of them, s from the start of the run."""
+
+    record: Record
+    begin_s: float
+
+    @property
+    def end_s(self) -> float:
+        """Time of its last sample."""
+        return self.begin_s + float(np.sum(self.record.step))
+
+
+def stretches_of(samples: int, most: int = MOST) -> tuple[slice, ...]:
+    """Which of so many samples to look at: all, or three stretches over the run that hold `most` together."""
+    if samples <= most:
+        return (slice(0, samples),)
+    length = most // _PARTS
+    starts = np.linspace(0, samples - length, _PARTS).astype(int)
+    return tuple(slice(int(start), int(start) + length) for start in starts)
+
+
+def settled_s(stretch: Stretch, settings: ObserverSettings, device: Device, scored_from_s: float) -> float:
+    """From when on (s of the run) an observer that begins with the stretch counts: it has found the motion and the
+    constants, and the scored window has begun; the last quarter of the stretch counts anyhow.
+    """
+    found = stretch.begin_s + settling(settings, device) / device.sample_rate if stretch.begin_s > 0.0 else 0.0
+    last = stretch.begin_s + 0.75 * (stretch.end_s - stretch.begin_s)
+    return min(max(found, scored_from_s), last)
+
+
+def joined(times: Sequence[Array], courses: Sequence[Array], begin_s: float, end_s: float) -> tuple[Array, Array]:
+    """One course (m, k) over [begin_s, end_s] from those of settled stretches, with its time (m,); zero at its start.
+
+    Between stretches, before the first and behind the last, it goes on with the mean slope of the nearest two or one.
+    """
+    slopes = [
+        (course[-1] - course[0]) / (time[-1] - time[0]) if time[-1] > time[0] else np.zeros(course.shape[1])
+        for time, course in zip(times, courses, strict=True)
+    ]
+    at = [np.array([begin_s])]
+    moved = [np.zeros((1, courses[0].shape[1]))]
+    for i, (time, course) in enumerate(zip(times, courses, strict=True)):
+        slope = slopes[i] if i == 0 else 0.5 * (slopes[i - 1] + slopes[i])
+        start = moved[-1][-1] + slope * (time[0] - at[-1][-1])
+        at.append(time)
+        moved.append(course - course[0] + start)
+    if end_s > at[-1][-1]:
+        moved.append(moved[-1][-1:] + slopes[-1] * (end_s - at[-1][-1]))
+        at.append(np.array([end_s]))
+    time, course = np.concatenate(at), np.concatenate(moved)
+    kept = np.concatenate([[True], np.diff(time) > 0.0])
+    return time[kept], course[kept]
