@@ -18,6 +18,7 @@ BENCHMARKS = {
     "consistency": "coverage, NEES and Cramér–Rao ratio over 400 seeds of S-slow and S-classic",
     "tracking": "rate steps, a 30 Hz sine, then a million samples of nothing",
     "variants": "the observers of 7 and 11 states",
+    "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 % off",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
     "trace_time": "a trace of a million samples with the whole catalogue",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.dither import dither_start
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Source
 from estimator.errors import ModelError
@@ -108,7 +109,7 @@ class Observer:
         self.first_temperature: float | None = None
         self.memory = np.zeros(1, MEMORY)
         self.memory["surprise"] = 1.0
-        self.memory["dither"] = 0x9E3779B97F4A7C15
+        self.memory["dither"] = dither_start(None if controller is None else controller.dither_seed)
         fade = float(self.record["fade"][0])
         forgotten = len(self.active) * (1.0 - 1.0 / fade)  # share of the prior's information, between two visits
         self.motion_spread = spread[: self.states] ** 2
@@ -198,7 +199,7 @@ class Observer:
         fading = settings.gain is not Gain.EKF
         record["fade"] = math.exp(1.0 / (settings.memory * device.sample_rate)) if fading else 1.0
         record["stationary"] = settings.gain is Gain.STATIONARY
-        record["acquisition"] = settings.acquisition * scaling.omega0
+        record["takeover"] = settings.takeover * scaling.omega0
         # An offset that is not estimated is a disturbance of the measurement: the gain must not take it for motion.
         ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
         record["twin"] = fading or ignored > 0.0

@@ -94,8 +94,8 @@ class ObserverSettings:
     effects: what the base model lacks and this observer carries, by name (`estimator.effects`), each with first
     guesses of its coefficients in SI (0 where not given); they are estimated with the rest.
 
-    A stationary gain takes over after `acquisition` seconds of EKF with fading memory; until then it could not catch
-    on.
+    A stationary gain takes over from an EKF with fading memory one memory after `acquisition` [s]: it corrects by a
+    constant share of what it sees, and would carry the errors of the first guess on for many memories.
     """
 
     variant: Variant = Variant.FULL
@@ -111,12 +111,18 @@ class ObserverSettings:
         if self.memory <= 0.0:
             raise ModelError(f"memory must be positive, got {self.memory} s")
 
+    @property
+    def takeover(self) -> float:
+        """When a stationary gain takes over, s."""
+        return self.acquisition + self.memory
+
 
 @dataclass(frozen=True)
 class ControllerSettings:
     """The holds around (9), all gains in units of ω0; rates in rad/s, forces in m/s².
 
-    latency is in samples, force_quantum the force of one drive code, sense_quantum [V] of one sense code.
+    latency is in samples, force_quantum the force of one drive code, sense_quantum [V] of one sense code.  dither_seed
+    chooses the sequence of the dither; without one it is always the same.
     """
 
     latency: int
@@ -127,5 +133,6 @@ class ControllerSettings:
     quadrature_gain: float = 0.01
     virtual_rotation: float = 0.0
     dither: float = 0.0
+    dither_seed: int | None = None
     modulation: float = 0.0
     modulation_rate: float = 0.0

@@ -2,8 +2,14 @@
 
 The linearised error system of the 13-state observer is not constant: it repeats with the phase of the vibration and
 with the orientation of the pattern.  Its stationary Kalman gain is therefore a table over both, filled by running the
-Riccati recursion once along the orbit that the controlled device follows; at run time the gain is looked up and
-nothing is propagated.
+Riccati recursion once along the orbit of the controlled device; at run time the gain is looked up and nothing is
+propagated.
+
+The motion on that orbit is that of an ideal oscillator, but its *error* swings at the device's own frequencies, because
+the observer takes the drive for what it is and not for what the control makes of it.  Hence the recursion runs with the
+declared constants of the device, held on the orbit by the force that does so; and as they are not known exactly, the
+motion is corrected faster than its error can turn in a way that the table does not foresee.  The memory of the
+constants stays what it is.
 """
 
 import math
@@ -25,7 +31,7 @@ _TURNS = 12
 
 
 def stationary_table(observer: "Observer") -> Array:
-    """Gains (ANGLES, PHASES, n, 2), scaled, for the observer's variant, noise and memory.
+    """Gains (ANGLES, PHASES, n, 2), scaled, for the observer's variant, first guess, noise and memory.
 
     The step is stretched by 0.7 % so that the phases fill the table even when the sampling is an exact multiple of the
     vibration.  Raises ModelError for a single axis, which has no pattern angle.
@@ -39,8 +45,23 @@ def stationary_table(observer: "Observer") -> Array:
     samples = int(max(_TURNS * half_turn, 100 * ANGLES * PHASES))
     total = np.zeros((ANGLES, PHASES, n, 2))
     weight = np.zeros((ANGLES, PHASES))
+    record = observer.record.copy()
+    record["force_noise"] += unforeseen(observer)
     gather_gains(
-        observer.record, observer.memory, observer.active, observer.walk, observer.prior, observer.p.copy(),
+        record, observer.memory, observer.active, observer.walk, observer.prior,
+        observer.x[observer.states :], observer.p.copy(),
         _PRECESSION, observer.h * 1.007, settle, samples, total, weight,
     )  # fmt: skip
     return np.asarray(total / np.maximum(weight, 1.0)[:, :, None, None])
+
+
+def unforeseen(observer: "Observer") -> Array:
+    """Force noise (axes,), scaled, on top of the declared one: for the table only, not for what is reported.
+
+    A relative uncertainty s of the stiffness is one of s/2 in the frequencies, and of s at two standard deviations: in
+    a memory of the motion longer than 1/s (scaled time) the table would take the error's phase for another.  An
+    amplitude that walks with intensity q, seen with a variance r by samples h apart, is followed with bandwidth
+    √(q / 2 r h); a force of intensity f makes it walk with f/2.  So f = 4 s² r h gives the motion a memory of 1/s.
+    """
+    variance = observer.record["noise"][0] + observer.record["ignored"][0]
+    return np.asarray(4.0 * observer.settings.spread.stiffness**2 * variance * observer.h)

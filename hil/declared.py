@@ -84,6 +84,7 @@ def controller_settings_of(bench: Bench, identity: Identity) -> settings.Control
         quadrature_gain=controller.quadrature_gain,
         virtual_rotation=controller.virtual_rotation_rad_s,
         dither=controller.dither_mps2,
+        dither_seed=bench.loop.seed,
         modulation=controller.amplitude_modulation,
         modulation_rate=2.0 * math.pi * controller.modulation_Hz,
     )

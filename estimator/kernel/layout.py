@@ -50,8 +50,8 @@ SETTINGS = np.dtype(
         ("order", "i8"),  # of the Taylor flow
         ("fade", "f8"),  # factor on the predicted covariance, 1 without fading
         ("twin", "i8"),  # 1: the actual covariance C is carried beside P
-        ("stationary", "i8"),  # 1: gains from the table, no Riccati recursion after acquisition
-        ("acquisition", "f8"),  # time until the table takes over
+        ("stationary", "i8"),  # 1: gains from the table, no Riccati recursion from then on
+        ("takeover", "f8"),  # time from which the table is used
         ("noise", "f8", (MAX_AXES,)),  # variance of the measurement
         ("ignored", "f8", (MAX_AXES,)),  # variance of what may be in it and is not estimated
         ("force_noise", "f8", (MAX_AXES,)),  # velocity variance per unit of time

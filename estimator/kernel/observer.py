@@ -283,8 +283,8 @@ def tabulated_gain(table: Floats, s: Floats, gain: Floats) -> None:
 
 @compiled
 def runs_riccati(settings: Record, memory: Record) -> bool:
-    """Whether the gain comes from the covariance recursion: always, except after acquisition with a tabulated gain."""
-    tabulated: bool = settings.stationary == 1 and memory.time >= settings.acquisition
+    """Whether the gain comes from the covariance recursion: always, but for a table that has taken over."""
+    tabulated: bool = settings.stationary == 1 and memory.time >= settings.takeover
     return not tabulated
 
 

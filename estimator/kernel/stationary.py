@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.layout import KXX, KYY, RATE, Floats, Ints, Record
+from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, Floats, Ints, Record
 from estimator.kernel.observer import (
     add_process_noise,
     joseph,
@@ -20,12 +20,37 @@ from estimator.kernel.pattern import phase_and_angle
 
 
 @compiled
+def orbit(t: float, rotation: float, s: Floats) -> None:
+    """Motion (x, ẋ, y, ẏ) at scaled time t of the ideal controlled device: unit amplitude, pattern turned at −rotation.
+
+    The solution of ẍ + x = 2W ẏ, ÿ + y = −2W ẋ that is a straight line in the frame that turns with it.
+    """
+    fast = math.sqrt(1.0 + rotation * rotation)
+    along, across = math.cos(rotation * t), -math.sin(rotation * t)
+    r, v = math.cos(fast * t), -fast * math.sin(fast * t)
+    s[0] = along * r
+    s[2] = across * r
+    s[1] = along * v + rotation * s[2]
+    s[3] = across * v - rotation * s[0]
+
+
+@compiled
+def holding_force(constants: Floats, s: Floats, rotation: float, u: Floats) -> None:
+    """The force (axes, 1) that keeps a device with these constants on the orbit: (9) and the virtual rotation."""
+    kxx, kyy, kxy = constants[KXX], constants[KYY], constants[KXY]
+    dxx, dyy, dxy = constants[DXX], constants[DYY], constants[DXY]
+    u[0, 0] = (kxx - 1.0) * s[0] + kxy * s[2] + dxx * s[1] + dxy * s[3] + 2.0 * rotation * s[3]
+    u[1, 0] = (kyy - 1.0) * s[2] + kxy * s[0] + dyy * s[3] + dxy * s[1] - 2.0 * rotation * s[1]
+
+
+@compiled
 def gather_gains(
     settings_record: Record,
     memory_record: Record,
     active: Ints,
     walk: Floats,
     prior: Floats,
+    constants: Floats,
     p: Floats,
     rotation: float,
     h: float,
@@ -36,29 +61,32 @@ def gather_gains(
 ) -> None:
     """Sum of the gains (angles, phases, n, channels) and their number (angles, phases) into total and weight.
 
-    The orbit is the controlled device's: an isotropic oscillator of unit stiffness and amplitude whose pattern
-    precesses at `rotation`; the first `settle` samples only bring the covariance to its periodic state.
+    The device has the given constants and is held on the orbit of the ideal controlled one, whose pattern precesses
+    at `rotation`: the error system is the device's own, only its motion is the ideal one.  The first `settle` samples
+    only bring the covariance to its periodic state.
     """
     settings = settings_record[0]
     memory = memory_record[0]
     states = settings.states
     n = p.shape[0]
-    x = np.zeros(states + settings.sense_constants + settings.flow_constants)
+    x = np.zeros(states + constants.shape[0])
+    x[states:] = constants
     work = workspace(settings, n, x.shape[0])
     g, scratch, jacobian, gain, ph, kick, noise = work[3], work[4], work[5], work[7], work[8], work[9], work[11]
     assumed = work[17]
     nu = np.zeros(2)
     z = np.zeros(2)
     u = np.zeros((2, 1))
+    s = x[:states]
+    middle = np.zeros(states)
     angles, phases = weight.shape
-    x[0] = 1.0
-    x[states + RATE] = rotation
-    x[states + KXX] = 1.0
-    x[states + KYY] = 1.0
     cursor = 0
     for m in range(settle + samples):
+        orbit((m + 0.5) * h, rotation, middle)
+        holding_force(constants, middle, rotation, u)
+        orbit(m * h, rotation, s)
         predict_state(settings, active, memory, x, u, h, work)
-        s = x[:states]
+        orbit((m + 1) * h, rotation, s)
         propagate(p, g, scratch, settings.fade)
         add_process_noise(p, settings, h, s, active, walk, kick)
         predict_measurement(settings, active, memory, x, z, u, h, work, nu, noise)

@@ -131,7 +131,7 @@ class NumpyObserver(Observer):
     @property
     def _propagates(self) -> bool:
         """Whether the gain comes from P: always, but for a stationary gain once it has taken over."""
-        acquiring = self._time < self.settings.acquisition * self.scaling.omega0
+        acquiring = self._time < self.settings.takeover * self.scaling.omega0
         return self.settings.gain is not Gain.STATIONARY or acquiring
 
     def _predict(self, s: Array, f: Array, q: Array) -> None:

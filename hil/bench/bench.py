@@ -41,6 +41,12 @@ class Bench(Section):
             raise ValueError("[controller] enabled: a single axis has no pattern to control; set enabled = false")
         if axes == 1 and self.observer.variant == "gyro":
             raise ValueError('[observer] variant: "gyro" needs axes = 2; a single axis runs "full" or "sense"')
+        if axes == 1 and self.observer.gain == "stationary":
+            raise ValueError(
+                '[observer] gain: "stationary" is a table over the angle of a pattern, which needs axes = 2; use "fading"'
+            )
+        if self.observer.gain == "stationary" and self.observer.backend == "filterpy":
+            raise ValueError('[observer] backend: "filterpy" has no stationary gain; use "numba" or "numpy"')
         for key in ("stiffness_N_per_m", "damping_N_s_per_m"):
             if (given := getattr(initial, key)) is not None:
                 check_matrix(f"[observer.initial] {key}", "k" if key.startswith("stiffness") else "d", given, axes)

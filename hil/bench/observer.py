@@ -62,7 +62,8 @@ class Observer(Section):
     variant: Literal["full", "gyro", "sense"] = "full"
     """full: 13 states; gyro: 11, no sense offsets; sense: 7, parameters taken from [device]"""
     gain: Literal["fading", "ekf", "stationary"] = "fading"
-    """fading: EKF with fading memory; ekf: without; stationary: one gain, by phase of vibration"""
+    """fading: EKF with fading memory; ekf: without; stationary: one gain, by pattern angle and phase of
+    vibration, from the declared device, used one memory_s after acquisition_s"""
     memory_s: Positive = 1.0
     """time constant of the fading memory"""
     acquisition_s: NotNegative = 0.0

@@ -96,7 +96,7 @@ def test_equal_while_the_memory_shortens_and_the_prior_is_recalled(backend: Back
 @pytest.mark.parametrize("variant", list(Variant))
 def test_a_stationary_gain_is_looked_up_alike(record: Record, variant: Variant) -> None:
     settings = ObserverSettings(
-        variant=variant, gain=Gain.STATIONARY, memory=0.1, acquisition=0.02, process_noise=NOISE
+        variant=variant, gain=Gain.STATIONARY, memory=0.05, acquisition=0.02, process_noise=NOISE
     )
     pair = [make_observer(name, TRUTH.device(), settings, TRUTH.controller()) for name in ("numba", "numpy")]
     apart, where = worst(*pair, record.sense[:450], record.drive[:450])

@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from hil.bench import Bench, override
 from hil.loop.run import run
@@ -30,6 +32,26 @@ def test_the_same_again_is_the_same_record(tmp_path: Path) -> None:
     first, again = (close_loop(waiting(scenario), gyro.bench(), tmp_path / name)[0] for name in ("first", "again"))
     for path in (first.capture_path, first.estimates_path, first.innovation_path):
         assert path.read_bytes() == (again.path / path.name).read_bytes()
+
+
+def test_the_dither_follows_the_seed(tmp_path: Path) -> None:
+    """The board's own noise does not, in this process: what differs is what the host adds to the drive, ± 0.3 m/s²."""
+    scenario = gyro.scenario(tmp_path / "board.toml")
+
+    def drives(name: str, seed: int | None) -> NDArray[np.float64]:
+        declared = override(gyro.bench(), {"loop": {"seed": seed}}, "test")
+        capture = close_loop(waiting(scenario), declared, tmp_path / name)[0].capture
+        assert capture is not None
+        return capture.drive
+
+    seven, again, eight, none = drives("7", 7), drives("again", 7), drives("8", 8), drives("none", None)
+    assert np.array_equal(seven, again)
+    for other in (eight, none):
+        begin = int(np.argmax(np.any(seven != other, axis=1)))
+        acquired = round(0.1 * gyro.RATE_HZ)
+        assert acquired <= begin < acquired + 10  # not before the control law is switched on, and soon after
+        jump = np.abs((seven - other)[begin])
+        assert np.all((jump < 0.01) | (np.abs(jump - 0.6) < 0.01))  # the signs differ, nothing else yet
 
 
 @pytest.mark.slow
