@@ -97,7 +97,7 @@ def rows(say: Say) -> list[Row]:
     identity = client.connect(endpoint)
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     configure(endpoint, identity, bench)
-    tracks = {stem: Sum() for stem in ("capture", "innovation", "timing", "estimates")}
+    tracks = {stem: Sum() for stem in ("capture", "innovation", "timing", "estimates", "covariance")}
     loop = ForceLoop(endpoint, identity, bench, observer, tracks)
     client.arm(endpoint)
     eigenvalues: list[float] = []

@@ -1,6 +1,7 @@
 """Today's estimator on yesterday's record: the observer of a bench file run over a capture."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from hil.bench import Bench
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import RunResult, conclude, new_folder
-from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts
+from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
 from hil.progress import Progress, Watcher
 from hil.records.atomic import replacing
 from hil.records.capture import Capture, read_capture
@@ -106,11 +107,23 @@ def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, p
     tick, sense, drive, step = samples_of(record)
     layouts = observer_layouts(observer, bench)
     every = bench.loop.estimate_every
-    block = max(_BLOCK // every, 1) * every  # whole strides, so that the decimation runs on across blocks
+    stride = bench.loop.covariance_stride(record.tick_rate_Hz)
     with record_here(folder, layouts) as recording:
-        for start in range(0, len(tick), block):
-            rows = slice(start, start + block)
+        for start, stop in _parts(len(tick), every, stride):
+            rows = slice(start, stop)
             estimates = observer.run(sense[rows], drive[rows], step=step[rows], every=every)
             recording["innovation"].push(innovation_rows(layouts["innovation"], tick[rows], estimates))
             recording["estimates"].push(estimate_rows(layouts["estimates"], tick[rows], estimates, bench.limits))
-            progress(Progress("replay", min(start + block, len(tick)), len(tick)))
+            if stop % stride == 0:
+                put_covariance(recording["covariance"], int(tick[stop - 1]), observer)
+            progress(Progress("replay", stop, len(tick)))
+
+
+def _parts(samples: int, every: int, stride: int) -> Iterator[tuple[int, int]]:
+    """Ranges that end where a covariance is due, and after whole estimates, so that decimation runs on across them."""
+    block = max(_BLOCK // every, 1) * every
+    start = 0
+    while start < samples:
+        stop = min(start + block, (start // stride + 1) * stride, samples)
+        yield start, stop
+        start = stop

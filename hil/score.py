@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
+from hil.nees import nees
 from hil.records.estimates import Estimates
 from hil.records.result import Result, Score, save_result
 from hil.records.runfolder import RunFolder
@@ -52,6 +53,8 @@ def score(run: Path, truth_file: Path) -> Result:
             f"{truth_file}: fewer than two instants in common with {folder.estimates_path} "
             f"after settle_s = {folder.settle_s:g} s; give the truth of this run, or a smaller settle_s"
         )
+    covariance = folder.covariance
+    honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.settle_s)
     mass_kg = reporting_mass_kg(folder)
     before = folder.result or summarise(folder)
     result = before.model_copy(
@@ -59,7 +62,7 @@ def score(run: Path, truth_file: Path) -> Result:
             "angle_error_rms_rad": found.angle.rms,
             "rate_error_rms_rad_s": found.rate.rms,
             "parameters": parameters(folder.estimates, mass_kg=mass_kg, truth=truth),
-            "score": found.figures(),
+            "score": found.figures().model_copy(update={"nees": honesty}),
             "remarks": (*before.remarks, *(remark for remark in remarks if remark not in before.remarks)),
         }
     )

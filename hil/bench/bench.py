@@ -43,7 +43,7 @@ class Bench(Section):
             raise ValueError('[observer] variant: "gyro" needs axes = 2; a single axis runs "full" or "sense"')
         if axes == 1 and self.observer.gain == "stationary":
             raise ValueError(
-                '[observer] gain: "stationary" is a table over the angle of a pattern, which needs axes = 2; use "fading"'
+                '[observer] gain: "stationary" is a table over the pattern\'s angle, which needs axes = 2; use "fading"'
             )
         if self.observer.gain == "stationary" and self.observer.backend == "filterpy":
             raise ValueError('[observer] backend: "filterpy" has no stationary gain; use "numba" or "numpy"')

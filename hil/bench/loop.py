@@ -35,10 +35,14 @@ class Loop(Section):
     """length of the run in bench time"""
     settle_s: NotNegative = 5.0
     """start of the scored window"""
-    seed: Annotated[int, Field(ge=0)] | None = None
-    """seed of the dither and of an emulated board's noise; without it the scenario's own"""
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] | None = None
+    """seed of the dither, in either mode, and of an emulated board's noise; without it the dither has a fixed start and
+    the board the scenario's own seed"""
     estimate_every: Annotated[int, Field(ge=1)] = 8
     """every how many samples the estimates are recorded"""
+    covariance_every: Annotated[int, Field(ge=1)] | None = None
+    """every how many samples the whole covariance of the estimates is recorded, a multiple of estimate_every, in gain
+    mode of block too; without it about ten times a second"""
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     """last part of the run folder's name"""
 
@@ -52,7 +56,23 @@ class Loop(Section):
             raise ValueError(
                 f"estimate_every: {self.estimate_every} is neither a multiple nor a divisor of block = {self.block}"
             )
+        if self.covariance_every is not None and self.covariance_every % self.covariance_unit:
+            raise ValueError(
+                f"covariance_every: {self.covariance_every} is no multiple of {self.covariance_unit}, the larger of "
+                "estimate_every and, in gain mode, block"
+            )
         return self
+
+    @property
+    def covariance_unit(self) -> int:
+        """Samples after which there is a covariance beside an estimate: the least `covariance_every`."""
+        return max(self.estimate_every, self.block) if self.mode == "gain" else self.estimate_every
+
+    def covariance_stride(self, sample_rate_Hz: float) -> int:
+        """Every how many samples the covariance is recorded."""
+        if self.covariance_every is not None:
+            return self.covariance_every
+        return self.covariance_unit * max(round(0.1 * sample_rate_Hz / self.covariance_unit), 1)
 
 
 class Controller(Section):

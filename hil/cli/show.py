@@ -187,6 +187,9 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "angle per rotation", f"{result.score.angle_per_rotation:.6f}"
     if result.rate_error_rms_rad_s is not None:
         yield "rate error, rms", f"{result.rate_error_rms_rad_s:.3g} rad/s"
+    if result.score is not None and (nees := result.score.nees) is not None:
+        low, high = nees.band
+        yield "NEES per entry", f"{nees.mean:.3g} of {nees.entries} entries; 95 % band {low:.2f} to {high:.2f}"
 
 
 def _parameters(result: "Result") -> "Table":

@@ -16,6 +16,7 @@ from hil.bench import Bench
 from hil.loop.armed import ArmedBoard
 from hil.loop.hindsight import Hindsight
 from hil.loop.target import TargetSteps
+from hil.loop.tracks import put_covariance
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
@@ -65,10 +66,12 @@ class ForceLoop:
         self._capture = tracks["capture"]
         self._innovation = tracks["innovation"]
         self._estimates = tracks["estimates"]
+        self._covariance = tracks["covariance"]
         self._timing = tracks["timing"]
         rate = identity.tick_rate_Hz
         self._latency = identity.latency_ticks
         self._every = bench.loop.estimate_every
+        self._covariance_every = bench.loop.covariance_stride(rate)
         self._waiting = bench.controller.enabled  # to close the loop
         self._step_target = TargetSteps(observer, bench)
         self._acquired = math.ceil(bench.observer.acquisition_s * rate)
@@ -177,6 +180,8 @@ class ForceLoop:
                 tick, *state, *deviation, float(out["angle"]), float(out["angle_pattern"]),
                 float(out["angle_plain"]), float(out["angle_rate_integral"]), energy, quadrature, valid,
             )  # fmt: skip
+            if since % self._covariance_every == self._covariance_every - 1:
+                put_covariance(self._covariance, tick, self._observer)
         self._residual += (
             0.5 * ((nu_x / self._noise[0]) ** 2 + (nu_y / self._noise[1]) ** 2) - self._residual
         ) / _RESIDUAL_SAMPLES

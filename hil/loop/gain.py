@@ -23,7 +23,7 @@ from hil.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.loop.armed import ArmedBoard
 from hil.loop.force import Counters
 from hil.loop.target import TargetSteps
-from hil.loop.tracks import estimate_rows, innovation_rows, run_layouts
+from hil.loop.tracks import estimate_rows, innovation_rows, put_covariance, run_layouts
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
@@ -82,6 +82,7 @@ class GainLoop:
         self._foresight = Foresight(observer, board, self._drive_limit, board_dither_of(bench, identity))
         self._stride = min(bench.loop.estimate_every, block)
         self._every_blocks = max(bench.loop.estimate_every // block, 1)
+        self._covariance_blocks = bench.loop.covariance_stride(rate) // block
         self._waiting = bench.controller.enabled  # to close the loop
         self._closed = False
         self._acquired = math.ceil(bench.observer.acquisition_s * rate)
@@ -185,6 +186,8 @@ class GainLoop:
         self._tracks["innovation"].push(innovation_rows(self._layouts["innovation"], ticks, estimates))
         if self._blocks % self._every_blocks == self._every_blocks - 1:
             self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._limits))
+        if self._blocks % self._covariance_blocks == self._covariance_blocks - 1:
+            put_covariance(self._tracks["covariance"], int(ticks[-1]), self._observer)
         self._blocks += 1
         self.counters.samples += n
 

@@ -13,10 +13,13 @@ from hil.bench import Bench
 from hil.bench.loop import Limits
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
+from hil.records.covariance import covariance_layout, packed
 from hil.records.estimates import estimates_layout
 from hil.records.innovation import innovation_layout
 from hil.records.layout import Layout
+from hil.records.recorder import Track
 from hil.records.timing import ledger_layout, timing_layout
+from hil.records.units import unit_of
 from hil.wire.messages import Identity
 
 COLUMNS = {
@@ -69,20 +72,28 @@ def column_of(name: str) -> str:
 
 
 def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
-    """Layouts of `estimates.arrow` and `innovation.arrow`, by stem."""
+    """Layouts of `estimates.arrow`, `covariance.arrow` and `innovation.arrow`, by stem."""
     rate = bench.device.sample_rate_Hz
+    units = {"drive_gain_x": "1", **observer.coefficient_units}
+    estimated = [column_of(name) for name in observer.estimated]
     return {
         "estimates": estimates_layout(
             [column_of(name) for name in observer.names],
             tick_rate_Hz=rate,
             every=bench.loop.estimate_every,
             angle=observer.device.axes == 2,
-            units={"drive_gain_x": "1", **observer.coefficient_units},
+            units=units,
             header={
                 "target_stiffness_per_s2": observer.device.target,
                 "virtual_rotation_rad_s": bench.controller.virtual_rotation_rad_s,
                 "settings": _plain(asdict(observer.settings)),
             },
+        ),
+        "covariance": covariance_layout(
+            estimated,
+            [units.get(name, unit_of(name)) for name in estimated],
+            tick_rate_Hz=rate,
+            every=bench.loop.covariance_stride(rate),
         ),
         "innovation": innovation_layout(tick_rate_Hz=rate, axes=observer.device.axes),
     }
@@ -129,6 +140,11 @@ def estimate_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates,
         rows["quadrature_ratio"] = quadrature
         rows["valid"] = (np.abs(quadrature) <= limits.quadrature) & (np.abs(energy - 1.0) <= limits.energy_error)
     return rows
+
+
+def put_covariance(track: Track, tick: int, observer: Observer) -> None:
+    """The observer's covariance as it is now, after the sample `tick`, as a row of `covariance.arrow`."""
+    track.put(tick, *packed(observer.covariance))
 
 
 def _plain(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 REPORTS = 200  # progress lines over a run; more where the board is asked for its time along with them
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
+_COVARIANCE_ROWS = {"covariance": 1 << 10}  # which are long, and few
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,9 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     recording = (
         record_here(folder, layouts)
         if lockstep
-        else record_apart(folder, layouts, ring_rows=_RING_ROWS if bench.loop.mode == "gain" else {})
+        else record_apart(
+            folder, layouts, ring_rows=_COVARIANCE_ROWS | (_RING_ROWS if bench.loop.mode == "gain" else {})
+        )
     )
     samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
     report_every = max(samples // REPORTS, 1)

@@ -167,6 +167,22 @@ class Parameter(_Model):
     truth: float | None = None
 
 
+class Nees(_Model):
+    """Normalised estimation error squared, eᵀ C⁻¹ e, over the entries that have a truth, per entry: 1 for an observer
+    that knows how wrong it is, more for one that thinks too well of itself."""
+
+    mean: NonNegative = Field(description="Over the scored instants that have a covariance")
+    entries: Count = Field(description="Estimated entries with a truth")
+    instants: Count
+    independent: NonNegative = Field(
+        description="How many independent instants these are worth at least: the window in memories of the observer, 1 "
+        "for a plain EKF"
+    )
+    band: tuple[float, float] = Field(
+        description="Where the mean lies in 95 % of runs of an honest observer (χ²), were it of so many instants"
+    )
+
+
 class Score(_Model):
     """Estimates beside the truth, over the scored window."""
 
@@ -192,6 +208,7 @@ class Score(_Model):
         default_factory=dict,
         description="Per state, the fraction of instants whose 95 % interval holds the truth",
     )
+    nees: Nees | None = Field(default=None, description="Null for a run folder without covariance.arrow")
 
 
 class Contribution(_Model):

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from hil.errors import InputError
 from hil.records.capture import Capture, read_capture
 from hil.records.clock import ClockRecord, read_clock
+from hil.records.covariance import Covariance, read_covariance
 from hil.records.estimates import Estimates, read_estimates
 from hil.records.innovation import Innovation, read_innovation
 from hil.records.result import Result, load_result
@@ -45,6 +46,11 @@ class RunFolder:
     def estimates_path(self) -> Path:
         """States and angle, decimated."""
         return self.path / "estimates.arrow"
+
+    @property
+    def covariance_path(self) -> Path:
+        """Whole covariance of the estimates, further decimated."""
+        return self.path / "covariance.arrow"
 
     @property
     def innovation_path(self) -> Path:
@@ -93,6 +99,11 @@ class RunFolder:
     def estimates(self) -> Estimates | None:
         """The estimates, or None."""
         return _read_if_there(self.estimates_path, read_estimates)
+
+    @cached_property
+    def covariance(self) -> Covariance | None:
+        """The covariances, or None."""
+        return _read_if_there(self.covariance_path, read_covariance)
 
     @cached_property
     def innovation(self) -> Innovation | None:

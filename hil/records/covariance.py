@@ -1,0 +1,107 @@
+"""`covariance.arrow`: the whole covariance of what is estimated, every so many samples, at ticks of the estimates.
+
+With it and a truth the normalised estimation error squared of a run can be computed from its folder alone.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
+from hil.records.layout import TICK, Column, Layout, block_rows_for
+
+Floats = npt.NDArray[np.float64]
+
+MEANING = (
+    "covariance that the estimates have under the observer's gain, which the sd_ columns of the estimates are from; "
+    "with fading memory it is not the filter's own P, which is about twice as large"
+)
+_PIECE_ROWS = 1 << 12
+TRIANGLE = "upper, row by row, diagonal included"
+
+
+def covariance_layout(names: Sequence[str], units: Sequence[str], *, tick_rate_Hz: float, every: int) -> Layout:
+    """Columns tick, then A*B for each pair of entries A, B of the upper triangle, row by row, in unit(A)·unit(B), SI.
+
+    `names` are those of the estimates' columns.
+    """
+    pairs = zip(*_triangle(len(names)), strict=True)
+    columns = [Column(f"{names[i]}*{names[j]}", "f8", f"{units[i]}·{units[j]}") for i, j in pairs]
+    header = {
+        "tick_rate_Hz": tick_rate_Hz,
+        "every": every,
+        "entries": list(names),
+        "units": list(units),
+        "triangle": TRIANGLE,
+        "meaning": MEANING,
+    }
+    return Layout("covariance", (TICK, *columns), block_rows_for(tick_rate_Hz / every), header)
+
+
+def packed(covariance: Floats) -> list[float]:
+    """The upper triangle of (n, n), row by row, as a row of the file holds it."""
+    return list(covariance[_triangle(len(covariance))].tolist())
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of a run, read; its rows are at ticks that the estimates have too."""
+
+    columns: Columns
+    header: Mapping[str, Any]
+    complete: bool
+
+    def __len__(self) -> int:
+        return rows_of(self.columns)
+
+    def pieces(self) -> Iterator["Covariance"]:
+        """The record in parts that memory always has room for, one after another."""
+        for _, columns in pieces_of(self.columns, _PIECE_ROWS):
+            yield Covariance(columns, self.header, self.complete)
+
+    @property
+    def entries(self) -> tuple[str, ...]:
+        """What is estimated, by the names of the estimates' columns: the order of the matrices."""
+        return tuple(self.header["entries"])
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each entry."""
+        return tuple(self.header["units"])
+
+    @property
+    def tick(self) -> npt.NDArray[np.int64]:
+        """Sample counter (n,) of the rows."""
+        return self.columns["tick"]
+
+    @cached_property
+    def matrices(self) -> Floats:
+        """The covariances (n, entries, entries), symmetric, SI."""
+        n = len(self.entries)
+        rows, columns = _triangle(n)
+        full = np.empty((len(self), n, n))
+        values = np.stack([self.columns[name] for name in list(self.columns)[1:]], axis=1)
+        full[:, rows, columns] = values
+        full[:, columns, rows] = values
+        return full
+
+
+def read_covariance(path: Path) -> Covariance:
+    """Read a covariance file, whole or cut. Raises InputError when its columns are not those of its entries."""
+    blocks = read_blocks(path, "covariance")
+    entries = list(blocks.header.get("entries", []))
+    wanted = ["tick", *(f"{entries[i]}*{entries[j]}" for i, j in zip(*_triangle(len(entries)), strict=True))]
+    if not entries or list(blocks.columns) != wanted:
+        raise InputError(f"{path}: its columns are not those of its entries; run or replay again")
+    return Covariance(blocks.columns, blocks.header, blocks.complete)
+
+
+@cache
+def _triangle(n: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    return np.triu_indices(n)
