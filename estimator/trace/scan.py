@@ -65,8 +65,8 @@ def scan(
     one could.
     Raises ModelError as `Observer` does.
     """
-    plain = replace(settings, effects={**settings.effects, **watched})
-    observer = Observer(device, plain, controller, watched=len(watched))
+    carrying = replace(settings, effects={**settings.effects, **watched})
+    observer = Observer(device, carrying, controller, watched=len(watched))
     if previous is not None:
         begin_about(observer, previous)
     columns, plausible, first = {}, [], 0
