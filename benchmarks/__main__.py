@@ -25,6 +25,7 @@ BENCHMARKS = {
     "bit_flips": "a thousand single changed bits in the record files of a run, each to be told",
     "soak": "ten million samples in lockstep",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
+    "attack": "ten million attacks on a keyed link, in C; a share of them in Python and over sockets; what a key costs",
     "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",
     "stream": "gain mode over a pty in real time: 100, 250 kS/s, and as fast as it goes",
     "clock": "offset and skew of a board's clock, found in real time over a pty",

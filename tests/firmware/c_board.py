@@ -97,7 +97,7 @@ class CBoard:
         self._board = (ctypes.c_uint64 * 2048)()
         self._link = (ctypes.c_uint64 * 256)()
         self._blocks = (ctypes.c_uint8 * (2 * (5 + rows * 4 * (2 if bits <= 16 else 3))))()
-        self._keep: list[Any] = [_HAS_ROOM(lambda _: self.room), _NOW(lambda _: 77), _LOCK(self._lock)]
+        self._keep: list[Any] = [_HAS_ROOM(lambda _: self.room), _NOW(self._now), _LOCK(self._lock)]
         if kind == "serial":
             self._keep.append(_WRITE(self._write))
             library.hil_serial_init(self._link, self._keep[0], self._keep[3], None)
@@ -110,7 +110,7 @@ class CBoard:
         config.identity.sense_bits = config.identity.drive_bits = bits
         config.identity.latency_ticks = latency
         config.clocks = 1 << ClockMode.LOCKSTEP | 1 << ClockMode.PACED
-        config.link = ctypes.addressof(self._link)
+        config.link = self._link_address()
         config.blocks = ctypes.addressof(self._blocks)
         config.blocks_size = ctypes.sizeof(self._blocks)
         self._keep.append(_PUT_NOW(lambda _, codes: self.put.append((codes.ux, codes.uy))))
@@ -176,6 +176,12 @@ class CBoard:
         held = (ctypes.c_uint8 * max(len(payload), 1)).from_buffer_copy(payload or b"\0")
         frame = CFrame(type_, True, seq, tick, held, len(payload))
         return function(ctypes.addressof(self._link), ctypes.byref(frame))
+
+    def _link_address(self) -> int:
+        return ctypes.addressof(self._link)
+
+    def _now(self, _: object) -> int:
+        return 77
 
     def _write(self, _: object, data: int, size: int) -> None:
         assert not self.locked

@@ -5,6 +5,7 @@ import os
 import pytest
 
 from hil.wire.inproc import open_inproc
+from hil.wire.key_file import make_key
 from tests.emulator.gyro import EXAMPLES
 
 from .conformance import Board, Conformance, emulated
@@ -40,6 +41,19 @@ class TestUdp(Conformance):
     @classmethod
     def start(cls):
         return emulated("udp:239.255.42.42:42420?interface=127.0.0.1")
+
+
+@pytest.mark.realtime
+class TestKeyedUdp(Conformance):
+    @pytest.fixture(scope="class", autouse=True)
+    @classmethod
+    def _key(cls, tmp_path_factory):
+        cls.key = tmp_path_factory.mktemp("key") / "board.key"
+        make_key(cls.key)
+
+    @classmethod
+    def start(cls):
+        return emulated(f"udp:239.255.42.42:42424?interface=127.0.0.1&key={cls.key}")
 
 
 @pytest.mark.realtime
