@@ -34,6 +34,7 @@ def emulate(
       hil run s-slow --link serial:/dev/pts/N --arm       (in a second terminal)
       hil emulate s-slow --link can:vcan0
       hil emulate s-slow --link udp:239.0.0.1:4242
+      hil emulate s-slow --link "udp:239.0.0.1:4242?interface=192.168.1.30&key=gyro-7.key"
     """
     from json import dumps
 
