@@ -69,7 +69,7 @@ static bool transmit(void *context, uint64_t to, const uint8_t *datagram, size_t
 }
 
 static void listen_to(station *s) {
-    uint8_t datagram[512]; /* a host says nothing longer */
+    uint8_t datagram[HIL_MAX_ENCODED + 256u]; /* what is cut short bears no tag */
     struct sockaddr_in from;
     socklen_t length = sizeof from;
     ssize_t size;

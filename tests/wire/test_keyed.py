@@ -289,6 +289,7 @@ def test_nothing_without_a_key_is_heard(place, name):
     client.connect(host, PATIENCE_S)
     before = status_of(host)
     assert place.attack([plain(ATTACKS[name], host.tx.seq + k) for k in range(5)]) == []
+    client.connect(host, PATIENCE_S)  # or the stop of `status_of` latches
     client.write_register(host, "CLOCK_MODE", ClockMode.LOCKSTEP, PATIENCE_S)
     client.arm(host, PATIENCE_S)
     host.poll(0.3)
