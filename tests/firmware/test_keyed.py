@@ -280,6 +280,7 @@ def test_a_million_attacks(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 class TestCBoardOnUdp(Conformance):
     """The example board holds what every board holds."""
 

@@ -340,6 +340,7 @@ def test_a_host_does_not_answer_a_forged_challenge(place):
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_second_holder_of_the_key_waits_and_is_told(place, key):
     host = place.host()
     client.connect(host, PATIENCE_S)
@@ -371,6 +372,7 @@ def test_a_second_holder_of_the_key_waits_and_is_told(place, key):
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_host_that_leaves_makes_room_at_once(place):
     for _ in range(3):
         host = place.host()
@@ -461,6 +463,7 @@ def plain_board() -> Iterator[tuple[Board, Endpoint, int]]:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime  # a host that is silent for a second may be replaced
 @pytest.mark.parametrize("name", ATTACKS)
 def test_a_stranger_on_loopback_is_not_heard(plain_board, name):
     """Seen before: anybody in the group armed the board, held full scale, or ended a run with one TIME_SYNC."""
@@ -490,6 +493,7 @@ def test_a_stranger_on_loopback_is_not_heard(plain_board, name):
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_stranger_may_begin_a_session_when_the_host_is_gone_and_the_board_stops(plain_board):
     _, host, port = plain_board
     client.connect(host, PATIENCE_S)
@@ -509,6 +513,7 @@ def test_a_stranger_may_begin_a_session_when_the_host_is_gone_and_the_board_stop
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_false_board_is_not_heard_and_is_no_sign_of_life(plain_board):
     """IDENTITY, samples, STATUS and TIME_SYNC, from another port of this address and from the port on another one."""
     _, host, port = plain_board
