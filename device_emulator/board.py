@@ -276,6 +276,11 @@ class Board:
         self._schedule.clear()
         self._feedback.open()
 
+    def hang_up(self) -> None:
+        """The host is gone: a board that streams goes to SAFE; others stay as they are."""
+        if self.streaming:
+            self.enter_safe(SafeReason.LINK_LOST)
+
     def fault(self, present: bool) -> bytes:
         """The board's own protection trips, or its fault is gone; returns the STATUS that tells it."""
         return self._say(self.status()) if self._trip(present) else b""

@@ -25,7 +25,7 @@ from device_emulator.scenario import Scenario
 from hil.wire.codec import type_of
 from hil.wire.errors import LinkClosed
 from hil.wire.frame_format import FrameFormat
-from hil.wire.messages import DriveForce, DriveGains, SafeReason
+from hil.wire.messages import DriveForce, DriveGains
 from hil.wire.sense import Sense
 
 _SENSE = type_of(Sense)
@@ -255,8 +255,7 @@ class Line:
         """Pull the plug or take the supply away, when it is time to."""
         if self._bench_s >= self._unplugged_s:
             self.inflicted["unplugged"] = 1
-            if self._board.streaming:
-                self._board.enter_safe(SafeReason.LINK_LOST)
+            self._board.hang_up()
             raise Unplugged("the line was unplugged, as the scenario says")
         while self._brown_outs and self._bench_s >= self._brown_outs[-1].start_s:
             self._fail_supply(self._brown_outs.pop())

@@ -19,7 +19,6 @@ from device_emulator.line import Line, Unplugged
 from device_emulator.outbox import Outbox
 from hil.wire.errors import LinkClosed
 from hil.wire.link import BoardLink
-from hil.wire.messages import SafeReason
 
 IDLE_S = 0.5
 """Longest wait; how often a board looks whether its parent is still there."""
@@ -61,8 +60,7 @@ class Server:
                     self._line.hang_up()
                 if self._board.registers.lockstep:
                     return
-                if self._board.streaming:
-                    self._board.enter_safe(SafeReason.LINK_LOST)
+                self._board.hang_up()
                 self._link.await_host()
 
     def _turn(self, stop: int) -> bool:

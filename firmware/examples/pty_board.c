@@ -1,10 +1,11 @@
 /* A board on a pty or a CAN interface: the library around a resonator, on wall time or in lockstep.
  *
  *     pty_board [--link pty | can:vcan0 | can:vcan0?node=2] [--rate RAD_S] [--latency TICKS] [--fast] [--seed N]
- *               [--realtime]
+ *               [--fault START_S:DURATION_S] [--realtime]
  *
  * Prints one line, `ready serial:/dev/pts/N` or `ready can:vcan0`, then serves until it is killed or, in lockstep
  * on a pty, the host hangs up. --fast: 5 kHz sampled at 100 kS/s, for gain mode, instead of 200 Hz at 4 kS/s.
+ * --fault: a protection of the board's own trips, so many seconds after the first tick, for so long.
  */
 #define _GNU_SOURCE /* ppoll, prctl */
 
@@ -38,6 +39,7 @@ typedef struct options {
     unsigned node;
     unsigned latency;
     unsigned seed;
+    double fault_s[2]; /* start and end of a fault, on the board's clock */
     bool realtime;
 } options;
 
@@ -51,6 +53,8 @@ typedef struct station {
     resonator_device device;
     resonator mass;
     double tick_ns;
+    double fault_ticks[2];
+    bool faulty;
     bool running; /* on wall time, ticks have begun */
     int64_t origin_ns;
 } station;
@@ -66,9 +70,21 @@ static uint64_t board_time_ns(void *context) {
     return (uint64_t)now_ns();
 }
 
+/* What watches over the board: here by the clock only. */
+static void protect(station *s) {
+    double now = (double)s->board.tick;
+    bool faulty = now >= s->fault_ticks[0] && now < s->fault_ticks[1];
+    if (faulty && !s->faulty)
+        hil_board_safe(&s->board, HIL_SAFE_REASON_FAULT);
+    if (!faulty && s->faulty)
+        hil_board_fault_gone(&s->board);
+    s->faulty = faulty;
+}
+
 /* One tick: what a board of silicon does in its sample interrupt. */
 static void tick(station *s) {
     int32_t vx, vy;
+    protect(s);
     hil_drive drive = hil_board_drive(&s->board);
     if (s->board.tick >= 0) /* row 0 is the start: nothing came before it */
         resonator_step(&s->mass, drive.ux, drive.uy);
@@ -182,6 +198,8 @@ static bool set_up(station *s, const options *o) {
     config.blocks_size = sizeof blocks;
     config.now_ns = board_time_ns;
     s->tick_ns = NS_PER_S / device->sample_rate_Hz;
+    for (unsigned k = 0; k < 2u; k++)
+        s->fault_ticks[k] = o->fault_s[k] * device->sample_rate_Hz;
     s->running = false;
     resonator_init(&s->mass, device, o->seed);
     hil_serial_init(&s->serial, pty_free, pty_write, &s->line);
@@ -212,6 +230,17 @@ static bool parse_link(options *o, char *link) {
     return end != query + 5 && *end == '\0' && o->node < HIL_CAN_NODES;
 }
 
+/* START_S:DURATION_S; the end of what was read. */
+static char *parse_fault(options *o, const char *value) {
+    char *end;
+    o->fault_s[0] = strtod(value, &end);
+    if (end == value || *end != ':')
+        return NULL;
+    value = end + 1;
+    o->fault_s[1] = o->fault_s[0] + strtod(value, &end);
+    return end == value ? NULL : end;
+}
+
 static bool parse(options *o, int argc, char **argv, const resonator_device *fast) {
     for (int k = 1; k < argc; k++) {
         char *end = NULL, *value = k + 1 < argc ? argv[k + 1] : "";
@@ -225,6 +254,8 @@ static bool parse(options *o, int argc, char **argv, const resonator_device *fas
         }
         if (!strcmp(argv[k], "--link") && parse_link(o, value))
             end = value + strlen(value);
+        else if (!strcmp(argv[k], "--fault"))
+            end = parse_fault(o, value);
         else if (!strcmp(argv[k], "--rate"))
             o->rate_rad_s = strtod(value, &end);
         else if (!strcmp(argv[k], "--latency"))
@@ -273,7 +304,7 @@ int main(int argc, char **argv) {
     options o = {.device = &slow, .rate_rad_s = 1.0, .latency = 1, .seed = 1};
     if (!parse(&o, argc, argv, &fast)) {
         fprintf(stderr, "pty_board: expected [--link pty|can:IFACE[?node=N]] [--rate RAD_S] [--latency TICKS] "
-                        "[--fast] [--seed N] [--realtime]\n");
+                        "[--fast] [--seed N] [--fault START_S:DURATION_S] [--realtime]\n");
         return 2;
     }
     if (!set_up(&s, &o)) {

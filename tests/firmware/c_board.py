@@ -136,6 +136,12 @@ class CBoard:
         """Whether SENSE is due at every tick."""
         return bool(self._c.hil_board_streaming(self._board))
 
+    @property
+    def state(self) -> int:
+        """State as in STATUS."""
+        self._c.hil_board_state.restype = ctypes.c_uint8
+        return int(self._c.hil_board_state(self._board))
+
     def hear(self, data: bytes) -> None:
         """Take the host's bytes, and answer."""
         if self._kind == "serial":

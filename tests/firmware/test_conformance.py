@@ -19,3 +19,7 @@ class TestCBoardOnPty(Conformance):
     @classmethod
     def start(cls) -> Board:
         return Board([cls.program])
+
+    @classmethod
+    def start_faulty(cls, first_s: float, duration_s: float) -> Board:
+        return Board([cls.program, "--fault", f"{first_s}:{duration_s}"])

@@ -8,7 +8,7 @@ import pytest
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError
-from tests.wire.conformance import Board, Conformance, emulated, samples, set_running, status_of
+from tests.wire.conformance import Board, Conformance, emulated, samples, set_running, status_of, tripped
 
 pytestmark = pytest.mark.slow  # an interface, which `make quick` does not set up
 
@@ -48,9 +48,17 @@ class TestEmulatedBoard(OnVcan):
     def start(cls):
         return emulated("can:vcan0")
 
+    @classmethod
+    def start_faulty(cls, first_s, duration_s):
+        return emulated("can:vcan0", tripped(first_s, duration_s))
+
 
 @pytest.mark.usefixtures("c_board")
 class TestCBoard(OnVcan):
     @classmethod
     def start(cls):
         return Board([os.environ["HIL_PTY_BOARD"], "--link", "can:vcan0?node=5"])
+
+    @classmethod
+    def start_faulty(cls, first_s, duration_s):
+        return Board([os.environ["HIL_PTY_BOARD"], "--link", "can:vcan0?node=5", "--fault", f"{first_s}:{duration_s}"])

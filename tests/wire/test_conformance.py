@@ -8,7 +8,7 @@ from hil.wire.inproc import open_inproc
 from hil.wire.key_file import make_key
 from tests.emulator.gyro import EXAMPLES
 
-from .conformance import Board, Conformance, emulated
+from .conformance import Board, Conformance, emulated, tripped
 
 pytestmark = pytest.mark.slow  # whole processes
 
@@ -35,12 +35,20 @@ class TestPty(Conformance):
     def start(cls):
         return emulated("pty")
 
+    @classmethod
+    def start_faulty(cls, first_s, duration_s):
+        return emulated("pty", tripped(first_s, duration_s))
+
 
 @pytest.mark.realtime  # a reader that lags loses datagrams
 class TestUdp(Conformance):
     @classmethod
     def start(cls):
         return emulated("udp:239.255.42.42:42420?interface=127.0.0.1")
+
+    @classmethod
+    def start_faulty(cls, first_s, duration_s):
+        return emulated("udp:239.255.42.42:42420?interface=127.0.0.1", tripped(first_s, duration_s))
 
 
 @pytest.mark.realtime
@@ -63,6 +71,10 @@ class TestPythonCan(Conformance):
     @classmethod
     def start(cls):
         return emulated("can:udp_multicast:239.255.42.43?port=42423&node=3")
+
+    @classmethod
+    def start_faulty(cls, first_s, duration_s):
+        return emulated("can:udp_multicast:239.255.42.43?port=42423&node=3", tripped(first_s, duration_s))
 
 
 @pytest.mark.skipif("HIL_TEST_SERIAL" not in os.environ, reason="HIL_TEST_SERIAL=serial:/dev/ttyACM0 names a board")
