@@ -4,16 +4,11 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator.backend import Backend, make_observer
 from estimator.errors import ModelError
-from estimator.hold import drive_polynomials
 from estimator.observer import Observer
-from estimator.scaling import Array
-from estimator.settings import ControllerSettings
 from hil.bench import Bench
+from hil.captured import control_of, samples_of
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import RunResult, conclude, new_folder
@@ -71,36 +66,6 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
         )
     if len(record) < 2:
         raise InputError(f"{place}: {len(record)} samples are no record; record for longer")
-
-
-def samples_of(record: Capture) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """(tick, sense, drive polynomials, step), a row a tick: lost samples have NaN sense, their drive interpolated.
-
-    sense (n, axes) V; drive (n, axes, degree + 1) in the record's unit; step (n,) s.
-    """
-    tick = record.tick
-    step = np.full(len(record), 1.0 / record.tick_rate_Hz)
-    if not record.uniform:
-        step[1:] = np.diff(record.t_s)
-        return tick, record.sense_V, drive_polynomials(record.drive, record.hold), step
-    every = np.arange(tick[0], tick[-1] + 1)
-    sense = np.full((len(every), record.axes), np.nan)
-    sense[tick - tick[0]] = record.sense_V
-    drive = np.column_stack([np.interp(every, tick, channel) for channel in record.drive.T])
-    return every, sense, drive_polynomials(drive, record.hold), np.full(len(every), step[0])
-
-
-def control_of(bench: Bench, record: Capture) -> ControllerSettings | None:
-    """What a replay must know of the control at work: its virtual rotation, which the angle leaves out."""
-    if bench.device.axes != 2 or not bench.controller.enabled:
-        return None
-    return ControllerSettings(
-        latency=record.latency_ticks,
-        force_quantum=1.0,
-        force_limit=bench.device.drive.full_scale,
-        sense_quantum=1.0,
-        virtual_rotation=bench.controller.virtual_rotation_rad_s,
-    )
 
 
 def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, progress: Watcher) -> None:

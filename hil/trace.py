@@ -9,8 +9,8 @@ from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
-from estimator.trace.record import Record
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
+from hil.captured import control_of, record_of
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -19,7 +19,7 @@ from hil.rate_sensor import fitting_rows, trace_rate_sensor
 from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
-from hil.replay import control_of, require_fit, samples_of
+from hil.replay import require_fit
 
 FRACTION = 0.6
 """Share of a record that is fitted, where it does not say so itself; the rest is held out."""
@@ -115,16 +115,6 @@ def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:
             return captured.part(start, max(following)), stop - start
     held_out = round((FRACTION if fraction is None else fraction) * len(captured))
     return captured, min(max(held_out, 1), len(captured) - 1)
-
-
-def record_of(captured: Capture) -> Record:
-    """The samples of a capture as the estimator takes them, a row a tick, with the channels it has."""
-    tick, sense, drive, step = samples_of(captured)
-    given = {"rate": captured.rate_rad_s, "temperature": captured.temp_C}
-    channels: dict[str, Array] = {
-        name: np.interp(tick, captured.tick, series) for name, series in given.items() if series is not None
-    }
-    return Record(sense, drive, step, channels)
 
 
 def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path, name: str, *, report: bool) -> Traced:

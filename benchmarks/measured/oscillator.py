@@ -8,10 +8,10 @@ from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from estimator.trace.record import Record
 from hil import examples
 from hil.bench import load_bench
+from hil.captured import samples_of
 from hil.declared import device_of, observer_settings_of
 from hil.interchange.importer import import_record
 from hil.records.capture import Capture
-from hil.replay import samples_of
 
 
 def imported(source: Path, work: Path, map_name: str, *, nonuniform: bool = False) -> Capture:

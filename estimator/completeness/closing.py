@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from estimator.completeness.lacking import judge
 from estimator.completeness.stretch import Stretch, joined, settled_s
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
-from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.trace.candidates import Parameters, watch_list
 from estimator.trace.fitting import Fitted, fit
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
@@ -19,6 +20,14 @@ from estimator.trace.selection import fresh, scanned_with
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
+# Of what is watched with several parameters: near enough to the others to be seen by, and named.
+_LABELS = {
+    "drive_saturation": ("2", "4", "6"),
+    "drive_dead_band": ("2", "4"),
+    "sense_clipping": ("2", "4"),
+    "sense_high_pass": ("2",),
+    "parasitic_mode": ("11", "21", "31"),
+}
 
 Progress = Callable[[str, int, int], None]
 
@@ -96,7 +105,12 @@ def watched_of(stretches: Sequence[Stretch], device: Device, base: Fitted) -> di
     """The catalogue, as the first stretch suggests its parameters."""
     record = stretches[0].record
     everything = watch_list(record, device, base.estimates.innovation, base.estimates.innovation_deviation)
-    return fresh(everything, base.settings.effects, float(np.sum(record.step)))
+    new = fresh(everything, base.settings.effects, float(np.sum(record.step)))
+    return {name: given for name, given in new.items() if _is_watched(*name.partition(":")[::2])}
+
+
+def _is_watched(kind: str, label: str) -> bool:
+    return kind not in _LABELS or label in _LABELS[kind]
 
 
 def together(scans: Sequence[Scan]) -> Scan:
@@ -121,13 +135,15 @@ def information_of(
     scored_s: tuple[float, float],
 ) -> Information:
     """The scan's normal equations, and the sensitivity of the angle as the bench's own observer has it."""
+    if settings.gain is Gain.STATIONARY:  # its table would have to be made anew; it was made from such a filter
+        settings = replace(settings, gain=Gain.FADING)
     times, courses = [], []
     for stretch in stretches:
         course = scan(stretch.record, device, settings, controller, watched, weighed=False).course
         elapsed = np.cumsum(stretch.record.step)
         edges = np.linspace(0, len(elapsed), PARTS + 1).astype(int)
         ends = np.concatenate(
-            [begin + np.ceil(np.arange(1, COURSE + 1) * (end - begin) / COURSE) - 1 for begin, end in pairs(edges)]
+            [begin + np.ceil(np.arange(1, COURSE + 1) * (end - begin) / COURSE) - 1 for begin, end in pairwise(edges)]
         ).astype(int)
         time = stretch.begin_s + elapsed[ends]
         settled = time >= settled_s(stretch, settings, device, scored_s[0])
@@ -147,8 +163,3 @@ def information_of(
         sensitivity,
         max(seen.ratio, 1.0),
     )
-
-
-def pairs(edges: np.ndarray) -> list[tuple[int, int]]:
-    """Neighbours."""
-    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))

@@ -18,10 +18,11 @@ _PARTS = 3  # of a longer run: its beginning, its middle, its end
 
 @dataclass(frozen=True)
 class Stretch:
-    """Consecutive samples of a run: record, and the time of the first of them, s from the start of the run."""
+    """Consecutive samples of a run: record, the time of the first of them [s], and whether the run began with it."""
 
     record: Record
     begin_s: float
+    from_start: bool = True
 
     @property
     def end_s(self) -> float:
@@ -42,7 +43,7 @@ def settled_s(stretch: Stretch, settings: ObserverSettings, device: Device, scor
     """From when on (s of the run) an observer that begins with the stretch counts: it has found the motion and the
     constants, and the scored window has begun; the last quarter of the stretch counts anyhow.
     """
-    found = stretch.begin_s + settling(settings, device) / device.sample_rate if stretch.begin_s > 0.0 else 0.0
+    found = stretch.begin_s + settling(settings, device) / device.sample_rate if not stretch.from_start else 0.0
     last = stretch.begin_s + 0.75 * (stretch.end_s - stretch.begin_s)
     return min(max(found, scored_from_s), last)
 

@@ -86,7 +86,7 @@ def scan(
     level = _JUMP
     if settings.gain is Gain.EKF and vector:
         observer.record["twin"] = 1  # a plain EKF's two covariances are one: carried twice, they run in the registers
-    plain = vector and bool(scans_plainly(observer.record, observer.active, observer.x[: len(observer.x) - first]))
+    quick = vector and bool(scans_plainly(observer.record, observer.active, observer.x[: len(observer.x) - first]))
     for part, (begin, end) in enumerate(pairwise(edges)):
         span = slice(begin, end)
         equations = np.zeros((device.axes * (end - begin) if weighed else 0, width))
@@ -94,7 +94,7 @@ def scan(
             z[span], u[span], h[span], warmth[span], rows[span], delta, level,
             equations, turned, course[part * COURSE : (part + 1) * COURSE],
         )  # fmt: skip
-        if plain:
+        if quick:
             scan_plain_block(
                 observer.record, observer.walk, observer.prior, observer.spread, observer.guess,
                 observer.x, observer.p, observer.c, observer.memory, *what,

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -110,15 +111,19 @@ def conclude(
     note: str | None,
     progress: Watcher,
 ) -> None:
-    """Figures, verdict and report of a recorded run."""
+    """Figures, the closing scan, verdict and report of a recorded run."""
+    from hil.closing_scan import scan_run, to_model
     from hil.records.result import Load, save_result
     from hil.records.runfolder import RunFolder
     from hil.records.summary import board_clock, summarise
     from hil.report import write_report
     from hil.verdict import judge
 
-    progress(Progress("report", 0, 0))
     run_folder = RunFolder(folder)
+    began = time.perf_counter()
+    found = scan_run(run_folder, bench, progress)
+    scan = None if found is None else to_model(found, began)
+    progress(Progress("report", 0, 0))
     identity, counters = outcome.get("identity"), outcome.get("counters", {})
     result = summarise(run_folder, counters).model_copy(
         update={
@@ -131,6 +136,7 @@ def conclude(
             "versions": {name: version(name) for name in _VERSIONS},
             "serial_number": f"{identity['unique_id']:016x}" if identity else None,
             "operator_note": note,
+            "scan": scan,
         }
     )
     result = result.model_copy(update=judge(run_folder, result, bench, outcome)._asdict())

@@ -224,6 +224,51 @@ class Contribution(_Model):
     assumed: bool = Field(default=False, description="The bench file declares nothing: a usual value was taken")
 
 
+class Lacking(_Model):
+    """An effect that the record shows and the model lacks."""
+
+    effect: str
+    coefficients: dict[str, Parameter]
+    angle_rad: NonNegative = Field(
+        description="How far the reported angle is off without it, at most over the scored window"
+    )
+    angle_ci95: tuple[float, float] = Field(description="95 % interval, [low, high]")
+    alike: tuple[str, ...] = Field(default=(), description="Effects that this record cannot tell from it")
+
+
+class Unexcluded(_Model):
+    """What the record leaves open of one coefficient, were its effect there and no other."""
+
+    effect: str
+    symbol: str
+    unit: str
+    deviation: NonNegative = Field(description="Standard deviation, in `unit`; at most the plausible size")
+    angle_rad_per_unit: float = Field(
+        description="By how much a unit of it moves the reported angle by the end of the scored window"
+    )
+    angle_rad: NonNegative = Field(
+        description="How far the angle may be off for its whole effect, rms, where that is most"
+    )
+
+
+class Scan(_Model):
+    """The scan that closes a run: the model held against its record."""
+
+    complete: bool | None = Field(description="Null: the record could not be scanned")
+    reason: str = Field(description="Why, one line")
+    lacks: tuple[Lacking, ...] = ()
+    harmless: tuple[Lacking, ...] = Field(
+        default=(), description="Lacking too, but it moves the angle by far less than [limits] angle_rad"
+    )
+    cannot_exclude: tuple[Unexcluded, ...] = Field(
+        default=(), description="Every coefficient watched, the one that may move the angle most first"
+    )
+    ratio: NonNegative | None = Field(default=None, description="Innovation over what was predicted of it, rms")
+    samples: Count = Field(description="Looked at")
+    span_s: NonNegative = Field(description="Of the record, that hold them")
+    seconds: NonNegative = Field(description="That the scan took")
+
+
 class Channel(_Model):
     """One axis of a rate-output sensor over a record."""
 
@@ -285,6 +330,7 @@ class Result(_Model):
     bare_turnaround_us: Percentiles | None = Field(
         default=None, description="A bare read and write, paced alike in the same run"
     )
+    scan: Scan | None = Field(default=None, description="Null where nothing was recorded that could be scanned")
     diagnosis: dict[str, Any] | None = None
     verdict: RunVerdict | None = None
     parts: dict[Literal["safety", "machine", "model", "angle"], Part] = Field(

@@ -1,5 +1,7 @@
 """Whether the model accounts for the record."""
 
+import shlex
+
 from hil.bench import Bench
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
@@ -7,8 +9,10 @@ from hil.records.sensing import sense_faults
 
 
 def judge_model(folder: RunFolder, result: Result, bench: Bench) -> Part:
-    """The innovation beside its floor, and what the codes say of the sense chain."""
-    limits, reasons = bench.limits, []
+    """The closing scan's answer, the innovation beside its floor, and what the codes say of the sense chain."""
+    limits, scan, reasons = bench.limits, result.scan, []
+    if scan is not None and scan.complete is False:
+        reasons.append(scan.reason)
     if result.innovation_rms is not None and result.noise_floor:
         ratio = result.innovation_rms / result.noise_floor
         if ratio > limits.innovation_ratio:
@@ -20,4 +24,14 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench) -> Part:
         reasons.append("the innovation is not finite: the observer diverged; check the signs and gains in [device]")
     if folder.capture is not None:
         reasons += sense_faults(folder.capture, bench.device.sense.noise_V)
-    return Part.of(reasons, good="complete", bad="lacks")
+    if not reasons and scan is not None:
+        return Part(outcome="unknown" if scan.complete is None else "complete", reason=scan.reason)
+    part = Part.of(reasons, good="complete", bad="lacks")
+    if scan is not None and scan.complete is False:
+        return part.model_copy(update={"next": trace_command(folder)})
+    return part
+
+
+def trace_command(folder: RunFolder) -> str:
+    """What names the missing effect exactly, ready to paste."""
+    return f"hil trace {shlex.quote(str(folder.path))} --bench {shlex.quote(str(folder.bench_path))}"

@@ -11,7 +11,7 @@ from estimator.kernel.pattern import pattern
 from estimator.kernel.scan import pattern_gradient
 from estimator.observer import Observer
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, ObserverSettings
+from estimator.settings import ControllerSettings, Gain, ObserverSettings
 from estimator.trace.fitting import run
 from estimator.trace.scan import COURSE, PARTS, scan
 from estimator.trace.start import hold
@@ -24,6 +24,7 @@ CONTROLLER = ControllerSettings(
     sense_quantum=1e-5,
     virtual_rotation=2e-3 * OMEGA0,
 )
+FADING = replace(SETTINGS, gain=Gain.FADING, memory=0.2)
 # What turns over smoothly within a hundredth of the speed is seen coarsely by three nodes a step, and moves the angle
 # by microradians at its plausible size.
 COARSE = (*HIDDEN, "damping_asymmetric")
@@ -47,7 +48,7 @@ def instants(samples: int) -> Array:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [SETTINGS], ids=["ekf"])
+@pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_angle_moves_as_the_scan_says(name: str, settings: ObserverSettings) -> None:
     seen = scan(record(), DEVICE, settings, CONTROLLER, {name: PARAMETERS.get(name, {})}, weighed=False)
@@ -61,6 +62,19 @@ def test_the_angle_moves_as_the_scan_says(name: str, settings: ObserverSettings)
         said = seen.course[:, column] * seen.plausible[column]
         off = np.sqrt(np.mean((said - moved) ** 2))
         assert off < 0.05 * np.sqrt(np.mean(moved**2)) + LEAST, coefficient.name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
+def test_both_kernels_say_the_same(settings: ObserverSettings) -> None:
+    watched = {name: PARAMETERS.get(name, {}) for name in NAMES}
+    general, quick = (scan(record(), DEVICE, settings, CONTROLLER, watched, vector=vector) for vector in (False, True))
+    normal = general.normal.sum(axis=0)
+    size = np.sqrt(np.diagonal(normal))
+    assert np.max(np.abs(quick.normal.sum(axis=0) - normal) / np.outer(size, size)) < 1e-3
+    assert np.max(np.abs(quick.score.sum(axis=0) - general.score.sum(axis=0)) / size) < 0.05
+    scale = general.plausible
+    assert np.max(np.abs(quick.course - general.course) * scale) < 1e-3 * np.max(np.abs(general.course) * scale)
 
 
 def test_the_gradient_of_the_pattern_is_that_of_its_angle() -> None:

@@ -16,9 +16,9 @@ from benchmarks.undeclared.record import make
 from estimator.effects.catalogue import names
 from estimator.observer import Observer
 from hil.bench import load_bench, override
+from hil.captured import samples_of
 from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
-from hil.replay import samples_of
 
 pytestmark = pytest.mark.slow  # closed loops
 

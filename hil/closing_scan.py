@@ -1,0 +1,110 @@
+"""The scan that closes every run and replay: the capture read in stretches, the estimator's answer for result.json."""
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.bench import Bench
+from hil.progress import Progress, Watcher
+from hil.records.result import Lacking, Parameter, Scan, Unexcluded
+from hil.records.runfolder import RunFolder
+
+if TYPE_CHECKING:
+    from estimator.completeness import answer
+    from estimator.completeness.information import Information
+    from hil.records.capture import Capture
+
+
+def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Completeness | None":
+    """What the record of a run says of its model; None where none was kept.
+
+    Memory is bounded by the stretches that are looked at, not by the record.
+    """
+    capture = folder.capture
+    if capture is None or not len(capture):
+        return None
+    # Compiled kernels: after what can be answered without them.
+    from estimator.completeness.closing import closing_scan
+    from estimator.completeness.stretch import Stretch, stretches_of
+    from hil.captured import control_of, record_of
+    from hil.declared import device_of, observer_settings_of
+
+    progress(Progress("scan", 0, 0))
+    first, last = capture.ends
+    stretches = []
+    for part in stretches_of(last - first + 1):
+        rows = capture.between(first + part.start, first + part.stop - 1)
+        if len(rows) > 1:
+            stretches.append(Stretch(record_of(rows), begin_s_of(rows), from_start=part.start == 0))
+    return closing_scan(
+        stretches,
+        device_of(bench),
+        observer_settings_of(bench),
+        control_of(bench, capture),
+        scored_s=(bench.loop.settle_s, end_s_of(capture)),
+        limit_rad=bench.limits.angle_rad,
+        progress=lambda stage, done, total: progress(Progress(stage, done, total)),
+    )
+
+
+def begin_s_of(rows: "Capture") -> float:
+    """Bench time at which the interval of the first row begins."""
+    return float(rows.part(0, 1).t_s[0]) - 1.0 / rows.tick_rate_Hz
+
+
+def end_s_of(capture: "Capture") -> float:
+    """Bench time of the last row."""
+    return float(capture.part(len(capture) - 1, len(capture)).t_s[0])
+
+
+def to_model(found: "answer.Completeness", began: float) -> Scan:
+    """The answer for result.json; `began` is when the scan did, by time.perf_counter."""
+    from estimator.completeness.answer import Outcome
+
+    complete = {Outcome.COMPLETE: True, Outcome.LACKS: False, Outcome.UNKNOWN: None}[found.outcome]
+    return Scan(
+        complete=complete,
+        reason=found.reason,
+        lacks=tuple(map(_lacking, found.lacks)),
+        harmless=tuple(map(_lacking, found.harmless)),
+        cannot_exclude=() if found.information is None else _unexcluded(found.information),
+        ratio=found.ratio if found.ratio is not None and np.isfinite(found.ratio) else None,
+        samples=found.samples,
+        span_s=found.seconds,
+        seconds=round(time.perf_counter() - began, 3),
+    )
+
+
+def _lacking(item: "answer.Lacking") -> Lacking:
+    return Lacking(
+        effect=item.effect,
+        coefficients={
+            symbol: Parameter(value=c.value, ci95=(c.low, c.high), unit=c.unit)
+            for symbol, c in item.coefficients.items()
+        },
+        angle_rad=item.angle.value,
+        angle_ci95=(item.angle.low, item.angle.high),
+        alike=item.alike,
+    )
+
+
+def _unexcluded(information: "Information") -> tuple[Unexcluded, ...]:
+    rows = []
+    for effect in information.effects:
+        alone = information.posterior({}, with_effect=effect)
+        angle = float(np.max(alone.angle_uncertainty))
+        for k, symbol in enumerate(alone.symbols):
+            figures = float(alone.deviation[k]), float(alone.sensitivity[-1, k]), angle
+            if np.all(np.isfinite(figures)):
+                rows.append(
+                    Unexcluded(
+                        effect=effect,
+                        symbol=symbol,
+                        unit=alone.units[k],
+                        deviation=figures[0],
+                        angle_rad_per_unit=figures[1],
+                        angle_rad=angle,
+                    )
+                )
+    return tuple(sorted(rows, key=lambda row: -row.angle_rad))
