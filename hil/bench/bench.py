@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from hil.bench.device import Device
 from hil.bench.loop import Controller, Limits, Link, Loop
 from hil.bench.observer import Observer
+from hil.bench.plausible import implausible
 from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import Section, check_matrix
 from hil.errors import InputError
@@ -64,6 +65,8 @@ class Bench(Section):
                 "[controller] target_stiffness_N_per_m: a mass on no spring needs one; its root over the mass is the "
                 "scale of time"
             )
+        if (finding := implausible(self)) is not None:
+            raise ValueError(finding)
         if self.controller.enabled and self.controller.modulation_Hz > self.device.resonance_Hz / 10:
             raise ValueError(
                 f"[controller] modulation_Hz: must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"
