@@ -22,9 +22,10 @@ from estimator.observer import Observer
 from hil.bench import Bench, load_bench, override
 from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.examples import find
-from hil.loop.force import Counters
+from hil.loop.preflight import configure
+from hil.loop.skeleton import Counters
 from hil.loop.tracks import column_of
-from hil.loop.worker import configure, make_loop
+from hil.loop.worker import make_loop
 from hil.records.estimates import ANGLE_COLUMNS
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -130,9 +131,9 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
         "timing": Rows(4 if bench.loop.mode == "force" else 6),
         "estimates": Rows(1 + 2 * states + len(ANGLE_COLUMNS) + 1),
     }
-    configure(endpoint, identity, bench)
-    loop = make_loop(endpoint, identity, bench, observer, tracks)
-    client.arm(endpoint)
+    registers = configure(endpoint, identity, bench)
+    loop = make_loop(endpoint, identity, bench, observer, tracks, registers)
+    loop.arm()
     loop.run(samples, lambda done: None, samples)
     loop.finish(SafeReason.HOST_REQUEST)
     endpoint.close()

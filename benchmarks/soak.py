@@ -23,7 +23,7 @@ from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.force import ForceLoop
-from hil.loop.worker import configure
+from hil.loop.preflight import configure
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink
@@ -96,10 +96,10 @@ def rows(say: Say) -> list[Row]:
     endpoint = Endpoint(InprocLink(Board(scenario, Device(scenario, SEED, witness), (ClockMode.LOCKSTEP,))))
     identity = client.connect(endpoint)
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
-    configure(endpoint, identity, bench)
+    registers = configure(endpoint, identity, bench)
     tracks = {stem: Sum() for stem in ("capture", "innovation", "timing", "estimates", "covariance")}
-    loop = ForceLoop(endpoint, identity, bench, observer, tracks)
-    client.arm(endpoint)
+    loop = ForceLoop(endpoint, identity, bench, observer, tracks, registers)
+    loop.arm()
     eigenvalues: list[float] = []
     memory: list[float] = []
     begin = time.monotonic()

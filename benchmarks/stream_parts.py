@@ -20,8 +20,8 @@ from hil.bench import Bench
 from hil.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
 from hil.emulation import emulator
 from hil.loop.gain import GainLoop
+from hil.loop.preflight import configure
 from hil.loop.tracks import run_layouts
-from hil.loop.worker import configure
 from hil.ring import Ring
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -92,7 +92,7 @@ def per_row_us(bench: Bench, link: Link) -> dict[str, float]:
 
     rehearse(make_observer(), board_filter_of(bench))
     observer = make_observer()
-    configure(link_end, identity, bench)
+    registers = configure(link_end, identity, bench)
     clock = Clock()
     endpoint = Timed(link_end)
     samples = round(SECONDS * identity.tick_rate_Hz)
@@ -101,7 +101,7 @@ def per_row_us(bench: Bench, link: Link) -> dict[str, float]:
         for stem, layout in run_layouts(observer, bench, identity).items():
             tracks[stem] = stack.enter_context(Ring.create(f"{uuid.uuid4()}", layout.dtype, samples))
             tracks[stem].unlink()
-        loop = GainLoop(endpoint, identity, bench, observer, tracks)  # type: ignore[arg-type]
+        loop = GainLoop(endpoint, identity, bench, observer, tracks, registers)  # type: ignore[arg-type]
         clock.wrap(link, "receive", "waking and reading")
         clock.wrap(link, "send", "writing")
         clock.wrap(endpoint, "poll", "decoding")
@@ -113,7 +113,7 @@ def per_row_us(bench: Bench, link: Link) -> dict[str, float]:
         for track in tracks.values():
             clock.wrap(track, "push", "rings")
         clock.wrap(loop, "run", "the rest of the loop")
-        client.arm(link_end)
+        loop.arm()
         loop.run(round(0.5 * identity.tick_rate_Hz), lambda done: None, samples)  # closes the loop
         clock.spent_ns.clear()
         before = loop.counters.samples

@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -126,6 +126,14 @@ class Served(NamedTuple):
     def last_words(self) -> str:
         """What the board said when it died, "" while it lives or where none was started."""
         return self.board.last_words() if self.board is not None and self.board.failed else ""
+
+    def ends_within(self, seconds: float) -> bool:
+        """Whether a board that was started for the link has ended, or does so soon."""
+        if self.board is None:
+            return False
+        with suppress(subprocess.TimeoutExpired):
+            self.board.process.wait(seconds)
+        return self.board.process.poll() is not None
 
 
 @contextmanager

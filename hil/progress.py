@@ -5,12 +5,14 @@ from typing import NamedTuple
 
 
 class Progress(NamedTuple):
-    """One report: ``done`` of ``total`` steps of ``stage``; ``note`` is a few words on how it goes."""
+    """One report: ``done`` of ``total`` steps of ``stage``; ``note`` is a few words on how it goes, ``alarm`` a line
+    that has to be seen at once, whatever else is shown."""
 
     stage: str
     done: int
     total: int
     note: str = ""
+    alarm: str = ""
 
 
 Watcher = Callable[[Progress], None]

@@ -141,6 +141,16 @@ class Ring:
         return self._dropped if self._memory.closed else int(self._words[_DROPPED // 8])
 
     @property
+    def read(self) -> int:
+        """Rows that the consumer has taken out so far."""
+        return int(self._words[_READ // 8])
+
+    @property
+    def waiting(self) -> int:
+        """Rows that the consumer has not taken out yet."""
+        return int(self._words[_WRITTEN // 8]) - self.read
+
+    @property
     def closed(self) -> bool:
         """True once the producer has said that it is done."""
         return bool(self._words[_CLOSED // 8])

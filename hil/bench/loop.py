@@ -121,3 +121,9 @@ class Limits(Section):
     """largest share of samples that are not in the record: lost on the way, or not taken while the board was SAFE"""
     residual_safe: Positive = 100.0
     """innovation, in units of the noise, above which the host sends SAFE"""
+    rearm: Annotated[int, Field(ge=0)] = 3
+    """how often in a run a board is armed again after a stop that does not latch and that the host accounts for"""
+    overtime: NotNegative = 0.5
+    """by what fraction of its length a run on wall time may last longer, beside [link] timeout_s"""
+    standstill_s: Positive = 3600.0
+    """in lockstep: how long a board that says nothing is waited for"""

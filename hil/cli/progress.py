@@ -22,8 +22,15 @@ class _StageLines:
 
     def __init__(self) -> None:
         self._stage = ""
+        self._note = ""
 
     def __call__(self, progress: Progress) -> None:
+        if progress.alarm:
+            print(f"hil: UNSAFE: {progress.alarm}", file=sys.stderr, flush=True)
+            return
+        if progress.note.startswith("waiting") and not self._note:
+            self._note = progress.note
+            print(progress.note, file=sys.stderr, flush=True)
         if progress.stage != self._stage:
             self._stage = progress.stage
             print(progress.stage, file=sys.stderr, flush=True)
@@ -46,6 +53,9 @@ def _bar(title: str) -> Iterator[Watcher]:
         shown: dict[str, TaskID] = {}  # the stage at hand: a new bar each, since a total once set would stay
 
         def watch(progress: Progress) -> None:
+            if progress.alarm:
+                bars.console.print(f"hil: UNSAFE: {progress.alarm}", style="bold white on red", markup=False)
+                return
             if progress.stage not in shown:
                 for past in shown.values():
                     bars.remove_task(past)

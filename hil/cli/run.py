@@ -74,6 +74,7 @@ def run(
         raise InputError(f"--truth: {truth}: exists already; give another name, or remove it")
     if not dry_run and not is_emulated(url):
         consent.require(url, declared, given=arm, open_loop=open_loop)
+    from hil.loop.run import Interrupted
     from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it
 
     try:
@@ -89,8 +90,8 @@ def run(
                 log=wire_log,
                 progress=watch,
             )
-    except KeyboardInterrupt:
-        say("the board was told to go SAFE, and the record closed")
+    except Interrupted as interruption:
+        say(str(interruption))
         raise
     if done.folder is None:
         show_identity(url, done.identity, as_json=json)

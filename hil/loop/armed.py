@@ -1,42 +1,243 @@
-"""The armed board at the other end while a loop runs: seen to when no samples come, and brought to SAFE at the end."""
+"""The armed board at the other end while a loop runs: armed, seen to when no samples come, and brought to SAFE at the
+end.
+
+A stop that this host did not want ends the run, unless it is one that does not latch and that the host can account for;
+then the board is armed again, a few times at most.  docs/safety.md has the rules.
+"""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from typing import NoReturn
 
+from hil.bench import Bench
+from hil.loop.account import Account
+from hil.loop.preflight import require_unchanged
+from hil.loop.stopping import bring_to_safe
+from hil.loop.stops import LATCHING, Safety, Stop, reason_name
 from hil.wire import client
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, ProtocolError, WireError
-from hil.wire.messages import Message, Nack, NackReason, SafeReason, State, Status
+from hil.wire.messages import (
+    Identity,
+    Message,
+    Nack,
+    NackReason,
+    RegisterRead,
+    SafeReason,
+    State,
+    Status,
+)
 from hil.wire.sense import Sense
+from hil.wire.spec import SPEC
+from hil.wire.stream import unwrap
+
+SLICE_S = 0.25
+"""Longest wait for samples at a time: how soon the loop sees to what is not a sample."""
+
+_COUNTERS = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
+_STREAMING = (State.ARMED, State.RUNNING)
+_ARM_REFUSED = {
+    "LATCHED": "its own protection (FAULT) has tripped, or a stop latched; find the cause",
+    "BAD_STATE": "it was not greeted since its start; if it restarted, check its supply",
+    "NOT_SUPPORTED": "it cannot run like this; a board without latency needs lockstep or gain mode",
+    "OUT_OF_RANGE": "a register does not suit it; look at [loop] filter",
+}
 
 
 class ArmedBoard:
-    """`drive` is the message that closes the loop; silence is borne for `silence_s`, for ever if `patient`."""
+    """`drive` is the message that closes the loop.
 
-    def __init__(self, endpoint: Endpoint, drive: type[Message], silence_s: float, *, patient: bool) -> None:
+    Silence, which counts from the last accepted row, is borne for `[link] timeout_s`.  In lockstep a board that says
+    nothing at all may stand in a debugger: it is waited for, up to `[limits] standstill_s`; one that answers a question
+    and sends no row is not.
+
+    Attributes:
+        safety: what there is to say of the board's stops.
+        account: what the host knows of its own silences.
+        newest: tick of the last row, for the loop to set where it is cheap; None before the first.
+        waiting: told now and then for how many seconds a board has been waited for.
+    """
+
+    def __init__(
+        self, endpoint: Endpoint, identity: Identity, bench: Bench, drive: type[Message], registers: Mapping[str, float]
+    ) -> None:
         self._endpoint = endpoint
+        self._name = endpoint.link.name
         self._drive = type_of(drive)
-        self._silence_s = silence_s
-        self._patient = patient
+        self._registers = registers
+        self._silence_s = bench.link.timeout_s
+        self._patient = bench.loop.clock == "lockstep" and endpoint.link.fileno() is not None
+        self._standstill_s = bench.limits.standstill_s
+        self._rearm = bench.limits.rearm
+        self._rate_Hz = identity.tick_rate_Hz
+        self._block = bench.loop.block if bench.loop.mode == "gain" else 1
+        ticks = round(registers.get("WATCHDOG_TICKS", bench.link.watchdog_s * identity.tick_rate_Hz))
+        self._asked_ns = 0
+        self._told_ns = 0
+        self._safe_sent = False
+        self.slice_s = min(SLICE_S, 0.25 * self._silence_s)
+        self.account = Account(endpoint, ticks, self._block, self._rate_Hz, identity.latency_ticks)
+        self.safety = Safety()
+        self.newest: int | None = None
+        self.waiting: Callable[[float], None] = lambda _: None
 
-    def attend(self, said: Iterable[Message]) -> bool:
-        """No sample came: by what the board has said meanwhile, arm it again after its watchdog, ask after a silence,
-        and give up; whether it was armed again.
+    def arm(self) -> Status:
+        """ARM; what the board says to it. From its first byte on it has to be brought to SAFE: see `farewell`.
 
-        In lockstep silence is no fault: whoever stopped the board in a debugger will let it go on.
+        Raises ProtocolError when the board refuses, LinkError when it does not answer.
         """
-        safe = False
+        self.safety.armed = True
+        status = self._arm()
+        self.account.begin(status)
+        return status
+
+    def attend(self, said: Iterable[Message], newest_ns: int) -> bool:
+        """See to what the board has said beside samples, the last of which came at `newest_ns`; whether it was armed
+        again.
+
+        Raises ProtocolError where the run is over: the board stopped for a reason that latches or that nobody accounts
+        for, restarted, or fell silent.
+        """
+        status = self._stopped(said)
+        if status is None:
+            status = self._missed(newest_ns)
+        if status is None:
+            return False
+        asked, self._safe_sent = self._safe_sent, False
+        stop = self._note(status, "host" if asked and status.reason == SafeReason.LINK_LOST else "board")
+        try:
+            self._recover(status, stop, asked=asked)
+        except WireError:  # whatever the board says, for this host the stop has latched
+            self.safety.latched = self.safety.latched or stop.reason
+            raise
+        return True
+
+    def farewell(self, reason: SafeReason) -> dict[str, int]:
+        """Bring the board to SAFE if it may be armed; its own counters, by name, none when it does not answer."""
+        if not self.safety.armed:
+            return {}
+        stopped = bring_to_safe(
+            self._endpoint,
+            reason,
+            self._silence_s,
+            rate_Hz=self._rate_Hz,
+            block=self._block,
+            newest=self.newest,
+        )
+        self.safety.confirmed, self.safety.words = stopped.confirmed, stopped.why
+        status = stopped.status
+        if status is None:
+            return {}
+        self.safety.confirmed_tick = unwrap(status.tick, self._endpoint.rx.tick)
+        if status.reason == SafeReason.FAULT and self.safety.latched != "FAULT":
+            self._note(status, "board")  # it tripped while it was told to stop
+            self.safety.latched = "FAULT"
+        return {name: getattr(status, name) for name in _COUNTERS}
+
+    def _stopped(self, said: Iterable[Message]) -> Status | None:
+        """STATUS of a board that has stopped, by what it has said."""
+        stopped: Status | None = None
+        refused = False
         for message in said:
             if isinstance(message, Status):
-                safe = message.state == State.SAFE
+                stopped = None if message.state in _STREAMING else message
+                refused = refused and stopped is not None
             elif isinstance(message, Nack):  # the STATUS was lost, but the board refuses to be driven
-                safe = safe or (message.of_type == self._drive and message.reason == NackReason.BAD_STATE)
-        if not safe and not self._patient:
-            safe = self._silent()
-        if safe:
-            self._arm_again()
-        return safe
+                refused = refused or (message.of_type == self._drive and message.reason == NackReason.BAD_STATE)
+        if stopped is None and refused:
+            return self._ask_safe(self._silence_s)
+        return stopped
+
+    def _ask_safe(self, patience_s: float) -> Status:
+        """STATUS of a board that is told SAFE for a reason which does not latch, and does not cover one that does."""
+        try:
+            status = client.make_safe(self._endpoint, SafeReason.LINK_LOST, patience_s)
+        except LinkError:
+            raise ProtocolError(
+                f"{self._name}: the board fell silent for {self._silence_s:g} s; check its supply and the cable"
+            ) from None
+        self._safe_sent = True
+        return status
+
+    def _missed(self, newest_ns: int) -> Status | None:
+        """Whether rows are missing for too long: STATUS of a board that was told to be SAFE for it, and is."""
+        silent_s = 1e-9 * (time.monotonic_ns() - newest_ns)
+        if not self._patient:
+            return self._ask_safe(0.5 * self._silence_s) if silent_s >= 0.5 * self._silence_s else None
+        if silent_s < self._silence_s:
+            return None
+        now_ns = time.monotonic_ns()
+        if self._endpoint.received_ns > self._asked_ns > newest_ns:  # it answered, and sent no row
+            return self._ask_safe(self._silence_s)
+        if silent_s >= self._standstill_s:
+            raise ProtocolError(
+                f"{self._name}: the board has stood still for {silent_s:.0f} s, "
+                f"[limits] standstill_s is {self._standstill_s:g} s"
+            )
+        if now_ns - self._asked_ns >= 1e9 * self._silence_s:
+            self._asked_ns = now_ns
+            self._endpoint.send(RegisterRead(SPEC.registers["CLOCK_MODE"].id))
+            self.waiting(silent_s)
+        return None
+
+    def _recover(self, status: Status, stop: Stop, *, asked: bool) -> None:
+        """Arm a board again that has stopped, or raise ProtocolError; `asked`: whether this host told it to be SAFE."""
+        if status.state != State.SAFE:
+            state = State(status.state).name if status.state in State.__members__.values() else str(status.state)
+            self._end(f"the board restarted: it is in {state}; check its supply")
+        if status.reason in LATCHING or status.reason not in (SafeReason.WATCHDOG, SafeReason.LINK_LOST):
+            self._latch(stop, status.reason)
+        if status.reason == SafeReason.WATCHDOG:
+            stop.account = self.account.of_watchdog(status)
+            unexplained = f"its watchdog tripped, yet {self.account.words}; check WATCHDOG_TICKS and its receiver"
+            if self.account.refused:
+                unexplained = self._unacceptable()
+        elif asked:
+            stop.account = self.account.of_silence(status)
+            unexplained = self._unacceptable()
+        else:
+            unexplained = "the link was lost, it says; did another host greet it?"
+        # A restart looks like a silence, too, and says more.
+        require_unchanged(self._endpoint, self._registers, self._silence_s)
+        if not stop.account:
+            self._end(f"the board went to SAFE: {unexplained}")
+        if self.safety.rearmed >= self._rearm:
+            self._end(
+                f"the board went to SAFE once more ({stop.reason}: {stop.account}) after it was armed again "
+                f"{self.safety.rearmed} times, [limits] rearm is {self._rearm}"
+            )
+        self.account.begin(self._arm())
+        self.heard()  # refusals from before it was armed
+        stop.armed_again = True
+        self.safety.rearmed += 1
+
+    def _unacceptable(self) -> str:
+        """Why a board that answers was told to stop."""
+        refused = self.account.refused
+        what = f"{refused} frames were unknown or contradicted themselves" if refused else "nothing was lost on the way"
+        return f"it answers, but sends no acceptable sample ({what}); check its SENSE"
+
+    def _latch(self, stop: Stop, reason: int) -> NoReturn:
+        if reason == SafeReason.FAULT:
+            what = f"the board stopped itself{self._when(stop)}: FAULT, its own protection tripped"
+        elif reason in LATCHING:
+            stop.by = "another node"
+            what = f"another node stopped the board{self._when(stop)}: {stop.reason}"
+        else:
+            what = f"the board stopped{self._when(stop)} and gives {stop.reason}"
+        self._end(f"{what}; find the cause before it is armed again")
+
+    def _end(self, what: str) -> NoReturn:
+        raise ProtocolError(f"{self._name}: {what}")
+
+    def _note(self, status: Status, by: str) -> Stop:
+        stop = Stop(reason_name(status.reason), by, unwrap(status.tick, self._endpoint.rx.tick))
+        self.safety.stops.append(stop)
+        return stop
+
+    def _when(self, stop: Stop) -> str:
+        return f" at tick {stop.tick} ({stop.tick / self._rate_Hz:.3f} s)"
 
     def heard(self) -> list[Message]:
         """What the board has said beside samples, which stay for the loop."""
@@ -44,31 +245,10 @@ class ArmedBoard:
         self._endpoint.keep([item for item in items if isinstance(item.message, Sense)])
         return [item.message for item in items]
 
-    def farewell(self, reason: SafeReason) -> dict[str, int]:
-        """Bring the board to SAFE; its own counters, by name, none when it no longer answers."""
+    def _arm(self) -> Status:
         try:
-            status = client.make_safe(self._endpoint, reason, self._silence_s)
-        except WireError:  # a board that no longer answers goes SAFE by its own watchdog
-            return {}
-        names = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
-        return {name: getattr(status, name) for name in names}
-
-    def _silent(self) -> bool:
-        """Half the patience for silence is over: whether the board, told to be SAFE, says that it is."""
-        if time.monotonic_ns() - self._endpoint.received_ns < 0.5e9 * self._silence_s:
-            return False
-        try:
-            client.make_safe(self._endpoint, SafeReason.LINK_LOST, 0.5 * self._silence_s)
-        except LinkError:
-            raise ProtocolError(
-                f"{self._endpoint.link.name}: the board fell silent for {self._silence_s:g} s; "
-                "check its supply and the cable"
-            ) from None
-        return True
-
-    def _arm_again(self) -> None:
-        try:
-            client.arm(self._endpoint, self._silence_s)
-        except ProtocolError as refusal:
-            raise ProtocolError(f"{refusal}; if it restarted, check its supply") from None
-        self.heard()  # refusals from before it was armed
+            return client.arm(self._endpoint, self._silence_s)
+        except client.Refused as refusal:
+            names = {member.value: member.name for member in NackReason}
+            what = _ARM_REFUSED.get(names.get(refusal.reason, ""), "")
+            raise ProtocolError(f"{refusal}; {what}" if what else str(refusal)) from None

@@ -9,7 +9,7 @@ capture and bridges it by what the board must have done.
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -20,21 +20,17 @@ from estimator.gain_matrix import GainMatrix
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.declared import board_dither_of, board_filter_of, drive_limit_of
-from hil.loop.armed import ArmedBoard
-from hil.loop.force import Counters
-from hil.loop.target import TargetSteps
+from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
 from hil.loop.tracks import estimate_rows, innovation_rows, put_covariance, run_layouts
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveGains, Identity, Message, SafeReason, SenseFlags
 from hil.wire.sense import Sense
 from hil.wire.stream import Received
 
-_RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
-_LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
 _LATER = 64  # matrices whose effect is still to be seen
 _RECENT = 16  # of those whose lateness the next is made for
+_NOTHING_WRITTEN: Mapping[str, float] = {}
 _CAPTURE = np.dtype([("tick", "<i8"), ("codes", "<i4", 4), ("flags", "u1")])  # the capture's row, its codes as one
 
 
@@ -47,14 +43,8 @@ class _Sent(NamedTuple):
     times_ns: tuple[int, int, int]  # received, estimated, sent
 
 
-class GainLoop:
-    """One run in gain mode with an armed board.
-
-    Attributes:
-        counters: kept up to date while the loop runs.
-        between: called when something has come that is no sample, or nothing for a while.
-        stop: set (from a signal handler) to end the loop after the block at hand.
-    """
+class GainLoop(Loop):
+    """One run in gain mode."""
 
     def __init__(
         self,
@@ -63,18 +53,17 @@ class GainLoop:
         bench: Bench,
         observer: Observer,
         tracks: Mapping[str, Track],
+        registers: Mapping[str, float] = _NOTHING_WRITTEN,
     ) -> None:
-        self._endpoint = endpoint
-        self._name = endpoint.link.name
-        self._observer = observer
-        self._tracks, self._layouts = tracks, run_layouts(observer, bench, identity)
+        super().__init__(endpoint, identity, bench, observer, tracks, DriveGains, registers)
+        self._layouts = run_layouts(observer, bench, identity)
         self._scale = np.array([identity.sense_scale_V] * 2 + [identity.drive_scale_mps2] * 2)
         self._drive_limit = drive_limit_of(bench, identity)
         self._clip = 2 ** (identity.sense_bits - 1) - 1
-        rate, block, lockstep = identity.tick_rate_Hz, bench.loop.block, bench.loop.clock == "lockstep"
+        block = bench.loop.block
         # A board that does not wait has gone on by up to a block when it hears: its next block is the first that a
         # matrix can be meant for from its beginning.
-        self._lead = 1 if lockstep else block
+        self._lead = 1 if self._lockstep else block
         board = board_filter_of(bench)
         self._matrix = GainMatrix(observer, board)
         self._reign = self._lead + block + identity.latency_ticks
@@ -82,61 +71,30 @@ class GainLoop:
         self._foresight = Foresight(observer, board, self._drive_limit, board_dither_of(bench, identity))
         self._stride = min(bench.loop.estimate_every, block)
         self._every_blocks = max(bench.loop.estimate_every // block, 1)
-        self._covariance_blocks = bench.loop.covariance_stride(rate) // block
-        self._waiting = bench.controller.enabled  # to close the loop
+        self._covariance_blocks = bench.loop.covariance_stride(self._rate_Hz) // block
         self._closed = False
-        self._acquired = math.ceil(bench.observer.acquisition_s * rate)
-        self._step_target = TargetSteps(observer, bench)
-        self._long_gap = max(round(_LONG_GAP_S * rate), 2)
-        self._silence_s = bench.link.timeout_s
-        patient = lockstep and endpoint.link.fileno() is not None
-        self._board = ArmedBoard(endpoint, DriveGains, self._silence_s, patient=patient)
-        self._limits = bench.limits
         self._noise_V = bench.device.sense.noise_V
         self._sent: deque[_Sent] = deque(maxlen=_LATER)
         self._matrix_id = 0
         self._blocks = 0
-        self._next: int | None = None
-        self._phase_lost = False
-        self._said: deque[Message] = deque(maxlen=_LATER)  # beside samples, since it was last seen to
-        self._residual = 1.0
-        self._guarded = 0  # sample from which the residual may stop the run
-        self.counters = Counters()
-        self.between: Callable[[], None] = lambda: None
-        self.stop = False
+        self._news: deque[Message] = deque(maxlen=_LATER)  # beside samples, since it was last seen to
 
-    def run(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
-        """Answer `samples` samples (their ticks, gaps included); `report` is told how many are done.
+    def _turn(self) -> int:
+        items = self._endpoint.poll(self._slice_s)
+        blocks = [item for item in items if isinstance(item.message, Sense)]
+        if len(blocks) < len(items):
+            self._news.extend(item.message for item in items if not isinstance(item.message, Sense))
+        if not blocks:
+            return 0
+        if self._first is None:
+            self._first = blocks[0].tick
+        for block in blocks:
+            self._take(block, self._first, newest=block is blocks[-1])
+        assert self._next is not None
+        return self._next - self._first
 
-        Raises LinkClosed when the board hangs up, ProtocolError when it falls silent or will not stay armed.
-        """
-        endpoint = self._endpoint
-        self._observer.enable_control(False)
-        self._guarded = self._acquired + _RESIDUAL_SAMPLES
-        first: int | None = None
-        done = reported = 0
-        while done < samples and not self.stop:
-            items = endpoint.poll(self._silence_s)
-            blocks = [item for item in items if isinstance(item.message, Sense)]
-            self._said.extend(item.message for item in items)
-            if not blocks:
-                self._attend()
-                continue
-            if first is None:
-                first = blocks[0].tick
-            for block in blocks:
-                done = self._take(block, first, newest=block is blocks[-1])
-            if done - reported >= report_every:
-                reported = done
-                report(done)
-
-    def finish(self, reason: SafeReason) -> None:
-        """SAFE, and the board's own counters."""
-        self.counters.board = self._board.farewell(reason)
-        self._leave_open()
-
-    def _take(self, block: Received, first: int, *, newest: bool) -> int:
-        """Observe a block, answer it if it is the newest, record it; returns how many ticks are done."""
+    def _take(self, block: Received, first: int, *, newest: bool) -> None:
+        """Observe a block, answer it if it is the newest, record it."""
         sense = block.message
         assert isinstance(sense, Sense)
         codes, received_ns = sense.codes, self._endpoint.received_ns
@@ -156,7 +114,8 @@ class GainLoop:
         self._account(block.tick, last, sense.matrix_id)
         self._next = last + 1
         self._guard(estimates.innovation, last - first)
-        return last - first + 1
+        if self._opening is not None:
+            self._look(np.column_stack([np.arange(block.tick, last + 1), codes]).tolist())
 
     def _answer(self, last: int, received_ns: int, estimated_ns: int) -> None:
         """Solve for the matrix and send it, zeros while the loop is open."""
@@ -170,6 +129,9 @@ class GainLoop:
         self._endpoint.send(matrix)
         sent_ns = time.monotonic_ns()
         self._foresight.tell(gain, bias, effective)
+        if sent_ns - self._answered_ns > self._suspicious_ns:
+            self._answered(sent_ns)
+        self._answered_ns = sent_ns
         if len(self._sent) == _LATER:
             self._close(self._sent.popleft(), -1)
         self._sent.append(_Sent(self._matrix_id, effective, last, (received_ns, estimated_ns, sent_ns)))
@@ -227,37 +189,27 @@ class GainLoop:
         """Stop the run when the residual leaves its bounds."""
         flat = innovation.ravel()
         mean = float(flat @ flat) / (len(flat) * self._noise_V**2)
-        self._residual += (mean - self._residual) * min(len(innovation) / _RESIDUAL_SAMPLES, 1.0)
-        within = self._residual <= self._limits.residual_safe**2  # which NaN is not
-        if since >= self._guarded and not within:
-            self.counters.residual_safe += 1
-            self.stop = True
+        self._judge(mean, min(len(innovation) / RESIDUAL_SAMPLES, 1.0), since)
 
-    def _bridge(self, tick: int) -> None:
-        """Predict over samples that never came, by what the board must have driven."""
-        missing = 0 if self._next is None else tick - self._next
-        if missing < 0:
-            raise ProtocolError(
-                f"{self._name}: the board's tick went back from {tick - missing - 1} to {tick}; did it restart?"
-            )
-        lost, self._phase_lost = self._phase_lost, False
-        self.counters.lost += missing
-        self.counters.stopped += missing if lost else 0
-        if missing > self._long_gap or lost:
-            self._observer.lose_phase(missing)
-            self._guarded = self.counters.samples + self.counters.lost + _RESIDUAL_SAMPLES
-            self._residual = 1.0
-        elif missing > 0:
-            drives = self._foresight.foresee(tick - missing, missing) * self._scale[2:]
-            self._observer.run(np.full((missing, 2), math.nan), drives, every=missing)
+    def _predict(self, missing: int) -> None:
+        """By what the board must have driven."""
+        assert self._next is not None
+        drives = self._foresight.foresee(self._next, missing) * self._scale[2:]
+        self._observer.run(np.full((missing, 2), math.nan), drives, every=missing)
 
-    def _attend(self) -> None:
-        """No sample came: see to the board."""
-        said = list(self._said)
-        self._said.clear()
-        if self._board.attend(said):
-            self.counters.rearmed += 1
-            self._phase_lost = True
-            self._foresight.arm()
-            self._leave_open()
-        self.between()
+    def _said(self) -> list[Message]:
+        said = [*self._news, *self._endpoint.said()]
+        self._news.clear()
+        return said
+
+    def _forget(self) -> None:
+        """The foresight follows the board, not the motion."""
+
+    def _begin_again(self) -> None:
+        self._foresight.arm()
+        self._leave_open()
+
+    def finish(self, reason: SafeReason) -> None:
+        """As of any loop; what is still to be seen of the last matrices is not."""
+        super().finish(reason)
+        self._leave_open()

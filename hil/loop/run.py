@@ -1,13 +1,12 @@
 """A run as a whole: the board served, the worker started and watched, figures and report written."""
 
-import json
 import shutil
 import signal
-import subprocess
-import sys
+import threading
 import time
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,17 +14,23 @@ from typing import TYPE_CHECKING, Any
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.emulation import served
-from hil.errors import InputError
+from hil.loop.stops import alarm_of
+from hil.loop.supervision import as_raised, supervise
 from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, write_text
-from hil.wire.errors import LinkClosed, LinkError, ProtocolError
+from hil.records.result import Result, save_result
+from hil.records.runfolder import RunFolder
+from hil.verdict.safety import judge_safety
 
 if TYPE_CHECKING:
     from hil.wire.wire_log import WireLog
 
 _VERSIONS = ("gyrohil", "numpy", "numba", "scipy", "pyarrow")
-_ERRORS = {kind.__name__: kind for kind in (LinkError, LinkClosed, ProtocolError)}  # others become InputError
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C, and what was done about the board and its record by then."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ def run(
     The board of `pty:SCENARIO` is started and stopped here; `truth` goes to an emulated board, `log` takes the
     frames of a CAN link.  `open_loop` holds the drive at zero.  A run that was interrupted or failed leaves its
     folder with what was recorded and a result that says so.  Raises InputError or WireError, and leaves nothing,
-    when no run could begin; KeyboardInterrupt is passed on after SAFE and a closed record.
+    when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
@@ -67,23 +72,79 @@ def run(
             dry_run,
             None if truth is None else str(truth),
         )
-        interrupted = False
         try:
-            outcome, interrupted = _work(order, progress)
+            ended = supervise(order, bench, progress, board)
+            outcome, safety = ended.outcome, ended.safety
             if outcome.get("stopped") and (words := board.last_words):
                 outcome["stopped"] = f"the emulated board died: {words}"
-        finally:
-            recorded = not dry_run and _keep_if_recorded(folder)
+                safety |= {"confirmed": None, "words": "the emulated board has ended, and drives nothing"}
+        except BaseException:
+            if not dry_run:
+                _keep_if_recorded(folder)
+            raise
+        recorded = not dry_run and _keep_if_recorded(folder, whatever=bool(alarm_of(safety)))
     if logged is not None and logged.lost:
         remark = f"wire log: {logged.lost} frames are missing, as they came faster than they could be written"
         outcome["refused"] = [*outcome.get("refused", ()), remark]
+    said = _what_was_done(safety)
     if recorded:
-        conclude(folder, bench, outcome, link=link, note=note, progress=progress)
-    if interrupted:
-        raise KeyboardInterrupt
+        try:
+            conclude(folder, bench, outcome, link=link, note=note, progress=progress)
+        except KeyboardInterrupt:
+            with _undisturbed():
+                if not RunFolder(folder).result_path.exists():
+                    save_result(RunFolder(folder).result_path, _result_so_far(folder, bench, outcome, link))
+            raise Interrupted(f"{said}; the record is whole: {folder}; its figures and report are not") from None
+    if ended.interrupted:
+        raise Interrupted(f"{said}; the record is closed: {folder}" if recorded else f"{said}; nothing was recorded")
     if not (dry_run or recorded):
-        raise LinkError(f"{link}: nothing was recorded: {outcome['stopped']}")
+        raise as_raised(outcome.get("failed", ["LinkError"]), outcome["stopped"])
     return RunResult(folder if recorded else None, outcome.get("identity", {}))
+
+
+def _what_was_done(safety: dict[str, Any]) -> str:
+    """What became of the board, in a few words."""
+    if not safety["armed"]:
+        return "nothing was armed"
+    if safety["confirmed"]:
+        tick = safety["confirmed_tick"]
+        return "SAFE was confirmed" if tick is None else f"SAFE was confirmed at tick {tick}"
+    return alarm_of(safety) or str(safety["words"])
+
+
+def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: str | None) -> Result:
+    """What is known of a run whose figures nobody waited for."""
+    counters = outcome.get("counters", {})
+    samples = counters.get("samples", 0)
+    safety = judge_safety(outcome)
+    told = [safety.reason] if safety.against else []
+    return Result(
+        run=folder.name,
+        link=link,
+        clock=bench.loop.clock,
+        mode=bench.loop.mode,
+        seconds=samples / bench.device.sample_rate_Hz,
+        samples=samples,
+        lost=counters.get("lost", 0),
+        counters=counters,
+        verdict="unsafe" if safety.outcome == "unsafe" else "interrupted",
+        parts={"safety": safety},
+        reasons=(*told, "interrupted while the figures were worked out: `hil replay` gives them"),
+        complete="counters" in outcome,
+    )
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Without Ctrl-C; in the main thread only, where it comes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _logged(log: Path | None, url: str) -> "AbstractContextManager[WireLog | None]":
@@ -113,8 +174,7 @@ def conclude(
 ) -> None:
     """Figures, the closing scan, verdict and report of a recorded run."""
     from hil.closing_scan import scan_run, to_model
-    from hil.records.result import Load, save_result
-    from hil.records.runfolder import RunFolder
+    from hil.records.result import Load
     from hil.records.summary import board_clock, summarise
     from hil.report import write_report
     from hil.verdict import judge
@@ -144,55 +204,10 @@ def conclude(
     write_report(folder)
 
 
-def _work(order: Order, progress: Watcher) -> tuple[dict[str, Any], bool]:
-    """Start the worker and follow it to its end: (what it says happened, whether Ctrl-C came)."""
-    pipe = subprocess.PIPE
-    # A session of its own: Ctrl-C at the terminal comes here, and the worker is told in its own way.
-    worker = subprocess.Popen(
-        [sys.executable, "-m", "hil.loop.worker"], stdin=pipe, stdout=pipe, start_new_session=True
-    )
-    assert worker.stdin is not None
-    assert worker.stdout is not None
-    worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
-    worker.stdin.flush()
-    interrupted = False
-    outcome: dict[str, Any] | None = None
-    error: tuple[str, str] | None = None
-    with worker:
-        while True:
-            try:
-                line = worker.stdout.readline()
-                if not line:
-                    break
-                said = json.loads(line)
-                if "outcome" in said:
-                    outcome = said["outcome"]
-                elif "error" in said:
-                    error = said["error"], said["message"]
-                else:
-                    progress(Progress(**said))
-            except KeyboardInterrupt:
-                interrupted = True
-                worker.terminate()
-            except BaseException:  # of whoever watches: the board must not stay driven for that
-                worker.terminate()
-                raise
-    code = worker.returncode
-    if error is not None:
-        kind, message = error
-        raise _ERRORS.get(kind, InputError)(message)
-    if outcome is None:
-        ended = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-        outcome = {"stopped": f"the loop's process {ended}"}
-    return outcome, interrupted
-
-
-def _keep_if_recorded(folder: Path) -> bool:
-    """Whether a sample was recorded there; a folder without any is taken away."""
-    from hil.records.runfolder import RunFolder
-
-    capture = RunFolder(folder).capture
-    if capture is not None and len(capture):
+def _keep_if_recorded(folder: Path, *, whatever: bool = False) -> bool:
+    """Whether a sample was recorded there, or the folder is to be kept `whatever` is in it; else it is taken away."""
+    capture = RunFolder(folder).capture if RunFolder(folder).capture_path.exists() else None
+    if whatever or (capture is not None and len(capture)):
         return True
     shutil.rmtree(folder)
     return False

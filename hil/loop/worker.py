@@ -1,13 +1,13 @@
 """The process the loop runs in: nothing else in its interpreter, told what to do once, reporting as it goes.
 
-Started by `hil.loop.run` as `python -m hil.loop.worker`.  It reads one JSON order from standard input and
-writes JSON lines to standard output: progress, and at the end either what happened or the error.  SIGTERM
-ends the run well (SAFE, record closed); SIGHUP, which the kernel sends when the parent dies, ends it as fast
-and leaves the record without its end marker.
+Started by `hil.loop.supervision` as `python -m hil.loop.worker`.  It reads one JSON order from standard input and
+writes JSON lines to standard output: progress, `armed` before the first byte of ARM, `safety` when the board was told
+to be SAFE, and at the end either what happened or the error.  SIGTERM and SIGINT end the run well (SAFE, record
+closed); SIGHUP, which the kernel sends when the parent dies, ends it as fast and leaves the record without its end
+marker.
 """
 
 import json
-import math
 import os
 import signal
 import sys
@@ -19,7 +19,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from hil.bench import Bench
-from hil.errors import InputError, told_to_user
+from hil.errors import told_to_user
 from hil.loop import realtime
 from hil.loop.load import LoadMeter
 from hil.wire import client
@@ -27,17 +27,17 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.errors import WireError
 from hil.wire.link import Link
 from hil.wire.links import open_link
-from hil.wire.messages import Capabilities, ClockMode, Identity, LoopMode, SafeReason
+from hil.wire.messages import Identity, SafeReason, Status
 
 if TYPE_CHECKING:
     from estimator.observer import Observer
-    from hil.loop.force import ForceLoop
-    from hil.loop.gain import GainLoop
-    from hil.records.recorder import Track
+    from hil.loop.skeleton import Loop
+    from hil.records.recorder import Recording, Track
 
 REPORTS = 200  # progress lines over a run; more where the board is asked for its time along with them
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 _COVARIANCE_ROWS = {"covariance": 1 << 10}  # which are long, and few
+_NOTHING_WRITTEN: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True)
@@ -72,40 +72,6 @@ def connect(order: Order, bench: Bench) -> Link:
     return open_link(order.link)
 
 
-def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> None:
-    """Clock, watchdog, limits and, in gain mode, filter and dither into the board's registers."""
-    from hil.declared import board_dither_of, board_filter_of, drive_limit_of
-
-    clock = ClockMode[bench.loop.clock.upper()]
-    able = Capabilities(identity.capabilities)
-    if clock is ClockMode.LOCKSTEP and Capabilities.LOCKSTEP not in able:
-        raise InputError(f'{endpoint.link.name}: the board cannot wait for the host; use [loop] clock = "real"')
-    if clock is ClockMode.PACED and Capabilities.PACED not in able:
-        raise InputError(
-            f'{endpoint.link.name}: this board has no wall clock of its own; use [loop] clock = "lockstep"'
-        )
-    gain_mode = bench.loop.mode == "gain"
-    if gain_mode and Capabilities.GAIN_MODE not in able:
-        raise InputError(f'{endpoint.link.name}: the board cannot close the loop itself; use [loop] mode = "force"')
-    ticks = max(math.ceil(bench.link.watchdog_s * identity.tick_rate_Hz), 2)
-    client.write_register(endpoint, "CLOCK_MODE", clock)
-    registers: dict[str, float] = {
-        "LOOP_MODE": LoopMode.GAIN if gain_mode else LoopMode.FORCE,
-        "BLOCK": bench.loop.block if gain_mode else 1,
-        "WATCHDOG_TICKS": ticks,
-        "DRIVE_LIMIT": drive_limit_of(bench, identity),
-    }
-    if gain_mode:
-        board = board_filter_of(bench)
-        registers |= {f"FILTER_A{i + 1}{j + 1}": board.a[i][j] for i in range(2) for j in range(2)}
-        registers |= {f"FILTER_B{i + 1}": board.b[i] for i in range(2)}
-        registers |= {f"FILTER_C{i + 1}": board.c[i] for i in range(2)}
-        registers |= {"FILTER_DELAY": board.delay}
-        registers |= dict(zip(("DITHER_AMPLITUDE", "DITHER_SEED"), board_dither_of(bench, identity), strict=True))
-    for name, value in registers.items():
-        client.write_register(endpoint, name, value)
-
-
 def work(order: Order) -> dict[str, Any]:
     """Carry out an order; what happened, as JSON values."""
     bench = Bench.model_validate_json(order.bench, strict=False)
@@ -113,15 +79,20 @@ def work(order: Order) -> dict[str, Any]:
     with closing(connect(order, bench)) as link:
         endpoint = Endpoint(link)
         identity = client.connect(endpoint, bench.link.timeout_s)
-        from hil.declared import require_agreement
+        from hil.loop.preflight import configure, require_clock, require_suitable
 
-        require_agreement(bench, identity, order.link)
+        require_suitable(bench, identity, order.link)
+        registers = configure(endpoint, identity, bench)
+        if bench.loop.clock != "lockstep":
+            require_clock(endpoint)
         if order.dry_run:
             return {"identity": identity._asdict()}
-        return {"identity": identity._asdict(), **_loop(order, bench, endpoint, identity)}
+        return {"identity": identity._asdict(), **_loop(order, bench, endpoint, identity, registers)}
 
 
-def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) -> dict[str, Any]:
+def _loop(
+    order: Order, bench: Bench, endpoint: Endpoint, identity: Identity, registers: Mapping[str, float]
+) -> dict[str, Any]:
     from estimator.kernel.compiled import is_warm
 
     note = "" if is_warm() else "compiling the kernels, once; about half a minute"
@@ -129,7 +100,6 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     from estimator.foresight import rehearse
     from estimator.observer import Observer
     from hil.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
-    from hil.loop.clock import EXCHANGES_PER_S, ClockExchanges
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here
 
@@ -145,7 +115,6 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
         make_observer().tick(0.0, 0.0, 0.0, 0.0)
     observer = make_observer()
     layouts = run_layouts(observer, bench, identity)
-    configure(endpoint, identity, bench)
     folder = Path(order.folder)
     recording = (
         record_here(folder, layouts)
@@ -154,49 +123,11 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
             folder, layouts, ring_rows=_COVARIANCE_ROWS | (_RING_ROWS if bench.loop.mode == "gain" else {})
         )
     )
-    samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
-    report_every = max(samples // REPORTS, 1)
-    if not lockstep:
-        report_every = max(min(report_every, int(identity.tick_rate_Hz / EXCHANGES_PER_S)), 1)
-    stopped = ""
-    refused: list[str] = []
-    with recording:
-        loop = make_loop(endpoint, identity, bench, observer, recording.tracks)
-        orphaned = _on_signals(loop)
-        if not lockstep:
-            refused = realtime.prepare()
-            os.set_blocking(1, False)
-        clock = None if lockstep else ClockExchanges(endpoint, recording["clock"])
-        if clock is not None:
-            clock.burst()
-            loop.between = clock.follow
-
-        def report(done: int) -> None:
-            tell(stage="run", done=done, total=samples)
-            if clock is not None:
-                clock.ask()
-
-        armed = client.arm(endpoint, bench.link.timeout_s)
-        meter = LoadMeter()
-        try:
-            loop.run(samples, report, report_every)
-            if loop.counters.residual_safe:
-                limit = bench.limits.residual_safe
-                stopped = f"the innovation exceeded [limits] residual_safe = {limit:g} × the noise"
-            elif loop.stop:
-                stopped = "stopped on request"
-        except WireError as error:
-            stopped = str(error)
-        finally:
-            meter.stop()
-            loop.finish(_why_safe(loop))
-            os.set_blocking(1, True)
-        if clock is not None and loop.counters.board and not orphaned():
-            with suppress(WireError):
-                clock.burst()
-        dropped = recording.dropped
-        if orphaned():
-            raise InterruptedError("the parent process is gone")
+    loop = make_loop(endpoint, identity, bench, observer, recording.tracks, registers)
+    driven = _Driven(loop, recording, bench, identity)
+    driven.run(endpoint)
+    if bench.controller.enabled and bench.device.axes == 2 and not loop.wrong:
+        loop.safety.signs = loop.opening.wrong_way(make_observer)
     rx = endpoint.rx
     counters = asdict(loop.counters) | {
         "frames_lost": rx.lost,
@@ -205,23 +136,153 @@ def _loop(order: Order, bench: Bench, endpoint: Endpoint, identity: Identity) ->
     }
     board = counters.pop("board")
     # The board counts since its power-up; what it counted before this run is none of it.
-    counters |= {f"board_{name}": max(value - getattr(armed, name), 0) for name, value in board.items()}
-    counters |= {f"records_dropped_{stem}": count for stem, count in dropped.items() if count}
-    return {"counters": counters, "stopped": stopped, "refused": refused, "load": meter.load()}
+    before = driven.armed
+    counters |= {f"board_{name}": max(value - getattr(before, name, 0), 0) for name, value in board.items()}
+    counters |= {f"records_dropped_{stem}": count for stem, count in driven.dropped.items() if count}
+    counters |= {"stops": len(loop.safety.stops)}
+    return {
+        "counters": counters,
+        "stopped": driven.why_stopped,
+        "failed": driven.failed,
+        "refused": driven.refused,
+        **({} if driven.load is None else {"load": driven.load}),
+        "safety": loop.safety.told,
+    }
+
+
+class _Driven:
+    """The part of a run in which the board is armed: whatever comes, it is told to be SAFE, and that is told first.
+
+    Attributes:
+        stopped: why the run ended early, "" where it did not.
+        failed: names of the class and bases of the wire's error that ended it.
+        refused: what the system refused the loop.
+        armed: what the board said to the first ARM.
+        dropped: rows that the recorder did not take, by file.
+    """
+
+    def __init__(self, loop: "Loop", recording: "Recording", bench: Bench, identity: Identity) -> None:
+        self._loop, self._recording, self._bench = loop, recording, bench
+        self._lockstep = bench.loop.clock == "lockstep"
+        self._samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
+        self._rate_Hz = identity.tick_rate_Hz
+        self._done = 0
+        self.stopped = ""
+        self.failed: list[str] = []
+        self.refused: list[str] = []
+        self.armed: Status | None = None
+        self._meter: LoadMeter | None = None
+        self.dropped: dict[str, int] = {}
+
+    @property
+    def load(self) -> "dict[str, Any] | None":
+        """What loop and recorder needed of the machine, once the recorder has ended."""
+        return None if self._meter is None else self._meter.load()
+
+    @property
+    def why_stopped(self) -> str:
+        """Why the run ended early, with what the record has to say to it."""
+        signs = self._loop.safety.signs
+        return f"{self.stopped}; {signs}" if signs and self.stopped else self.stopped
+
+    def run(self, endpoint: Endpoint) -> None:
+        """All of it. Raises WireError where the board could not be armed, InterruptedError without a parent."""
+        from hil.records.recorder import RecorderError
+
+        try:
+            with self._recording:
+                self._armed(endpoint)
+        except RecorderError as error:  # as it was closed
+            self._loop.safety.recorder = self._loop.safety.recorder or str(error)
+            self.stopped = self.stopped or str(error)
+
+    def _armed(self, endpoint: Endpoint) -> None:
+        from hil.loop.clock import EXCHANGES_PER_S, ClockExchanges
+
+        loop, lockstep = self._loop, self._lockstep
+        report_every = max(self._samples // REPORTS, 1)
+        if not lockstep:
+            report_every = max(min(report_every, int(self._rate_Hz / EXCHANGES_PER_S)), 1)
+        orphaned = _on_signals(loop)
+        if not lockstep:
+            self.refused = realtime.prepare()
+            os.set_blocking(1, False)
+        clock = None if lockstep else ClockExchanges(endpoint, self._recording["clock"])
+        if clock is not None:
+            clock.burst()
+            loop.between = clock.follow
+        loop.trouble = self._recording.trouble
+        loop.waited_for(self._wait)
+
+        def report(done: int) -> None:
+            self._done = done
+            tell(stage="run", done=done, total=self._samples)
+            if clock is not None:
+                clock.ask()
+
+        if loop.stop:  # asked to end before it began: nothing is armed
+            self.stopped = "stopped on request"
+            return
+        tell(armed=True)
+        meter = LoadMeter()
+        failed: OSError | WireError | None = None
+        try:
+            self.armed = loop.arm()
+            loop.run(self._samples, report, report_every)
+        except (OSError, WireError) as error:
+            failed = error
+        finally:  # after a fault of the loop itself, too
+            meter.stop()
+            loop.finish(_why_safe(loop))
+            os.set_blocking(1, True)
+            tell(safety=loop.safety.told)
+        self._conclude(failed)
+        if clock is not None and loop.counters.board and not orphaned():
+            with suppress(WireError):
+                clock.burst()
+        self.dropped = self._recording.dropped
+        if orphaned():
+            raise InterruptedError("the parent process is gone")
+        self._meter = meter
+
+    def _conclude(self, failed: OSError | WireError | None) -> None:
+        """Put why the run ended into one line."""
+        loop, limits = self._loop, self._bench.limits
+        if isinstance(failed, WireError):
+            self.stopped, self.failed = str(failed), _kinds(failed)
+        elif failed is not None:  # of a file: the record is part of the run
+            loop.safety.recorder = told_to_user(failed) or str(failed)
+            self.stopped = f"the record ended: {loop.safety.recorder}"
+        elif loop.wrong:
+            self.stopped = f"nothing was driven: {loop.wrong}"
+        elif loop.counters.residual_safe:
+            self.stopped = f"the innovation exceeded [limits] residual_safe = {limits.residual_safe:g} × the noise"
+        elif loop.stop:
+            self.stopped = "stopped on request"
+
+    def _wait(self, seconds: float) -> None:
+        note = f"waiting for the board, {seconds:.0f} s"
+        tell(stage="run", done=self._done, total=self._samples, note=note)
 
 
 def make_loop(
-    endpoint: Endpoint, identity: Identity, bench: Bench, observer: "Observer", tracks: "Mapping[str, Track]"
-) -> "ForceLoop | GainLoop":
-    """The loop of the bench's mode, with a board that is configured for it."""
+    endpoint: Endpoint,
+    identity: Identity,
+    bench: Bench,
+    observer: "Observer",
+    tracks: "Mapping[str, Track]",
+    registers: Mapping[str, float] = _NOTHING_WRITTEN,
+) -> "Loop":
+    """The loop of the bench's mode, with a board that is configured for it by `registers`."""
     from hil.loop.force import ForceLoop
     from hil.loop.gain import GainLoop
 
-    return (GainLoop if bench.loop.mode == "gain" else ForceLoop)(endpoint, identity, bench, observer, tracks)
+    kind = GainLoop if bench.loop.mode == "gain" else ForceLoop
+    return kind(endpoint, identity, bench, observer, tracks, registers)
 
 
-def _on_signals(loop: "ForceLoop | GainLoop") -> Callable[[], bool]:
-    """SIGTERM and SIGHUP end the loop; the returned function tells whether it was the latter."""
+def _on_signals(loop: "Loop") -> Callable[[], bool]:
+    """SIGTERM, SIGINT and SIGHUP end the loop; the returned function tells whether it was the last."""
     orphaned = False
 
     def stop(number: int, _: FrameType | None) -> None:
@@ -229,16 +290,20 @@ def _on_signals(loop: "ForceLoop | GainLoop") -> Callable[[], bool]:
         loop.stop = True
         orphaned = orphaned or number == signal.SIGHUP
 
-    signal.signal(signal.SIGTERM, stop)
-    signal.signal(signal.SIGHUP, stop)
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, stop)
     return lambda: orphaned
 
 
-def _why_safe(loop: "ForceLoop | GainLoop") -> SafeReason:
+def _why_safe(loop: "Loop") -> SafeReason:
     """What the board is told when the loop has ended."""
     if loop.counters.residual_safe:
         return SafeReason.RESIDUAL
     return SafeReason.INTERRUPTED if loop.stop else SafeReason.HOST_REQUEST
+
+
+def _kinds(error: BaseException) -> list[str]:
+    return [kind.__name__ for kind in type(error).__mro__]
 
 
 def main() -> int:
@@ -251,8 +316,9 @@ def main() -> int:
         return 1
     except Exception as error:
         if (message := told_to_user(error)) is None:
+            tell(fault=" ".join(f"{type(error).__name__}: {error}".split()))
             raise
-        tell(error=type(error).__name__, message=message)
+        tell(error=_kinds(error), message=message)
         return 2
     tell(outcome=outcome)
     return 0

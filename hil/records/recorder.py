@@ -9,6 +9,7 @@ end marker.
 import json
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -27,6 +28,12 @@ from hil.ring import Ring
 _DRAIN_EVERY_S = 0.02
 _RING_ROWS = 1 << 16
 _NO_ROWS: Mapping[str, int] = {}
+_STUCK_S = 2.0  # without taking a row of those that wait; on a busy machine it is the last to run
+_CLOSING_S = 20.0  # for the files to be closed, once it has been told to
+
+
+class RecorderError(OSError):
+    """The record of a run ended before the run did. One line that says why."""
 
 
 class Track(Protocol):
@@ -47,11 +54,16 @@ class Recording:
     """The open record files of a run, one `Track` each, by the file's stem (`capture`, `timing`, …).
 
     As a context manager: a body that ends well closes the files with their end marker; one that raises leaves
-    them without it, and readers say "interrupted".
+    them without it, and readers say "interrupted". Raises RecorderError when the files could not be closed well.
+
+    `trouble` says why nothing is recorded any more, one line, "" while all is well; it costs microseconds.
     """
 
-    def __init__(self, tracks: Mapping[str, Track], finish: Callable[[bool], None]) -> None:
+    def __init__(
+        self, tracks: Mapping[str, Track], finish: Callable[[bool], None], trouble: Callable[[], str] = lambda: ""
+    ) -> None:
         self.tracks = tracks
+        self.trouble = trouble
         self._finish = finish
 
     def __getitem__(self, stem: str) -> Track:
@@ -68,7 +80,11 @@ class Recording:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._finish(kind is None)
+        try:
+            self._finish(kind is None)
+        except RecorderError:
+            if error is None:
+                raise
 
 
 def record_here(folder: Path, layouts: Mapping[str, Layout]) -> Recording:
@@ -76,10 +92,22 @@ def record_here(folder: Path, layouts: Mapping[str, Layout]) -> Recording:
     writers = {stem: BlockWriter(folder / f"{stem}.arrow", layout) for stem, layout in layouts.items()}
 
     def finish(well: bool) -> None:
-        for writer in writers.values():
-            writer.close() if well else writer.abandon()
+        failed = ""
+        for stem, writer in writers.items():
+            try:
+                writer.close() if well else writer.abandon()
+            except (OSError, ValueError) as error:  # a disk that is full is full for every file: close all of them
+                failed = failed or f"{folder / stem}.arrow: {_why(error)}"
+        if failed:
+            raise RecorderError(failed)
 
     return Recording(writers, finish)
+
+
+def _why(error: Exception) -> str:
+    """What an error of a file comes to, in a few words and one line."""
+    words = os.strerror(error.errno).lower() if isinstance(error, OSError) and error.errno else str(error)
+    return " ".join(words.split()) or "cannot be written"
 
 
 def record_apart(
@@ -105,17 +133,62 @@ def record_apart(
         for ring in rings.values():
             ring.while_full = lambda: child.poll() is None
 
+    watch = _Watch(child, rings)
+
     def finish(well: bool) -> None:
         for ring in rings.values():
             if well:
                 ring.finish()
-        _, complaint = child.communicate()  # closes its input, which is the word to end
+        complaint = _end(child)
         for ring in rings.values():
             ring.detach()
         if child.returncode:
-            raise OSError(f"{folder}: the recorder failed: {complaint.decode(errors='replace').strip()[-300:]}")
+            raise RecorderError(f"{folder}: {_ended(child.returncode, complaint)}")
 
-    return Recording(rings, finish)
+    return Recording(rings, finish, watch.trouble)
+
+
+class _Watch:
+    """Whether the child that empties the rings still does."""
+
+    def __init__(self, child: subprocess.Popen[bytes], rings: Mapping[str, Ring]) -> None:
+        self._child = child
+        self._rings = rings
+        self._read = dict.fromkeys(rings, 0)
+        self._moved_s = dict.fromkeys(rings, time.monotonic())
+
+    def trouble(self) -> str:
+        """Why nothing is recorded any more, "" if all is well."""
+        if (code := self._child.poll()) is not None:
+            assert self._child.stderr is not None
+            return _ended(code, self._child.stderr.read())
+        now_s = time.monotonic()
+        for stem, ring in self._rings.items():
+            read = ring.read
+            if read != self._read[stem] or not ring.waiting:
+                self._read[stem], self._moved_s[stem] = read, now_s
+            elif now_s - self._moved_s[stem] > _STUCK_S:
+                return f"the recorder is stuck: it has written nothing of {stem} for {_STUCK_S:g} s"
+        return ""
+
+
+def _ended(code: int, complaint: bytes) -> str:
+    """How a recorder ended, in one line."""
+    words = complaint.decode(errors="replace").strip().splitlines()
+    if code < 0:
+        return f"the recorder was killed by {signal.Signals(-code).name}"
+    return f"the recorder failed: {words[-1][-300:]}" if words else f"the recorder ended with code {code}"
+
+
+def _end(child: subprocess.Popen[bytes]) -> bytes:
+    """Close its input, which is the word to end, and wait until the files are closed; what it complained of."""
+    if child.poll() is None:
+        child.send_signal(signal.SIGCONT)  # whoever stopped it: the rows that wait are worth more
+    try:
+        return child.communicate(timeout=_CLOSING_S)[1]
+    except subprocess.TimeoutExpired:
+        child.kill()
+        return child.communicate()[1]
 
 
 def _start_child(folder: Path, layouts: Mapping[str, Layout], names: Mapping[str, str]) -> subprocess.Popen[bytes]:
@@ -146,21 +219,27 @@ def serve() -> None:
     files.
     """
     order = json.loads(sys.stdin.buffer.readline())
-    tracks = [
-        (Ring.attach(name), BlockWriter(Path(path), Layout.from_json(layout))) for name, path, layout in order.values()
-    ]
-    # What carries a pty's bytes is an ordinary kernel thread: a recorder in its way would make answers late.
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    print("ready", flush=True)
-    hung_up = False
-    while not hung_up:
-        hung_up = bool(select.select([sys.stdin], [], [], _DRAIN_EVERY_S)[0])
-        for ring, writer in tracks:
+    at = ""
+    try:
+        tracks = []
+        for name, at, layout in order.values():
+            tracks.append((Ring.attach(name), BlockWriter(Path(at), Layout.from_json(layout)), at))
+        # What carries a pty's bytes is an ordinary kernel thread: a recorder in its way would make answers late.
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        print("ready", flush=True)
+        hung_up = False
+        while not hung_up:
+            hung_up = bool(select.select([sys.stdin], [], [], _DRAIN_EVERY_S)[0])
+            for ring, writer, path in tracks:
+                at = path
+                writer.push(ring.pop())
+        for ring, writer, path in tracks:
+            at = path
             writer.push(ring.pop())
-    for ring, writer in tracks:
-        writer.push(ring.pop())
-        writer.close() if ring.closed else writer.abandon()
-        ring.detach()
+            writer.close() if ring.closed else writer.abandon()
+            ring.detach()
+    except OSError as error:
+        sys.exit(f"{at}: {_why(error)}")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from hil.verdict.angle import judge_angle
 from hil.verdict.machine import judge_machine, mishaps
 from hil.verdict.model import judge_model
 from hil.verdict.safety import judge_safety
+from hil.verdict.safety import remarks as stops_survived
 
 __all__ = ["Judgement", "judge"]
 
@@ -46,8 +47,10 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
         reason = f"{parts['angle'].reason}; answers were missing, which the machine's part is about: mend that first"
         parts["angle"] = parts["angle"].model_copy(update={"reason": reason})
     told = [part.reason for part in parts.values() if part.against]
-    reasons = ([stopped] if stopped and stopped not in told else []) + told
-    remarks = (*refused, *mishaps(result, outcome.get("counters", {})))
+    # What concerns the board's safety comes before everything else.
+    at = int(parts["safety"].against)
+    reasons = told[:at] + ([stopped] if stopped and not any(stopped in line for line in told) else []) + told[at:]
+    remarks = (*stops_survived(outcome), *refused, *mishaps(result, outcome.get("counters", {})))
     return Judgement(
         _verdict(parts, stopped or not result.complete), parts, tuple(reasons), remarks, _next(parts, folder)
     )

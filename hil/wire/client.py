@@ -46,6 +46,14 @@ _LIVING = (State.ARMED, State.RUNNING)
 _Answer = TypeVar("_Answer", bound=Message)
 
 
+class Refused(ProtocolError):
+    """The board answered NACK; `reason` is a `NackReason`, or a number that is none."""
+
+    def __init__(self, message: str, reason: int) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
 def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
     """Say HELLO and check that both ends hold the same spec. Anything unread is dropped.
 
@@ -144,7 +152,7 @@ def request(
     Raises:
         LinkClosed: the board hung up.
         LinkError: no such answer within `timeout_s` seconds.
-        ProtocolError: the board refused.
+        Refused: the board answered NACK, a ProtocolError.
     """
     name = SPEC.message_name(type_of(message)) + (f" {what}" if what else "")
     deadline = time.monotonic() + timeout_s
@@ -160,7 +168,8 @@ def request(
             found = item.message
             if isinstance(found, Nack) and found.of_seq in sent and found.of_type == type_of(message):
                 endpoint.keep(items[:k] + items[k + 1 :])
-                raise ProtocolError(f"{endpoint.link.name}: the board refused {name}: {_reason(found.reason)}")
+                refused = f"{endpoint.link.name}: the board refused {name}: {_reason(found.reason)}"
+                raise Refused(refused, found.reason)
             if isinstance(found, answer) and accept(found):
                 endpoint.keep(items[:k] + items[k + 1 :])
                 return found

@@ -98,6 +98,15 @@ class Endpoint:
         self._inbox.extend(items)
         self._rows_kept = self._rows_kept or any(isinstance(item.message, Sense) for item in items)
 
+    def said(self) -> list[Message]:
+        """What has come beside samples and was kept, taken out; nothing is received, samples stay."""
+        if not self._inbox:
+            return []
+        items = list(self._inbox)
+        self._clear()
+        self.keep([item for item in items if isinstance(item.message, Sense)])
+        return [item.message for item in items if not isinstance(item.message, Sense)]
+
     def receive_rows(self, timeout_s: float | None) -> list[SenseRow]:
         """Samples that have arrived, one tuple (tick, vx, vy, ux, uy, flags) of plain integers per row; other
         messages are kept for `poll`. Waits up to `timeout_s` seconds (None: for ever) for bytes; the list may

@@ -7,6 +7,7 @@ nothing lets one tick pass. So everything that happens between a host and a boar
 
 import math
 import os
+import time
 from collections.abc import Callable, Container, Mapping
 from pathlib import Path
 
@@ -18,12 +19,13 @@ from device_emulator.device import Device
 from device_emulator.scenario import load
 from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
-from hil.bench import Bench
+from hil.bench import Bench, override
 from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.clock import ClockExchanges
-from hil.loop.force import Counters
+from hil.loop.preflight import configure
+from hil.loop.skeleton import Counters
 from hil.loop.tracks import run_layouts
-from hil.loop.worker import configure, make_loop
+from hil.loop.worker import make_loop
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
@@ -32,6 +34,7 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink
 from hil.wire.link import Link
 from hil.wire.messages import ClockMode, SafeReason
+from tests.loop.gyro import RATE_HZ
 
 
 class HandPaced(Link):
@@ -67,8 +70,11 @@ class HandPaced(Link):
 
     def receive(self, timeout_s: float | None) -> bytes:
         if not self._pending:
-            for _ in range(self._stops.pop(self.board.rows, 1)):
+            ticks, before = self._stops.pop(self.board.rows, 1), self.board.rows
+            for _ in range(ticks):
                 self._tick()
+            if ticks > 1:  # by its own clock the host was away, too
+                time.sleep((self.board.rows - before) / RATE_HZ)
         data, self._pending = self._pending[: self._chunk], self._pending[self._chunk :]
         return data
 
@@ -111,20 +117,21 @@ def close_loop(
 ) -> tuple[RunFolder, Counters]:
     """Run `bench` against the board behind `link`, as the worker does; `meddle` gets the observer first. The board is
     asked for its time every so many samples, or never."""
+    bench = override(bench, {"limits": {"overtime": 100.0}}, "test")  # no wall time runs here
     endpoint = Endpoint(link)
     identity = client.connect(endpoint)
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
-    configure(endpoint, identity, bench)
+    registers = configure(endpoint, identity, bench)
     samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
     folder.mkdir()
     with record_here(folder, run_layouts(observer, bench, identity)) as recording:
-        loop = make_loop(endpoint, identity, bench, observer, recording.tracks)
+        loop = make_loop(endpoint, identity, bench, observer, recording.tracks, registers)
         meddle(observer)
         clock = ClockExchanges(endpoint, recording["clock"], per_s=math.inf) if ask_every else None
         if clock is not None:
             clock.burst()
             loop.between = clock.follow
-        client.arm(endpoint)
+        loop.arm()
         loop.run(samples, lambda _: None if clock is None else clock.ask(), ask_every or samples)
         loop.finish(SafeReason.HOST_REQUEST)
     endpoint.close()

@@ -80,6 +80,7 @@ def paced(
     stops: Mapping[int, int] | None = None,
     chunk: int = 4096,
     watchdog_s: float = 0.02,
+    rearm: int = 3,
 ) -> tuple[RunFolder, dict[str, int], dict[str, int]]:
     """A second of S-slow against a board that does not wait: the run, the host's counters, the board's.
 
@@ -93,7 +94,8 @@ def paced(
         stops=stops,
         chunk=chunk,
     )
-    declared = gyro.bench(1.0, "paced", link={"watchdog_s": watchdog_s, "timeout_s": 0.5})
+    link_section = {"watchdog_s": watchdog_s, "timeout_s": 0.5}
+    declared = gyro.bench(1.0, "paced", link=link_section, limits={"rearm": rearm})
     run, counters = close_loop(link, declared, tmp_path / "run")
     assert np.abs(angle_errors(run, truth, SETTLED_S)).max() < ANGLE_RAD
     assert innovation_ratio(run) < 1.2
@@ -168,7 +170,7 @@ def test_a_host_stopped_for_less_than_the_watchdog_goes_on(tmp_path: Path) -> No
 def test_a_host_stopped_for_longer_arms_the_board_again(tmp_path: Path) -> None:
     run, host, device = paced(tmp_path, stops={1500: 300})
     ((first, missing),) = gaps(run)
-    assert first + missing == 1500 + 300 + 1  # one tick passes before the host arms it again
+    assert first + missing == 1500 + 300  # no tick passes before the host arms it again
     assert (host["rearmed"], host["lost"]) == (1, missing)
     assert device["watchdog_trips"] == 1
     capture = run.capture
@@ -194,9 +196,14 @@ def test_late_refusals_do_not_arm_it_twice(tmp_path: Path) -> None:
 
 
 def test_stopped_again_and_again(tmp_path: Path) -> None:
-    run, host, device = paced(tmp_path, stops=dict.fromkeys(range(1000, 2600, 400), 200))
+    run, host, device = paced(tmp_path, stops=dict.fromkeys(range(1000, 2600, 400), 200), rearm=4)
     assert host["rearmed"] == device["watchdog_trips"] == 4
     assert len(gaps(run)) == 4
+
+
+def test_stopped_more_often_than_the_limit_allows(tmp_path: Path) -> None:
+    with pytest.raises(ProtocolError, match=r"WATCHDOG: .* after it was armed again 3 times, \[limits\] rearm is 3"):
+        paced(tmp_path, stops=dict.fromkeys(range(1000, 2600, 400), 200))
 
 
 def test_a_wild_record_stops_the_run(tmp_path: Path) -> None:

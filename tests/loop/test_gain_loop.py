@@ -11,7 +11,7 @@ from device_emulator.board import Board
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.loop import run as whole
-from hil.loop.worker import configure
+from hil.loop.preflight import require_suitable
 from hil.records.capture import RowFlag
 from hil.records.runfolder import RunFolder
 from hil.wire import client
@@ -244,7 +244,7 @@ def test_a_board_without_gain_mode_is_refused() -> None:
     endpoint = Endpoint(InprocLink(SmallBoard()))
     identity = client.connect(endpoint)._replace(capabilities=Capabilities.FORCE_MODE | Capabilities.LOCKSTEP)
     with pytest.raises(InputError, match=r'cannot close the loop itself; use \[loop\] mode = "force"'):
-        configure(endpoint, identity, bench())
+        require_suitable(bench(), identity, "inproc")
 
 
 def test_wrong_signs_stop_the_run(tmp_path: Path) -> None:

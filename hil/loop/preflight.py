@@ -1,0 +1,169 @@
+"""What is looked at before a board is armed, in a dry run too: each check refuses in one line.
+
+`require_plausible` looks at IDENTITY alone, `require_suitable` at it beside the bench file, `configure` writes the
+registers and reads them back, `require_clock` asks the board for its time.  What only samples tell is in
+`hil.loop.levels`.
+"""
+
+import math
+import secrets
+import time
+from collections.abc import Mapping
+
+from estimator.kernel.layout import MAX_LATENCY
+from hil.bench import Bench
+from hil.declared import board_dither_of, board_filter_of, drive_limit_of, require_agreement
+from hil.errors import InputError
+from hil.wire import client
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import ProtocolError
+from hil.wire.messages import Capabilities, ClockMode, Identity, LoopMode
+from hil.wire.spec import SPEC
+
+_BITS = 2, 24  # a code is a signed number of at most 24 bits
+_LEAST_CODES = 2.0  # of the converter that the declared amplitude has to move
+_SAME = 1e-6  # registers may be kept in single precision
+_CLOCK_S = 0.05  # between two questions about the board's time
+_PACE = 0.5, 2.0  # of a board's clock beside this host's, within which it is a clock
+
+
+def require_plausible(identity: Identity, link: str) -> None:
+    """InputError naming the first field of IDENTITY that no board can have."""
+    for name in ("tick_rate_Hz", "sense_scale_V", "drive_scale_mps2"):
+        value = getattr(identity, name)
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"{link}: IDENTITY.{name} is {value:g}, must be finite and positive; correct the firmware")
+    for name in ("sense_bits", "drive_bits"):
+        value = getattr(identity, name)
+        if not _BITS[0] <= value <= _BITS[1]:
+            raise InputError(
+                f"{link}: IDENTITY.{name} is {value}, must be {_BITS[0]} to {_BITS[1]}; correct the firmware"
+            )
+    if identity.latency_ticks > MAX_LATENCY:
+        raise InputError(
+            f"{link}: IDENTITY.latency_ticks is {identity.latency_ticks}, this host can queue {MAX_LATENCY}; "
+            "correct the firmware, or answer sooner"
+        )
+
+
+def require_suitable(bench: Bench, identity: Identity, link: str) -> None:
+    """InputError naming the first thing that bench file and board do not agree on, or that the board cannot do."""
+    require_plausible(identity, link)
+    require_agreement(bench, identity, link)
+    able = Capabilities(identity.capabilities)
+    clock = ClockMode[bench.loop.clock.upper()]
+    if clock is ClockMode.LOCKSTEP and Capabilities.LOCKSTEP not in able:
+        raise InputError(f'{link}: the board cannot wait for the host; use [loop] clock = "real"')
+    if clock is ClockMode.PACED and Capabilities.PACED not in able:
+        raise InputError(f'{link}: this board has no wall clock of its own; use [loop] clock = "lockstep"')
+    if bench.loop.mode == "gain" and Capabilities.GAIN_MODE not in able:
+        raise InputError(f'{link}: the board cannot close the loop itself; use [loop] mode = "force"')
+    if bench.loop.mode == "force" and Capabilities.FORCE_MODE not in able:
+        raise InputError(f'{link}: the board does not take a drive for each sample; use [loop] mode = "gain"')
+    _require_range(bench, identity, link)
+
+
+def _require_range(bench: Bench, identity: Identity, link: str) -> None:
+    """The declared motion has to fit into the sense converter, and the declared drive to move a code."""
+    device = bench.device
+    full_V = identity.sense_scale_V * 2 ** (identity.sense_bits - 1)
+    for axis, gain in zip("xy", device.sense_gains_V_per_m, strict=False):
+        swing_V = abs(gain) * device.amplitude_m
+        told = f"[device] amplitude_m × [device.sense] gain_V_per_m is {swing_V:.3g} V on {axis}"
+        if swing_V > full_V:
+            raise InputError(
+                f"{link}: {told}, the board's converter ends at ± {full_V:.3g} V; correct gain or amplitude"
+            )
+        if swing_V < _LEAST_CODES * identity.sense_scale_V:
+            raise InputError(
+                f"{link}: {told}, a code of the board's converter {identity.sense_scale_V:.3g} V: "
+                "nothing could be measured; correct gain or amplitude"
+            )
+    if bench.controller.enabled and drive_limit_of(bench, identity) < 1:
+        raise InputError(
+            f"{link}: the largest drive declared is less than one code, {identity.drive_scale_mps2:.3g} m/s²; "
+            "correct [device.drive] full_scale"
+        )
+
+
+def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> dict[str, float]:
+    """Clock, watchdog, limits, in gain mode filter and dither, and a session number into the board's registers; what
+    they hold now, read back.
+
+    Raises ProtocolError where a register does not read back as written, and as `client.request`.
+    """
+    gain_mode = bench.loop.mode == "gain"
+    registers: dict[str, float] = {
+        "CLOCK_MODE": ClockMode[bench.loop.clock.upper()],
+        "LOOP_MODE": LoopMode.GAIN if gain_mode else LoopMode.FORCE,
+        "BLOCK": bench.loop.block if gain_mode else 1,
+        "WATCHDOG_TICKS": max(math.ceil(bench.link.watchdog_s * identity.tick_rate_Hz), 2),
+        "DRIVE_LIMIT": drive_limit_of(bench, identity),
+    }
+    if gain_mode:
+        board = board_filter_of(bench)
+        registers |= {f"FILTER_A{i + 1}{j + 1}": board.a[i][j] for i in range(2) for j in range(2)}
+        registers |= {f"FILTER_B{i + 1}": board.b[i] for i in range(2)}
+        registers |= {f"FILTER_C{i + 1}": board.c[i] for i in range(2)}
+        registers |= {"FILTER_DELAY": board.delay}
+        registers |= dict(zip(("DITHER_AMPLITUDE", "DITHER_SEED"), board_dither_of(bench, identity), strict=True))
+    if "SESSION" in SPEC.registers:
+        registers["SESSION"] = 1 + secrets.randbelow(0xFFFFFFFF)
+    for name, value in registers.items():
+        client.write_register(endpoint, name, value, bench.link.timeout_s)
+    for name, value in registers.items():  # all of them again: writing one may have changed another
+        held = client.read_register(endpoint, name, bench.link.timeout_s)
+        if not _same(held, value):
+            raise ProtocolError(
+                f"{endpoint.link.name}: {name} reads {held:g} after {value:g} was written; correct the firmware"
+            )
+    return registers
+
+
+def require_unchanged(endpoint: Endpoint, registers: Mapping[str, float], timeout_s: float) -> None:
+    """ProtocolError when SESSION, or any other register, no longer reads as written; before a board is armed again."""
+    for name in sorted(registers, key=lambda name: name != "SESSION"):
+        held = client.read_register(endpoint, name, timeout_s)
+        if not _same(held, registers[name]):
+            raise ProtocolError(
+                f"{endpoint.link.name}: the board restarted: {name} reads {held:g}, {registers[name]:g} was written; "
+                "check its supply"
+            )
+
+
+def require_clock(endpoint: Endpoint) -> None:
+    """ProtocolError when a board on wall time says the time, and that stands still or runs like no clock.
+
+    A board that does not answer has none to say: then the record is not related to this host's clock.
+    """
+    first, second = _ask_time(endpoint), None
+    if first is not None:
+        time.sleep(_CLOCK_S)
+        second = _ask_time(endpoint)
+    if first is None or second is None:
+        return
+    ours, theirs = second[0] - first[0], second[1] - first[1]
+    uncertain = first[2] + second[2]  # ns of the round trips, within which each answer may have been given
+    if not _PACE[0] * (ours - uncertain) <= theirs <= _PACE[1] * (ours + uncertain):
+        raise ProtocolError(
+            f"{endpoint.link.name}: the board's clock went on by {1e-9 * theirs:.3g} s in {1e-9 * ours:.3g} s; "
+            "correct its TIME_SYNC, which is in ns"
+        )
+
+
+def _ask_time(endpoint: Endpoint) -> tuple[int, int, int] | None:
+    """(host clock in the middle, board clock, round trip) in ns, None without an answer."""
+    endpoint.exchanges.clear()
+    asked = endpoint.ask_time()
+    end = time.monotonic() + 2.0 * _CLOCK_S
+    while (left := end - time.monotonic()) > 0.0:
+        endpoint.keep(endpoint.poll_new(left))
+        for sent_ns, board_ns, received_ns, _ in endpoint.exchanges:
+            if sent_ns == asked:
+                endpoint.exchanges.clear()
+                return (sent_ns + received_ns) // 2, board_ns, received_ns - sent_ns
+    return None
+
+
+def _same(held: float, written: float) -> bool:
+    return math.isclose(held, written, rel_tol=_SAME, abs_tol=_SAME if written == 0.0 else 0.0)

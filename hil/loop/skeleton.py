@@ -1,0 +1,249 @@
+"""What the loops of both modes have in common: the board armed and brought to SAFE, limits, gaps, counters.
+
+A mode adds how samples are answered (`_turn`), how a gap is bridged (`_predict`), and what it forgets when the board
+was armed again (`_begin_again`).  Nothing here stands between a sample and its answer.
+"""
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from estimator.observer import Observer
+from hil.bench import Bench
+from hil.loop.armed import ArmedBoard
+from hil.loop.opening import Opening
+from hil.loop.stops import Safety
+from hil.loop.target import TargetSteps
+from hil.records.recorder import RecorderError, Track
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import ProtocolError
+from hil.wire.messages import Identity, Message, SafeReason, Status
+
+RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
+_LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
+_JUMP_S = 10.0  # of bench time that cannot be missing at once
+_AHEAD = 1.5  # by which a board's ticks may run ahead of this host's clock
+_NOTHING_WRITTEN: Mapping[str, float] = {}
+
+
+@dataclass
+class Counters:
+    """What happened in a run, as far as only the loop sees it."""
+
+    samples: int = 0
+    lost: int = 0
+    stopped: int = 0  # of these: the board was SAFE until it was armed again
+    held: int = 0
+    clipped: int = 0
+    saturated: int = 0
+    rearmed: int = 0
+    residual_safe: int = 0
+    board: dict[str, int] = field(default_factory=dict)
+
+
+class Loop(ABC):
+    """One run with one board; `registers` are what was written to it and read back, None of them where nothing was.
+
+    Attributes:
+        counters: kept up to date while the loop runs.
+        between: called when something has come that is no sample, or nothing for a while.
+        trouble: asked a few times a second what is wrong with the record, "" for nothing.
+        stop: set (from a signal handler) to end the loop after the samples at hand.
+        opening: the first rows of the run.
+        wrong: why the loop ended itself before the first drive, "" if it did not.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        identity: Identity,
+        bench: Bench,
+        observer: Observer,
+        tracks: Mapping[str, Track],
+        drive: type[Message],
+        registers: Mapping[str, float] = _NOTHING_WRITTEN,
+    ) -> None:
+        rate = identity.tick_rate_Hz
+        self._endpoint = endpoint
+        self._name = endpoint.link.name
+        self._observer = observer
+        self._tracks = tracks
+        self._rate_Hz = rate
+        self._limits = bench.limits
+        self._duration_s = bench.loop.duration_s
+        self._lockstep = bench.loop.clock == "lockstep"
+        self._timeout_s = bench.link.timeout_s
+        self._board = ArmedBoard(endpoint, identity, bench, drive, registers)
+        self._slice_s = self._board.slice_s
+        self._suspicious_ns = self._board.account.suspicious_ns
+        self._waiting = bench.controller.enabled  # to close the loop
+        self._acquired = math.ceil(bench.observer.acquisition_s * rate)
+        self.opening = Opening(bench, identity)
+        self._opening: Opening | None = self.opening  # while it needs more
+        self._step_target = TargetSteps(observer, bench)
+        self._long_gap = max(round(_LONG_GAP_S * rate), 2)
+        self._residual_limit = bench.limits.residual_safe**2
+        self._residual = 1.0
+        self._guarded = 0  # sample from which the residual may stop the run
+        self._first: int | None = None
+        self._next: int | None = None
+        self._phase_lost = False
+        self._begun_ns = self._answered_ns = time.monotonic_ns()
+        self.counters = Counters()
+        self.between: Callable[[], None] = lambda: None
+        self.trouble: Callable[[], str] = lambda: ""
+        self.stop = False
+        self.wrong = ""
+
+    @property
+    def safety(self) -> Safety:
+        """What there is to say of the board's stops."""
+        return self._board.safety
+
+    def waited_for(self, told: Callable[[float], None]) -> None:
+        """Have `told` called now and then while a board in lockstep says nothing, with the seconds so far."""
+        self._board.waiting = told
+
+    def arm(self) -> Status:
+        """ARM; `finish` has to follow, whatever comes. Raises as `ArmedBoard.arm`."""
+        return self._board.arm()
+
+    def run(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
+        """Answer `samples` samples (their ticks, gaps included); `report` is told how many are done.
+
+        Raises LinkClosed when the board hangs up, ProtocolError when it falls silent, stops, or lets the run take too
+        long, RecorderError when the record ended.
+        """
+        self._observer.enable_control(False)
+        self._guarded = self._acquired + RESIDUAL_SAMPLES
+        self._first = None
+        self._begun_ns = self._answered_ns = time.monotonic_ns()
+        done = reported = 0
+        while done < samples and not self.stop:
+            taken = self._turn()
+            if not taken:
+                self._attend()
+                continue
+            done = taken
+            if done - reported >= report_every:
+                reported = done
+                self._see_to_it()
+                report(done)
+
+    def finish(self, reason: SafeReason) -> None:
+        """SAFE, and the board's own counters. Nothing where ARM was never sent; raises nothing that the link does."""
+        self._board.newest = None if self._next is None else self._next - 1
+        self.counters.board = self._board.farewell(reason)
+
+    @abstractmethod
+    def _turn(self) -> int:
+        """Wait for samples, `_slice_s` at most, and answer them; how many ticks of the run are done, 0 if none came."""
+
+    @abstractmethod
+    def _predict(self, missing: int) -> None:
+        """Predict over a short gap before the sample at hand."""
+
+    @abstractmethod
+    def _said(self) -> list[Message]:
+        """What the board has said beside samples since this was last asked."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """The phase of the vibration is lost."""
+
+    @abstractmethod
+    def _begin_again(self) -> None:
+        """The board was armed again."""
+
+    def _answered(self, sent_ns: int) -> None:
+        """An answer left after a suspiciously long time, or the first of a run."""
+        self._board.account.silent(sent_ns - self._answered_ns)
+
+    def _bridge(self, tick: int) -> None:
+        """See to the samples that are missing before that of `tick`."""
+        missing = 0 if self._next is None else tick - self._next
+        if missing < 0:
+            raise ProtocolError(
+                f"{self._name}: the board's tick went back from {tick - missing - 1} to {tick}; did it restart?"
+            )
+        if missing > self._long_gap:
+            self._require_possible(tick, missing)
+        lost, self._phase_lost = self._phase_lost, False
+        self.counters.lost += missing
+        self.counters.stopped += missing if lost else 0
+        if missing > self._long_gap or lost:
+            self._forget()
+            self._observer.lose_phase(missing)
+            self._guarded = self.counters.samples + self.counters.lost + RESIDUAL_SAMPLES
+            self._residual = 1.0
+        elif missing:
+            self._predict(missing)
+
+    def _require_possible(self, tick: int, missing: int) -> None:
+        """ProtocolError for ticks that cannot have passed."""
+        assert self._first is not None
+        possible = missing <= _JUMP_S * self._rate_Hz
+        if not self._lockstep:
+            elapsed_s = 1e-9 * (time.monotonic_ns() - self._begun_ns)
+            possible = (tick - self._first) / self._rate_Hz <= _AHEAD * elapsed_s + 1.0
+        if not possible:
+            raise ProtocolError(
+                f"{self._name}: the board's tick jumped from {tick - missing - 1} to {tick}; correct its firmware"
+            )
+
+    def _judge(self, residual: float, share: float, since: int) -> None:
+        """Stop the run when the residual leaves its bounds: its mean square over the last samples, in units of the
+        noise, of which they are such a share of those it is averaged over."""
+        self._residual += (residual - self._residual) * share
+        within = self._residual <= self._residual_limit  # which NaN is not
+        if since >= self._guarded and not within:
+            self.counters.residual_safe += 1
+            self.stop = True
+
+    def _look(self, rows: Iterable[Sequence[int]]) -> None:
+        """The first rows, until there are enough."""
+        assert self._opening is not None
+        if self._opening.saw(rows):
+            self._opening = None
+        self.wrong = self.opening.wrong
+        self.stop = self.stop or bool(self.wrong)
+
+    def _attend(self) -> None:
+        """No sample came: see to the board, and to all else."""
+        now_ns = time.monotonic_ns()
+        if now_ns - self._answered_ns > self._suspicious_ns:
+            self._board.account.silent(now_ns - self._answered_ns)
+        self._heed(self._said())
+        self.between()
+
+    def _see_to_it(self) -> None:
+        """Now and then while samples come: the record, the time, and what the board says beside them."""
+        self._require_recorder()
+        if said := self._said():
+            self._heed(said)
+
+    def _heed(self, said: list[Message]) -> None:
+        self._require_recorder()
+        self._require_time()
+        if self._board.attend(said, self._answered_ns):
+            self.counters.rearmed += 1
+            self._phase_lost = True
+            self._answered_ns = time.monotonic_ns()
+            self._begin_again()
+
+    def _require_recorder(self) -> None:
+        if trouble := self.trouble():
+            raise RecorderError(trouble)
+
+    def _require_time(self) -> None:
+        """ProtocolError when a run on wall time lasts too long."""
+        if self._lockstep:
+            return
+        elapsed_s = 1e-9 * (time.monotonic_ns() - self._begun_ns)
+        if elapsed_s > (bound_s := (1.0 + self._limits.overtime) * self._duration_s + self._timeout_s):
+            raise ProtocolError(
+                f"{self._name}: the run of {self._duration_s:g} s was not over after {bound_s:.3g} s, "
+                f"[limits] overtime is {self._limits.overtime:g}; the board's ticks are too slow"
+            )

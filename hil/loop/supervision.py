@@ -1,0 +1,208 @@
+"""The loop's process from outside: started, followed line by line, told to end, and watched.
+
+When it dies the board is left to its watchdog.  Then this process opens the link itself, tells the board to be SAFE
+and says what it could confirm.
+"""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from hil.bench import Bench
+from hil.errors import InputError
+from hil.loop.stopping import bring_to_safe
+from hil.loop.stops import Safety, alarm_of
+from hil.loop.worker import Order
+from hil.progress import Progress, Watcher
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import LinkClosed, LinkError, ProtocolError, WireError
+from hil.wire.links import open_link
+from hil.wire.messages import SafeReason
+
+if TYPE_CHECKING:
+    from hil.emulation import Served
+
+_ERRORS = {kind.__name__: kind for kind in (LinkClosed, LinkError, ProtocolError)}
+_RECORD_S = 30.0  # for the recorder to end once the loop has died
+_EMULATED_S = 2.0  # for a board that was started here to end with its host
+
+
+@dataclass
+class Ended:
+    """How the loop's process ended.
+
+    Attributes:
+        outcome: what it says happened, or what is known without it; `safety` is always in it.
+        interrupted: whether Ctrl-C came.
+    """
+
+    outcome: dict[str, Any] = field(default_factory=dict)
+    interrupted: bool = False
+
+    @property
+    def safety(self) -> dict[str, Any]:
+        """Part of the outcome."""
+        safety: dict[str, Any] = self.outcome["safety"]
+        return safety
+
+
+def supervise(order: Order, bench: Bench, progress: Watcher, board: "Served") -> Ended:
+    """Start the loop's process against `board` and follow it to its end.
+
+    Raises InputError or WireError with what it says when it could not begin, and what `progress` raises, after the
+    process has ended.
+    """
+    pipe = subprocess.PIPE
+    # A session of its own: Ctrl-C at the terminal comes here, and the worker is told in its own way.
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "hil.loop.worker"], stdin=pipe, stdout=pipe, start_new_session=True
+    )
+    assert worker.stdin is not None
+    followed = _Followed(worker, progress, lambda: _confirm(order.link, bench, board))
+    with worker, _ctrl_c(followed.interrupt):
+        with suppress(BrokenPipeError):  # it died before it read its order
+            worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
+            worker.stdin.flush()
+        try:
+            followed.to_the_end()
+        except BaseException:  # of whoever watches: the board must not stay driven for that
+            worker.terminate()
+            followed.watched_by(lambda _: None)
+            followed.to_the_end()
+            raise
+    if followed.error is not None:
+        raise as_raised(*followed.error)
+    ended = Ended(followed.outcome, followed.interrupted > 0)
+    if not ended.outcome:
+        code = worker.returncode
+        how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+        fault = f"the loop failed, which is a fault of hil: {followed.fault}"
+        ended.outcome["stopped"] = fault if followed.fault else f"the loop's process {how}"
+    ended.outcome.setdefault("safety", followed.safety if followed.safety is not None else Safety().told)
+    return ended
+
+
+def as_raised(kinds: list[str], message: str) -> Exception:
+    """An error of the loop's process by the names of its class and its bases, InputError where none is known here."""
+    return next((_ERRORS[kind] for kind in kinds if kind in _ERRORS), InputError)(message)
+
+
+class _Followed:
+    """The process, and what it has said."""
+
+    def __init__(
+        self, worker: "subprocess.Popen[bytes]", progress: Watcher, confirm: Callable[[], dict[str, Any]]
+    ) -> None:
+        assert worker.stdout is not None
+        self._worker = worker
+        self._output = worker.stdout.fileno()
+        self._progress = progress
+        self._confirm = confirm
+        self._rest = b""
+        self._armed = False
+        self._until_s: float | None = None  # once it has died
+        self.interrupted = 0
+        self.outcome: dict[str, Any] = {}
+        self.fault = ""
+        self.error: tuple[list[str], str] | None = None
+        self.safety: dict[str, Any] | None = None
+
+    def watched_by(self, progress: Watcher) -> None:
+        """Tell another one from now on."""
+        self._progress = progress
+
+    def interrupt(self) -> None:
+        """Have it end well; the second time, have it end."""
+        self.interrupted += 1
+        self._worker.terminate() if self.interrupted == 1 else self._worker.kill()
+
+    def to_the_end(self) -> None:
+        """Read until it has ended and its recorder, which holds the pipe open as well, has closed the files."""
+        death = os.pidfd_open(self._worker.pid)
+        try:
+            while self._listen(death):
+                pass
+        finally:
+            os.close(death)
+
+    def _listen(self, death: int) -> bool:
+        watched = [self._output, *([death] if self._until_s is None else [])]
+        left_s = None if self._until_s is None else max(self._until_s - time.monotonic(), 0.0)
+        ready, _, _ = select.select(watched, (), (), left_s)
+        if self._output in ready:
+            data = os.read(self._output, 1 << 16)
+            self._hear(data)
+            return bool(data)
+        if not ready:  # the recorder does not end; what it has written is there
+            return False
+        self._until_s = time.monotonic() + _RECORD_S
+        if self._armed and self.safety is None and not self.outcome:  # the board is seen to before the record is
+            self._stopped(self._confirm())
+        return True
+
+    def _hear(self, data: bytes) -> None:
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for said in map(json.loads, lines):
+            if "outcome" in said:
+                self.outcome = said["outcome"]
+            elif "error" in said:
+                self.error = said["error"], said["message"]
+            elif "fault" in said:
+                self.fault = said["fault"]
+            elif "armed" in said:
+                self._armed = True
+            elif "safety" in said:
+                self._stopped(said["safety"])
+            else:
+                self._progress(Progress(**said))
+
+    def _stopped(self, safety: dict[str, Any]) -> None:
+        """The board was told to be SAFE: where that was not confirmed, say so before anything else."""
+        self.safety = safety
+        if line := alarm_of(safety):
+            self._progress(Progress("stop", 0, 0, alarm=line))
+
+
+@contextmanager
+def _ctrl_c(act: Callable[[], None]) -> Iterator[None]:
+    """Have `act` called on Ctrl-C and SIGTERM, between two steps of whatever goes on; in the main thread only."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: act()) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _confirm(link: str, bench: Bench, board: "Served") -> dict[str, Any]:
+    """What this process can do for a board that the loop left driven: tell it to be SAFE, and listen."""
+    safety = Safety(armed=True)
+    if link.startswith("inproc:"):
+        safety.words = "the emulated board ended with the loop's process"
+        return safety.told
+    try:
+        with closing(open_link(link)) as opened:
+            stopped = bring_to_safe(
+                Endpoint(opened), SafeReason.LINK_LOST, bench.link.timeout_s, rate_Hz=bench.device.sample_rate_Hz
+            )
+            safety.confirmed, safety.words = stopped.confirmed, stopped.why
+            if stopped.status is not None:
+                safety.confirmed_tick = stopped.status.tick
+    except WireError as error:
+        safety.confirmed, safety.words = False, f"the board cannot be reached any more: {error}"
+    if not safety.confirmed and board.ends_within(_EMULATED_S):
+        safety.confirmed, safety.words = None, "the emulated board has ended, and drives nothing"
+    return safety.told

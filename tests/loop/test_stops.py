@@ -1,0 +1,304 @@
+"""docs/safety.md, "The host" and "Verdict": what a run does with boards that misbehave, each over a pty.
+
+Each of these was seen to end with verdict good, a traceback, or not at all.
+"""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.bench import Bench
+from hil.errors import InputError
+from hil.loop.run import run
+from hil.progress import Progress
+from hil.records.result import Result
+from hil.records.runfolder import RunFolder
+from hil.wire.errors import ProtocolError, WireError
+from hil.wire.messages import NackReason, SafeReason, State
+from hil.wire.spec import SPEC
+from tests.loop import gyro, misbehaving
+from tests.loop.misbehaving import AT, RATE_HZ, Board, served
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]
+
+
+def bench(duration_s: float = 2.5, clock: str = "paced", **changes: dict[str, Any]) -> Bench:
+    given = {"link": {"timeout_s": 1.0, "watchdog_s": 0.5}} | changes
+    return gyro.unhurried_bench(duration_s, clock, **given)
+
+
+class Told:
+    """What whoever watches was told, with the time."""
+
+    def __init__(self) -> None:
+        self.reports: list[tuple[float, Progress]] = []
+
+    def __call__(self, progress: Progress) -> None:
+        self.reports.append((time.monotonic(), progress))
+
+    @property
+    def alarms(self) -> list[str]:
+        return [report.alarm for _, report in self.reports if report.alarm]
+
+
+def go(board: Board, declared: Bench, out: Path, told: Told | None = None) -> Result:
+    """A run that leaves a record, with the verdict that it got."""
+    done = run(declared, board.url, out, progress=told or Told())
+    assert done.folder is not None
+    result = RunFolder(done.folder).result
+    assert result is not None
+    return result
+
+
+def ended(result: Result) -> str:
+    """The one reason of a run that was ended for the board's safety: first, and nowhere else in other words."""
+    safety = result.parts["safety"]
+    assert safety.outcome == "failed", result.parts
+    assert safety.next
+    assert result.verdict == "interrupted"
+    assert "\n" not in result.reasons[0]
+    return result.reasons[0]
+
+
+def test_a_board_that_behaves_passes(tmp_path: Path) -> None:
+    """Or nothing here would tell anything."""
+    with served(Board()) as board:
+        result = go(board, bench(4.0, "lockstep"), tmp_path)
+    assert (result.verdict, result.reasons) == ("good", ())
+    assert result.parts["safety"].outcome == "good"
+    assert (board.arms, board.safes, board.state) == (1, 1, State.SAFE)
+    assert board.driven
+
+
+@pytest.mark.parametrize("why", [SafeReason.FAULT, SafeReason.HOST_REQUEST, SafeReason.RESIDUAL])
+def test_a_stop_that_latches_ends_the_run(tmp_path: Path, why: SafeReason) -> None:
+    """FAULT is the board's own, the others must come from another node: this host has not sent them."""
+    with served(misbehaving.StopsItself(why)) as board:
+        result = go(board, bench(60.0), tmp_path)
+    reason = ended(result)
+    assert why.name in reason
+    assert ("its own protection" if why is SafeReason.FAULT else "another node") in reason
+    assert board.arms == 1
+    assert abs(result.samples - AT) < 0.5 * RATE_HZ
+    assert board.driven[-1][0] <= board.safe_heard_s  # type: ignore[operator]
+
+
+def test_a_stop_is_heeded_though_samples_go_on(tmp_path: Path) -> None:
+    with served(misbehaving.StopsItselfAndStreams()) as board:
+        result = go(board, bench(60.0), tmp_path)
+    assert "FAULT" in ended(result)
+    assert board.state is State.SAFE
+    assert board.driven[-1][0] < board.safe_heard_s + 2.0 / RATE_HZ  # type: ignore[operator]
+
+
+def test_a_board_deaf_to_safe_is_unsafe(tmp_path: Path) -> None:
+    told = Told()
+    with served(misbehaving.Deaf()) as board:
+        result = go(board, bench(1.5), tmp_path, told)
+        assert board.driven[-1][0] > time.monotonic() - 1.0  # it is driven to this hour
+    unsafe(result, told)
+    assert "did not answer SAFE, sent 8 times" in result.reasons[0]
+    assert "SENSE still shows a drive" in result.reasons[0]
+    assert board.safes == 8
+
+
+def unsafe(result: Result, told: Told) -> None:
+    """The loudest line: at once, first, and with what to do."""
+    assert result.verdict == "unsafe"
+    assert result.parts["safety"].outcome == "unsafe"
+    assert result.parts["safety"].next is not None
+    assert "cut the supply" in result.parts["safety"].next
+    assert "cut the supply" in result.reasons[0]
+    (alarm,) = told.alarms
+    assert "cut the supply" in alarm
+    stages = [report.stage for _, report in told.reports]
+    assert stages.index("stop") < stages.index("report")
+
+
+def test_a_board_that_says_safe_and_drives_is_unsafe(tmp_path: Path) -> None:
+    told = Told()
+    with served(misbehaving.Liar()) as board:
+        result = go(board, bench(1.5), tmp_path, told)
+    unsafe(result, told)
+    assert "STATUS says SAFE, yet SENSE of tick" in result.reasons[0]
+
+
+def test_a_board_that_streams_in_safe_is_confirmed_and_told(tmp_path: Path) -> None:
+    with served(misbehaving.Talkative()) as board:
+        result = go(board, bench(1.5), tmp_path)
+    assert result.parts["safety"].outcome == "good"
+    assert "the board goes on streaming in SAFE" in result.remarks
+
+
+def test_safe_is_sent_until_it_is_answered(tmp_path: Path) -> None:
+    with served(misbehaving.Hesitant()) as board:
+        result = go(board, bench(1.5), tmp_path)
+    assert result.parts["safety"].outcome == "good"
+    assert board.safes == 3
+
+
+def test_safe_though_arm_was_not_answered(tmp_path: Path) -> None:
+    with served(misbehaving.Speechless()) as board:
+        with pytest.raises(WireError, match="no answer to ARM within 1 s"):
+            run(bench(), board.url, tmp_path, progress=Told())
+        assert board.state is State.SAFE
+        assert board.reason is SafeReason.HOST_REQUEST
+    assert not list(tmp_path.iterdir())
+
+
+def test_safe_after_arm_was_not_answered_may_be_unconfirmed(tmp_path: Path) -> None:
+    """Then there is a result although nothing was recorded."""
+
+    class Dumb(misbehaving.Speechless, misbehaving.Deaf):
+        pass
+
+    told = Told()
+    with served(Dumb()) as board:
+        result = go(board, bench(), tmp_path, told)
+    unsafe(result, told)
+
+
+@pytest.mark.parametrize(("reason", "words"), [(8, "LATCHED"), (NackReason.BAD_STATE, "not greeted")])
+def test_a_refusal_to_be_armed_is_one_line(tmp_path: Path, reason: int, words: str) -> None:
+    with served(misbehaving.Refuses(reason)) as board, pytest.raises(ProtocolError, match="refused ARM") as caught:
+        run(bench(), board.url, tmp_path, progress=Told())
+    assert reason == 8 or words in str(caught.value)
+    assert board.arms == 1
+    assert board.safes == 1
+
+
+@pytest.mark.parametrize(("n", "width"), [(0, 2), (65535, 2), (1, 7)])
+@pytest.mark.parametrize("at", [0, AT])
+def test_rows_that_cannot_be_accepted_are_silence(tmp_path: Path, n: int, width: int, at: int) -> None:
+    begin = time.monotonic()
+    with served(misbehaving.Gibberish(n, width, at)) as board:
+        if at:
+            reason = ended(go(board, bench(60.0), tmp_path))
+        else:
+            with pytest.raises(WireError) as caught:
+                run(bench(60.0), board.url, tmp_path, progress=Told())
+            reason = str(caught.value)
+        assert board.state is State.SAFE
+    assert "sends no acceptable sample" in reason
+    assert "contradicted themselves" in reason
+    assert board.arms == 1
+    assert time.monotonic() - begin < 20.0
+
+
+@pytest.mark.parametrize("clock", ["paced", "lockstep"])
+def test_a_board_that_answers_and_streams_nothing(tmp_path: Path, clock: str) -> None:
+    with served(misbehaving.Still(AT)) as board:
+        reason = ended(go(board, bench(60.0, clock), tmp_path))
+    assert "sends no acceptable sample" in reason or "restarted" in reason
+    assert board.arms <= 2  # its watchdog may have tripped for the silence, once
+
+
+def test_a_register_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
+    for honest in (True, False):
+        for dry in (True, False):
+            board = misbehaving.Stubborn("WATCHDOG_TICKS", 16.0, honest=honest)
+            with served(board), pytest.raises(ProtocolError, match="WATCHDOG_TICKS reads 16 after 200 was written"):
+                run(bench(), board.url, tmp_path, dry_run=dry, progress=Told())
+            assert board.arms == 0
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("dry", [True, False])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("sense_scale_V", 0.0),
+        ("sense_scale_V", float("nan")),
+        ("sense_scale_V", -1e-5),
+        ("drive_scale_mps2", 0.0),
+        ("drive_scale_mps2", float("inf")),
+        ("tick_rate_Hz", float("nan")),
+        ("sense_bits", 0),
+        ("sense_bits", 64),
+        ("drive_bits", 1),
+        ("drive_bits", 33),
+        ("latency_ticks", 65535),
+    ],
+)
+def test_an_identity_that_no_board_can_have_is_refused(tmp_path: Path, field: str, value: float, dry: bool) -> None:
+    with (
+        served(Board(), **{field: value}) as board,
+        pytest.raises(InputError, match=rf"IDENTITY\.{field} is") as caught,
+    ):
+        run(bench(), board.url, tmp_path, dry_run=dry, progress=Told())
+    assert "\n" not in str(caught.value)
+    assert board.arms == 0
+
+
+def test_a_swing_beyond_the_converter_is_refused(tmp_path: Path) -> None:
+    """100 µm × 885 V/m is 89 mV."""
+    with (
+        served(Board(), sense_scale_V=0.05 / 2**15) as board,
+        pytest.raises(InputError, match=r"0\.0885 V on x.*± 0\.05 V"),
+    ):
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+    with served(Board(), sense_scale_V=0.1) as board, pytest.raises(InputError, match="nothing could be measured"):
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+
+
+def test_a_clock_that_stands_still_is_refused(tmp_path: Path) -> None:
+    with served(misbehaving.ClockStands()) as board, pytest.raises(ProtocolError, match="clock went on by 0 s in"):
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+    assert board.arms == 0
+
+
+@pytest.mark.parametrize(("axis", "code", "words"), [("x", 0, "stands still"), ("y", 2**15 - 1, "stands still")])
+def test_a_channel_that_stands_still_is_refused_before_the_first_drive(
+    tmp_path: Path, axis: str, code: int, words: str
+) -> None:
+    with served(misbehaving.Stuck(axis, code)) as board:
+        result = go(board, bench(60.0), tmp_path)
+    assert board.driven == []
+    assert result.reasons[0].startswith(f"nothing was driven: sense {axis} {words}")
+    assert result.verdict == "interrupted"
+    assert board.state is State.SAFE
+
+
+@pytest.mark.parametrize("lax", [False, True])
+@pytest.mark.parametrize("streams", [False, True])
+@pytest.mark.parametrize("clock", ["paced", "lockstep"])
+def test_a_board_that_restarted_is_never_armed_again(tmp_path: Path, lax: bool, streams: bool, clock: str) -> None:
+    with served(misbehaving.Restarts(lax=lax, streams=streams)) as board:
+        reason = ended(go(board, bench(60.0, clock), tmp_path))
+    assert "restart" in reason
+    assert board.arms == 1
+
+
+def test_a_watchdog_that_nobody_accounts_for_ends_the_run(tmp_path: Path) -> None:
+    with served(misbehaving.CriesWatchdog()) as board:
+        reason = ended(go(board, bench(60.0), tmp_path))
+    assert "its watchdog tripped, yet this host was never late" in reason
+    assert board.arms == 1
+
+
+@pytest.mark.parametrize("clock", ["paced", "lockstep"])
+def test_ticks_that_cannot_have_passed_end_the_run(tmp_path: Path, clock: str) -> None:
+    with served(misbehaving.Jumps()) as board:
+        result = go(board, bench(60.0, clock), tmp_path)
+    assert f"tick jumped from {AT - 1 + 0} to" in result.reasons[0] or "tick jumped" in result.reasons[0]
+    assert board.state is State.SAFE
+
+
+def test_a_run_is_bounded_in_wall_time(tmp_path: Path) -> None:
+    """The board's ticks come at half the rate it says."""
+    board = Board()
+    declared = bench(4.0, device={"sample_rate_Hz": 800.0}, limits={"overtime": 0.25, "late_fraction": 1.0})
+    with served(board, tick_rate_Hz=800.0):
+        result = go(board, declared, tmp_path)
+    assert any("the run of 4 s was not over after 6 s" in reason for reason in result.reasons), result.reasons
+    assert board.state is State.SAFE
+
+
+def test_session_is_written_and_is_not_zero(tmp_path: Path) -> None:
+    if "SESSION" not in SPEC.registers:
+        pytest.skip("this spec has no SESSION")
+    with served(Board()) as board:
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+    assert board.values[SPEC.registers["SESSION"].id] != 0
