@@ -23,6 +23,7 @@ BENCHMARKS = {
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
     "trace_time": "a trace of a million samples with the whole catalogue",
     "bit_flips": "a thousand single changed bits in the record files of a run, each to be told",
+    "kills": "kill -9 of host, loop, recorder and board at random moments",
     "soak": "ten million samples in lockstep",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "attack": "ten million attacks on a keyed link, in C; a share of them in Python and over sockets; what a key costs",

@@ -20,7 +20,8 @@ def judge_safety(outcome: Mapping[str, Any]) -> Part:
         return Part(outcome="unknown")
     stopped = str(outcome.get("stopped", ""))
     if safety["confirmed"] is False:
-        words = "; ".join(part for part in (safety["words"], _latched(safety, stopped)) if part)
+        before = _latched(safety, stopped)
+        words = safety["words"] + (f"; {before}" if before and before not in safety["words"] else "")
         return Part(outcome="unsafe", reason=f"SAFE was not confirmed: cut the supply of the board; {words}", next=_CUT)
     if safety["latched"]:
         cause = _CAUSE.get(safety["latched"], "ask who, or what, stopped it")
