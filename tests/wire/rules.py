@@ -636,7 +636,9 @@ class Rules:
             (stop,) = (m for m in said(heard) if isinstance(m, Status) and m.state == State.SAFE)
             assert stop.reason == SafeReason.FAULT
             assert any(row[1:3] == (50, 50) for row in rows_of(heard))
-            ask(new, HELLO)
+            while answers(new, 1, QUIET_S):  # refusals of drives that crossed with it
+                pass
+            assert isinstance(ask(new, HELLO), Identity)
             assert stop.tick == pytest.approx(0.4 * rate, abs=2)
             assert refusal(new, Arm()) is NackReason.LATCHED
             assert status(new, Safe(SafeReason.LINK_LOST)) == (State.SAFE, SafeReason.FAULT)
