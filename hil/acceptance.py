@@ -69,8 +69,12 @@ class BoardUnderTest:
         self.write("CLOCK_MODE", ClockMode[name.upper()])
 
     def arm(self) -> Status:
-        """Arm the board: SENSE streams from now on. Raises CannotDo without consent."""
+        """Arm the board: SENSE streams from now on. Raises CannotDo without consent.
+
+        Consent was given anew, so HELLO opens a new session first: it lifts the latch of a stop before.
+        """
         self._require_consent()
+        client.connect(self.endpoint, self._patience_s)
         return client.arm(self.endpoint, self._patience_s)
 
     def safe(self) -> Status:

@@ -72,6 +72,7 @@ def test_a_board_in_this_process(pytester: pytest.Pytester) -> None:
             assert board.identity.tick_rate_Hz == bench.device.sample_rate_Hz
             assert board.arm().state == State.ARMED
             assert board.safe().state == State.SAFE
+            assert board.arm().state == State.ARMED
 
         @pytest.mark.parametrize("_", range(2))
         def test_each_test_gets_it_fresh(board, _):

@@ -10,6 +10,7 @@ int32_t adc_code(unsigned axis);                     /* signed, full scale is 1 
 void dac_put(unsigned axis, int32_t code);           /* signed, full scale is 1 << (drive_bits - 1) */
 uint64_t timer_ns(void);                             /* since power-up */
 void sample_interrupt(bool enabled);                 /* masks and unmasks it */
+bool overheated(void);                               /* or whatever else must stop the board */
 void board_start(void);
 void board_loop(void);
 void on_sample(void);
@@ -38,6 +39,13 @@ static void lock(void *context, bool locked) {
     sample_interrupt(!locked);
 }
 
+/* Within an interval, not at the next tick: the board was stopped, or its limit lowered. */
+static void put_now(void *context, hil_drive drive) {
+    (void)context;
+    dac_put(0, drive.ux);
+    dac_put(1, drive.uy);
+}
+
 void board_start(void) {
     hil_config config = {0};
     config.identity.unique_id = 1;
@@ -55,6 +63,7 @@ void board_start(void) {
     config.blocks_size = sizeof blocks;
     config.now_ns = now_ns;
     config.lock = lock;
+    config.put_now = put_now;
     hil_serial_init(&serial, room, write, NULL);
     if (!hil_board_init(&board, &config))
         for (;;) { /* the configuration cannot work */
@@ -75,5 +84,9 @@ void board_loop(void) {
     uint8_t data[64];
     size_t size = uart_read(data, sizeof data);
     hil_serial_receive(&serial, &board, data, size);
+    if (overheated())
+        hil_board_safe(&board, HIL_SAFE_REASON_FAULT);
+    else
+        hil_board_fault_gone(&board);
     hil_board_poll(&board);
 }

@@ -3,7 +3,8 @@
  *     fuzz [BYTES [SEED]]
  *
  * Prints what was fed and taken as one line of JSON. Exit code 1 if a frame was taken that nobody had sent, or a
- * board said something that is no frame, or put out a drive beyond its limit.
+ * board said something that is no frame, put out a drive beyond its limit or while it was not running, or streamed
+ * without a matching HELLO.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -257,7 +258,8 @@ static void let_it_tick(bench *b) {
         if (hil_board_lockstep(&b->board) && !hil_board_may_go_on(&b->board))
             break;
         hil_drive drive = hil_board_drive(&b->board);
-        int32_t most = b->board.drive_max;
+        int32_t most = (int32_t)b->board.drive_limit; /* at once, also for what was held or waited */
+        wrong += hil_board_state(&b->board) != HIL_STATE_RUNNING && (drive.ux != 0 || drive.uy != 0);
         wrong += drive.ux > most || drive.ux < -most || drive.uy > most || drive.uy < -most;
         uint32_t range = chance(4) ? 200u : 0xFFFFFFFFu;
         hil_board_sample(&b->board, (int32_t)chance(range), (int32_t)chance(range), chance(2));
@@ -267,6 +269,9 @@ static void let_it_tick(bench *b) {
     b->room = chance(10) ? 1u << 20 : chance(100);
     if (!chance(500))
         hil_board_safe(&b->board, HIL_SAFE_REASON_FAULT);
+    if (!chance(50))
+        hil_board_fault_gone(&b->board);
+    wrong += hil_board_streaming(&b->board) && !b->board.greeted;
 }
 
 /* The same bytes as CAN frames, mostly with an identifier that the board listens to. */
@@ -329,21 +334,25 @@ static bool was_sent(const hil_frame *f) {
 int main(int argc, char **argv) {
     static chunk c;
     static uint8_t everything[HIL_MAX_BODY];
-    hil_reader reader;
+    static uint8_t beginning[HIL_SERIAL_ROOM]; /* as much as a board keeps; behind it nothing may be touched */
+    hil_reader reader, brief;
     uint64_t bytes = argc > 1 ? strtoull(argv[1], NULL, 10) : 1000000u, fed = 0;
     state = (argc > 2 ? strtoull(argv[2], NULL, 10) : 1u) * 0x9E3779B97F4A7C15u | 1u;
     hil_reader_init(&reader, everything, sizeof everything);
+    hil_reader_init(&brief, beginning, sizeof beginning);
     power_up(&the);
     while (fed < bytes) {
         hil_frame frame;
         if (!chance(300))
             power_up(&the);
         help(&c);
-        for (size_t k = 0; k < c.size; k++)
+        for (size_t k = 0; k < c.size; k++) {
             if (hil_reader_take(&reader, c.data[k], &frame)) {
                 taken++;
                 corrupt += !was_sent(&frame);
             }
+            (void)hil_reader_take(&brief, c.data[k], &frame);
+        }
         fed += c.size;
         if (the.on_can) {
             as_can_frames(&the, &c);
@@ -354,6 +363,7 @@ int main(int argc, char **argv) {
         let_it_tick(&the);
         hil_board_poll(&the.board);
     }
+    wrong += brief.frames != reader.frames;
     uint64_t checked = (uint64_t)reader.frames + reader.crc_errors;
     printf("{\"bytes\": %llu, \"runs\": %llu, \"taken\": %llu, \"corrupt\": %llu, \"checked\": %llu, "
            "\"can_frames\": %llu, \"answers\": %llu, \"wrong\": %llu}\n",

@@ -76,12 +76,14 @@ def print_before_and_after(circle: "Circle") -> None:
 
 def show_identity(link: str, identity: Mapping[str, Any], *, as_json: bool) -> None:
     """Who answered at ``link``, after a dry run in which bench file and board agreed."""
+    from hil.wire.messages import version_of
+
     if as_json:
         print_json({"link": link, "identity": identity})
         return
     print(f"{link} answers and agrees with the bench file; not armed")
     for name, value in identity.items():
-        print(f"  {name:<18}{value}")
+        print(f"  {name:<18}{version_of(value) if name == 'firmware' else value}")
 
 
 def _print_tables(result: "Result", report: Path) -> None:

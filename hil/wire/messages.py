@@ -143,6 +143,11 @@ class Hello(NamedTuple):
     spec_hash: int
 
 
+def version_of(firmware: int) -> str:
+    """`Identity.firmware` in words: 0x00010203 is 1.2.3."""
+    return ".".join(str(firmware >> shift & 0xFF) for shift in (16, 8, 0))
+
+
 class Identity(NamedTuple):
     """Who the board is and what its codes are worth (volts per sense code, m/s² per drive code)."""
 
@@ -162,7 +167,7 @@ class Identity(NamedTuple):
     @property
     def version(self) -> str:
         """The firmware's version in words, such as 1.2.3."""
-        return ".".join(str(self.firmware >> shift & 0xFF) for shift in (16, 8, 0))
+        return version_of(self.firmware)
 
 
 class RegisterRead(NamedTuple):

@@ -1,6 +1,7 @@
 """Each verb from end to end, in lockstep and briefly."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,8 @@ def test_dry_run_shows_the_board_and_leaves_nothing(hil: Hil, short_bench: str, 
     answer = json.loads(out)
     assert answer["identity"]["tick_rate_Hz"] == 4000.0
     assert [path.name for path in tmp_path.iterdir()] == [short_bench]
+    code, out, _ = hil("run", short_bench, "--link", "inproc:s-slow", "--dry-run")
+    assert re.search(r"^ +firmware +1\.0\.0$", out, re.MULTILINE)
 
 
 def test_open_loop_drives_nothing(hil: Hil, short_bench: str, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hil.wire import messages
 from hil.wire.codec import KNOWN_TYPES, check_against, field_value, pack, type_of, unpack
 from hil.wire.errors import ProtocolError
-from hil.wire.messages import DriveForce, DriveGains, FieldValue, RegisterValue, Safe, Status
+from hil.wire.messages import DriveForce, DriveGains, FieldValue, RegisterValue, Safe, Status, version_of
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC, parse_spec
 
@@ -143,3 +143,11 @@ def test_names_and_spec_cannot_drift_apart(old, new, words):
     assert TEXT.count(old) == 1
     with pytest.raises(TypeError, match=words):
         check_against(parse_spec(TEXT.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("firmware", "words"), [(0x00010203, "1.2.3"), (0x00010000, "1.0.0"), (0x00FF0A63, "255.10.99")]
+)
+def test_firmware_in_words(firmware, words):
+    """IDENTITY.firmware is 0x00MMmmpp, a byte for each part."""
+    assert version_of(firmware) == words
