@@ -13,7 +13,12 @@ Clock = Annotated[
 ]
 Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Connect and compare board and bench; do not arm.")]
+DryRun = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run", help="Connect, write the registers and read them back, compare board and bench; do not arm."
+    ),
+]
 WireLog = Annotated[
     Path | None,
     typer.Option("--wire-log", help="File for the frames of a CAN link: NAME.log (candump), .blf or .asc."),
@@ -41,7 +46,7 @@ def run(
 
     Without --link the bench file's [link] url is used. pty:SCENARIO and inproc:SCENARIO start an emulated
     board. Any other link may lead to something that moves: it is armed with --arm, or after a yes at the
-    terminal. Ctrl-C, a lost link, or a residual out of bounds send SAFE.
+    terminal. However the run ends, the board is sent SAFE and has to confirm it (docs/safety.md).
 
     Examples:
 

@@ -191,7 +191,8 @@ def test_a_wild_record_brings_the_board_to_safe(tmp_path: Path) -> None:
     result = RunFolder(done.folder).result
     assert result is not None
     assert result.verdict == "interrupted"
-    assert result.reasons[0] == "the innovation exceeded [limits] residual_safe = 100 × the noise"
+    assert result.reasons[0].startswith("the innovation exceeded [limits] residual_safe = 100 × the noise; ")
+    assert "the drive of x acts the wrong way round" in result.reasons[0]
     assert result.counters["residual_safe"] == 1
     assert result.samples < 4000
     assert result.complete
