@@ -63,30 +63,34 @@ def run(
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})
-    with served(link, truth=truth, seed=bench.loop.seed) as board, _logged(log, board.url) as logged:
-        folder = out if dry_run else new_folder(out, bench)
-        order = Order(
-            bench.model_dump_json(),
-            board.url,
-            str(folder),
-            dry_run,
-            None if truth is None else str(truth),
-        )
-        try:
-            ended = supervise(order, bench, progress, board)
-            outcome, safety = ended.outcome, ended.safety
-            if outcome.get("stopped") and (words := board.last_words):
-                outcome["stopped"] = f"the emulated board died: {words}"
-                safety |= {"confirmed": None, "words": "the emulated board has ended, and drives nothing"}
-        except BaseException:
-            if not dry_run:
-                _keep_if_recorded(folder)
-            raise
-        recorded = not dry_run and _keep_if_recorded(folder, whatever=bool(alarm_of(safety)))
+    said = "nothing was armed"
+    try:
+        with served(link, truth=truth, seed=bench.loop.seed) as board, _logged(log, board.url) as logged:
+            folder = out if dry_run else new_folder(out, bench)
+            order = Order(
+                bench.model_dump_json(),
+                board.url,
+                str(folder),
+                dry_run,
+                None if truth is None else str(truth),
+            )
+            try:
+                ended = supervise(order, bench, progress, board)
+                outcome, safety = ended.outcome, ended.safety
+                if outcome.get("stopped") and (words := board.last_words):
+                    outcome["stopped"] = f"the emulated board died: {words}"
+                    safety |= {"confirmed": None, "words": "the emulated board has ended, and drives nothing"}
+            except BaseException:
+                if not dry_run:
+                    _keep_if_recorded(folder)
+                raise
+            said = _what_was_done(safety)
+            recorded = not dry_run and _keep_if_recorded(folder, whatever=bool(alarm_of(safety)))
+    except KeyboardInterrupt:
+        raise Interrupted(said) from None
     if logged is not None and logged.lost:
         remark = f"wire log: {logged.lost} frames are missing, as they came faster than they could be written"
         outcome["refused"] = [*outcome.get("refused", ()), remark]
-    said = _what_was_done(safety)
     if recorded:
         try:
             conclude(folder, bench, outcome, link=link, note=note, progress=progress)

@@ -239,7 +239,8 @@ def serve() -> None:
             writer.close() if ring.closed else writer.abandon()
             ring.detach()
     except OSError as error:
-        sys.exit(f"{at}: {_why(error)}")
+        print(f"{at}: {_why(error)}", file=sys.stderr, flush=True)
+        os._exit(1)  # what is written is the kernel's; closing the files would only fail again, and say more
 
 
 if __name__ == "__main__":

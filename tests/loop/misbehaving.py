@@ -247,7 +247,8 @@ class Board:
                     if self.lockstep and self.streaming and closing:
                         self._link.offer(self.row())
             except LinkClosed:
-                self.stop(SafeReason.LINK_LOST)
+                if self.streaming:
+                    self.stop(SafeReason.LINK_LOST)
                 self._link.await_host()
 
     def __enter__(self) -> Self:
@@ -298,6 +299,7 @@ class Deaf(Board):
 
     def on_safe(self, safe: Safe) -> list[Message]:
         self.safes += 1
+        self.safe_heard_s = self.safe_heard_s or time.monotonic()
         return []
 
     def on_hello(self, hello: Hello) -> list[Message]:

@@ -96,8 +96,9 @@ def test_a_stop_is_heeded_though_samples_go_on(tmp_path: Path) -> None:
 def test_a_board_deaf_to_safe_is_unsafe(tmp_path: Path) -> None:
     told = Told()
     with served(misbehaving.Deaf()) as board:
-        result = go(board, bench(1.5), tmp_path, told)
-        assert board.driven[-1][0] > time.monotonic() - 1.0  # it is driven to this hour
+        result = go(board, bench(1.5, link={"timeout_s": 1.0, "watchdog_s": 20.0}), tmp_path, told)
+    assert board.safe_heard_s is not None
+    assert board.driven[-1][0] > board.safe_heard_s + 0.9  # until the host had gone
     unsafe(result, told)
     assert "did not answer SAFE, sent 8 times" in result.reasons[0]
     assert "SENSE still shows a drive" in result.reasons[0]
