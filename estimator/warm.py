@@ -12,6 +12,8 @@ from estimator.kernel.compiled import is_warm, mark_warm
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.simulation import simulate
+from estimator.trace.record import Record
+from estimator.trace.scan import PARTS, scan
 
 _CONTROLLER = ControllerSettings(latency=1, force_quantum=1e-3, force_limit=10.0, sense_quantum=1e-5)
 
@@ -35,7 +37,17 @@ def compile_all() -> None:
             simulate(observer, observer.state, sense[:, :axes], sensitive=True)
             if axes == 2:
                 observer.tick(0.0, 0.0, 0.0, 0.0)
+                watch(device, settings)
                 rehearse(observer, luenberger(observer.h))
+
+
+def watch(device: Device, settings: ObserverSettings) -> None:
+    """The scan of a record, as it closes a run and as tracing begins, by both of its kernels."""
+    samples = 2 * PARTS
+    record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1.0 / device.sample_rate))
+    if settings.gain is not Gain.STATIONARY:
+        for vector in (False, True):
+            scan(record, device, settings, _CONTROLLER, {"drive_gain": {}}, vector=vector)
 
 
 def main() -> None:

@@ -9,12 +9,13 @@ import numpy as np
 from estimator.completeness.answer import Completeness, Outcome
 from estimator.completeness.information import Coefficient, Information
 from estimator.completeness.lacking import judge
-from estimator.completeness.stretch import Stretch, joined, settled_s
+from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.trace.candidates import Parameters, watch_list
 from estimator.trace.fitting import Fitted, fit
+from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.selection import fresh, scanned_with
 
@@ -86,24 +87,24 @@ def _scanned(
     progress: Progress,
 ) -> Completeness:
     progress("scan", 0, 3)
-    first = stretches[0].record
+    records = weighed_of(stretches)
+    first = records[0]
     known = {name: dict(given) for name, given in settings.effects.items()}
     base = fit(first, device, settings, controller, known)
     if not np.isfinite(base.likelihood):
         return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
-    watched = watched_of(stretches, device, base)
+    watched = watched_of(first, device, base)
     progress("scan", 1, 3)
     carried = scanned_with(base, device, settings)
-    seen = together([scan(s.record, device, carried, controller, watched, base.observer) for s in stretches])
+    seen = together([scan(record, device, carried, controller, watched, base.observer) for record in records])
     progress("scan", 2, 3)
     information = information_of(stretches, device, settings, controller, watched, seen, scored_s)
     progress("scan", 3, 3)
     return judge(first, device, settings, controller, base, watched, seen, information, limit_rad)
 
 
-def watched_of(stretches: Sequence[Stretch], device: Device, base: Fitted) -> dict[str, Parameters]:
-    """The catalogue, as the first stretch suggests its parameters."""
-    record = stretches[0].record
+def watched_of(record: Record, device: Device, base: Fitted) -> dict[str, Parameters]:
+    """The catalogue, as the record that `base` was fitted to suggests its parameters."""
     everything = watch_list(record, device, base.estimates.innovation, base.estimates.innovation_deviation)
     new = fresh(everything, base.settings.effects, float(np.sum(record.step)))
     return {name: given for name, given in new.items() if _is_watched(*name.partition(":")[::2])}

@@ -22,8 +22,9 @@ from estimator.trace.scan import Scan
 from estimator.trace.selection import kind, second_thoughts, shortlist, surprise, threshold
 
 _TWO_SIDED = float(norm.ppf(0.975))
-_BESIDE = 2  # tried beside the shortlist, of other kinds
-_COMPARED = 20_000  # samples on which candidates are compared, at least
+_TRIED = 3
+_BESIDE = 1  # tried beside them, of another kind
+_COMPARED = 10_000  # samples on which candidates are compared, at least
 _ENOUGH = 1000.0  # of twice the log-likelihood: so much tells candidates apart
 _HARMLESS = 1.0 / 3.0  # of the limit: an angle that moves by less is told, not held against the run
 
@@ -86,7 +87,7 @@ def leading(
     information: Information,
 ) -> Lacking | None:
     """The effect that explains most once it is carried, None where none explains more than chance would."""
-    names = shortlist(seen, serious)
+    names = shortlist(seen, serious)[:_TRIED]
     if serious[0].gain > _ENOUGH:
         names += second_thoughts({item.name: item for item in serious}, dict.fromkeys(names, base))[:_BESIDE]
     share = min(_ENOUGH / serious[0].gain, 1.0)

@@ -11,7 +11,10 @@ from estimator.trace.record import Record
 from estimator.trace.start import settling
 
 MOST = 120_000
-"""Samples that are looked at."""
+"""Samples of a run in which the angle is followed."""
+
+WEIGHED = 50_000
+"""Samples of them by which effects are judged."""
 
 _PARTS = 3  # of a longer run: its beginning, its middle, its end
 
@@ -37,6 +40,13 @@ def stretches_of(samples: int, most: int = MOST) -> tuple[slice, ...]:
     length = most // _PARTS
     starts = np.linspace(0, samples - length, _PARTS).astype(int)
     return tuple(slice(int(start), int(start) + length) for start in starts)
+
+
+def weighed_of(stretches: Sequence[Stretch]) -> list[Record]:
+    """The first samples of each stretch, `WEIGHED` together: a start from rest tells what a steady motion hides, the
+    drive's gain above all.
+    """
+    return [stretch.record.part(slice(0, WEIGHED // len(stretches))) for stretch in stretches]
 
 
 def settled_s(stretch: Stretch, settings: ObserverSettings, device: Device, scored_from_s: float) -> float:

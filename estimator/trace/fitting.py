@@ -13,7 +13,7 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
 from estimator.trace.record import Record
 from estimator.trace.start import begin_about
 
@@ -92,6 +92,8 @@ def fit(
     previous: Observer | None = None
     for _ in range(passes):
         observer = Observer(device, current, controller)
+        if not effects and device.axes == 2 and settings.variant is Variant.FULL:
+            observer.record["twin"] = 1  # an EKF's covariance is its own twin; carried as such it runs in registers
         if previous is not None:
             begin_about(observer, previous)
         estimates = run(observer, record)

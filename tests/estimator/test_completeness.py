@@ -1,0 +1,238 @@
+"""The closing scan beside independent sources: least squares, the emulator's truth, scatter over seeds."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from scipy.stats import chi2
+
+from benchmarks.lockstep import Bench, ClosedLoop, Scenario, bench_of, close_loop, scenario_of
+from estimator.completeness.answer import Completeness, Outcome
+from estimator.completeness.closing import closing_scan
+from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.stretch import Stretch, joined, stretches_of
+from estimator.errors import ModelError
+from estimator.settings import ControllerSettings
+from estimator.trace.record import Record
+from estimator.trace.scan import scan
+from estimator.trace.separation import EXPERIMENTS, loop_record
+from hil.declared import device_of, observer_settings_of
+from tests.estimator.test_scan import DEVICE, SETTINGS
+
+SETTLE_S = 5.0
+SAMPLES = 60_000  # 15 s
+
+
+def bench() -> Bench:
+    """S-slow."""
+    return bench_of("s-slow")
+
+
+@cache
+def loop(*effects: tuple[str, tuple[tuple[str, float], ...]], samples: int = SAMPLES) -> ClosedLoop:
+    """S-slow in lockstep, with effects that its bench file does not know."""
+    table = scenario_of("s-slow").model_dump()
+    table["effect"] = [{"name": name, **dict(given)} for name, given in effects]
+    return close_loop(Scenario.model_validate(table), bench(), samples, seed=1)
+
+
+def record_of(run: ClosedLoop) -> Record:
+    """What was recorded of it, SI."""
+    scenario = scenario_of("s-slow")
+    volts = 2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits
+    force = scenario.drive.full_scale_mps2 / 2 ** (scenario.drive.dac_bits - 1)
+    step = np.full(len(run.capture), 1.0 / run.sample_rate_Hz)
+    return Record(run.capture[:, 1:3] * volts, (run.capture[:, 3:5] * force)[:, :, None], step)
+
+
+def scanned(record: Record, *, limit_rad: float = 0.0, open_loop: bool = False) -> Completeness:
+    """The closing scan of a record of S-slow."""
+    controller = ControllerSettings(
+        latency=1, force_quantum=1.0, force_limit=10.0, sense_quantum=1.0,
+        virtual_rotation=bench().controller.virtual_rotation_rad_s,
+    )  # fmt: skip
+    stretches = [Stretch(record.part(rows), 0.0, rows.start == 0) for rows in stretches_of(len(record))]
+    return closing_scan(
+        stretches, device_of(bench()), observer_settings_of(bench()), None if open_loop else controller,
+        scored_s=(SETTLE_S, float(np.sum(record.step))), limit_rad=limit_rad,
+    )  # fmt: skip
+
+
+def angle_error(run: ClosedLoop) -> np.ndarray:
+    """Reported less true rotation over the scored window, zero at its start, rad; what the bench said in the run."""
+    true = np.cumsum(run.truth["rate_rad_s"]) / run.sample_rate_Hz
+    error = run.estimates["angle_rad"] - true[run.tick]
+    scored = run.tick / run.sample_rate_Hz >= SETTLE_S
+    return np.asarray((error - error[scored][0])[scored])
+
+
+MISSING = {
+    "drive_gain": (("drive_gain", (("gx", 0.01), ("gy", 0.01))), {"hx": 0.01, "hy": 0.01}),
+    "sense_gain": (("sense_gain", (("gy", 0.007),)), {"gy": 0.007}),
+    "sense_cross_coupling": (("sense_cross_coupling", (("exy", 0.006), ("eyx", 0.003))), {"ex": 0.006, "ey": 0.003}),
+    "drive_delay": (("drive_delay", (("tau_x", 5e-6), ("tau_y", 2e-6))), {"tux": 5e-6, "tuy": 2e-6}),
+    "drive_misalignment": (("drive_misalignment", (("exy", 0.01), ("eyx", -0.005))), {"mx": 0.01, "my": -0.005}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MISSING)
+def test_a_run_says_what_it_lacks_and_what_that_does_to_the_angle(name: str) -> None:
+    effect, true = MISSING[name]
+    found = scanned(record_of(loop(effect)))
+    assert found.outcome is Outcome.LACKS
+    assert found.lacks[0].effect == name or name in found.lacks[0].alike
+    for symbol, value in true.items():
+        if found.lacks[0].effect == name:
+            interval = found.lacks[0].coefficients[symbol]
+            assert abs(interval.value - value) < max(2.0 * (interval.high - interval.low), 0.02 * abs(value))
+    really = float(np.max(np.abs(angle_error(loop(effect)))))
+    said, spare = found.lacks[0].angle, 0.05 * really + 0.004  # what is not linear, and the clean run's own error
+    assert said.low - spare < really < said.high + spare
+    assert said.high - said.low < 0.5 * really
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MISSING)
+def test_the_sensitivity_is_the_emulated_angle_error_sign_included(name: str) -> None:
+    effect, true = MISSING[name]
+    information = scanned(record_of(loop(effect))).information
+    assert information is not None
+    moved = information.sensitivity[:, information.columns(list(true))] @ np.array(list(true.values()))
+    off = angle_error(loop(effect)) - angle_error(loop())[: len(angle_error(loop(effect)))]
+    times = loop(effect).tick / loop(effect).sample_rate_Hz
+    at = np.interp(information.time, times[times >= SETTLE_S], off)
+    # Carried, the effect would be taken off the angle: it moves by what it is off, the other way.
+    assert np.sqrt(np.mean((moved + at) ** 2)) < 0.05 * np.sqrt(np.mean(at**2)) + 0.003
+
+
+@pytest.mark.slow
+def test_a_clean_run_is_complete() -> None:
+    found = scanned(record_of(loop()))
+    assert found.outcome is Outcome.COMPLETE, found.reason
+    assert found.information is not None
+    assert max(float(np.max(moved)) for moved in found.information.cannot_exclude({}).values()) < 0.05
+
+
+@pytest.mark.slow
+def test_what_hardly_moves_the_angle_is_told_and_not_held_against_the_run() -> None:
+    effect, _ = MISSING["sense_gain"]
+    found = scanned(record_of(loop(effect)), limit_rad=10.0)
+    assert found.outcome is Outcome.COMPLETE
+    assert found.harmless[0].effect == "sense_gain"
+    assert "sense_gain" in found.reason
+
+
+@pytest.mark.slow
+def test_lost_samples_are_no_effect() -> None:
+    record = record_of(loop())
+    lost = np.random.default_rng(3).random(len(record)) < 0.01
+    holed = replace(record, sense=np.where(lost[:, None], np.nan, record.sense))
+    assert scanned(holed).outcome is Outcome.COMPLETE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [0, 3, 150, 1999])
+def test_a_short_record_is_unknown_with_its_reason(samples: int) -> None:
+    found = scanned(record_of(loop()).part(slice(0, samples)))
+    assert found.outcome is Outcome.UNKNOWN
+    assert "too few" in found.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["dead", "noise", "nan", "infinite"])
+def test_a_record_of_nothing_is_no_traceback(what: str) -> None:
+    record = record_of(loop()).part(slice(0, 20_000))
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(record.sense.shape)
+    sense = {"dead": 0.0 * noise, "noise": noise, "nan": np.nan * noise, "infinite": np.inf * noise}[what]
+    found = scanned(replace(record, sense=sense))
+    assert found.outcome is not Outcome.COMPLETE
+    assert found.reason
+
+
+@pytest.mark.slow
+def test_an_open_loop_has_no_drive_to_be_judged() -> None:
+    record = record_of(loop()).part(slice(0, 20_000))
+    still = replace(record, drive=np.zeros_like(record.drive))
+    found = scanned(still, open_loop=True)
+    if found.information is not None:
+        assert not found.information.watches("hx") or np.all(
+            found.information.normal[:, found.information.columns(["hx"])] == 0.0
+        )
+
+
+@pytest.mark.slow
+def test_estimates_of_coefficients_scatter_over_seeds_as_the_information_says() -> None:
+    everything = next(experiment for experiment in EXPERIMENTS if experiment.name == "all")
+    watched = {name: {} for name in ("drive_gain", "sense_gain", "sense_delay", "cubic_stiffness")}
+    clean = loop_record(everything, DEVICE, SETTINGS, latency=1, noise=0.0)
+    surprise, degrees, seeds = 0.0, 0, 25
+    for seed in range(seeds):
+        noise = np.random.default_rng(seed).standard_normal(clean.sense.shape) * np.array(DEVICE.noise)
+        seen = scan(replace(clean, sense=clean.sense + noise), DEVICE, SETTINGS, None, watched)
+        normal, score = seen.normal.sum(axis=0), seen.score.sum(axis=0)
+        for columns in seen.columns.values():
+            block = normal[columns, columns]
+            surprise += float(score[columns] @ np.linalg.solve(block, score[columns]))
+            degrees += len(block)
+    low, high = chi2.ppf([0.005, 0.995], degrees)
+    assert low * 0.85 < surprise < high * 1.15  # four effects of one record are not independent
+
+
+def information(k: int, seed: int) -> tuple[Information, np.ndarray, np.ndarray]:
+    """Of a linear model y = A c + noise of deviation 1 with k coefficients; A (n, k) and the data behind."""
+    random = np.random.default_rng(seed)
+    a, data = random.standard_normal((50, k)), random.standard_normal(50)
+    coefficients = tuple(Coefficient(f"effect{i // 2}", f"c{i}", "1", 1.0) for i in range(k))
+    # An innovation loses what is carried: its sensitivity is −A, the data its value.
+    found = Information(coefficients, a.T @ a, -a.T @ data, np.arange(3.0), random.standard_normal((3, k)))
+    return found, a, data
+
+
+def test_the_posterior_is_that_of_least_squares_with_the_priors_as_measurements() -> None:
+    found, a, data = information(4, 1)
+    prior = {"c0": 0.05, "c1": 0.5, "c3": 2.0}
+    places = [0, 1, 3]
+    rows = np.vstack([a[:, places], np.diag([1.0 / sd for sd in prior.values()])])
+    solved = lsq_linear(rows, np.concatenate([data, np.zeros(3)]))
+    posterior = found.posterior(prior)
+    assert posterior.mean == pytest.approx(solved.x, rel=1e-6)
+    assert posterior.covariance == pytest.approx(np.linalg.inv(rows.T @ rows), rel=1e-9)
+    g = found.sensitivity[:, places]
+    assert posterior.angle_deviation == pytest.approx(np.sqrt(np.diag(g @ np.linalg.inv(rows.T @ rows) @ g.T)))
+
+
+def test_what_is_known_exactly_stays_so_and_look_alikes_share_their_priors() -> None:
+    found, _, _ = information(2, 2)
+    assert found.posterior({"c0": 0.0, "c1": 1.0}).deviation[0] == 0.0
+    alike = replace(found, normal=1e8 * np.ones((2, 2)), score=np.zeros(2))
+    posterior = alike.posterior({"c0": 0.01, "c1": 0.01})
+    assert posterior.deviation == pytest.approx(0.01 / np.sqrt(2.0), rel=1e-3)
+    assert posterior.covariance[0, 1] == pytest.approx(-posterior.covariance[0, 0], rel=1e-3)
+
+
+def test_an_unknown_symbol_is_refused_by_name() -> None:
+    found, _, _ = information(2, 2)
+    with pytest.raises(ModelError, match="zz"):
+        found.columns(["zz"])
+    assert found.posterior({"zz": 1.0}).symbols == ()
+
+
+def test_a_course_goes_on_with_its_mean_slope_where_nobody_looked() -> None:
+    times = [np.linspace(2.0, 3.0, 11), np.linspace(7.0, 8.0, 11)]
+    courses = [(times[0] * 2.0)[:, None], (times[1] * 4.0)[:, None]]
+    time, course = joined(times, courses, 0.0, 10.0)
+    assert time[0] == 0.0
+    assert time[-1] == 10.0
+    assert course[0, 0] == 0.0
+    assert course[-1, 0] == pytest.approx(2.0 * 3.0 + 3.0 * 4.0 + 4.0 * 3.0)
+
+
+def test_a_long_run_is_looked_at_in_its_beginning_its_middle_and_its_end() -> None:
+    parts = stretches_of(6_000_000)
+    assert parts[0].start == 0
+    assert parts[-1].stop == 6_000_000
+    assert sum(part.stop - part.start for part in parts) <= 120_000
+    assert stretches_of(96_000) == (slice(0, 96_000),)
