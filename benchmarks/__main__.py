@@ -19,7 +19,7 @@ BENCHMARKS = {
     "tracking": "rate steps, a 30 Hz sine, then a million samples of nothing",
     "s_classic": "the rate of S-classic at amplitude / noise = 20 beside its Cramér–Rao bound",
     "variants": "the observers of 7 and 11 states",
-    "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 % off",
+    "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 %% off",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
     "trace_time": "a trace of a million samples with the whole catalogue",

@@ -206,6 +206,9 @@ def test_no_force_but_while_running(make: Callable[[], Bench], state: str, event
         bench.say(DriveForce(400, 400, 9))  # feeds the watchdog
     bench.happen(event, state)
     assert bench.board.state == State.SAFE
+    if isinstance(bench.board, CBoard):  # what reaches its converters: within the interval, and at every tick after it
+        assert bench.board.put[-1:] == [(0, 0)]
+        assert {bench.board.tick() for _ in range(60)} == {(0, 0)}
     bench.fault(False)
     bench.say(HELLO)
     bench.say(Arm())
