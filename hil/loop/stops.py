@@ -43,6 +43,7 @@ class Safety:
         rearmed: how often the board was armed again.
         confirmed: whether the last SAFE was confirmed; None while none was asked for.
         confirmed_tick: the board's tick in the STATUS that did.
+        broke: how the board broke the protocol and so ended the run, "" if it did not.
         recorder: why the record stopped, "" if it did not.
         signs: which drive acts the wrong way round, "" if none does.
         words: why SAFE was not confirmed, or what the board does in SAFE that it should not, one line.
@@ -54,6 +55,7 @@ class Safety:
     rearmed: int = 0
     confirmed: bool | None = None
     confirmed_tick: int | None = None
+    broke: str = ""
     recorder: str = ""
     signs: str = ""
     words: str = ""

@@ -24,7 +24,7 @@ from hil.loop import realtime
 from hil.loop.load import LoadMeter
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import WireError
+from hil.wire.errors import ProtocolError, WireError
 from hil.wire.link import Link
 from hil.wire.links import open_link
 from hil.wire.messages import Identity, SafeReason, Status
@@ -250,6 +250,8 @@ class _Driven:
         loop, limits = self._loop, self._bench.limits
         if isinstance(failed, WireError):
             self.stopped, self.failed = str(failed), _kinds(failed)
+            if isinstance(failed, ProtocolError):
+                loop.safety.broke = str(failed)
         elif failed is not None:  # of a file: the record is part of the run
             loop.safety.recorder = told_to_user(failed) or str(failed)
             self.stopped = f"the record ended: {loop.safety.recorder}"

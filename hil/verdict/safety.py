@@ -26,6 +26,8 @@ def judge_safety(outcome: Mapping[str, Any]) -> Part:
     if safety["latched"]:
         cause = _CAUSE.get(safety["latched"], "ask who, or what, stopped it")
         return Part(outcome="failed", reason=_latched(safety, stopped), next=cause)
+    if safety["broke"]:
+        return Part(outcome="failed", reason=stopped, next="see to the board: its supply, its link, its firmware")
     if safety["recorder"]:
         reason = stopped or f"the record ended: {safety['recorder']}"
         return Part(outcome="failed", reason=reason, next="see to the disk and start again")
