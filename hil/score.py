@@ -222,9 +222,7 @@ def compare(estimates: Estimates, truth: Truth, settle_s: float) -> Comparison |
     Goes through the records part by part: neither is in memory as a whole.
     """
     found = Comparison()
-    for piece in estimates.pieces():
-        tick = piece.tick
-        part = truth.between(int(tick[0]), int(tick[-1]))
+    for _, piece, part in truth.beside(estimates):
         window = scored_window(piece, part, settle_s)
         if window.t_s.size:
             found.add(piece, part, window)

@@ -1,6 +1,6 @@
 """The truth an emulated board wrote about itself. Opened by the score only, after the run."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, between, read_blocks
+from hil.records.blocks import Columns, between, pieces_of, read_blocks
+from hil.records.estimates import Estimates
 
 Floats = npt.NDArray[np.float64]
 
@@ -47,6 +48,22 @@ class Truth:
     def between(self, first_tick: int, last_tick: int) -> "Truth":
         """The part of these ticks."""
         return Truth(between(self.columns, first_tick, last_tick), self.header)
+
+    def pieces(self) -> Iterator["Truth"]:
+        """The truth in parts that memory always has room for, one after another."""
+        for _, columns in pieces_of(self.columns):
+            yield Truth(columns, self.header)
+
+    def beside(self, estimates: Estimates) -> Iterator[tuple[int, Estimates, "Truth"]]:
+        """Both in parts of the same stretch of ticks, neither large, with the first row of the estimates' part."""
+        row = 0
+        for piece in estimates.pieces():
+            tick = piece.tick
+            for part in self.between(int(tick[0]), int(tick[-1])).pieces():
+                true = part.tick
+                first, stop = np.searchsorted(tick, (true[0], true[-1] + 1))
+                yield row + int(first), piece.part(int(first), int(stop)), part
+            row += tick.size
 
     def at(self, tick: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
         """Indices (into `tick`, into this truth) of the ticks both have, ascending."""

@@ -58,9 +58,15 @@ class Material:
         if self.estimates is None:
             return None
         if self.truth is not None:
-            rows, ours = self.truth.at(self.estimates.tick)
-            rate, angle = self.truth["rate_rad_s"][ours], self.truth["angle_rad"][ours]
-            return Reference("truth", rows, angle, rate) if rows.size else None
+            found = [
+                (first + rows, part["angle_rad"][ours], part["rate_rad_s"][ours])
+                for first, piece, part in self.truth.beside(self.estimates)
+                for rows, ours in [part.at(piece.tick)]
+            ]
+            if not any(rows.size for rows, _, _ in found):
+                return None
+            rows, angle, rate = (np.concatenate(column) for column in zip(*found, strict=True))
+            return Reference("truth", rows, angle, rate)
         if self.capture is None or self.capture.rate_rad_s is None:
             return None
         rate, t_s = self.capture.rate_rad_s, self.capture.t_s
@@ -104,6 +110,11 @@ class Material:
         inside: npt.NDArray[np.bool_] = t_s >= self.settle_s
         return inside if inside.any() else np.ones_like(inside)
 
+    def scored_innovation(self, innovation: Innovation) -> Innovation:
+        """The scored window of the innovation; all of it when the record ends before it begins."""
+        scored = innovation.since(self.settle_s)
+        return scored if len(scored) else innovation
+
 
 _DECLARED = {
     "stiffness_N_per_m": ("kxx_per_s2", "kyy_per_s2", "kxy_per_s2"),
@@ -112,4 +123,4 @@ _DECLARED = {
 
 
 def _unless_empty(record: _Record | None) -> _Record | None:
-    return record if record is not None and record.tick.size else None
+    return record if record is not None and len(record) else None

@@ -1,5 +1,7 @@
 """What went over the wire: sensed voltages and drives, as envelopes."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from hil.report import decimate
@@ -16,27 +18,33 @@ def draw(material: Material) -> Drawing | None:
     capture = material.capture
     if capture is None:
         return None
-    rows = [("sensed", capture.sense_V, "V")]
-    if capture.has_drive:
-        rows.append(("drive", capture.drive, _DRIVE_UNITS[capture.drive_unit]))
-    figure = new_figure(0.5 + 1.2 * len(rows))
-    grid = figure.subplots(len(rows), capture.axes, sharex=True, sharey="row", squeeze=False)
+    names = [("sensed", "V")] + ([("drive", _DRIVE_UNITS[capture.drive_unit])] if capture.has_drive else [])
+    figure = new_figure(0.5 + 1.2 * len(names))
+    grid = figure.subplots(len(names), capture.axes, sharex=True, sharey="row", squeeze=False)
+    squares = np.zeros(capture.axes * len(names))
+
+    def parts() -> Iterator[tuple[Floats, Floats]]:
+        for piece in capture.pieces():
+            values = np.hstack([piece.sense_V, piece.drive] if capture.has_drive else [piece.sense_V])
+            squares[:] += np.sum(values**2, axis=0)
+            yield piece.t_s, values
+
+    middle, low, high = decimate.envelopes(parts(), len(capture), 700 // capture.axes)
     words = []
-    for panels, (name, values, unit) in zip(grid, rows, strict=True):
-        factor, prefix = prefix_for(float(np.abs(values).max()))
+    for row, (panels, (name, unit)) in enumerate(zip(grid, names, strict=True)):
+        columns = slice(row * capture.axes, (row + 1) * capture.axes)
+        factor, prefix = prefix_for(float(max(np.abs(low[:, columns]).max(), np.abs(high[:, columns]).max())))
         for axis, ax in enumerate(panels):
-            span = decimate.envelope(capture.t_s, values[:, axis] * factor, 700 // capture.axes)
-            ax.fill_between(*span, color=AXIS_COLOURS[axis], alpha=0.5, linewidth=0.4)
+            lower, upper = (edge[:, columns][:, axis] * factor for edge in (low, high))
+            ax.fill_between(middle, lower, upper, color=AXIS_COLOURS[axis], alpha=0.5, linewidth=0.4)
             ax.set_title(f"{name} {'xy'[axis]}")
         panels[0].set_ylabel(f"{prefix}{unit}")
-        words.append(f"{name} {_rms_words(values)} {unit} rms")
+        rms = np.sqrt(squares[columns] / len(capture))
+        words.append(f"{name} {' and '.join(significant(float(value)) for value in rms)} {unit} rms")
     for ax in grid[-1]:
         ax.set_xlabel("time / s")
     figure.align_ylabels()
-    span_time(list(grid.ravel()), capture.t_s)
+    last = len(capture) - 1
+    span_time(list(grid.ravel()), np.array([capture.part(0, 1).t_s[0], capture.part(last, last + 1).t_s[0]]))
     caption = f"Envelopes of every sample: {'; '.join(words)}."
     return Drawing(figure, "Signals", caption, f"Envelopes over time. {caption}")
-
-
-def _rms_words(values: Floats) -> str:
-    return " and ".join(significant(float(value)) for value in np.sqrt(np.mean(values**2, axis=0)))

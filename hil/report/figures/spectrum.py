@@ -1,9 +1,11 @@
 """Spectrum of the innovation: what the model has not explained stands above the noise floor."""
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.records.innovation import Innovation
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.numbers import prefix_for, quantity
@@ -22,19 +24,19 @@ def draw(material: Material) -> Drawing | None:
     innovation = material.innovation
     if innovation is None:
         return None
-    scored = material.scored(innovation.t_s)
-    nu, sd, rate_Hz = innovation.nu_V[scored], innovation.sd_V[scored], innovation.tick_rate_Hz
-    if nu.shape[0] < _SHORTEST_SEGMENT or not np.isfinite(nu + sd).all() or not (nu.any() and sd.any()):
+    scored, rate_Hz = material.scored_innovation(innovation), innovation.tick_rate_Hz
+    variance = _mean_square(scored)
+    if len(scored) < _SHORTEST_SEGMENT or not np.isfinite(variance).all() or not variance.all():
         return None
-    frequency, density = amplitude_density(nu, rate_Hz)
-    floor = float(np.sqrt(np.mean(sd**2) * 2 / rate_Hz))
+    frequency, density = amplitude_density_of((piece.nu_V for piece in scored.pieces()), len(scored), rate_Hz)
+    floor = float(np.sqrt(variance[1] * 2 / rate_Hz))
     factor, prefix = prefix_for(float(np.median(density)))
     figure = new_figure(2.7)
     ax = figure.subplots()
     for axis, colour in zip(range(innovation.axes), AXIS_COLOURS, strict=False):
         ax.semilogy(frequency, density[:, axis] * factor, color=colour, linewidth=0.9, label=f"ν{'xy'[axis]}")
     ax.axhline(floor * factor, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
-    caption = f"Amplitude spectral density of the scored window (Welch, {_segment(nu)} samples a segment)."
+    caption = f"Amplitude spectral density of the scored window (Welch, {_segment(len(scored))} samples a segment)."
     if material.resonance_Hz is not None:
         marked = _mark(ax, material.resonance_Hz, rate_Hz / 2)
         high = [n for n in marked if _peak(frequency, density, n * material.resonance_Hz) > _STANDS_OUT * floor]
@@ -54,15 +56,43 @@ def draw(material: Material) -> Drawing | None:
 
 def amplitude_density(values: Floats, rate_Hz: float) -> tuple[Floats, Floats]:
     """Frequencies (m,) and one-sided amplitude density (m, axes) per √Hz; white noise s gives s·√(2/rate)."""
+    return amplitude_density_of([values], len(values), rate_Hz)
+
+
+def amplitude_density_of(parts: Iterable[Floats], rows: int, rate_Hz: float) -> tuple[Floats, Floats]:
+    """The same of values that come in parts (n, axes), `rows` in all: segments lie half over each other, across parts
+    as well.
+    """
     from scipy.signal import welch
 
-    frequency, power = welch(values, rate_Hz, nperseg=_segment(values), axis=0)
-    return frequency[1:], np.sqrt(power[1:])  # the bin at 0 has the mean taken out of it
+    segment = _segment(rows)
+    step = segment // 2
+    left = np.empty((0, 0))
+    total: Floats | None = None
+    frequency, done = np.empty(0), 0
+    for part in parts:
+        values = np.concatenate([left, part]) if left.size else part
+        count = (len(values) - segment) // step + 1
+        if count > 0:
+            frequency, power = welch(values[: segment + (count - 1) * step], rate_Hz, nperseg=segment, axis=0)
+            total = count * power if total is None else total + count * power
+            done += count
+        left = values[max(count, 0) * step :].copy()
+    assert total is not None
+    return frequency[1:], np.sqrt(total[1:] / done)  # the bin at 0 has the mean taken out of it
 
 
-def _segment(values: Floats) -> int:
+def _mean_square(innovation: Innovation) -> Floats:
+    """Over all axes, of the innovation and of its predicted deviation (2,)."""
+    total = np.zeros(2)
+    for piece in innovation.pieces():
+        total += [np.sum(piece.nu_V**2), np.sum(piece.sd_V**2)]
+    return total / max(len(innovation) * innovation.axes, 1)
+
+
+def _segment(rows: int) -> int:
     """A quarter of the record at most, so that averaging steadies the curve enough to read a line in it."""
-    quarter = max(values.shape[0] // 4, _SHORTEST_SEGMENT)
+    quarter = max(rows // 4, _SHORTEST_SEGMENT)
     return int(min(_LONGEST_SEGMENT, 2 ** int(np.log2(quarter))))
 
 

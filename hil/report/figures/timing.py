@@ -1,13 +1,14 @@
 """Turnaround of every answered sample, on logarithmic scales: the tail is what matters."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.records.quantiles import quantiles
 from hil.records.result import Percentiles
-from hil.records.summary import percentiles
 from hil.report.figures.drawing import Drawing
-from hil.report.material import Material
+from hil.report.material import Floats, Material
 from hil.report.numbers import count, percent
 from hil.report.theme import BAD, FIRST, MUTED, new_figure, plain_log_ticks
 
@@ -21,18 +22,25 @@ def draw(material: Material) -> Drawing | None:
     timing = material.timing
     if timing is None:
         return None
-    turnaround = timing.turnaround_us[timing.turnaround_us > 0]
-    found = percentiles(turnaround)
-    if found is None:
+
+    def parts() -> Iterator[Floats]:
+        return (piece.turnaround_us[piece.turnaround_us > 0] for piece in timing.pieces())
+
+    ranked = quantiles(parts, (0.0, 0.5, 0.99, 0.999, 1.0))
+    if ranked is None:
         return None
+    least, p50, p99, p999, most = ranked
+    found = Percentiles(p50=p50, p99=p99, p999=p999)
     bare, deadline = material.result.bare_turnaround_us, timing.deadline_us
-    marks = [found.p50, found.p99, found.p999, float(turnaround.max()), float(turnaround.min())]
+    marks = [found.p50, found.p99, found.p999, most, least]
     marks += [deadline] if deadline else []
     marks += [bare.p50, bare.p999] if bare else []
     low, high = min(marks) / 1.3, max(marks) * 1.5
     figure = new_figure(2.5)
     ax = figure.subplots()
-    ax.hist(turnaround, bins=np.geomspace(low, high, 90).tolist(), color=FIRST, alpha=0.55, linewidth=0, log=True)
+    edges = np.geomspace(low, high, 90)
+    counts = np.sum([np.histogram(part, edges)[0] for part in parts()], axis=0)
+    ax.hist(edges[:-1], edges.tolist(), weights=counts, color=FIRST, alpha=0.55, linewidth=0, log=True)
     ax.set_xscale("log")
     ax.set_xlim(low, high)
     for value, name in ((found.p50, "p50"), (found.p99, "p99"), (found.p999, "p99.9")):
@@ -40,10 +48,10 @@ def draw(material: Material) -> Drawing | None:
     if bare is not None:
         for value, name in ((bare.p50, "bare p50"), (bare.p99, "bare p99"), (bare.p999, "bare p99.9")):
             _mark(ax, value, name, MUTED, 1)
-    caption = f"Turnaround of {count(turnaround.size)} answers: {_listed(found)}."
+    caption = f"Turnaround of {count(int(counts.sum()))} answers: {_listed(found)}."
     if deadline:
         _mark(ax, deadline, "deadline", BAD, 2 if bare is not None else 1)
-        slow = percent(float(np.mean(turnaround > deadline)), 2)
+        slow = percent(sum(int(np.count_nonzero(part > deadline)) for part in parts()) / int(counts.sum()), 2)
         caption += f" {slow} of these answers left the host after the deadline of {deadline:.4g} µs."
     if bare is not None:
         caption += f" A bare read and write paced alike: {_listed(bare)}."
