@@ -111,6 +111,9 @@ class StoredColumns(Mapping[str, npt.NDArray[Any]]):
                 block += 1
         return values
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._scan.dtypes  # Mapping's own would read the column
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._scan.dtypes)
 
