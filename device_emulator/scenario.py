@@ -95,7 +95,7 @@ class Board(Section):
 class Scenario(Section):
     """A whole scenario file."""
 
-    seed: Annotated[int, Field(ge=0)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
     truth: Truth
     sense: Sense
     drive: Drive
@@ -121,13 +121,23 @@ class Scenario(Section):
         return self.board.sample_rate_Hz * (1.0 + self.faults.clock_skew)
 
 
+_MOST_BYTES = 1 << 22
+
+
 def load(path: Path) -> Scenario:
     """The scenario in a TOML file. Raises `ScenarioError`: one line with file, key and what was expected."""
     try:
-        document = tomllib.loads(path.read_text("utf-8"))
+        with path.open("rb") as file:
+            text = file.read(_MOST_BYTES + 1)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot read the scenario ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    if len(text) > _MOST_BYTES:
+        raise ScenarioError(f"{path}: longer than {_MOST_BYTES >> 20} MB, which no scenario is")
+    try:
+        document = tomllib.loads(text.decode("utf-8"))
+    except RecursionError:
+        raise ScenarioError(f"{path}: not a TOML file: nested too deeply") from None
+    except ValueError as error:  # also of bytes that are no text, and of numbers with thousands of digits
         raise ScenarioError(f"{path}: not a TOML file: {error}") from None
     rate = document.get("rate")
     if isinstance(rate, dict) and isinstance(rate.get("path"), str):
@@ -136,6 +146,8 @@ def load(path: Path) -> Scenario:
         return Scenario.model_validate(document)
     except ValidationError as error:
         raise ScenarioError(f"{path}: {_one_line(error)}") from None
+    except RecursionError:
+        raise ScenarioError(f"{path}: nested too deeply") from None
 
 
 _EXPECTED = {

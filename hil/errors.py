@@ -1,5 +1,9 @@
 """The one error a user of the bench meets when something given to it cannot be used."""
 
+import errno
+import os
+
+_LONGEST, _END = 900, 300
 _TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
 
 
@@ -25,9 +29,11 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+        line = printable(" ".join(message.split()))
+        super().__init__(line if len(line) <= _LONGEST else f"{line[: _LONGEST - _END]} … {line[-_END:]}")
 
 
+_NOT_OURS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EMFILE, errno.ENFILE)
 _PACKAGES = ("hil", "estimator", "device_emulator")
 
 
@@ -41,4 +47,8 @@ def told_to_user(error: BaseException) -> str | None:
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+    if isinstance(error, OSError) and error.errno in _NOT_OURS:  # of a write, which does not know the file's name
+        return f"a file cannot be written: {os.strerror(error.errno).lower()}; make room, or give another place"
+    if isinstance(error, MemoryError):
+        return "out of memory: the values given ask for more than this machine has"
     return None

@@ -16,6 +16,8 @@ from hil.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
 
+_MOST_BYTES = 1 << 22
+
 _EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -37,15 +39,25 @@ def read_toml(path: Path, model: type[Model]) -> Model:
 def read_table(path: Path) -> dict[str, Any]:
     """The file at ``path`` as plain tables; `InputError` when it is not TOML."""
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            raw = file.read(_MOST_BYTES + 1)
     except OSError as error:
         raise InputError(f"{path}: {(error.strerror or 'cannot be read').lower()}") from None
+    if len(raw) > _MOST_BYTES:
+        raise InputError(f"{path}: longer than {_MOST_BYTES >> 20} MB, which no such file is; give a TOML file")
+    return table_of(raw, str(path))
+
+
+def table_of(raw: bytes, source: str) -> dict[str, Any]:
+    """TOML text as plain tables; `source` is the name that stands before the error."""
     try:
         return tomllib.loads(raw.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8; a TOML file is UTF-8 text") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not TOML: {error}") from None
+        raise InputError(f"{source}: byte {error.start} is not UTF-8; a TOML file is UTF-8 text") from None
+    except RecursionError:
+        raise InputError(f"{source}: not TOML that can be used: nested too deeply; write it flat") from None
+    except ValueError as error:  # tomllib's own, and Python's of a number with thousands of digits
+        raise InputError(f"{source}: not TOML: {error}") from None
 
 
 def parse_table(table: Mapping[str, Any], model: type[Model], source: str) -> Model:
@@ -54,6 +66,8 @@ def parse_table(table: Mapping[str, Any], model: type[Model], source: str) -> Mo
         return model.model_validate(table)
     except ValidationError as error:
         raise InputError(f"{source}: {one_line(error, model)}") from None
+    except RecursionError:
+        raise InputError(f"{source}: nested too deeply; write it flat") from None
 
 
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:

@@ -9,7 +9,7 @@ import sys
 from types import FrameType
 from typing import Any
 
-from hil.errors import told_to_user
+from hil.errors import printable, told_to_user
 
 INTERRUPTED = 130
 
@@ -52,7 +52,7 @@ def _sentence(error: Exception) -> str | None:
 
 def _say(sentence: str) -> None:
     """One line on standard error, red where that is a terminal."""
-    line = "hil: " + " ".join(sentence.split())
+    line = "hil: " + printable(" ".join(sentence.split()))
     print(f"\033[31m{line}\033[0m" if sys.stderr.isatty() else line, file=sys.stderr)
 
 

@@ -22,7 +22,10 @@ Link = Annotated[
 ]
 Name = Annotated[str | None, typer.Option("--name", help="Last part of the run folder's name.  [default: the bench's]")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder in which the run folder TIME-NAME is made.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the dither and of an emulated board's noise.")]
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of the dither and of an emulated board's noise."),
+]
 Truth = Annotated[
     Path | None,
     typer.Option("--truth", help="File into which an emulated board writes its true states, for `hil score`."),

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
+from hil.errors import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -24,7 +26,7 @@ _MACHINE_STYLE = "yellow"  # of a run whose only trouble is this machine's
 
 def say(sentence: str) -> None:
     """A remark to the user, on standard error."""
-    print(sentence, file=sys.stderr, flush=True)
+    print(printable(sentence), file=sys.stderr, flush=True)
 
 
 def print_json(figures: Mapping[str, Any]) -> None:
@@ -81,9 +83,10 @@ def show_identity(link: str, identity: Mapping[str, Any], *, as_json: bool) -> N
     if as_json:
         print_json({"link": link, "identity": identity})
         return
-    print(f"{link} answers and agrees with the bench file; not armed")
+    print(f"{printable(link)} answers and agrees with the bench file; not armed")
     for name, value in identity.items():
-        print(f"  {name:<18}{version_of(value) if name == 'firmware' else value}")
+        shown = version_of(value) if name == "firmware" else value
+        print(printable(f"  {name:<18}{shown}"))
 
 
 def _print_tables(result: "Result", report: Path) -> None:
@@ -93,9 +96,10 @@ def _print_tables(result: "Result", report: Path) -> None:
     if result.verdict == "unsafe":
         console.print(f"[{_VERDICT_STYLE['unsafe']}] UNSAFE [/] ", end="")
         console.print(f"{_alarm(result)}\n", markup=False, style="bold red")
-    console.print(f"[bold]{result.run}[/bold]\n")
+    console.print(printable(result.run), style="bold", markup=False)
+    console.print()
     for label, value in _figures(result):
-        console.print(f"{label:<34}{value}", markup=False)
+        console.print(printable(f"{label:<34}{value}"), markup=False)
     if result.parameters:
         console.print()
         console.print(_parameters(result))
@@ -103,7 +107,7 @@ def _print_tables(result: "Result", report: Path) -> None:
     if result.verdict is not None:
         _print_verdict(console, result)
     for remark in result.remarks:
-        console.print(f"remark   {remark}", markup=False)
+        console.print(printable(f"remark   {remark}"), markup=False)
     if report.exists():
         console.print(f"report   {report}", markup=False)
     if result.next is not None:
@@ -120,7 +124,7 @@ def _print_verdict(console: "Console", result: "Result") -> None:
     told = [part.reason for part in result.parts.values()]
     for reason in result.reasons:
         if reason not in told:
-            console.print(f"         {reason}", markup=False)
+            console.print(printable(f"         {reason}"), markup=False)
     for name, part in result.parts.items():
         if part.outcome == "unknown" and not part.reason:
             continue

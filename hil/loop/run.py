@@ -210,8 +210,12 @@ def conclude(
 
 def _keep_if_recorded(folder: Path, *, whatever: bool = False) -> bool:
     """Whether a sample was recorded there, or the folder is to be kept `whatever` is in it; else it is taken away."""
-    capture = RunFolder(folder).capture if RunFolder(folder).capture_path.exists() else None
-    if whatever or (capture is not None and len(capture)):
-        return True
+    place = RunFolder(folder)
+    try:
+        if whatever or (place.capture is not None and len(place.capture)):
+            return True
+    except InputError:  # what cannot be read is not thrown away
+        if place.capture_path.stat().st_size:
+            return True
     shutil.rmtree(folder)
     return False

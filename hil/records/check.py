@@ -14,7 +14,7 @@ from hil.records.atomic import replacing
 from hil.records.blocks import Scan, StoredColumns, pieces_of, scan_blocks
 from hil.records.result import load_result
 
-STEMS = ("capture", "innovation", "estimates", "timing", "clock")
+STEMS = ("capture", "innovation", "estimates", "covariance", "timing", "clock")
 """Record files of a run, by stem."""
 _MADE_FROM_THEM = ("result.json", "report.html")
 _STEADY = ("capture", "innovation", "estimates")

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from estimator.trace import diagnosis as traced
 from hil.errors import InputError
-from hil.records.atomic import write_text
+from hil.records.atomic import read_json, write_text
 
 
 class _Model(BaseModel):
@@ -165,7 +165,7 @@ def save_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
 def load_diagnosis(path: Path) -> Diagnosis:
     """Read diagnosis.json. Raises InputError naming the file and the key that is wrong."""
     try:
-        return Diagnosis.model_validate_json(path.read_bytes())
+        return Diagnosis.model_validate_json(read_json(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give a diagnosis that hil trace wrote") from None
     except ValidationError as error:

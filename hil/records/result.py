@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from hil.errors import InputError
-from hil.records.atomic import write_text
+from hil.records.atomic import read_json, write_text
 
 
 class _Model(BaseModel):
@@ -358,7 +358,7 @@ def save_result(path: Path, result: Result) -> None:
 def load_result(path: Path) -> Result:
     """Read result.json. Raises InputError naming the file and the key that is wrong."""
     try:
-        return Result.model_validate_json(path.read_bytes())
+        return Result.model_validate_json(read_json(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give the folder of a run") from None
     except ValidationError as error:

@@ -1,6 +1,5 @@
 """The folder a run leaves, and what is in it."""
 
-import tomllib
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ from hil.records.estimates import Estimates, read_estimates
 from hil.records.innovation import Innovation, read_innovation
 from hil.records.result import Result, load_result
 from hil.records.timing import Timing, read_timing
+from hil.strict_toml import read_table
 
 _Record = TypeVar("_Record")
 
@@ -79,16 +79,16 @@ class RunFolder:
 
     @cached_property
     def bench_text(self) -> str:
-        """The bench file as run, "" when there is none."""
-        return self.bench_path.read_text(encoding="utf-8") if self.bench_path.exists() else ""
+        """The bench file as run, "" when there is none. Raises InputError when it is no text."""
+        try:
+            return self.bench_path.read_text(encoding="utf-8") if self.bench_path.exists() else ""
+        except (OSError, UnicodeDecodeError):
+            raise InputError(f"{self.bench_path}: cannot be read as text; restore the file as run") from None
 
     @cached_property
     def bench(self) -> dict[str, Any]:
         """The bench file as plain tables: old runs stay readable when the bench file's rules change."""
-        try:
-            return tomllib.loads(self.bench_text)
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{self.bench_path}: not TOML ({error}); restore the file as run") from None
+        return read_table(self.bench_path) if self.bench_path.exists() else {}
 
     @cached_property
     def capture(self) -> Capture | None:
@@ -128,7 +128,11 @@ class RunFolder:
     @property
     def settle_s(self) -> float:
         """Start of the scored window (bench file, `[loop] settle_s`), 0 when not stated."""
-        return float(self.bench.get("loop", {}).get("settle_s", 0.0))
+        loop = self.bench.get("loop", {})
+        stated = loop.get("settle_s", 0.0) if isinstance(loop, dict) else None
+        if not isinstance(stated, int | float):
+            raise InputError(f"{self.bench_path}: [loop] settle_s: expected a number; restore the file as run")
+        return float(stated)
 
 
 def _read_if_there(path: Path, read: Callable[[Path], _Record]) -> _Record | None:

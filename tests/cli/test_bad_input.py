@@ -1,0 +1,155 @@
+"""Every kind of bad file and value, over every verb that takes one: one line, exit code 2, no traceback.
+
+Through the real command line, in this process; whole processes where a process of the bench's own is at work.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hil.cli import execute
+from hil.examples import find
+from tests.records.synthetic_run import Options, write_run
+
+EVIL = "a\x1b[31mred\x07\u202egnirts\x9b2J\nnext"
+DEEP = 5000
+
+
+def contents() -> Iterator[tuple[str, bytes]]:
+    """Files that are none of ours."""
+    yield "empty", b""
+    yield "binary", bytes(range(256)) * 64
+    yield "zeros", bytes(5000)
+    yield "half a letter", "key = 'ä'".encode()[:-2]
+    yield "deep lists", b"a = " + b"[" * DEEP + b"]" * DEEP
+    yield "deep tables", b"[" + b".".join([b"a"] * DEEP) + b"]\nb = 1"
+    yield "deep inline", b"a = " + b"{b=" * DEEP + b"1" + b"}" * DEEP
+    yield "deep json", b"[" * 100_000
+    yield "deep objects", b'{"a":' * 100_000
+    yield "a long number", b"a = " + b"9" * 5000
+    yield "control characters", b"\x1b]0;title\x07[device\x1b[2J]\n"
+    yield "arrow magic", b"ARROW1\x00\x00" + b"\xff" * 64
+    yield "arrow prefix", b"\xff\xff\xff\xff\xff\xff\xff\x7f" + bytes(100)
+    yield "csv", b"t_s,vx_V\n0,1\n\x1b[31m,2\n"
+    yield "json", b'{"version": 1, "run": "\\u001b[31m"}'
+
+
+CONTENTS = dict(contents())
+VERBS = {
+    "bench": ["run", "FILE", "--link", "inproc:s-slow", "--clock", "lockstep"],
+    "bench of a replay": ["replay", "capture.arrow", "--bench", "FILE"],
+    "bench of a trace": ["trace", "capture.arrow", "--bench", "FILE"],
+    "scenario": ["run", "s-slow", "--link", "inproc:FILE", "--clock", "lockstep"],
+    "scenario on a pty": ["run", "s-slow", "--link", "pty:FILE"],
+    "emulate": ["emulate", "FILE"],
+    "replay": ["replay", "FILE", "--bench", "s-slow"],
+    "trace": ["trace", "FILE", "--bench", "s-slow"],
+    "export": ["export", "FILE", "-o", "out.csv"],
+    "check": ["check", "FILE"],
+    "repair": ["check", "FILE", "--repair"],
+    "import": ["import", "FILE", "-o", "out.arrow"],
+    "map": ["import", "ride.csv", "--map", "FILE", "-o", "out.arrow"],
+    "truth": ["score", "run", "--truth", "FILE"],
+    "key": ["run", "s-slow", "--link", "udp:127.0.0.1:4299?key=FILE", "--arm"],
+}
+FINE = {("import", "csv")}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bad")
+    write_run(folder / "run", Options(seconds=1.0))
+    (folder / "capture.arrow").write_bytes((folder / "run" / "capture.arrow").read_bytes())
+    (folder / "ride.csv").write_text("t_s,vx_V\n0,0.1\n0.001,0.2\n0.002,0.1\n")
+    return folder
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, list[str]]:
+    code = execute(list(arguments))
+    return code, [line for line in capsys.readouterr().err.splitlines() if line.startswith("hil: ")]
+
+
+def assert_one_plain_line(code: int, lines: list[str]) -> None:
+    assert code == 2
+    (line,) = lines
+    assert all(mark.isprintable() for mark in line), ascii(line)
+    assert "Traceback" not in line
+    assert len(line) < 1000
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("content", CONTENTS)
+def test_a_file_that_is_none(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], verb: str, content: str
+) -> None:
+    if verb in ("emulate", "scenario on a pty") and content not in ("deep lists", "binary", "empty"):
+        pytest.skip("a process each: the reader is that of the scenario within the process")
+    monkeypatch.chdir(place)
+    (place / "file.toml").write_bytes(CONTENTS[content])
+    for made in ("out.csv", "out.arrow"):
+        (place / made).unlink(missing_ok=True)
+    arguments = [word.replace("FILE", "file.toml") for word in VERBS[verb]]
+    assert_one_plain_line(*told(capsys, *arguments))
+
+
+@pytest.mark.parametrize("name", ["result.json", "bench.toml", "capture.arrow", "estimates.arrow", "innovation.arrow"])
+@pytest.mark.parametrize("content", CONTENTS)
+def test_a_run_folder_with_a_file_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: str
+) -> None:
+    truth = write_run(tmp_path / "run", Options(seconds=1.0, settle_s=0.1))
+    (tmp_path / "run" / name).write_bytes(CONTENTS[content])
+    if (name, content) == ("bench.toml", "empty"):  # a run without: nothing says when scoring starts
+        assert told(capsys, "score", str(tmp_path / "run"), "--truth", str(truth))[0] in (0, 1)
+    else:
+        assert_one_plain_line(*told(capsys, "score", str(tmp_path / "run"), "--truth", str(truth)))
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_what_is_no_file(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], verb: str
+) -> None:
+    monkeypatch.chdir(place)
+    (place / "folder.toml").mkdir(exist_ok=True)
+    for name in ("gone.toml", "folder.toml", EVIL, "x" * 300):
+        assert_one_plain_line(*told(capsys, *(word.replace("FILE", name) for word in VERBS[verb])))
+
+
+def bench_with(folder: Path, old: str, new: str) -> str:
+    text = Path(find("bench", "s-slow")).read_text(encoding="utf-8")
+    assert old in text
+    path = folder / "changed.bench.toml"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("settle_s = ", 'settle_s = "\\u001b[31m" #'),
+        ("[loop]", f"[loop]\nseed = {2**63}"),
+        ("[loop]", f"[loop]\nseed = {10**400}"),
+    ],
+)
+def test_values_out_of_this_world(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], old: str, new: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bench = bench_with(tmp_path, old, new)
+    assert_one_plain_line(*told(capsys, "run", bench, "--link", "inproc:s-slow", "--clock", "lockstep"))
+
+
+def test_a_seed_that_is_too_large(capsys: pytest.CaptureFixture[str]) -> None:
+    assert_one_plain_line(*told(capsys, "run", "s-slow", "--seed", str(2**63)))
+    assert_one_plain_line(*told(capsys, "emulate", "s-slow", "--seed", str(2**63)))
+
+
+def test_a_folder_that_takes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = "/proc/self/fdinfo"  # nobody can make a file there, root neither
+    run = ["run", "s-slow", "--link", "inproc:s-slow", "--clock", "lockstep"]
+    assert_one_plain_line(*told(capsys, *run, "--out", f"{place}/runs"))
+    assert_one_plain_line(*told(capsys, *run, "--out", str(tmp_path), "--truth", f"{place}/truth.arrow"))
+    write_run(tmp_path / "run", Options(seconds=1.0))
+    assert_one_plain_line(*told(capsys, "export", str(tmp_path / "run"), "-o", f"{place}/out.csv"))
+    assert_one_plain_line(*told(capsys, "init", "-o", f"{place}/my.bench.toml"))
