@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.emulation import served
+from hil.errors import InputError
 from hil.loop.stops import alarm_of
 from hil.loop.supervision import as_raised, supervise
 from hil.loop.worker import Order
