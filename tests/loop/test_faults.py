@@ -14,6 +14,7 @@ from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from tests.loop import gyro
 from tests.loop.closed import angle_errors
+from tests.wire.multicast import group
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -79,12 +80,13 @@ def test_the_same_seed_is_the_same_record_on_every_link(tmp_path: Path) -> None:
     """In lockstep bench time decides what a lost frame does, so neither link nor speed can change the record."""
     scenario, declared = faulty(tmp_path / "board.toml", BAD_LINE), gyro.bench(1.0)
     here, _ = go(declared, f"inproc:{scenario}", tmp_path / "here")
-    for kind, link in (("pty", "pty"), ("udp", "udp:239.77.3.9:47139")):
+    for kind, link in (("pty", "pty"), ("udp", f"udp:{group(3)}")):
         with emulator(scenario, link=link, seed=declared.loop.seed) as board:
             there, _ = go(declared, board.url, tmp_path / kind)
         assert here.capture_path.read_bytes() == there.capture_path.read_bytes(), kind
 
 
+@pytest.mark.slow
 def test_an_unplugged_board_stops_the_run(tmp_path: Path) -> None:
     scenario = faulty(tmp_path / "board.toml", "unplugged_s = 0.25")
     folder, result = go(gyro.bench(1.0), f"inproc:{scenario}", tmp_path / "runs")
@@ -105,7 +107,8 @@ def test_an_unplugged_pty_hangs_up(tmp_path: Path) -> None:
     assert 900 < result.samples <= 1001
 
 
-@pytest.mark.parametrize("link", ["inproc", pytest.param("pty", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("link", ["inproc", "pty"])
 def test_a_brown_out_stops_the_run_and_is_named(tmp_path: Path, link: str) -> None:
     scenario = faulty(tmp_path / "board.toml", "[[faults.brown_out]]\nstart_s = 0.2\nduration_s = 0.05")
     _, result = go(gyro.bench(1.0), f"{link}:{scenario}", tmp_path / "runs")
