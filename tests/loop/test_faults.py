@@ -167,6 +167,19 @@ def test_on_wall_time_handshake_and_run_survive_a_bad_line(tmp_path: Path) -> No
     assert words.startswith("faults inflicted: corrupted_to_board")
 
 
+@pytest.mark.slow
+@pytest.mark.realtime
+def test_what_a_board_counted_before_is_not_this_runs(tmp_path: Path) -> None:
+    """Its counters count since its power-up; drives are lost in its first second only."""
+    path = gyro.unhurried_scenario(tmp_path / "board.toml")
+    path.write_text(path.read_text() + '\n[faults]\nlost = 0.1\ntoward = "board"\nuntil_s = 1.0\n')
+    declared = gyro.unhurried_bench(1.5, limits={"late_fraction": 1.0})
+    with emulator(path) as board:
+        (_, first), (_, second) = (go(declared, board.url, tmp_path / name) for name in ("first", "second"))
+    assert first.counters["board_lost_seq"] > 10
+    assert second.counters["board_lost_seq"] == 0
+
+
 def test_the_scenario_names_its_mistakes(tmp_path: Path) -> None:
     path = faulty(tmp_path / "board.toml", 'lsot = 0.1\n[[faults.stuck]]\naxis = "x"\nstart_s = 1.0\nduration_s = 1.0')
     with pytest.raises(ValueError, match=r"board.toml: \[faults\] lsot: unknown key; did you mean lost\?"):
