@@ -26,6 +26,7 @@ def campaign(orders: Sequence[Order], folder: Path, *, jobs: int, say: Say, samp
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / "lines.jsonl"
     lines = {line["key"]: line for line in map(json.loads, kept.read_text().splitlines())} if kept.exists() else {}
+    lines = {key: line for key, line in lines.items() if "failed" not in line}  # those are tried again
     waiting = [order for order in orders if key_of(order, samples) not in lines]
     begin = time.monotonic()
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors

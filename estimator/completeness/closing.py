@@ -6,21 +6,25 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimator.completeness.answer import Completeness, Outcome
+from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.information import Coefficient, Information
-from estimator.completeness.lacking import judge
+from estimator.completeness.lacking import HARMLESS, in_words, leading
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
+from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.trace.candidates import Parameters, watch_list
-from estimator.trace.fitting import Fitted, fit
+from estimator.trace.evidence import evidence
+from estimator.trace.fitting import Fitted, coefficients_of, fit
+from estimator.trace.judgement import unexplained
 from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
-from estimator.trace.selection import fresh, scanned_with
+from estimator.trace.selection import fresh, kind, scanned_with, threshold
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
+_ROUNDS = 3  # effects that are there and harmless are carried, and the record is looked at again
 # Of what is watched with several parameters: near enough to the others to be seen by, and named.
 _LABELS = {
     "drive_saturation": ("2", "4", "6"),
@@ -86,21 +90,50 @@ def _scanned(
     limit_rad: float,
     progress: Progress,
 ) -> Completeness:
-    progress("scan", 0, 3)
     records = weighed_of(stretches)
     first = records[0]
-    known = {name: dict(given) for name, given in settings.effects.items()}
-    base = fit(first, device, settings, controller, known)
+    progress("scan", 0, 2 + _ROUNDS)
+    base = fit(first, device, settings, controller, settings.effects)
     if not np.isfinite(base.likelihood):
         return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
     watched = watched_of(first, device, base)
-    progress("scan", 1, 3)
-    carried = scanned_with(base, device, settings)
-    seen = together([scan(record, device, carried, controller, watched, base.observer) for record in records])
-    progress("scan", 2, 3)
-    information = information_of(stretches, device, settings, controller, watched, seen, scored_s)
-    progress("scan", 3, 3)
-    return judge(first, device, settings, controller, base, watched, seen, information, limit_rad)
+    progress("scan", 1, 2 + _ROUNDS)
+    turning = turning_of(stretches, device, settings, controller, watched, scored_s)
+    known = dict(watched)
+    ratio: float | None = None
+    lacks: list[Lacking] = []
+    harmless: list[Lacking] = []
+    for done in range(_ROUNDS):
+        progress("scan", 2 + done, 2 + _ROUNDS)
+        carried = scanned_with(base, device, settings)
+        seen = together([scan(record, device, carried, controller, watched, base.observer) for record in records])
+        ratio = seen.ratio if ratio is None else ratio
+        found = evidence(seen)
+        serious = [item for item in found.values() if item.significance > threshold(len(found))]
+        taken = leading(first, device, base, controller, watched, seen, serious, turning) if serious else None
+        if taken is None:
+            break
+        if taken.lacking.angle.high >= HARMLESS * limit_rad:
+            lacks.append(taken.lacking)
+            break
+        harmless.append(taken.lacking)
+        turning = turning.with_shift(taken.name, taken.values, taken.covariance)
+        if done == _ROUNDS - 1:
+            break
+        effects = coefficients_of(base.observer) | {taken.name: taken.given}
+        base = fit(first, device, base.settings, controller, effects)
+        watched = {
+            name: given
+            for name, given in watched.items()
+            if kind(name) != kind(taken.name) or (name != taken.name and "omega" in given)
+        }
+    progress("scan", 2 + _ROUNDS, 2 + _ROUNDS)
+    left = () if lacks else unexplained(base, first, float(np.sqrt(device.target)) / (2.0 * np.pi))
+    return Completeness(
+        Outcome.LACKS if lacks or left else Outcome.COMPLETE,
+        in_words(lacks, harmless, left, len({kind(name) for name in known})),
+        tuple(lacks), tuple(harmless), information_of(seen, turning, device), ratio,
+    )  # fmt: skip
 
 
 def watched_of(record: Record, device: Device, base: Fitted) -> dict[str, Parameters]:
@@ -126,41 +159,47 @@ def together(scans: Sequence[Scan]) -> Scan:
     )
 
 
-def information_of(
+def turning_of(
     stretches: Sequence[Stretch],
     device: Device,
     settings: ObserverSettings,
     controller: ControllerSettings | None,
     watched: dict[str, Parameters],
-    seen: Scan,
     scored_s: tuple[float, float],
-) -> Information:
-    """The scan's normal equations, and the sensitivity of the angle as the bench's own observer has it."""
+) -> Turning:
+    """The angle's sensitivity to every watched coefficient, as the run's own observer has it."""
     if settings.gain is Gain.STATIONARY:  # its table would have to be made anew; it was made from such a filter
         settings = replace(settings, gain=Gain.FADING)
     times, courses = [], []
     for stretch in stretches:
-        course = scan(stretch.record, device, settings, controller, watched, weighed=False).course
+        seen = scan(stretch.record, device, settings, controller, watched, weighed=False)
         elapsed = np.cumsum(stretch.record.step)
         edges = np.linspace(0, len(elapsed), PARTS + 1).astype(int)
-        ends = np.concatenate(
-            [begin + np.ceil(np.arange(1, COURSE + 1) * (end - begin) / COURSE) - 1 for begin, end in pairwise(edges)]
-        ).astype(int)
-        time = stretch.begin_s + elapsed[ends]
+        steps = np.arange(1, COURSE + 1) / COURSE
+        ends = np.concatenate([begin + np.ceil(steps * (end - begin)) - 1 for begin, end in pairwise(edges)])
+        time = stretch.begin_s + elapsed[ends.astype(int)]
         settled = time >= settled_s(stretch, settings, device, scored_s[0])
         times.append(time[settled])
-        courses.append(course[settled])
+        courses.append(seen.course[settled])
     time, sensitivity = joined(times, courses, scored_s[0], scored_s[1])
-    coefficients = []
+    return Turning(dict(seen.columns), time, sensitivity, np.zeros(len(time)), np.zeros(len(time)))
+
+
+def information_of(seen: Scan, turning: Turning, device: Device) -> Information:
+    """Normal equations of the scan beside the sensitivity of the angle, for what the scan watched."""
+    coefficients: list[Coefficient] = []
+    places: list[int] = []
     for name, columns in seen.columns.items():
         _, effect = effect_for(name, device.axes)
+        places += range(turning.columns[name].start, turning.columns[name].stop)
         for c, plausible in zip(effect.coefficients, seen.plausible[columns], strict=True):
             coefficients.append(Coefficient(name, c.name.partition(":")[0], c.unit, float(plausible)))
     return Information(
         tuple(coefficients),
         seen.normal.sum(axis=0),
         seen.score.sum(axis=0),
-        time,
-        sensitivity,
+        turning.time,
+        np.asarray(turning.sensitivity.T[places]).T,
         max(seen.ratio, 1.0),
+        np.hypot(turning.shift, turning.deviation),
     )

@@ -77,7 +77,8 @@ class Information:
 
     normal (k, k), score (k,): N and b over the whole record, scaled to the plausible sizes; time (m,) s from the start
     of the run, the first instant being the start of what was scored; sensitivity (m, k): rad per SI unit, zero at the
-    first instant; widening: by how much deviations are larger than N says, as the innovations are.
+    first instant; widening: by how much deviations are larger than N says, as the innovations are; found (m,) rad: how
+    far effects that are there turned the angle, too little to matter and not among the coefficients, None without any.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -86,6 +87,7 @@ class Information:
     time: Array
     sensitivity: Array
     widening: float = 1.0
+    found: Array | None = None
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -151,3 +153,14 @@ class Information:
             beside = self.posterior(prior_sd, effect).angle_uncertainty ** 2
             found[effect] = np.asarray(np.sqrt(np.maximum(beside - declared, 0.0)))
         return found
+
+    def beyond(self, prior_sd: Mapping[str, float]) -> tuple[str, Array]:
+        """What the record leaves open beside the calibration: the effect without prior that may move the angle most by
+        the end ("" where there is none), and by how much (m,) rad, rms, with what was found and is harmless.
+        """
+        left = self.cannot_exclude(prior_sd)
+        found = np.zeros(len(self.time)) if self.found is None else self.found
+        if not left:
+            return "", found
+        most = max(left, key=lambda effect: float(left[effect][-1]))
+        return most, np.asarray(np.hypot(left[most], found))

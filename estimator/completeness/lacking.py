@@ -3,62 +3,59 @@
 Far from the truth a scan is a rough guide, so those that come into question are each carried by an observer once.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.stats import norm
 
-from estimator.completeness.answer import Completeness, Lacking, Outcome
-from estimator.completeness.information import Information
+from estimator.completeness.answer import Lacking
+from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.settings import ControllerSettings, Device
 from estimator.trace.candidates import Parameters
 from estimator.trace.certainty import widening
 from estimator.trace.diagnosis import Interval
-from estimator.trace.evidence import SAME, Evidence, evidence, likeness
+from estimator.trace.evidence import SAME, Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
-from estimator.trace.judgement import unexplained
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan
-from estimator.trace.selection import kind, second_thoughts, shortlist, surprise, threshold
+from estimator.trace.selection import kind, second_thoughts, shortlist, surprise
 
 _TWO_SIDED = float(norm.ppf(0.975))
 _TRIED = 3
 _BESIDE = 1  # tried beside them, of another kind
 _COMPARED = 10_000  # samples on which candidates are compared, at least
 _ENOUGH = 1000.0  # of twice the log-likelihood: so much tells candidates apart
-_HARMLESS = 1.0 / 3.0  # of the limit: an angle that moves by less is told, not held against the run
+HARMLESS = 1.0 / 3.0
+"""Of the limit: what moves the angle by less is told, not held against the run."""
 
 
-def judge(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
-    base: Fitted,
-    watched: dict[str, Parameters],
-    seen: Scan,
-    information: Information,
-    limit_rad: float,
-) -> Completeness:
-    """The answer for a record that `base` was fitted to, by the scan of it and perhaps of further stretches."""
-    found = evidence(seen)
-    serious = [item for item in found.values() if item.significance > threshold(len(found))]
-    named = [leading(record, device, base, controller, watched, seen, serious, information)] if serious else []
-    lacking = [item for item in named if item is not None]
-    harmless = tuple(item for item in lacking if item.angle.high < _HARMLESS * limit_rad)
-    lacks = tuple(item for item in lacking if item not in harmless)
-    resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    reasons = () if lacking else unexplained(base, record, resonance)
+@dataclass(frozen=True)
+class Taken:
+    """An effect that a record shows: by its name in the scan, with its coefficients (k,), their covariance (k, k), and
+    coefficients and parameters as an observer takes them, SI.
+    """
+
+    name: str
+    lacking: Lacking
+    values: Array
+    covariance: Array
+    given: dict[str, float]
+
+
+def in_words(lacks: Sequence[Lacking], harmless: Sequence[Lacking], left: Sequence[str], watched: int) -> str:
+    """Why the outcome is what it is, one line."""
     if lacks:
-        reason = "; ".join(map(told, lacks))
-    elif reasons:
-        reason = f"the residual is not explained by any effect known: {'; '.join(reasons)}"
-    elif harmless:
-        reason = f"nothing that matters is lacking; {'; '.join(map(told, harmless))}"
-    else:
-        reason = f"none of the {len({kind(name) for name in found})} effects looked for explains more than chance would"
-    outcome = Outcome.LACKS if lacks or reasons else Outcome.COMPLETE
-    return Completeness(outcome, reason, lacks, harmless, information, seen.ratio)
+        return "; ".join(map(told, [*lacks, *harmless]))
+    there = [f"nothing that matters is lacking: {told(item)}" for item in harmless]
+    if left:
+        beside = "beside what is harmless, the" if harmless else "the"
+        return "; ".join(
+            [f"{beside} residual is explained by no effect known: {', '.join(left)}", *map(told, harmless)]
+        )
+    return "; ".join(there) or f"none of the {watched} effects looked for explains more than chance would"
 
 
 def told(item: Lacking) -> str:
@@ -84,8 +81,8 @@ def leading(
     watched: dict[str, Parameters],
     seen: Scan,
     serious: list[Evidence],
-    information: Information,
-) -> Lacking | None:
+    turning: Turning,
+) -> Taken | None:
     """The effect that explains most once it is carried, None where none explains more than chance would."""
     names = shortlist(seen, serious)[:_TRIED]
     if serious[0].gain > _ENOUGH:
@@ -105,22 +102,22 @@ def leading(
     model = models[best]
     rows = [model.observer.estimated.index(c.name) for c in effect.coefficients]
     covariance = model.observer.covariance[np.ix_(rows, rows)] * widening(model) ** 2
-    values = np.array([coefficients_of(model.observer)[best][c.name.partition(":")[0]] for c in effect.coefficients])
-    deviation = np.sqrt(np.diagonal(covariance))
+    given = coefficients_of(model.observer)[best]
+    values = np.array([given[c.name.partition(":")[0]] for c in effect.coefficients])
+    half = _TWO_SIDED * np.sqrt(np.diagonal(covariance))
     alike = likeness(seen, best, values)
-    return Lacking(
+    lacking = Lacking(
         effect=kind(best),
         title=effect.title,
         coefficients={
-            c.name.partition(":")[0]: Interval(
-                float(value), float(value - _TWO_SIDED * sd), float(value + _TWO_SIDED * sd), c.unit
-            )
-            for c, value, sd in zip(effect.coefficients, values, deviation, strict=True)
+            c.name.partition(":")[0]: Interval(float(value), float(value - off), float(value + off), c.unit)
+            for c, value, off in zip(effect.coefficients, values, half, strict=True)
         },
         evidence=gains[best],
-        angle=angle_of(information, best, values, covariance),
+        angle=angle_of(turning.of(best), values, covariance),
         alike=tuple(dict.fromkeys(kind(o) for o, value in alike.items() if value > SAME and kind(o) != kind(best))),
     )
+    return Taken(best, lacking, values, np.asarray(covariance), given)
 
 
 def price(name: str, device: Device, record: Record) -> float:
@@ -129,9 +126,10 @@ def price(name: str, device: Device, record: Record) -> float:
     return (len(effect.coefficients) + len(effect.parameters)) * float(np.log(record.sense.size))
 
 
-def angle_of(information: Information, name: str, values: Array, covariance: Array) -> Interval:
-    """How far the angle is off, at the instant where that is most, for coefficients with that covariance."""
-    moves = information.sensitivity[:, information.columns([name])]
+def angle_of(moves: Array, values: Array, covariance: Array) -> Interval:
+    """How far the angle is off, at the instant where that is most, for coefficients with that covariance; moves (m, k)
+    rad per SI unit.
+    """
     shift = moves @ values
     at = int(np.argmax(np.abs(shift)))
     half = _TWO_SIDED * float(np.sqrt(moves[at] @ covariance @ moves[at]))
