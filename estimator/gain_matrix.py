@@ -67,12 +67,12 @@ class GainMatrix:
                 "gives one signal twice; choose a delay near a quarter of a cycle"
             )
 
-    def solve(self, reign: int) -> tuple[Array, Array]:
+    def solve(self, reign: int, ahead: int = 0) -> tuple[Array, Array]:
         """(G (2, 4) in drive codes per sense code, b (2,) in drive codes) for the newest estimate; lent until the next
         call.  Zeros where the estimate is not finite.
 
         `reign` is the time in samples from the estimate to the end of what it will be used for: a hold does no more
-        than a quarter of its work in that time.
+        than a quarter of its work in that time; `ahead` is the time in samples until it comes into force.
         """
         observer = self._observer
         self._gain[:] = 0.0
@@ -81,6 +81,6 @@ class GainMatrix:
             return self._gain, self._bias
         gain_matrix(
             observer.record, observer.memory, observer.x, *self._filter, self._delay, _UNCHANGED / (reign * observer.h),
-            self._gain, self._bias,
+            ahead * observer.h, self._gain, self._bias,
         )  # fmt: skip
         return self._gain, self._bias

@@ -12,7 +12,7 @@ from estimator.effects.declaration import Source
 from estimator.errors import ModelError
 from estimator.kernel import block
 from estimator.kernel.flow import taylor_order
-from estimator.kernel.layout import MAX_EFFECTS, MAX_LATENCY, MAX_SIGNALS, MEMORY, OUTPUT, SETTINGS
+from estimator.kernel.layout import MAX_EFFECTS, MAX_ENTRIES, MAX_LATENCY, MAX_SIGNALS, MEMORY, OUTPUT, SETTINGS
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
@@ -24,7 +24,8 @@ class Estimates:
     """What the observer made of n samples, SI.
 
     state, deviation (rows, states + constants): every `every`-th sample, at the sample numbers `index`; innovation and
-    its predicted deviation (n, axes) in volts; the angles [rad] and ratios (n,) of a two-axis gyro, zeros for a single
+    its predicted deviation (n, axes) in volts; angle_deviation the standard uncertainty of the angle by estimation,
+    since the reference instant; the angles [rad] and ratios (n,) of a two-axis gyro, zeros for a single
     axis.
     """
 
@@ -35,6 +36,8 @@ class Estimates:
     innovation: Array
     innovation_deviation: Array
     angle: Array
+    angle_deviation: Array
+    angle_forced: Array
     angle_pattern: Array
     angle_plain: Array
     angle_rate_integral: Array
@@ -78,7 +81,9 @@ class Observer:
         self.device = device
         self.settings = settings
         self.number, self.model = model_for(device.axes)
-        self.scaling = Scaling(math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain)
+        self.scaling = Scaling(
+            math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain, device.angular_gain
+        )
         self.volts = np.array([self.scaling.sense(axis) for axis in range(device.axes)])  # of a unit of length
         self.effects = tuple(effect_for(name, device.axes) for name in settings.effects)
         self.carried = len(self.effects) - watched
@@ -98,6 +103,8 @@ class Observer:
         estimated = sum(len(effect.coefficients) for _, effect in self.effects[: self.carried])
         self.active = np.concatenate([active_constants(self.model, settings.variant), base + np.arange(estimated)])
         self.estimated_index = np.concatenate([np.arange(self.states), self.states + self.active])
+        if len(self.estimated_index) > MAX_ENTRIES:
+            raise ModelError(f"{len(self.estimated_index)} states and constants at once; {MAX_ENTRIES} are supported")
         spread, walk = self._spreads()
         self.x = self._initial()
         n = self.states + len(self.active)
@@ -211,6 +218,11 @@ class Observer:
             record["force_noise"][0, axis] = density / (device.amplitude**2 * scaling.omega0**3)
         record["stiffness"] = 1.0
         record["energy"] = 0.5
+        record["angular_gain"] = device.angular_gain
+        record["open_loop"] = settings.open_loop
+        record["reference"] = settings.reference * scaling.omega0
+        rate = [i for i, constant in enumerate(self.active) if self.names[self.states + constant] == "rate"]
+        record["rate_row"] = self.states + rate[0] if rate else -1
         if controller is not None:
             self._control(record, controller)
         return record
@@ -255,6 +267,7 @@ class Observer:
         record["energy_gain"] = controller.energy_gain
         record["quadrature_gain"] = controller.quadrature_gain
         record["virtual_rate"] = controller.virtual_rotation / scaling.omega0
+        record["reversal"] = controller.virtual_reversal * scaling.omega0
         record["dither"] = controller.dither / scaling.drive
         record["modulation"] = controller.modulation
         record["modulation_rate"] = controller.modulation_rate / scaling.omega0
@@ -330,6 +343,14 @@ class Observer:
             covariance[:] = 0.0
             covariance[constants, constants] = block_of_constants
             covariance[: self.states, : self.states] = np.diag(self.motion_spread)
+        self._lose_angle()
+
+    def _lose_angle(self) -> None:
+        """The pattern angle is as unknown as the motion is; what forces turned it by is known as before."""
+        if self.device.axes == 2:
+            gradient = self.memory["gradient"][0]
+            self.memory["angle_cross"][0, : self.states] = -self.motion_spread * gradient
+            self.memory["angle_variance"][0] += float(self.motion_spread @ gradient**2)
 
     def reading(self) -> tuple[list[float], list[float]]:
         """Newest state vector and its standard deviations, SI, in the order of `model.names`; 0 for what is not
@@ -410,6 +431,8 @@ class Observer:
             innovation=rows["nu"][:, :axes] * self.volts,
             innovation_deviation=np.sqrt(rows["s"][:, :axes]) * np.abs(self.volts),
             angle=rows["angle"],
+            angle_deviation=np.sqrt(np.maximum(rows["angle_variance"], 0.0)),
+            angle_forced=rows["angle_forced"],
             angle_pattern=rows["angle_pattern"],
             angle_plain=rows["angle_plain"],
             angle_rate_integral=rows["angle_rate_integral"],

@@ -19,13 +19,15 @@ class Scaling:
     """Factors from scaled to SI.
 
     omega0 [rad/s]; length [m]; sense_gain [V/m] per axis (signed); drive_gain: nominal m/s² per unit of the drive
-    channel.
+    channel; angular_gain: rotation of the pattern over that of the board; a scaled rate is the pattern's, one in SI
+    the board's.
     """
 
     omega0: float
     length: float
     sense_gain: tuple[float, ...]
     drive_gain: float = 1.0
+    angular_gain: float = 1.0
 
     @property
     def drive(self) -> float:
@@ -45,7 +47,7 @@ class Scaling:
         factors = {
             Quantity.POSITION: self.length,
             Quantity.VELOCITY: self.length * self.omega0,
-            Quantity.RATE: self.omega0,
+            Quantity.RATE: self.omega0 / self.angular_gain,
             Quantity.STIFFNESS: self.omega0**2,
             Quantity.DAMPING: self.omega0,
             Quantity.DRIVE_GAIN: self.drive_gain,

@@ -30,7 +30,8 @@ class Device:
     """What the data sheet declares, normalised by the mass.
 
     stiffness [1/s²] and damping [1/s] are (xx, yy, xy), or one number for a single axis; sense_gain [V/m] and noise [V
-    rms per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s².
+    rms per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s²; angular_gain is
+    the rotation of the pattern over that of the board.
     """
 
     sample_rate: float
@@ -42,6 +43,7 @@ class Device:
     mass: float = 1.0
     drive_gain: float = 1.0
     target_stiffness: float | None = None
+    angular_gain: float = 1.0
 
     @property
     def axes(self) -> int:
@@ -94,6 +96,9 @@ class ObserverSettings:
     effects: what the base model lacks and this observer carries, by name (`estimator.effects`), each with first
     guesses of its coefficients in SI (0 where not given); they are estimated with the rest.
 
+    open_loop: nothing makes an ideal oscillator of the device, so that the angle is the integrated rate.
+    reference: time [s] from which on the angle's uncertainty counts; what it was there is zero by definition.
+
     A stationary gain takes over from an EKF with fading memory one memory after `acquisition` [s]: it corrects by a
     constant share of what it sees, and would carry the errors of the first guess on for many memories.
     """
@@ -106,6 +111,8 @@ class ObserverSettings:
     spread: Spread = field(default_factory=Spread)
     process_noise: ProcessNoise = field(default_factory=ProcessNoise)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    reference: float = 0.0
+    open_loop: bool = False
 
     def __post_init__(self) -> None:
         if self.memory <= 0.0:
@@ -121,8 +128,9 @@ class ObserverSettings:
 class ControllerSettings:
     """The holds around (9), all gains in units of ω0; rates in rad/s, forces in m/s².
 
-    latency is in samples, force_quantum the force of one drive code, sense_quantum [V] of one sense code.  dither_seed
-    chooses the sequence of the dither; without one it is always the same.
+    latency is in samples, force_quantum the force of one drive code, sense_quantum [V] of one sense code.  The virtual
+    rotation is reversed every `virtual_reversal` seconds, 0: never.  dither_seed chooses the sequence of the dither;
+    without one it is always the same.
     """
 
     latency: int
@@ -132,6 +140,7 @@ class ControllerSettings:
     energy_gain: float = 0.01
     quadrature_gain: float = 0.01
     virtual_rotation: float = 0.0
+    virtual_reversal: float = 0.0
     dither: float = 0.0
     dither_seed: int | None = None
     modulation: float = 0.0

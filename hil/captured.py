@@ -38,6 +38,7 @@ def control_of(bench: Bench, record: Capture) -> ControllerSettings | None:
         force_limit=bench.device.drive.full_scale,
         sense_quantum=1.0,
         virtual_rotation=bench.controller.virtual_rotation_rad_s,
+        virtual_reversal=bench.virtual_reversal_s,
     )
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from estimator import settings
 from estimator.gain_matrix import BoardFilter, luenberger, pair
+from estimator.uncertainty import Calibration
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.wire import client
@@ -28,6 +29,7 @@ def device_of(bench: Bench) -> settings.Device:
         mass=device.mass_kg,
         drive_gain=device.drive_mps2_per_unit,
         target_stiffness=bench.target_stiffness_per_s2,
+        angular_gain=device.calibration.angular_gain,
     )
 
 
@@ -47,6 +49,8 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
     drive_noise = bench.device.drive.noise_mps2_per_rtHz
     return settings.ObserverSettings(
         effects=bench.effects,
+        reference=bench.loop.settle_s,
+        open_loop=bench.device.axes == 2 and not bench.controller.enabled,
         variant=settings.Variant(observer.variant),
         gain=settings.Gain(observer.gain),
         memory=observer.memory_s,
@@ -83,11 +87,18 @@ def controller_settings_of(bench: Bench, identity: Identity) -> settings.Control
         energy_gain=controller.energy_gain,
         quadrature_gain=controller.quadrature_gain,
         virtual_rotation=controller.virtual_rotation_rad_s,
+        virtual_reversal=bench.virtual_reversal_s,
         dither=controller.dither_mps2,
         dither_seed=bench.loop.seed,
         modulation=controller.amplitude_modulation,
         modulation_rate=2.0 * math.pi * controller.modulation_Hz,
     )
+
+
+def calibration_of(bench: Bench) -> Calibration:
+    """How well the constants are known, declared or assumed."""
+    known = bench.device.calibration.known(bench.device.resonance_rad_s)
+    return Calibration(**{name: found.u for name, found in known.items()})
 
 
 def board_filter_of(bench: Bench) -> BoardFilter:

@@ -11,6 +11,7 @@ from hil.bench import Bench
 from hil.captured import control_of, samples_of
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
+from hil.loop.angle import ReportedAngle
 from hil.loop.run import RunResult, conclude, new_folder
 from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
 from hil.progress import Progress, Watcher
@@ -43,8 +44,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
         shutil.copyfile(capture, part)
     _estimate(record, bench, observer, folder, progress)
     stopped = "" if record.complete else "the record was interrupted"
-    old = () if record.sealed else ("the record is from before there were checksums: a changed bit would not show",)
-    conclude(folder, bench, {"stopped": stopped, "refused": old}, link=None, note=None, progress=progress)
+    conclude(folder, bench, {"stopped": stopped}, link=None, note=None, progress=progress)
     return RunResult(folder, {})
 
 
@@ -72,14 +72,14 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
 def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, progress: Watcher) -> None:
     tick, sense, drive, step = samples_of(record)
     layouts = observer_layouts(observer, bench)
-    every = bench.loop.estimate_every
+    every, reported = bench.loop.estimate_every, ReportedAngle(bench)
     stride = bench.loop.covariance_stride(record.tick_rate_Hz)
     with record_here(folder, layouts) as recording:
         for start, stop in _parts(len(tick), every, stride):
             rows = slice(start, stop)
             estimates = observer.run(sense[rows], drive[rows], step=step[rows], every=every)
             recording["innovation"].push(innovation_rows(layouts["innovation"], tick[rows], estimates))
-            recording["estimates"].push(estimate_rows(layouts["estimates"], tick[rows], estimates, bench.limits))
+            recording["estimates"].push(estimate_rows(layouts["estimates"], tick[rows], estimates, reported))
             if stop % stride == 0:
                 put_covariance(recording["covariance"], int(tick[stop - 1]), observer)
             progress(Progress("replay", stop, len(tick)))

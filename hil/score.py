@@ -262,12 +262,22 @@ def estimation_error_rad(estimates: Estimates, truth: Truth, window: Window) -> 
     if not all(name in estimates and name in truth.columns for name in _PATTERN_STATES):
         return None
     stiffness = _stiffness_per_s2(estimates, truth)
-    spin = estimates.header.get("virtual_rotation_rad_s", 0.0) + truth["rate_rad_s"][window.true]
+    angular_gain = float(estimates.header.get("angular_gain", 1.0))
+    spin = _virtual_rad_s(estimates, window) + angular_gain * truth["rate_rad_s"][window.true]
     estimated_state = np.stack([estimates[name][window.estimated] for name in _PATTERN_STATES])
     true_state = np.stack([truth[name][window.true] for name in _PATTERN_STATES])
     estimated = pattern_angle_rad(estimated_state, stiffness, spin)
     true = pattern_angle_rad(true_state, stiffness, spin)
-    return -((estimated - true + np.pi / 2) % np.pi - np.pi / 2)
+    return -((estimated - true + np.pi / 2) % np.pi - np.pi / 2) / angular_gain
+
+
+def _virtual_rad_s(estimates: Estimates, window: Window) -> Floats:
+    """Virtual rotation (n,) at the scored instants; with reversals the first comes after half of their interval."""
+    imposed = float(estimates.header.get("virtual_rotation_rad_s", 0.0))
+    period = float(estimates.header.get("virtual_reversal_s", 0.0))
+    if period == 0.0:
+        return np.full(window.t_s.size, imposed)
+    return np.where(np.round(window.t_s / period) % 2 == 1, -imposed, imposed)
 
 
 def pattern_angle_rad(state: Floats, stiffness_per_s2: float, spin_rad_s: Floats) -> Floats:

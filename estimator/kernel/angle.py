@@ -22,9 +22,10 @@ def note_forced_rotation(settings: Record, memory: Record, x: Floats, h: float) 
 
 @compiled
 def read_angle(settings: Record, memory: Record, x: Floats, h: float, row: Record) -> None:
-    """Angle, energy and quadrature of the estimate at the end of h into an output row; unwraps and counts turns.
+    """Angle, energy and quadrature of the estimate at the end of h into an output row; unwraps and counts turns.  All
+    rotations go out as the board's: divided by the angular gain, κ.
 
-    The pattern lags the board (PHYSICS.md §2): φ = −(θ − θ0) plus what forces turned the pattern by.  Taking off the
+    The pattern lags the board (PHYSICS.md §2): κφ = −(θ − θ0) plus what forces turned the pattern by.  Taking off the
     virtual rotation alone, as an ideal control would allow, is kept as angle_pattern.
     """
     rate = x[settings.states + RATE]
@@ -46,9 +47,13 @@ def read_angle(settings: Record, memory: Record, x: Floats, h: float, row: Recor
         memory.theta_plain = unwrap_half_turns(plain, memory.theta_plain)
     memory.rotation = w
     memory.rate = rate
-    row.angle = memory.theta_zero - memory.theta + memory.forced
-    row.angle_pattern = memory.theta_zero - memory.theta - memory.virtual_integral
-    row.angle_plain = memory.theta_plain_zero - memory.theta_plain - memory.virtual_integral
-    row.angle_rate_integral = memory.rate_integral
+    turns = 1.0 / settings.angular_gain
+    row.angle = turns * (memory.theta_zero - memory.theta + memory.forced)
+    if settings.open_loop == 1:
+        row.angle = turns * memory.rate_integral
+    row.angle_forced = -turns * memory.forced
+    row.angle_pattern = turns * (memory.theta_zero - memory.theta - memory.virtual_integral)
+    row.angle_plain = turns * (memory.theta_plain_zero - memory.theta_plain - memory.virtual_integral)
+    row.angle_rate_integral = turns * memory.rate_integral
     row.energy_ratio = energy / settings.energy
     row.quadrature_ratio = math.sqrt(settings.stiffness) * momentum / energy if energy > 0.0 else 0.0

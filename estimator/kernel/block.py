@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from estimator.kernel.angle import note_forced_rotation, read_angle
+from estimator.kernel.angle_error import note_gradient, refer_angle
 from estimator.kernel.compiled import compiled
-from estimator.kernel.controller import advance_queue, command
+from estimator.kernel.controller import advance_queue, command, virtual_rate
 from estimator.kernel.layout import Floats, Ints, Record
 from estimator.kernel.observer import correct, predict, remember_drive, workspace
 from estimator.kernel.plain import advance_plain, is_plain, plain_state, restore
@@ -39,6 +40,7 @@ def advance(
     predict(settings, active, walk, x, p, c, memory, u, h, work)
     if settings.axes == 2:
         note_forced_rotation(settings, memory, x, h)
+        note_gradient(settings, memory, x)
     correct(settings, active, prior, spread, guess, table, x, p, c, memory, z, u, h, work, nu, variance)
     memory.time += h
     remember_drive(settings, memory, u)
@@ -47,6 +49,10 @@ def advance(
         row.s[axis] = variance[axis]
     if settings.axes == 2:
         read_angle(settings, memory, x, h, row)
+        if refer_angle(settings, memory):
+            memory.angle_variance = 0.0
+            memory.angle_cross[:] = 0.0
+        row.angle_variance = memory.angle_variance / settings.angular_gain**2
 
 
 @compiled
@@ -88,7 +94,7 @@ def observe_block(
     variance = np.zeros(2)
     actual = c if settings.twin == 1 else p
     plain = truth.shape[0] == 0 and is_plain(settings, active, x)
-    flat_x, flat_p, flat_c, own = plain_state(x, p, c, plain)
+    flat_x, flat_p, flat_c, own = plain_state(x, p, c, memory, plain)
     written = 0
     for m in range(z.shape[0]):
         if truth.shape[0] > 0:
@@ -97,7 +103,7 @@ def observe_block(
             memory.temperature = temperature[m]
         if settings.axes == 2:
             driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
-            memory.virtual_applied = settings.virtual_rate if settings.control == 1 and driven else 0.0
+            memory.virtual_applied = virtual_rate(settings, memory.time) if settings.control == 1 and driven else 0.0
         if plain:
             advance_plain(
                 settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z[m], u[m], h[m], own, rows[m]
@@ -109,7 +115,7 @@ def observe_block(
             )  # fmt: skip
         if m % every == every - 1:
             if plain:
-                restore(flat_x, flat_p, flat_c, x, p, c)
+                restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
             for i in range(n_full):
                 states_out[written, i] = x[i]
                 deviations_out[written, i] = 0.0
@@ -120,7 +126,7 @@ def observe_block(
                 deviations_out[written, settings.states + active[i]] = math.sqrt(actual[j, j])
             written += 1
     if plain:
-        restore(flat_x, flat_p, flat_c, x, p, c)
+        restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
     return written
 
 
@@ -160,11 +166,11 @@ def tick(
     z[1] = vy * settings.sense_scale[1]
     advance_queue(settings, memory, drive[:, 0])
     if is_plain(settings, active, x):
-        flat_x, flat_p, flat_c, own = plain_state(x, p, c, True)
+        flat_x, flat_p, flat_c, own = plain_state(x, p, c, memory, True)
         advance_plain(
             settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z, drive, settings.h, own, rows[0]
         )  # fmt: skip
-        restore(flat_x, flat_p, flat_c, x, p, c)
+        restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
     else:
         advance(
             settings, active, walk, prior, spread, guess, table, x, p, c, memory, z, drive, settings.h,

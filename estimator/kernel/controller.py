@@ -30,6 +30,28 @@ def dither_force(memory: Record, amplitude: float) -> float:
 
 
 @compiled
+def virtual_rate(settings: Record, time: float) -> float:
+    """Virtual rotation asked for in the interval that begins at `time`.
+
+    With reversals it begins halfway between two of them, so that the pattern goes as far to one side as to the other.
+    """
+    rate: float = settings.virtual_rate
+    if settings.reversal > 0.0:
+        # Half a sample on: which side of a reversal a sample is on must not hang on the rounding of a sum.
+        turn = np.floor((time + 0.5 * settings.h) / settings.reversal + 0.5)
+        if turn - 2.0 * np.floor(0.5 * turn) > 0.5:
+            return -rate
+    return rate
+
+
+@compiled
+def acting(settings: Record, memory: Record) -> float:
+    """Virtual rotation of the drive computed from the newest sample, which acts `latency` samples on."""
+    asked: float = virtual_rate(settings, memory.time + settings.latency * settings.h)
+    return asked
+
+
+@compiled
 def holds(settings: Record, memory: Record, s: Floats, rate: float, w: float, fastest: float) -> tuple[float, float]:
     """(damping along the velocity, force across the position) per unit of either, for state s at rotation w, neither
     acting faster than `fastest`.
@@ -58,7 +80,7 @@ def control_law(settings: Record, memory: Record, s: Floats, c: Floats, out: Flo
     """
     x, vx, y, vy = s[0], s[1], s[2], s[3]
     k = settings.stiffness
-    virtual = settings.virtual_rate
+    virtual = acting(settings, memory)
     w = c[RATE] + virtual
     hold, square = holds(settings, memory, s, c[RATE], w, np.inf)
     out[0] = (
@@ -91,7 +113,7 @@ def steer(settings: Record, memory: Record, s: Floats, c: Floats, ahead: float, 
     a, b, out = work[:3]
     push = work[12:17]
     target = c.copy()
-    target[RATE] = c[RATE] + settings.virtual_rate
+    target[RATE] = c[RATE] + acting(settings, memory)
     target[KXX] = settings.stiffness
     target[KYY] = settings.stiffness
     target[KXY] = 0.0
@@ -143,7 +165,7 @@ def command(settings: Record, memory: Record, x: Floats, work: tuple[Floats, ...
                 force[axis] = steer(settings, memory, s, c, 0.5 * h + late, work)[axis]
         else:
             force[:] = steer(settings, memory, s, c, 0.5 * h, work)
-        virtual = settings.virtual_rate
+        virtual = acting(settings, memory)
     for axis in range(2):
         value = force[axis] / settings.hold
         if settings.control == 1 and settings.dither > 0.0:

@@ -16,16 +16,16 @@ exact at the frequencies of that motion, (1 ± (Ω + Ωv)) ω0, and nothing is a
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.controller import holds
+from estimator.kernel.controller import holds, virtual_rate
 from estimator.kernel.flow import taylor
 from estimator.kernel.layout import RATE, Floats, Record
 
 
 @compiled
-def target_motion(settings: Record, memory: Record, x: Floats, fastest: float) -> Floats:
-    """M (4, 4) for the state vector x; no hold acts faster than `fastest`."""
+def target_motion(settings: Record, memory: Record, x: Floats, fastest: float, ahead: float = 0.0) -> Floats:
+    """M (4, 4) for the state vector x, `ahead` of it in time; no hold acts faster than `fastest`."""
     rate = x[settings.states + RATE]
-    w = rate + settings.virtual_rate
+    w = rate + virtual_rate(settings, memory.time + ahead)
     hold, square = holds(settings, memory, x, rate, w, fastest)
     k = settings.stiffness - rate * rate
     m = np.zeros((4, 4))
@@ -143,14 +143,15 @@ def gain_matrix(
     c: Floats,
     delay: int,
     fastest: float,
+    ahead: float,
     gain: Floats,
     bias: Floats,
 ) -> None:
     """gain (2, 4) and bias (2,) in drive codes for the state vector x and the board's filter a (2, 2), b, c (2,), delay
-    in samples.
+    in samples, in force from `ahead` of it in time on.
     """
     settings = settings_record[0]
-    e = exponential(target_motion(settings, memory_record[0], x, fastest), settings.h, settings.order)
+    e = exponential(target_motion(settings, memory_record[0], x, fastest, ahead), settings.h, settings.order)
     constants = x[settings.states :].copy()
     force = force_of_motion(settings, constants, e)
     signals = filtered_motion(settings, e, a, b, c, delay)

@@ -19,6 +19,7 @@ MAX_EFFECTS = 64  # carried and watched
 MAX_SIGNALS = 96
 MAX_DEGREE = 8  # terms of a drive polynomial that are kept for a delay
 MAX_DELAY = 8  # samples
+MAX_ENTRIES = 4 + 9 + 2 * MAX_EFFECTS  # of the state vector of a two-axis gyro
 
 # Order of the constants in the gyro's state vector; tests hold it equal to the declaration.
 PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
@@ -63,6 +64,7 @@ SETTINGS = np.dtype(
         ("energy_gain", "f8"),
         ("quadrature_gain", "f8"),
         ("virtual_rate", "f8"),
+        ("reversal", "f8"),  # time between reversals of the virtual rotation, 0: never
         ("dither", "f8"),
         ("modulation", "f8"),
         ("modulation_rate", "f8"),
@@ -70,6 +72,11 @@ SETTINGS = np.dtype(
         ("force_limit", "f8"),
         ("quantum", "f8"),  # force of one drive code
         ("sense_scale", "f8", (MAX_AXES,)),  # position of one sense code
+        # angle
+        ("angular_gain", "f8"),  # rotation of the pattern over that of the board
+        ("reference", "f8"),  # time from which on the angle's uncertainty counts
+        ("open_loop", "i8"),  # 1: no drive makes the pattern an angle; it is the integrated rate
+        ("rate_row", "i8"),  # of the rate among states and active constants
     ],
     align=True,
 )
@@ -91,6 +98,10 @@ MEMORY = np.dtype(
         ("rate_integral", "f8"),
         ("virtual_integral", "f8"),
         ("virtual_applied", "f8"),
+        ("gradient", "f8", (4,)),  # of the pattern angle by the states
+        ("referred", "i8"),  # 1: the reference instant is past
+        ("angle_variance", "f8"),  # of the pattern's rotation since then
+        ("angle_cross", "f8", (MAX_ENTRIES,)),  # its covariance with states and active constants
         ("temperature", "f8"),  # above the first reading
         ("signals", "f8", (MAX_SIGNALS, 2)),  # value, and what else its recursion carries
         ("past", "f8", (MAX_DELAY + 1, MAX_AXES, MAX_DEGREE)),  # drives of the intervals before, newest first
@@ -104,6 +115,8 @@ OUTPUT = np.dtype(
         ("nu", "f8", (MAX_AXES,)),  # innovation
         ("s", "f8", (MAX_AXES,)),  # its predicted variance
         ("angle", "f8"),  # reported rotation φ, rad
+        ("angle_variance", "f8"),  # of the estimate, since the reference instant
+        ("angle_forced", "f8"),  # what was taken off for forces
         ("angle_pattern", "f8"),  # −(θ − θ0) − ∫Ωv dt, what an ideal control would make equal to it
         ("angle_plain", "f8"),  # the same from the source's formula (11)
         ("angle_rate_integral", "f8"),  # ∫Ω̂ dt

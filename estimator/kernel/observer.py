@@ -9,6 +9,7 @@ carried.
 
 import numpy as np
 
+from estimator.kernel.angle_error import correct_angle, move_angle, predict_angle, recall_angle
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import drive_at, flow, sensed_before
 from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, Floats, Ints, Record
@@ -202,6 +203,7 @@ def recall_guess(
     p: Floats,
     c: Floats,
     index: int,
+    memory: Record,
     scratch: Floats,
 ) -> None:
     """Measure one constant against its initial guess, with variance `noise`; scratch (2 or more, n)."""
@@ -212,6 +214,8 @@ def recall_guess(
     for i in range(p.shape[0]):
         gain[i] = p[row, i] * share
         x[i if i < settings.states else settings.states + active[i - settings.states]] += gain[i] * pull
+    if settings.axes == 2:
+        recall_angle(memory, c if settings.twin == 1 else p, row, gain, noise)
     rank_one(p, row, gain, noise, scratch[1])
     if settings.twin == 1:
         rank_one(c, row, gain, noise, scratch[1])
@@ -241,12 +245,12 @@ def remember_prior(
     """
     memory.cursor = (memory.cursor + 1) % active.shape[0]
     if prior[memory.cursor] > 0.0:  # else known exactly from the start: nothing is forgotten of it
-        recall_guess(settings, active, prior[memory.cursor], guess, x, p, c, memory.cursor, scratch)
+        recall_guess(settings, active, prior[memory.cursor], guess, x, p, c, memory.cursor, memory, scratch)
     for k in range(active.shape[0]):
         variance = p[settings.states + k, settings.states + k]
         if spread[k] > 0.0 and variance > spread[k]:
             noise = variance * spread[k] / (variance - spread[k])
-            recall_guess(settings, active, noise, guess, x, p, c, k, scratch)
+            recall_guess(settings, active, noise, guess, x, p, c, k, memory, scratch)
 
 
 @compiled
@@ -426,6 +430,9 @@ def predict(
     predict_state(settings, active, memory, x, u, h, work)
     if settings.signal_count > 0:
         advance_signals(settings, memory, before, s, u, h)
+    if settings.axes == 2:
+        predict_angle(settings, memory, c if settings.twin == 1 else p, h)
+        move_angle(memory, g)
     if settings.twin == 1:
         propagate(c, g, scratch, 1.0)
         add_process_noise(c, settings, h, s, active, walk, kick)
@@ -486,6 +493,8 @@ def correct(
         for channel in range(channels):
             correction += gain[i, channel] * nu[channel]
         x[i if i < states else states + active[i - states]] += correction
+    if settings.axes == 2:
+        correct_angle(memory, actual, jacobian, noise, channels, gain, ph)
     if settings.twin == 1:
         joseph(c, jacobian, noise, channels, gain, ph)
     if riccati:

@@ -15,9 +15,10 @@ import math
 import numpy as np
 
 from estimator.kernel.angle import note_forced_rotation, read_angle
+from estimator.kernel.angle_error import note_gradient, refer_angle
 from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.lanes import gather, lane, put, put_columns, take
-from estimator.kernel.layout import Floats, Ints, Record
+from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import ATTENTION, fading_factor
 
 _flow_lanes = generated().gyro_flow_lanes
@@ -38,7 +39,10 @@ _V = _Y + _W
 _B = _V + _W
 _KICK = _B + _W
 _UNIT = _KICK + 4
-_END = _UNIT + CONSTANTS * 12
+_ANGLE = _UNIT + CONSTANTS * 12  # covariance of the angle with states and constants
+_ANGLE_VARIANCE = _ANGLE + _W
+_GRADIENT = _ANGLE_VARIANCE + 4  # of the pattern angle
+_END = _GRADIENT + 4
 
 
 @compiled
@@ -51,7 +55,7 @@ def is_plain(settings: Record, active: Ints, x: Floats) -> bool:
 
 
 @compiled
-def plain_state(x: Floats, p: Floats, c: Floats, wanted: bool) -> tuple[Floats, Floats, Floats, Floats]:
+def plain_state(x: Floats, p: Floats, c: Floats, memory: Record, wanted: bool) -> tuple[Floats, Floats, Floats, Floats]:
     """State vector (16,), covariances (13 · 16,) each and scratch of the functions below; empty unless wanted."""
     if not wanted:
         nothing = np.zeros(0)
@@ -65,12 +69,20 @@ def plain_state(x: Floats, p: Floats, c: Floats, wanted: bool) -> tuple[Floats, 
     work = np.zeros(_END)
     for k in range(CONSTANTS):
         work[_UNIT + 13 * k] = 1.0
+    for i in range(SIZE):
+        work[_ANGLE + i] = memory.angle_cross[i]
+    work[_ANGLE_VARIANCE] = memory.angle_variance
     return flat_x, flat_p, flat_c, work
 
 
 @compiled
-def restore(flat_x: Floats, flat_p: Floats, flat_c: Floats, x: Floats, p: Floats, c: Floats) -> None:
-    """State vector (13,) and covariances (13, 13) out of the flat ones."""
+def restore(
+    flat_x: Floats, flat_p: Floats, flat_c: Floats, work: Floats, x: Floats, p: Floats, c: Floats, memory: Record
+) -> None:
+    """State vector (13,), covariances (13, 13) and those of the angle out of the flat ones and the scratch."""
+    memory.angle_variance = work[_ANGLE_VARIANCE]
+    for i in range(SIZE):
+        memory.angle_cross[i] = work[_ANGLE + i]
     for i in range(SIZE):
         x[i] = flat_x[i]
         for j in range(i, SIZE):
@@ -164,6 +176,32 @@ def walk_constant(p: Floats, work: Floats, k: int, q: float) -> None:
 
 
 @inlined
+def predict_angle_plain(c: Floats, h: float, work: Floats) -> None:
+    """`estimator.kernel.angle_error.predict_angle` and `move_angle`, by the flow in work."""
+    rate = STATES + RATE
+    work[_ANGLE_VARIANCE] += h * (2.0 * work[_ANGLE + rate] + h * c[(_W + 1) * rate])
+    along = gather((c[rate], c[_W + rate], c[2 * _W + rate], c[3 * _W + rate]))
+    s = take(work, _ANGLE, 4) + h * along
+    k = take(work, _ANGLE + 4, 12) + h * take(c, _W * rate + 4, 12)
+    put(work, _ANGLE + 4, k)
+    put(
+        work,
+        _ANGLE,
+        lane(s, 0) * take(work, _COLUMNS + 4, 4)
+        + lane(s, 1) * take(work, _COLUMNS + 8, 4)
+        + lane(s, 2) * take(work, _COLUMNS + 12, 4)
+        + lane(s, 3) * take(work, _COLUMNS + 16, 4)
+        + lane(k, 2) * take(work, _COLUMNS + 20, 4)
+        + lane(k, 3) * take(work, _COLUMNS + 24, 4)
+        + lane(k, 4) * take(work, _COLUMNS + 28, 4)
+        + lane(k, 5) * take(work, _COLUMNS + 32, 4)
+        + lane(k, 6) * take(work, _COLUMNS + 36, 4)
+        + lane(k, 7) * take(work, _COLUMNS + 40, 4)
+        + lane(k, 8) * take(work, _COLUMNS + 44, 4),
+    )
+
+
+@inlined
 def predict_plain(
     settings: Record,
     memory: Record,
@@ -179,6 +217,7 @@ def predict_plain(
     _flow_lanes(x[STATES:], x, u, h, settings.order, work)
     put(x, 0, take(work, _COLUMNS, 4))
     force_noise(settings, h, work)
+    predict_angle_plain(c, h, work)
     propagate_plain(c, work, 1.0)
     propagate_plain(p, work, fading_factor(settings, memory))
     kick = work[_KICK:_UNIT]
@@ -252,6 +291,17 @@ def measure(axis: int, k: int, innovation: float, noise: float, x: Floats, p: Fl
     put(work, _V + 4, vc)
     put(work, _B, (actual / root) * ys - vs)
     put(work, _B + 4, (actual / root) * yc - vc)
+    # Of the angle: turn its gain, seen its covariance with what is measured (`angle_error.recall_angle`).
+    turn = 0.0
+    for i in range(4):
+        turn -= work[_GRADIENT + i] * work[_Y + i] / root
+    seen = work[_ANGLE + column]
+    if axis >= 0:
+        seen += work[_ANGLE + 2 * axis]
+    work[_ANGLE_VARIANCE] += (sc * turn - 2.0 * seen) * turn
+    share = (sc * turn - seen) / root
+    put(work, _ANGLE, take(work, _ANGLE, 4) + share * ys - turn * cs)
+    put(work, _ANGLE + 4, take(work, _ANGLE + 4, 12) + share * yc - turn * cc)
     exchange(c, _B, _V, work)
     return whitened * whitened
 
@@ -320,6 +370,13 @@ def advance_plain(
     """`estimator.kernel.block.advance` with flat covariances and x filled up to 16."""
     predict_plain(settings, memory, walk, x, p, c, u, h, work)
     note_forced_rotation(settings, memory, x, h)
+    note_gradient(settings, memory, x)
+    for i in range(4):
+        work[_GRADIENT + i] = memory.gradient[i]
     correct_plain(settings, memory, prior, spread, guess, x, p, c, z, work, row)
     memory.time += h
     read_angle(settings, memory, x, h, row)
+    if refer_angle(settings, memory):
+        for i in range(_ANGLE, _ANGLE_VARIANCE + 1):
+            work[i] = 0.0
+    row.angle_variance = work[_ANGLE_VARIANCE] / settings.angular_gain**2

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.compiled import compiled, generated
+from estimator.kernel.controller import virtual_rate
 from estimator.kernel.flow import drive_at, part_of, taylor
 from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import correct, predict, recall_guess, remember_drive, runs_riccati, workspace
@@ -229,7 +230,7 @@ def recall(
             wide = spread[index] > 0.0 and variance > spread[index]
             noise = variance * spread[index] / (variance - spread[index]) if wide else 0.0
         if noise > 0.0:
-            recall_guess(settings, active, noise, guess, x, p, c, index, scratch)
+            recall_guess(settings, active, noise, guess, x, p, c, index, memory, scratch)
             pull(delta, row, scratch[0])
 
 
@@ -310,7 +311,7 @@ def scan_block(
         turning = settings.axes == 2 and memory.started == 1
         if settings.axes == 2:
             driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
-            memory.virtual_applied = settings.virtual_rate if settings.control == 1 and driven else 0.0
+            memory.virtual_applied = virtual_rate(settings, memory.time) if settings.control == 1 and driven else 0.0
         rotation = memory.rotation
         rate = memory.rate
         predict(settings, active, walk, x, p, c, memory, u[m], h[m], work)

@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.compiled import compiled
+from estimator.kernel.controller import virtual_rate
 from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import ATTENTION, remember_drive, workspace
 from estimator.kernel.plain import (
@@ -106,7 +107,7 @@ def scan_plain_block(
     watched = delta.shape[1]
     generic = workspace(settings, SIZE, x.shape[0])
     signals = generic[16]
-    flat_x, flat_p, flat_c, work = plain_state(x[:SIZE], p, c, True)
+    flat_x, flat_p, flat_c, work = plain_state(x[:SIZE], p, c, memory, True)
     by_constants = np.zeros((2, x.shape[0] - STATES))
     signature = np.zeros((2, watched))
     scratch = np.zeros((STATES, watched))
@@ -125,7 +126,7 @@ def scan_plain_block(
             length = h[m]
             response = responses(settings, x[STATES:], length, generic[0], generic[1], generic[2])
         driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
-        memory.virtual_applied = settings.virtual_rate if settings.control == 1 and driven else 0.0
+        memory.virtual_applied = virtual_rate(settings, memory.time) if settings.control == 1 and driven else 0.0
         turning = memory.started == 1
         rotation = memory.rotation
         rate = memory.rate
@@ -207,4 +208,4 @@ def scan_plain_block(
         if (m + 1) * course.shape[0] >= (written + 1) * z.shape[0]:
             course[written] = turned
             written += 1
-    restore(flat_x, flat_p, flat_c, x, p, c)
+    restore(flat_x, flat_p, flat_c, work, x, p, c, memory)

@@ -5,7 +5,16 @@ import numpy as np
 from estimator.observer import Estimates
 from estimator.scaling import Array
 
-ANGLES = ("angle", "angle_pattern", "angle_plain", "angle_rate_integral", "energy_ratio", "quadrature_ratio")
+ANGLES = (
+    "angle",
+    "angle_deviation",
+    "angle_forced",
+    "angle_pattern",
+    "angle_plain",
+    "angle_rate_integral",
+    "energy_ratio",
+    "quadrature_ratio",
+)
 
 
 def disagreement(one: Estimates, other: Estimates) -> dict[str, float]:

@@ -9,7 +9,7 @@ from estimator.errors import ModelError
 from estimator.observer import Estimates, Observer
 from estimator.oracle.evaluation import evaluated
 from estimator.oracle.flow import flow
-from estimator.oracle.pattern import PatternAngle, pattern
+from estimator.oracle.pattern import PatternAngle, pattern, pattern_gradient
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
 
@@ -41,11 +41,15 @@ class NumpyObserver(Observer):
         force = settings.process_noise.force**2 / 2.0 / (device.amplitude**2 * self.scaling.omega0**3)
         self._force = np.full(device.axes, force)
         self._virtual = 0.0 if controller is None else controller.virtual_rotation / self.scaling.omega0
+        self._reversal = 0.0 if controller is None else controller.virtual_reversal * self.scaling.omega0
         self._time = 0.0
         self._surprise = 1.0
         self._cursor = 0
         self._theta, self._theta_plain = PatternAngle(), PatternAngle()
         self._turned = np.zeros(3)  # ∫Ω̂ dt, ∫Ωv dt and the rotation of the pattern by forces, so far
+        self._angle_cross, self._angle_variance = np.zeros(len(self.estimated_index)), 0.0
+        self._gradient = np.zeros(4)
+        self._referred = False
         self._frame: tuple[float, float] | None = None  # Ω̂ + Ωv and Ω̂ of the newest sample
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
@@ -72,6 +76,7 @@ class NumpyObserver(Observer):
         states = np.zeros((n, len(self.x)))
         predicted, deviations = np.zeros_like(states), np.zeros_like(states)
         innovation, variance = np.zeros((n, axes)), np.zeros((n, axes))
+        angle_variance, began = np.zeros(n), self._time
         for m in range(n):
             if truth is not None:
                 self.x[:] = truth[m] / self.factors
@@ -79,13 +84,18 @@ class NumpyObserver(Observer):
             predicted[m] = self.x
             innovation[m], variance[m] = self._correct_with(z[m])
             self._time += h[m]
+            if not self._referred and self._time >= self.settings.reference * self.scaling.omega0:
+                self._referred, self._angle_variance = True, 0.0
+                self._angle_cross[:] = 0.0
+            angle_variance[m] = self._angle_variance
             states[m] = self.x
             deviations[m, self.estimated_index] = np.sqrt(np.diag(self.c if self._twin else self.p))
         index = np.arange(every - 1, n, every)
-        angles = self._angles(predicted, states, u, h) if axes == 2 else np.zeros((6, n))
+        angles = self._angles(predicted, states, u, h, began) if axes == 2 else np.zeros((7, n))
         return Estimates(
             self.model.names, index, states[index] * self.factors, deviations[index] * np.abs(self.factors),
-            innovation * volts, np.sqrt(variance) * np.abs(volts), *angles,
+            innovation * volts, np.sqrt(variance) * np.abs(volts),
+            angles[0], np.sqrt(angle_variance) / self.device.angular_gain, *angles[1:],
         )  # fmt: skip
 
     # -- one sample --------------------------------------------------------------------------------------------------
@@ -99,8 +109,18 @@ class NumpyObserver(Observer):
         f[: self.states, : self.states] = transition
         f[: self.states, self.states :][:, flowing] = sensitivity[:, self.active[flowing] - sensing]
         q = self._process_noise(s, h)
+        if self.device.axes == 2:  # the angle as one more state that Ω moves: φ̃ + Ω̃ h
+            actual = self.c
+            rate = list(self.estimated_index).index(self.model.names.index("rate"))
+            turned = np.vstack([np.eye(len(actual)), h * np.eye(len(actual))[rate]])
+            joint = turned @ actual @ turned.T
+            joint[-1, :-1] += self._angle_cross
+            joint[-1, -1] += self._angle_variance + 2.0 * h * self._angle_cross[rate]
+            self._angle_cross, self._angle_variance = f @ joint[-1, :-1], float(joint[-1, -1])
         self.c[:] = f @ self.c @ f.T + q
         self._predict(s, f, q)
+        if self.device.axes == 2 and s.any() and not self.settings.open_loop:  # a mass at rest has no angle
+            self._gradient = pattern_gradient(s, 1.0, 0.0, 0.0)[:4]
 
     def _correct_with(self, z: Array) -> tuple[Array, Array]:
         """Update with z (axes,), NaN where lost; innovation (0 there) and its predicted variance."""
@@ -149,8 +169,20 @@ class NumpyObserver(Observer):
         self._correct(gain, h, declared, z - measure(self.x))
 
     def _correct(self, gain: Array, h: Array, r: Array, innovation: Array) -> None:
+        if self.device.axes == 2:
+            self._correct_angle(gain, h, r)
         self.x[self.estimated_index] += gain @ innovation
         self.c[:] = _joseph(self.c, gain, h, r)
+
+    def _correct_angle(self, gain: Array, h: Array, r: Array) -> None:
+        """Joseph's form over states, constants and angle, whose gain is what the correction turns the pattern by."""
+        n = len(gain)
+        joint = np.block(
+            [[self.c, self._angle_cross[:, None]], [self._angle_cross[None, :], np.array([[self._angle_variance]])]]
+        )
+        longer = np.vstack([gain, -self._gradient @ gain[: self.states]])
+        joint = _joseph(joint, longer, np.hstack([h, np.zeros((len(h), 1))]), r)
+        self._angle_cross, self._angle_variance = joint[n, :n], float(joint[n, n])
 
     def _process_noise(self, s: Array, h: float) -> Array:
         """Q over one step: integrated force noise, and random walks with what their jumps do to the states s."""
@@ -205,11 +237,14 @@ class NumpyObserver(Observer):
 
     # -- the pattern -------------------------------------------------------------------------------------------------
 
-    def _angles(self, predicted: Array, x: Array, u: Array, h: Array) -> tuple[Array, ...]:
-        """The angles [rad] and ratios of `Estimates`, each (n,), for the predicted and corrected states of a block."""
+    def _angles(self, predicted: Array, x: Array, u: Array, h: Array, began: float) -> tuple[Array, ...]:
+        """The angles [rad] and ratios of `Estimates`, each (n,), for the predicted and corrected states of a block that
+        began at a time."""
         rate = x[:, self.model.names.index("rate")]
         driven = np.any(u[:, :, 0] != 0.0, axis=1) & bool(self.record["control"][0])
-        virtual = np.where(driven, self._virtual, 0.0)
+        start = began + np.cumsum(h) - h  # of each interval
+        turn = np.round((start + 0.5 * self.h) / self._reversal) if self._reversal > 0.0 else np.zeros(len(h))
+        virtual = np.where(driven, np.where(turn % 2 == 1, -self._virtual, self._virtual), 0.0)
         double, energy, momentum = pattern(x, 1.0, rate + virtual, rate)
         plain, _, _ = pattern(x, 1.0, 0.0, 0.0)
         h = h.copy()
@@ -228,11 +263,10 @@ class NumpyObserver(Observer):
         integrated, imposed, forced = self._turned[:, None] + np.cumsum(steps, axis=1)
         self._turned = np.array([integrated[-1], imposed[-1], forced[-1]])
         _, theta_plain = self._theta_plain.unwrap(plain)
-        start, start_plain = self._theta.start, self._theta_plain.start
-        return (
-            start - theta + forced, start - theta - imposed, start_plain - theta_plain - imposed, integrated,
-            energy / 0.5, momentum / energy,
-        )  # fmt: skip
+        zero, zero_plain = self._theta.start, self._theta_plain.start
+        angle = integrated if self.settings.open_loop else zero - theta + forced
+        turns = (angle, -forced, zero - theta - imposed, zero_plain - theta_plain - imposed, integrated)
+        return *(turn / self.device.angular_gain for turn in turns), energy / 0.5, momentum / energy  # fmt: skip
 
 
 def _joseph(p: Array, gain: Array, h: Array, r: Array) -> Array:

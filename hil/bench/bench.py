@@ -81,6 +81,17 @@ class Bench(Section):
         return (sum(diagonal) / len(diagonal) if target is None else target) / device.mass_kg
 
     @property
+    def virtual_reversal_s(self) -> float:
+        """Time between reversals of the virtual rotation, 0: never; in gain mode half of it is whole blocks, as a
+        matrix reigns for one.
+        """
+        period = self.controller.virtual_reversal_s
+        if self.loop.mode == "force" or period == 0.0:
+            return period
+        block = self.loop.block / self.device.sample_rate_Hz
+        return max(round(0.5 * period / block), 1) * 2.0 * block
+
+    @property
     def offset_sd_V(self) -> float:
         """Standard deviation of the first guess of the sense offsets."""
         own = self.observer.initial_sd.offset_V

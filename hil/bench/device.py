@@ -98,6 +98,11 @@ class Device(Section):
         return math.sqrt(max(self.stiffness_N_per_m[: self.axes]) / self.mass_kg) / (2 * math.pi)
 
     @property
+    def resonance_rad_s(self) -> float:
+        """The same in rad/s."""
+        return 2 * math.pi * self.resonance_Hz
+
+    @property
     def stiffness_per_s2(self) -> tuple[float, ...]:
         """Declared stiffness per unit mass, 1/s², in the order of the file."""
         return tuple(k / self.mass_kg for k in self.stiffness_N_per_m)

@@ -88,6 +88,9 @@ class Controller(Section):
     """quadrature hold, in units of the target frequency"""
     virtual_rotation_rad_s: float = 0.0
     """imposed rotation of the pattern, subtracted from the angle"""
+    virtual_reversal_s: NotNegative = 0.0
+    """time between reversals of that rotation, the first after half of it; 0: never. What an error of the drive's gain
+    makes of the rotation stays bounded with it. In gain mode rounded to whole pairs of blocks"""
     dither_mps2: NotNegative = 0.0
     """rms of the random force that keeps every parameter excited"""
     amplitude_modulation: Annotated[float, Field(ge=0, lt=1)] = 0.0

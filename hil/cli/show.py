@@ -60,9 +60,6 @@ def print_before_and_after(circle: "Circle") -> None:
     from hil.records.result import load_result
     from hil.records.runfolder import RunFolder
 
-    if circle.trace is None:
-        print(f"no trace of the first run: {circle.untraced}\n")
-        return
     print_diagnosis(load_diagnosis(circle.trace / "diagnosis.json"))
     if circle.after is None:
         print("\nnothing to add to the model: no second run\n")
@@ -190,6 +187,7 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     if result.innovation_rms is not None:
         floor = "" if result.noise_floor is None else f"; noise floor {_volts(result.noise_floor)}"
         yield "residual, rms", f"{_volts(result.innovation_rms)}{floor}"
+    yield from _angle(result)
     if result.angle_error_rms_rad is not None:
         yield "angle error, rms", f"{result.angle_error_rms_rad:.3g} rad"
     if result.score is not None and result.score.angle_per_rotation is not None:
@@ -199,6 +197,20 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     if result.score is not None and (nees := result.score.nees) is not None:
         low, high = nees.band
         yield "NEES per entry", f"{nees.mean:.3g} of {nees.entries} entries; 95 % band {low:.2f} to {high:.2f}"
+
+
+def _angle(result: "Result") -> Iterator[tuple[str, str]]:
+    """The angle at the end of the scored window with its uncertainty, and the source's own beside it."""
+    if (angle := result.angle) is None or (u := result.angle_u_rad) is None:
+        return
+    yield "angle since scoring starts", f"{angle.rad:+.5g} ± {u:.2g} rad (k = 2)"
+    if result.uncertainty:
+        largest = result.uncertainty[0]
+        told = " (assumed)" if largest.assumed else ""
+        yield "most of it uncertain by", f"{largest.source}{told}, {largest.contribution_rad:.2g} rad"
+    if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
+        yield "by formula (11), as its source", f"{angle.plain_rad:+.5g} rad"
+        yield "control imperfection, rms", f"{angle.control_imperfection_rms_rad:.2g} rad, taken off of the angle"
 
 
 def _parameters(result: "Result") -> "Table":

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.loop.angle import ReportedAngle
 from hil.loop.hindsight import Hindsight
 from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
 from hil.loop.tracks import put_covariance
@@ -48,8 +49,8 @@ class ForceLoop(Loop):
         descriptor = endpoint.link.fileno()
         self._pause_s = 0.0 if self._lockstep or descriptor is None else _PAUSE / self._rate_Hz
         self._watched = () if descriptor is None else (descriptor,)
-        self._quadrature_limit = bench.limits.quadrature
-        self._energy_limit = bench.limits.energy_error
+        self._reported = ReportedAngle(bench)
+        self._cancelled = [observer.names.index(name) for name in ("kxy", "dxx", "dyy", "dxy")]
         self._volts = [observer.scaling.sense(axis) for axis in range(2)]
         self._noise = [bench.device.sense.noise_V / abs(volts) for volts in self._volts]
         # Views of the row that every tick fills: picking a field out of a record costs a microsecond.
@@ -126,10 +127,15 @@ class ForceLoop(Loop):
             state, deviation = self._observer.reading()
             out = self._row
             energy, quadrature = float(out["energy_ratio"]), float(out["quadrature_ratio"])
-            valid = abs(quadrature) <= self._quadrature_limit and abs(energy - 1.0) <= self._energy_limit
+            angle, forced = float(out["angle"]), float(out["angle_forced"])
+            sd = math.sqrt(max(float(out["angle_variance"]), 0.0))
+            kxy, dxx, dyy, dxy = (state[place] for place in self._cancelled)
+            u = self._reported.uncertainty(tick / self._rate_Hz, angle, forced, sd, kxy, (dxx, dyy, dxy))
+            if self._reported.kind == "none":
+                angle = sd = u = math.nan
             self._estimates.put(
-                tick, *state, *deviation, float(out["angle"]), float(out["angle_pattern"]),
-                float(out["angle_plain"]), float(out["angle_rate_integral"]), energy, quadrature, valid,
+                tick, *state, *deviation, angle, u, sd, forced, float(out["angle_pattern"]), float(out["angle_plain"]),
+                float(out["angle_rate_integral"]), energy, quadrature, self._reported.valid(energy, quadrature),
             )  # fmt: skip
             if since % self._covariance_every == self._covariance_every - 1:
                 put_covariance(self._covariance, tick, self._observer)

@@ -20,6 +20,7 @@ from estimator.gain_matrix import GainMatrix
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.declared import board_dither_of, board_filter_of, drive_limit_of
+from hil.loop.angle import ReportedAngle
 from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
 from hil.loop.tracks import estimate_rows, innovation_rows, put_covariance, run_layouts
 from hil.records.recorder import Track
@@ -73,6 +74,7 @@ class GainLoop(Loop):
         self._every_blocks = max(bench.loop.estimate_every // block, 1)
         self._covariance_blocks = bench.loop.covariance_stride(self._rate_Hz) // block
         self._closed = False
+        self._reported = ReportedAngle(bench)
         self._noise_V = bench.device.sense.noise_V
         self._sent: deque[_Sent] = deque(maxlen=_LATER)
         self._matrix_id = 0
@@ -119,7 +121,7 @@ class GainLoop(Loop):
 
     def _answer(self, last: int, received_ns: int, estimated_ns: int) -> None:
         """Solve for the matrix and send it, zeros while the loop is open."""
-        gain, bias = self._matrix.solve(self._reign + max(self._late))
+        gain, bias = self._matrix.solve(self._reign + max(self._late), self._lead)
         if not self._closed:
             gain[:] = 0.0
             bias[:] = 0.0
@@ -147,7 +149,7 @@ class GainLoop(Loop):
         self._tracks["capture"].push(capture.view(self._layouts["capture"].dtype))
         self._tracks["innovation"].push(innovation_rows(self._layouts["innovation"], ticks, estimates))
         if self._blocks % self._every_blocks == self._every_blocks - 1:
-            self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._limits))
+            self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._reported))
         if self._blocks % self._covariance_blocks == self._covariance_blocks - 1:
             put_covariance(self._tracks["covariance"], int(ticks[-1]), self._observer)
         self._blocks += 1

@@ -183,6 +183,7 @@ def conclude(
     from hil.records.summary import board_clock, summarise
     from hil.report import write_report
     from hil.verdict import judge
+    from hil.verdict.budget import budget
 
     run_folder = RunFolder(folder)
     began = time.perf_counter()
@@ -204,6 +205,8 @@ def conclude(
             "scan": scan,
         }
     )
+    information = None if found is None else found.information
+    result = result.model_copy(update=budget(run_folder.estimates, bench, information)._asdict())
     result = result.model_copy(update=judge(run_folder, result, bench, outcome)._asdict())
     save_result(run_folder.result_path, result)
     write_report(folder)

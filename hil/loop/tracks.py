@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
-from hil.bench.loop import Limits
+from hil.loop.angle import ReportedAngle, kind_of_angle
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
 from hil.records.covariance import covariance_layout, packed
@@ -86,6 +86,9 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
             header={
                 "target_stiffness_per_s2": observer.device.target,
                 "virtual_rotation_rad_s": bench.controller.virtual_rotation_rad_s,
+                "virtual_reversal_s": bench.virtual_reversal_s,
+                "angular_gain": bench.device.calibration.angular_gain,
+                "angle": kind_of_angle(bench),
                 "settings": _plain(asdict(observer.settings)),
             },
         ),
@@ -122,23 +125,38 @@ def innovation_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimate
     return rows
 
 
-def estimate_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates, limits: Limits) -> NDArray[np.void]:
-    """Rows of `estimates.arrow` for a block of samples; `limits` say where the angle means something."""
+def estimate_rows(
+    layout: Layout, tick: NDArray[np.int64], estimates: Estimates, reported: ReportedAngle
+) -> NDArray[np.void]:
+    """Rows of `estimates.arrow` for a block of samples; `reported` has had the rows before."""
     index = estimates.index
     rows = np.zeros(len(index), layout.dtype)
+    if not len(index):
+        return rows
     rows["tick"] = tick[index]
     grouped = rows.view(_estimate_groups(len(estimates.names), layout.dtype.itemsize))
     grouped["state"] = estimates.state
     grouped["sd"] = estimates.deviation
     if estimates.innovation.shape[1] == 2:
-        rows["angle_rad"] = estimates.angle[index]
+        angle, deviation, forced = (
+            column[index] for column in (estimates.angle, estimates.angle_deviation, estimates.angle_forced)
+        )
+        dxx, dyy, dxy, kxy = (estimates.of(name) for name in ("dxx", "dyy", "dxy", "kxy"))
+        times = rows["tick"] / layout.header["tick_rate_Hz"]
+        rows["angle_rad"] = angle
+        rows["angle_u_rad"] = reported.uncertainty(times, angle, forced, deviation, kxy, (dxx, dyy, dxy))
+        rows["angle_sd_rad"] = deviation
+        rows["angle_forced_rad"] = forced
         rows["angle_pattern_rad"] = estimates.angle_pattern[index]
         rows["angle_plain_rad"] = estimates.angle_plain[index]
         rows["angle_rate_integral_rad"] = estimates.angle_rate_integral[index]
         energy, quadrature = estimates.energy_ratio[index], estimates.quadrature_ratio[index]
         rows["energy_ratio"] = energy
         rows["quadrature_ratio"] = quadrature
-        rows["valid"] = (np.abs(quadrature) <= limits.quadrature) & (np.abs(energy - 1.0) <= limits.energy_error)
+        if reported.kind == "none":
+            for name in ("angle_rad", "angle_u_rad", "angle_sd_rad"):
+                rows[name] = np.nan
+        rows["valid"] = reported.valid(energy, quadrature)
     return rows
 
 

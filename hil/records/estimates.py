@@ -18,14 +18,18 @@ Floats = npt.NDArray[np.float64]
 
 ANGLE_COLUMNS = (
     "angle_rad",
+    "angle_u_rad",
+    "angle_sd_rad",
+    "angle_forced_rad",
     "angle_pattern_rad",
     "angle_plain_rad",
     "angle_rate_integral_rad",
     "energy_ratio",
     "quadrature_ratio",
 )
-"""What a two-axis model adds to its state: reported angle φ, φ from the pattern with only the virtual
-rotation taken off, φ by the plain formula (11), ∫Ω̂ dt, energy
+"""What a two-axis model adds to its state: reported angle φ; its standard uncertainty (k = 1), and the part of it by
+estimation, both of its change since the start of the scored window; what was taken off of it for forces; φ from the
+pattern with only the virtual rotation taken off, φ by the plain formula (11), ∫Ω̂ dt, energy
 over its set point, and quadrature normalised by energy.
 """
 

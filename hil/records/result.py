@@ -269,6 +269,23 @@ class Scan(_Model):
     seconds: NonNegative = Field(description="That the scan took")
 
 
+class Angle(_Model):
+    """The reported angle at the end of the scored window, zero at its start, and what the source of the method has."""
+
+    kind: Literal["pattern", "rate"] = Field(
+        description="pattern: of the vibration, less what forces turned it by; rate: the integrated rate, in open loop"
+    )
+    rad: float
+    plain_rad: float | None = Field(
+        default=None, description="Formula (11) of the source, less the virtual rotation alone"
+    )
+    control_imperfection_rms_rad: NonNegative | None = Field(
+        default=None,
+        description="Pattern less the virtual rotation alone, minus the reported angle, over the scored window: what "
+        "an ideal control would have made nothing of",
+    )
+
+
 class Channel(_Model):
     """One axis of a rate-output sensor over a record."""
 
@@ -309,6 +326,7 @@ class Result(_Model):
         default=None, description="Reported angle minus true rotation, zero at the start of the scored window"
     )
     rate_error_rms_rad_s: NonNegative | None = None
+    angle: Angle | None = Field(default=None, description="Null where no angle is reported")
     angle_u_rad: NonNegative | None = Field(
         default=None,
         description="Expanded uncertainty (k = 2) of the reported angle at the end of the scored window, the angle "

@@ -6,7 +6,7 @@ from pathlib import Path
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
-from hil.report import markup, tables
+from hil.report import markup, tables, uncertainty
 from hil.report.figures import angle, closing, innovation, parameters, pattern, rate, signals, spectrum, timing
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Material
@@ -46,7 +46,7 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
     line = headline(material.result)
     sections = [
         markup.section("closing", "What the residual told", _told(material), drawn(closing.draw)),
-        markup.section("angle", "Angle", drawn(angle.draw), tables.angle(material)),
+        markup.section("angle", "Angle", drawn(angle.draw), uncertainty.section(material), tables.angle(material)),
         markup.section("rate", "Rate", drawn(rate.draw)),
         markup.section(
             "parameters",

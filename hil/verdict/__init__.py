@@ -41,7 +41,7 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
         "safety": judge_safety(outcome),
         "machine": judge_machine(result, bench, refused, bench_file),
         "model": judge_model(folder, result, bench),
-        "angle": judge_angle(folder, bench),
+        "angle": judge_angle(folder, result, bench),
     }
     if parts["machine"].against and parts["angle"].against:
         reason = f"{parts['angle'].reason}; answers were missing, which the machine's part is about: mend that first"

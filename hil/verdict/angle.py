@@ -3,27 +3,51 @@
 import numpy as np
 
 from hil.bench import Bench
-from hil.records.result import Part
+from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
+from hil.verdict.budget import remedy
+
+_OPEN_LOOP = (
+    "no angle is reported: in open loop the pattern turns by itself; run with the control law on, or in open loop with "
+    '[observer] variant = "sense", which integrates the rate'
+)
 
 
-def judge_angle(folder: RunFolder, bench: Bench) -> Part:
-    """Share of the scored window at which energy and quadrature were outside their limits."""
+def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
+    """Share of the scored window at which energy and quadrature were outside their limits, and the expanded uncertainty
+    at its end.
+    """
     estimates, limits = folder.estimates, bench.limits
-    if estimates is None or "energy_ratio" not in estimates or not bench.controller.enabled:
+    if estimates is None or "energy_ratio" not in estimates:
         return Part(outcome="unknown")
+    if estimates.header.get("angle") == "none":
+        return Part(outcome="unknown", reason=_OPEN_LOOP)
     scored = estimates.t_s >= bench.loop.settle_s
     if not scored.any():
         return Part(outcome="unknown")
-    held = np.abs(estimates["energy_ratio"][scored] - 1.0) <= limits.energy_error  # NaN is not held either
-    slender = np.abs(estimates["quadrature_ratio"][scored]) <= limits.quadrature
-    invalid = 1.0 - float(np.mean(held & slender))
-    if invalid <= limits.invalid_fraction:
-        return Part(outcome="good")
-    off, oval = 1.0 - float(held.mean()), 1.0 - float(slender.mean())
-    return Part.of(
-        [
-            f"the angle was not valid {invalid:.2%} of the time (energy off target {off:.2%}, quadrature too large "
-            f"{oval:.2%}), [limits] invalid_fraction is {limits.invalid_fraction:.2%}"
-        ]
-    )
+    reasons, after = [], None
+    if estimates.header.get("angle") != "rate":  # the integrated rate needs no slender ellipse
+        held = np.abs(estimates["energy_ratio"][scored] - 1.0) <= limits.energy_error  # NaN is not held either
+        slender = np.abs(estimates["quadrature_ratio"][scored]) <= limits.quadrature
+        invalid = 1.0 - float(np.mean(held & slender))
+        if invalid > limits.invalid_fraction:
+            off, oval = 1.0 - float(held.mean()), 1.0 - float(slender.mean())
+            reasons.append(
+                f"the angle was not valid {invalid:.2%} of the time (energy off target {off:.2%}, quadrature too large "
+                f"{oval:.2%}), [limits] invalid_fraction is {limits.invalid_fraction:.2%}"
+            )
+    u = result.angle_u_rad
+    if u is not None and u > limits.angle_rad:
+        largest = result.uncertainty[0]
+        reasons.append(
+            f"the angle is uncertain by {u:.2g} rad (k = 2), [limits] angle_rad is {limits.angle_rad:g}; most of it by "
+            f"{largest.source}: {largest.contribution_rad:.2g} rad"
+        )
+        after = remedy(largest, bench)
+    if not reasons and u is None:
+        return Part(outcome="unknown", reason="the angle's uncertainty is not finite: the observer diverged")
+    part = Part.of(reasons)
+    if not reasons:
+        assert u is not None
+        return part.model_copy(update={"reason": f"uncertain by {u:.2g} rad (k = 2) at the end"})
+    return part.model_copy(update={"next": after})

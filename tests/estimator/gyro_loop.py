@@ -44,6 +44,9 @@ def swing(s, p, ux, uy, rate_from, rate_to, h):
             s[i] += dt / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i])
 
 
+ANGLES = ("angle", "angle_pattern", "angle_plain", "angle_rate_integral", "energy_ratio", "quadrature_ratio")
+
+
 @dataclass(frozen=True)
 class Truth:
     """What the device really is: S-slow unless said otherwise (SI, per unit mass)."""
@@ -166,7 +169,7 @@ def close_loop(
         nu, variance = row["nu"], row["s"]
         out[m, :2] = nu / np.sqrt(variance)
         out[m, 2:4] = nu * volts / truth.noise
-        out[m, 4:] = [row[name] for name in row.dtype.names[2:8]]
+        out[m, 4:] = [row[name] for name in ANGLES]
         queue.append(command)
         due = queue.pop(0)
         acting = (0, 0) if at_zero[m] else acting if held[m] else due

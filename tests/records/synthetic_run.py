@@ -234,6 +234,9 @@ def _estimates(options, rng, dtype, states, tick, t, true):
     if options.axes == 2:
         error = 2e-4 * rng.standard_normal(m) + options.angle_drift * t[chosen]
         rows["angle_rad"] = 0.3 + true["angle_rad"][chosen] + error
+        rows["angle_sd_rad"] = 2e-4
+        rows["angle_u_rad"] = np.hypot(2e-4, 1e-4 * t[chosen])
+        rows["angle_forced_rad"] = options.virtual_rotation_rad_s * t[chosen]
         rows["angle_pattern_rad"] = rows["angle_rad"]
         rows["angle_plain_rad"] = rows["angle_rad"] + 6e-4 * np.sin(2 * OMEGA * t[chosen] + 3 * t[chosen])
         rows["angle_rate_integral_rad"] = true["angle_rad"][chosen] + 1e-3 * t[chosen]

@@ -1,0 +1,49 @@
+"""The angle's uncertainty budget on the page."""
+
+import math
+
+from hil.report.markup import paragraph, table
+from hil.report.material import Material
+from hil.report.numbers import quantity, relative, significant
+
+_NONE = (
+    "No angle is reported: in open loop nothing makes an ideal oscillator of the device, and its pattern turns by "
+    "itself."
+)
+
+
+def section(material: Material) -> str:
+    """Angle ± U, the source's own angle beside it, and the table of what U is made of; nothing without an angle."""
+    result = material.result
+    if result.angle is None or result.angle_u_rad is None:
+        open_loop = material.estimates is not None and material.estimates.header.get("angle") == "none"
+        return paragraph(_NONE) if open_loop else ""
+    angle = result.angle
+    said = (
+        f"At the end of the scored window the angle is {_both(angle.rad)} ± {_both(result.angle_u_rad)} (k = 2, about "
+        "95 %), zero at its start."
+    )
+    if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
+        said += (
+            f" Formula (11) as its source has it, less the virtual rotation alone, gives {_both(angle.plain_rad)}; "
+            "what forces turned the pattern by beside that, the imperfection of the control, is "
+            f"{_both(angle.control_imperfection_rms_rad)} rms and is taken off."
+        )
+    else:
+        said += " It is the integrated rate, the parameters being taken as known."
+    rows = [
+        (
+            row.source + (" (assumed)" if row.assumed else ""),
+            relative(row.value) if row.unit == "1" else quantity(row.value, row.unit),
+            row.sensitivity,
+            quantity(row.contribution_rad, "rad"),
+        )
+        for row in result.uncertainty
+    ]
+    rows.append(("expanded, k = 2", "", "twice the root of the sum of squares", quantity(result.angle_u_rad, "rad")))
+    head = ("source", "standard uncertainty", "how it reaches the angle", "contribution")
+    return paragraph(said) + table("What the angle's uncertainty is made of", head, rows, (1, 3))
+
+
+def _both(angle_rad: float) -> str:
+    return f"{significant(math.degrees(angle_rad))}° ({quantity(angle_rad, 'rad')})"

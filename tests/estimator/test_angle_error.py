@@ -1,0 +1,86 @@
+"""The angle's own error: its variance beside errors that really happen, the reversal of the virtual rotation, κ."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.observer import Observer
+from estimator.settings import ObserverSettings, ProcessNoise
+from tests.estimator.gyro_loop import Record, Truth, close_loop, observer_of
+
+TRUTH = Truth(force_noise=1e-5)
+REFERENCE_S, SAMPLES, RATE = 0.5, 6000, 2.0
+SETTINGS = ObserverSettings(process_noise=ProcessNoise(force=1e-5), memory=0.25, reference=REFERENCE_S)
+
+
+def replayed(record: Record, settings: ObserverSettings, **control: object) -> object:
+    """The record through an observer like the one in the loop."""
+    observer = Observer(TRUTH.device(stiffness=1.03, damping=0.5), settings, TRUTH.controller(**control))
+    return observer.run(record.sense, record.drive)
+
+
+def test_deviation_is_that_of_the_errors_over_many_noises() -> None:
+    """Root mean square over seeds of the change since the reference instant, at three ages."""
+    ages = [2400, 4000, 5990]
+    errors, deviations = [], []
+    for seed in range(24):
+        record = close_loop(observer_of(TRUTH, SETTINGS, dither=0.3), TRUTH, SAMPLES, RATE, seed=seed)
+        error = record.angle - record.turned
+        errors.append(error[ages] - error[round(REFERENCE_S * TRUTH.sample_rate) - 1])
+        deviations.append(replayed(record, SETTINGS, dither=0.3).angle_deviation[ages])
+    expected = np.sqrt(np.mean(np.square(deviations), axis=0))
+    found = np.sqrt(np.mean(np.square(errors), axis=0))
+    # A root mean square of 24 has a standard deviation of 14 %; the three ages are not independent.
+    np.testing.assert_allclose(found / expected, 1.0, atol=0.4)
+
+
+def test_it_is_zero_at_the_reference_instant_and_grows_after_it() -> None:
+    record = close_loop(observer_of(TRUTH, SETTINGS, dither=0.3), TRUTH, SAMPLES, RATE)
+    deviation = replayed(record, SETTINGS, dither=0.3).angle_deviation
+    near = round(REFERENCE_S * TRUTH.sample_rate) - 1
+    reference = near + int(np.argmin(deviation[near : near + 2]))  # time is a sum, and rounded
+    assert deviation[reference] == 0.0 < deviation[reference - 1]
+    assert deviation[-1] > deviation[reference + 200] > 0.0
+
+
+def test_without_knowing_the_parameters_forces_leave_the_angle_less_certain() -> None:
+    """What is taken off for forces was computed with estimated constants: known ones leave less to err about."""
+    record = close_loop(observer_of(TRUTH, SETTINGS, dither=0.3), TRUTH, SAMPLES, RATE)
+    known = replace(SETTINGS, spread=replace(SETTINGS.spread, stiffness=0.0, damping=1e-6))
+    exactly = Observer(TRUTH.device(), known, TRUTH.controller(dither=0.3))
+    assert (
+        exactly.run(record.sense, record.drive).angle_deviation[-1]
+        < 0.7 * replayed(record, SETTINGS, dither=0.3).angle_deviation[-1]
+    )
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_reversed_the_virtual_rotation_comes_back_and_the_angle_stays_right(latency: int) -> None:
+    truth = replace(TRUTH, latency=latency)
+    virtual, period = 5e-3 * truth.omega0, 0.4
+    observer = observer_of(truth, SETTINGS, dither=0.3, virtual_reversal=period)
+    record = close_loop(observer, truth, SAMPLES, RATE)
+    settled = slice(2000, None)
+    error = (record.angle - record.turned)[settled]
+    assert np.max(np.abs(error - error[0])) < 5e-3
+    # What forces turned the pattern by: a triangle of the height virtual × period, wherever it begins.
+    forced = replayed(record, SETTINGS, dither=0.3, virtual_reversal=period).angle_forced[settled]
+    assert np.ptp(forced) == pytest.approx(virtual * period, rel=0.1)
+    # The pattern less ∫Ωv follows it through the reversals: a sign or a sample wrong would leave a triangle too.
+    pattern = (record.angle_pattern - record.turned)[settled]
+    assert np.ptp(pattern) < 0.05 * virtual * period
+
+
+def test_an_angular_gain_divides_the_rotation_and_leaves_the_virtual_one_alone() -> None:
+    """The plant turns the pattern by one for one; told that it is 0.8, the observer reports the board's 1/0.8."""
+    record = close_loop(observer_of(TRUTH, SETTINGS, dither=0.3), TRUTH, SAMPLES, RATE)
+    one = replayed(record, SETTINGS, dither=0.3)
+    device = TRUTH.device(stiffness=1.03, damping=0.5, angular_gain=0.8)
+    # The walk and the spread of the rate are stated of the board's: the same pattern wants them larger.
+    settings = replace(SETTINGS, spread=replace(SETTINGS.spread, rate=SETTINGS.spread.rate / 0.8))
+    other = Observer(device, settings, TRUTH.controller(dither=0.3)).run(record.sense, record.drive)
+    for name in ("angle", "angle_deviation", "angle_forced", "angle_pattern", "angle_plain", "angle_rate_integral"):
+        np.testing.assert_allclose(getattr(other, name), getattr(one, name) / 0.8, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(other.of("rate"), one.of("rate") / 0.8, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(other.innovation, one.innovation, rtol=1e-9, atol=1e-12)

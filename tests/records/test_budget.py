@@ -1,0 +1,51 @@
+"""The budget's share of what a record leaves: against covariances worked out by hand."""
+
+import numpy as np
+import pytest
+
+from estimator.completeness.information import Coefficient, Information
+from hil.verdict.budget import _left, with_clock
+
+U = {"drive_gain": 0.01, "clock": 0.02}
+
+
+def information(normal: np.ndarray, sensitivity: list[float]) -> Information:
+    """hx and hy with a plausible size of 0.05, a record that suggests nothing."""
+    coefficients = tuple(Coefficient("drive_gain", symbol, "1", 0.05) for symbol in ("hx", "hy"))
+    return Information(
+        coefficients, normal * 0.05**2, np.zeros(2), np.array([0.0, 1.0]), np.array([[0, 0], sensitivity])
+    )
+
+
+def test_a_record_that_says_nothing_leaves_what_was_declared() -> None:
+    left = _left(information(np.zeros((2, 2)), [3.0, 5.0]), U)
+    assert left["drive_gain"] == pytest.approx(0.01 * np.hypot(3.0, 5.0))
+    assert left["clock"] == pytest.approx(0.02 * 2.0 * (3.0 + 5.0))
+
+
+def test_a_record_that_knows_the_sum_leaves_nothing_of_gain_and_clock_together() -> None:
+    """The clock does to both gains what it does; the record has their sum, and so the angle."""
+    precise = 1e12 * np.ones((2, 2))
+    left = _left(information(precise, [4.0, 4.0]), U)
+    assert np.hypot(left["drive_gain"], left["clock"]) < 1e-4
+
+
+def test_two_that_are_told_together_share_what_is_left() -> None:
+    """By the covariance (N + P0⁻¹)⁻¹ of hx, hy with the clock in P0: diag(u²) + (2 u_clock)² of both together."""
+    normal, g = np.array([[2e4, 1e4], [1e4, 3e4]]), np.array([2.0, 5.0])
+    prior = 0.01**2 * np.eye(2) + (2.0 * 0.02) ** 2 * np.ones((2, 2))
+    expected = g @ np.linalg.inv(normal + np.linalg.inv(prior)) @ g
+    left = _left(information(normal, g.tolist()), U)
+    assert left["drive_gain"] ** 2 + left["clock"] ** 2 == pytest.approx(expected)
+
+
+def test_a_clock_that_is_fast_acts_as_smaller_gains() -> None:
+    joint = with_clock(information(np.diag([1.0, 2.0]), [3.0, 5.0]))
+    np.testing.assert_allclose(joint.sensitivity[-1], [3.0, 5.0, -16.0])
+
+
+def test_what_was_not_watched_is_left_to_the_closed_form() -> None:
+    assert set(_left(information(np.zeros((2, 2)), [1.0, 1.0]), U | {"sense_gain_ratio": 0.005})) == {
+        "drive_gain",
+        "clock",
+    }
