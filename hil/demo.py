@@ -13,11 +13,13 @@ GAIN_MODE_EXAMPLE = "s-modern-5k"
 
 
 class Circle(NamedTuple):
-    """Run folder without the effect, trace folder, run folder with it; None where the trace found nothing to add."""
+    """Run folder without the effect, trace folder, run folder with it; None where the trace found nothing to add, or
+    there was none: then `untraced` says why."""
 
     before: Path
-    trace: Path
+    trace: Path | None
     after: Path | None
+    untraced: str = ""
 
 
 def demo(
@@ -30,6 +32,7 @@ def demo(
     be had.
     """
     from hil.addition import add_effects, additions
+    from hil.errors import InputError
     from hil.records.result import load_result, save_result
     from hil.records.runfolder import RunFolder
     from hil.report.page import write_report
@@ -41,7 +44,12 @@ def demo(
         truths = Path(aside) / "before.arrow", Path(aside) / "after.arrow"
         before = _run(_bench(path, f"{name}-before", *options), EXAMPLE, out, truths[0], progress)
         record = RunFolder(before).capture_path
-        traced = trace(record, _bench(path, f"{name}-trace", *options), out, progress=progress)
+        try:
+            traced = trace(record, _bench(path, f"{name}-trace", *options), out, progress=progress)
+        except InputError as error:  # too little of the record is left where the machine was far too busy
+            progress(Progress("report", 0, 0))
+            write_report(before, truths[0])
+            return Circle(before, None, None, str(error))
         found = additions(traced.diagnosis)
         after: Path | None = None
         if found:

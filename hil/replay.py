@@ -44,7 +44,8 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
         shutil.copyfile(capture, part)
     _estimate(record, bench, observer, folder, progress)
     stopped = "" if record.complete else "the record was interrupted"
-    conclude(folder, bench, {"stopped": stopped}, link=None, note=None, progress=progress)
+    old = () if record.sealed else ("the record is from before there were checksums: a changed bit would not show",)
+    conclude(folder, bench, {"stopped": stopped, "refused": old}, link=None, note=None, progress=progress)
     return RunResult(folder, {})
 
 

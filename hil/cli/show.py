@@ -60,6 +60,9 @@ def print_before_and_after(circle: "Circle") -> None:
     from hil.records.result import load_result
     from hil.records.runfolder import RunFolder
 
+    if circle.trace is None:
+        print(f"no trace of the first run: {circle.untraced}\n")
+        return
     print_diagnosis(load_diagnosis(circle.trace / "diagnosis.json"))
     if circle.after is None:
         print("\nnothing to add to the model: no second run\n")

@@ -23,6 +23,8 @@ from hil.report.sensor import write_report
 from hil.report.sensor.material import SensorMaterial
 from tests.records.test_report import checked
 
+pytestmark = pytest.mark.slow  # whole pages
+
 RATE_HZ = 250.0
 Make = Callable[..., str]
 only_words = pytest.mark.usefixtures("undrawn")

@@ -93,6 +93,7 @@ def test_equal_while_the_memory_shortens_and_the_prior_is_recalled(backend: Back
     assert np.max(hurried[300:400]) > 1.5 * hurried[299]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", list(Variant))
 def test_a_stationary_gain_is_looked_up_alike(record: Record, variant: Variant) -> None:
     settings = ObserverSettings(
@@ -173,6 +174,7 @@ def cases(draw: st.DrawFn) -> tuple[Truth, ObserverSettings, float, float]:
     return truth, settings, draw(a(-0.01, 0.01)) * omega0, off
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [1, 2])
 @hypothesis_settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(case=cases(), seed=st.integers(0, 2**32 - 1), hold=st.sampled_from(["zoh", "foh"]))

@@ -68,6 +68,7 @@ def test_white_noise_raises_no_more_alarms_than_stated(axes: int) -> None:
     assert alarms <= stats.binom.ppf(0.9999, seeds, LEVEL)
 
 
+@pytest.mark.slow
 def test_the_tests_of_whiteness_have_the_chances_they_state() -> None:
     series = [white(700, 2, seed) for seed in range(400)]
     portmanteau = [whiteness.portmanteau(one, 30).p for one in series]
@@ -76,6 +77,7 @@ def test_the_tests_of_whiteness_have_the_chances_they_state() -> None:
     assert stats.kstest(cumulative, "uniform").pvalue > 1e-3
 
 
+@pytest.mark.slow
 def test_regression_has_the_chances_it_states_under_noise_that_remembers() -> None:
     """Autocorrelated errors and an autocorrelated regressor: ordinary t-values would alarm several times too often."""
     random = np.random.default_rng(5)

@@ -159,6 +159,7 @@ def recorded(bench: Any, link: str, out: Path) -> tuple[RunFolder, Result]:
     return done, done.result
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_report")
 def test_in_lockstep_bench_time_is_the_boards(tmp_path: Path) -> None:
     """No second clock: said so, and nobody is asked."""

@@ -14,6 +14,7 @@ from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from tests.loop import gyro
 from tests.loop.closed import angle_errors
+from tests.wire.multicast import group
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -79,12 +80,13 @@ def test_the_same_seed_is_the_same_record_on_every_link(tmp_path: Path) -> None:
     """In lockstep bench time decides what a lost frame does, so neither link nor speed can change the record."""
     scenario, declared = faulty(tmp_path / "board.toml", BAD_LINE), gyro.bench(1.0)
     here, _ = go(declared, f"inproc:{scenario}", tmp_path / "here")
-    for kind, link in (("pty", "pty"), ("udp", "udp:239.77.3.9:47139")):
+    for kind, link in (("pty", "pty"), ("udp", f"udp:{group(3)}")):
         with emulator(scenario, link=link, seed=declared.loop.seed) as board:
             there, _ = go(declared, board.url, tmp_path / kind)
         assert here.capture_path.read_bytes() == there.capture_path.read_bytes(), kind
 
 
+@pytest.mark.slow
 def test_an_unplugged_board_stops_the_run(tmp_path: Path) -> None:
     scenario = faulty(tmp_path / "board.toml", "unplugged_s = 0.25")
     folder, result = go(gyro.bench(1.0), f"inproc:{scenario}", tmp_path / "runs")
@@ -105,7 +107,8 @@ def test_an_unplugged_pty_hangs_up(tmp_path: Path) -> None:
     assert 900 < result.samples <= 1001
 
 
-@pytest.mark.parametrize("link", ["inproc", pytest.param("pty", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("link", ["inproc", "pty"])
 def test_a_brown_out_stops_the_run_and_is_named(tmp_path: Path, link: str) -> None:
     scenario = faulty(tmp_path / "board.toml", "[[faults.brown_out]]\nstart_s = 0.2\nduration_s = 0.05")
     _, result = go(gyro.bench(1.0), f"{link}:{scenario}", tmp_path / "runs")
@@ -162,6 +165,19 @@ def test_on_wall_time_handshake_and_run_survive_a_bad_line(tmp_path: Path) -> No
     assert result.samples + result.lost == 1200
     assert result.counters["frames_lost"] > 60
     assert words.startswith("faults inflicted: corrupted_to_board")
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+def test_what_a_board_counted_before_is_not_this_runs(tmp_path: Path) -> None:
+    """Its counters count since its power-up; drives are lost in its first second only."""
+    path = gyro.unhurried_scenario(tmp_path / "board.toml")
+    path.write_text(path.read_text() + '\n[faults]\nlost = 0.1\ntoward = "board"\nuntil_s = 1.0\n')
+    declared = gyro.unhurried_bench(1.5, limits={"late_fraction": 1.0})
+    with emulator(path) as board:
+        (_, first), (_, second) = (go(declared, board.url, tmp_path / name) for name in ("first", "second"))
+    assert first.counters["board_lost_seq"] > 10
+    assert second.counters["board_lost_seq"] == 0
 
 
 def test_the_scenario_names_its_mistakes(tmp_path: Path) -> None:

@@ -83,6 +83,7 @@ def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
     assert max(report.done for report in stages if report.stage == "run") == 12000
 
 
+@pytest.mark.slow
 def test_with_the_loop_open_nothing_is_driven(tmp_path: Path) -> None:
     """And a ring-down is no fault: the verdict asks for no energy that nobody puts in."""
     scenario = gyro.scenario(tmp_path / "board.toml")
@@ -98,6 +99,7 @@ def test_with_the_loop_open_nothing_is_driven(tmp_path: Path) -> None:
     assert folder.bench["controller"]["enabled"] is False  # the bench as run
 
 
+@pytest.mark.slow
 def test_a_dry_run_does_not_arm(tmp_path: Path) -> None:
     truth = tmp_path / "truth.arrow"
     with emulator(gyro.scenario(tmp_path / "board.toml"), truth=truth) as board:
@@ -161,6 +163,7 @@ def test_a_board_that_does_not_fit_the_bench_is_refused(
         assert refused(InputError, gyro.bench(), link, tmp_path / "runs") == f"{link}: {expected}"
 
 
+@pytest.mark.slow
 def test_a_board_that_refuses_to_be_armed(tmp_path: Path) -> None:
     """Without latency there is no time for an answer on wall time."""
     scenario = gyro.scenario(tmp_path / "board.toml", drive={"latency_samples": 0})

@@ -273,6 +273,7 @@ def test_the_silverbox_map_reads_a_file_of_that_shape(tmp_path):
     assert capture.segments["train"] == (40650, 105712)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SILVERBOX.exists(), reason="the measured record is not beside the checkout")
 def test_the_measured_silverbox_record(tmp_path):
     capture = import_record(SILVERBOX, tmp_path / "silverbox.arrow", map_file=SILVERBOX_MAP)

@@ -135,6 +135,7 @@ def drain(ring, child):
     return np.concatenate(parts)
 
 
+@pytest.mark.slow
 def test_two_processes_lose_nothing_when_the_producer_waits(name):
     with Ring.create(name, DTYPE, 256) as ring, produce(name, 200_000, "wait") as child:
         received = drain(ring, child)

@@ -9,9 +9,12 @@ from hil.wire.key_file import make_key
 from tests.emulator.gyro import EXAMPLES
 
 from .conformance import Board, Conformance, emulated, tripped
+from .multicast import group
 
 pytestmark = pytest.mark.slow  # whole processes
 
+UDP = f"udp:{group(1)}?interface=127.0.0.1"
+CAN = "can:udp_multicast:{}?port={}&node=3".format(*group(2).split(":"))
 SCENARIO = str(EXAMPLES / "s-slow.scenario.toml")
 
 
@@ -44,11 +47,11 @@ class TestPty(Conformance):
 class TestUdp(Conformance):
     @classmethod
     def start(cls):
-        return emulated("udp:239.255.42.42:42420?interface=127.0.0.1")
+        return emulated(UDP)
 
     @classmethod
     def start_faulty(cls, first_s, duration_s):
-        return emulated("udp:239.255.42.42:42420?interface=127.0.0.1", tripped(first_s, duration_s))
+        return emulated(UDP, tripped(first_s, duration_s))
 
 
 @pytest.mark.realtime
@@ -61,7 +64,7 @@ class TestKeyedUdp(Conformance):
 
     @classmethod
     def start(cls):
-        return emulated(f"udp:239.255.42.42:42424?interface=127.0.0.1&key={cls.key}")
+        return emulated(f"udp:{group(4)}?interface=127.0.0.1&key={cls.key}")
 
 
 @pytest.mark.realtime
@@ -70,11 +73,11 @@ class TestPythonCan(Conformance):
 
     @classmethod
     def start(cls):
-        return emulated("can:udp_multicast:239.255.42.43?port=42423&node=3")
+        return emulated(CAN)
 
     @classmethod
     def start_faulty(cls, first_s, duration_s):
-        return emulated("can:udp_multicast:239.255.42.43?port=42423&node=3", tripped(first_s, duration_s))
+        return emulated(CAN, tripped(first_s, duration_s))
 
 
 @pytest.mark.skipif("HIL_TEST_SERIAL" not in os.environ, reason="HIL_TEST_SERIAL=serial:/dev/ttyACM0 names a board")

@@ -15,13 +15,14 @@ from hil.wire.frame_format import HOST
 from hil.wire.links import open_board_link, open_link
 from hil.wire.messages import DriveForce, Hello, Nack, Safe
 from hil.wire.stream import Transmitter
+from tests.wire.multicast import group
 
-UDP = "udp:239.255.42.44:42440?interface=127.0.0.1"
+UDP = f"udp:{group(0)}?interface=127.0.0.1"
 HELLO = Transmitter().encode(Hello(1, 2), 0)
 VIRTUAL = "can:virtual:test?node=2"
 
 
-@pytest.fixture(params=[UDP, VIRTUAL])
+@pytest.fixture(params=[UDP, VIRTUAL], ids=["udp", "can"])
 def url(request: pytest.FixtureRequest) -> str:
     return request.param
 

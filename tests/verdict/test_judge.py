@@ -1,0 +1,88 @@
+"""How the parts come together: worst first, an unsafe run above all, what comes next.
+
+The rules are those of docs/reference/run-folder.md (Verdict) and docs/safety.md (Verdict).
+"""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil import verdict
+from hil.records.result import Answers, Part, Result
+from hil.records.runfolder import RunFolder
+from hil.verdict import Judgement
+from tests.loop import gyro
+
+GOOD = {
+    "safety": Part(outcome="good", reason="confirmed"),
+    "machine": Part(outcome="good", reason="all in time"),
+    "model": Part(outcome="complete", reason="nothing is missing"),
+    "angle": Part(outcome="good", reason="± 1.9 mrad"),
+}
+BAD = {
+    "safety": Part(outcome="failed", reason="FAULT latched", next="look at the board"),
+    "machine": Part(outcome="failed", reason="12 % late", next="hil doctor"),
+    "model": Part(outcome="lacks", reason="drive gain", next="hil trace runs/a"),
+    "angle": Part(outcome="failed", reason="± 310 mrad"),
+}
+UNSAFE = Part(outcome="unsafe", reason="SAFE was not confirmed: cut the supply", next="cut the supply")
+
+
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """`judged(stopped="…", complete=False, model=Part(…))`: four parts as given, good where not."""
+
+    def judge(stopped: str = "", complete: bool = True, **parts: Part) -> Judgement:
+        for name, part in (GOOD | parts).items():
+            monkeypatch.setattr(verdict, f"judge_{name}", lambda *_, part=part, **__: part)
+        counted = Answers(
+            ticks=9, in_time=9, late=0, unanswered=0, lost_to_board=0, lost_to_host=0, stopped=0, slow=0
+        )  # fmt: skip
+        result = Result(run="r", seconds=1.0, samples=9, answers=counted, complete=complete)
+        outcome = {"stopped": stopped, "counters": {}, "refused": ["memory is not locked"]}
+        return verdict.judge(RunFolder(tmp_path / "a run"), result, gyro.bench(), outcome)
+
+    return judge
+
+
+def test_four_good_parts_are_a_good_run(judged: Any) -> None:
+    found = judged()
+    assert (found.verdict, found.reasons, found.remarks) == ("good", (), ("memory is not locked",))
+    assert list(found.parts) == ["safety", "machine", "model", "angle"]
+    assert found.next.startswith("xdg-open '")
+    assert found.next.endswith("a run/report.html'")
+
+
+@pytest.mark.parametrize("name", list(BAD))
+def test_one_part_fails_the_run_and_leaves_the_others_what_they_are(judged: Any, name: str) -> None:
+    found = judged(**{name: BAD[name]})
+    assert (found.verdict, found.reasons) == ("failed", (BAD[name].reason,))
+    assert {part: found.parts[part] for part in GOOD if part != name} == {
+        part: GOOD[part] for part in GOOD if part != name
+    }
+
+
+def test_the_worst_part_says_what_is_next(judged: Any) -> None:
+    assert judged(**BAD).next == "look at the board"
+    assert judged(machine=BAD["machine"], model=BAD["model"]).next == "hil doctor"
+    assert judged(model=BAD["model"], angle=BAD["angle"]).next == "hil trace runs/a"
+    hint = Part(outcome="good", reason="confirmed", next="nothing")
+    assert judged(safety=hint, model=BAD["model"]).next == "hil trace runs/a"  # a good part asks for nothing
+
+
+def test_unsafe_stands_above_all(judged: Any) -> None:
+    found = judged(stopped="the board hung up", complete=False, safety=UNSAFE, machine=BAD["machine"])
+    assert (found.verdict, found.next) == ("unsafe", "cut the supply")
+
+
+@pytest.mark.parametrize(("stopped", "complete"), [("stopped on request", True), ("", False)])
+def test_a_run_that_ended_early_is_interrupted(judged: Any, stopped: str, complete: bool) -> None:
+    found = judged(stopped=stopped, complete=complete, model=BAD["model"])
+    assert found.verdict == "interrupted"
+    assert found.reasons == (*((stopped,) if stopped else ()), "drive gain")
+
+
+def test_an_angle_that_failed_with_the_machine_says_what_to_mend_first(judged: Any) -> None:
+    assert "mend that first" in judged(machine=BAD["machine"], angle=BAD["angle"]).parts["angle"].reason
+    assert judged(angle=BAD["angle"]).parts["angle"] == BAD["angle"]
