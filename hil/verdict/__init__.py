@@ -19,6 +19,13 @@ from hil.verdict.safety import remarks as stops_survived
 __all__ = ["Judgement", "judge"]
 
 
+_DOUBTS = {
+    "model": "the machine's part failed, too: the same run in lockstep tells whether that had to do with it",
+    "angle": "answers were missing, which the machine's part is about: mend that first",
+}
+"""Said of a part that failed beside the machine's."""
+
+
 class Judgement(NamedTuple):
     """The verdict as in result.json: its four parts by name (worst first), one line per limit that was not kept, one
     per mishap that ended nothing, and the command that comes next."""
@@ -43,9 +50,10 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
         "model": judge_model(folder, result, bench),
         "angle": judge_angle(folder, result, bench),
     }
-    if parts["machine"].against and parts["angle"].against:
-        reason = f"{parts['angle'].reason}; answers were missing, which the machine's part is about: mend that first"
-        parts["angle"] = parts["angle"].model_copy(update={"reason": reason})
+    if parts["machine"].against:
+        for name, doubt in _DOUBTS.items():
+            if parts[name].against:
+                parts[name] = parts[name].model_copy(update={"reason": f"{parts[name].reason}; {doubt}"})
     told = [part.reason for part in parts.values() if part.against]
     # What concerns the board's safety comes before everything else.
     at = int(parts["safety"].against)

@@ -86,3 +86,5 @@ def test_a_run_that_ended_early_is_interrupted(judged: Any, stopped: str, comple
 def test_an_angle_that_failed_with_the_machine_says_what_to_mend_first(judged: Any) -> None:
     assert "mend that first" in judged(machine=BAD["machine"], angle=BAD["angle"]).parts["angle"].reason
     assert judged(angle=BAD["angle"]).parts["angle"] == BAD["angle"]
+    assert judged(machine=BAD["machine"], model=BAD["model"]).parts["model"].reason.startswith("drive gain; the mach")
+    assert judged(safety=BAD["safety"], model=BAD["model"]).parts["model"] == BAD["model"]
