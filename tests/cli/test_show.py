@@ -84,6 +84,14 @@ def test_why_a_run_ended_early_stands_under_the_verdict(tmp_path: Path, capfd: p
     assert lines[lines.index("verdict  interrupted") + 1].strip() == "stopped on request"
 
 
+def test_many_remarks_do_not_push_the_verdict_away(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    remarks = tuple(f"armed again, {k}" for k in range(93))
+    _, lines, _ = shown(tmp_path, capfd, verdict="good", parts=PARTS, remarks=remarks)
+    told = [row for row in lines if row.startswith("remark")]
+    assert told[0].endswith("armed again, 0")
+    assert (len(told), told[-1]) == (9, "remark   … and 85 more in result.json")
+
+
 def test_a_record_without_a_verdict_has_none(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     code, lines, _ = shown(tmp_path, capfd, answers=None, lost=3)
     assert code == 0
