@@ -88,7 +88,7 @@ def test_stopped_for_less_than_the_watchdog(tmp_path: Path) -> None:
     """The board holds its drive; the answers that come too late are counted, and the loop goes on."""
     truth = tmp_path / "truth.arrow"
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
-    declared = gyro.unhurried_bench(6.0, link={"watchdog_s": 5.0})
+    declared = gyro.unhurried_bench(6.0, link={"watchdog_s": 2.0})
     with emulator(scenario, truth=truth) as board, Host(tmp_path / "host", declared, board.url) as host:
         host.await_record(DRIVEN)
         with stopped(host.worker, 0.5):
