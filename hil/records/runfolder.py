@@ -87,8 +87,15 @@ class RunFolder:
 
     @cached_property
     def bench(self) -> dict[str, Any]:
-        """The bench file as plain tables: old runs stay readable when the bench file's rules change."""
-        return read_table(self.bench_path) if self.bench_path.exists() else {}
+        """The bench file as plain tables: old runs stay readable when the bench file's rules change. Raises InputError
+        when it is none at all: neither [device] nor [loop] is in it.
+        """
+        if not self.bench_path.exists():
+            return {}
+        table = read_table(self.bench_path)
+        if not any(isinstance(table.get(section), dict) for section in ("device", "loop")):
+            raise InputError(f"{self.bench_path}: no bench file: [device] and [loop] are missing; restore it as run")
+        return table
 
     @cached_property
     def capture(self) -> Capture | None:
