@@ -2,6 +2,7 @@
 
 import errno
 import os
+import unicodedata
 
 _LONGEST, _END = 900, 300
 _TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
@@ -9,10 +10,23 @@ _TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
 
 def printable(text: str) -> str:
     """`text` with everything that a terminal would obey or hide written out: control characters, escape sequences,
-    marks that change the direction of writing, lone surrogates. Letters of all scripts stay."""
-    return "".join(
-        mark if mark.isprintable() or mark == " " else _TOLD_APART.get(ord(mark)) or _escape(mark) for mark in text
-    )
+    marks that change the direction of writing, lone surrogates. Letters and spaces of all scripts stay."""
+    return "".join(mark if _harmless(mark) else _TOLD_APART.get(ord(mark)) or _escape(mark) for mark in text)
+
+
+def printable_json(text: str) -> str:
+    """JSON text that says the same, with what `printable` writes out written as JSON does. Such marks stand in strings
+    only, but for the line feeds between them, which stay."""
+    return "".join(mark if mark == "\n" or _harmless(mark) else _json_escape(mark) for mark in text)
+
+
+def _harmless(mark: str) -> bool:
+    return mark.isprintable() or unicodedata.category(mark) == "Zs"
+
+
+def _json_escape(mark: str) -> str:
+    units = mark.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
 
 def _escape(mark: str) -> str:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaincinv
 
 from hil.records.blocks import between
 from hil.records.covariance import Covariance
@@ -72,6 +71,8 @@ def independent_instants(estimates: Estimates, instants: int, window_s: float) -
 
 def band(degrees: float) -> tuple[float, float]:
     """Where 95 % of χ² of so many degrees of freedom lie, per degree."""
+    from scipy.special import gammaincinv  # loads slowly: only where there is something to judge
+
     low, high = 2.0 * gammaincinv(0.5 * degrees, (0.025, 0.975)) / degrees
     return float(low), float(high)
 

@@ -64,7 +64,7 @@ class Ring:
     def create(cls, name: str, dtype: np.dtype[np.void], capacity: int) -> Self:
         """Make a ring of `capacity` rows under `name` (a plain file name, unique on this machine).
 
-        Raises FileExistsError when the name is taken, OSError when there is no memory for it.
+        Raises FileExistsError when the name is taken, OSError with its path when there is no memory for it.
         """
         description = json.dumps([list(entry) for entry in dtype.descr]).encode()
         offset = -(-(_DTYPE + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
@@ -75,9 +75,9 @@ class Ring:
             os.posix_fallocate(descriptor, 0, offset + capacity * dtype.itemsize)
             flags = mmap.MAP_SHARED | getattr(mmap, "MAP_POPULATE", 0)  # no page is fetched in the middle of the loop
             memory = mmap.mmap(descriptor, offset + capacity * dtype.itemsize, flags)
-        except OSError:
+        except OSError as error:
             path.unlink()
-            raise
+            raise OSError(error.errno, error.strerror, str(path)) from None
         finally:
             os.close(descriptor)
         memory[_DTYPE : _DTYPE + len(description)] = description

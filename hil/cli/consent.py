@@ -3,7 +3,7 @@
 import sys
 from typing import TYPE_CHECKING
 
-from hil.errors import InputError
+from hil.errors import InputError, printable
 
 if TYPE_CHECKING:
     from hil.bench import Bench
@@ -19,7 +19,7 @@ def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
         force = "the drive held at zero"
     else:
         force = f"up to {bench.device.drive.full_scale:g} {_UNITS[bench.device.drive.unit]} of drive"
-    print(f"{link} will be armed for {bench.loop.duration_s:g} s with {force}.", file=sys.stderr)
+    print(printable(f"{link} will be armed for {bench.loop.duration_s:g} s with {force}."), file=sys.stderr)
     print("Arm it? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError(f"{link}: not armed, as you wished")

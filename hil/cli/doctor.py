@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hil.cli.options import Json
+from hil.errors import printable
 
 DoctorLink = Annotated[
     str | None, typer.Option("--link", "-l", help="Look at this link, too, and measure it; no real board is armed.")
@@ -57,6 +58,6 @@ def _print(findings: "list[Finding]") -> None:
     for finding in findings:
         style = _STYLES[finding.state]
         console.print(f"[{style}]{finding.state:<8}[/{style}]", end="")
-        console.print(f"{finding.subject:<24}{finding.told}", markup=False)
+        console.print(printable(f"{finding.subject:<24}{finding.told}"), markup=False)
         if finding.cure:
-            console.print(f"{'':<32}{finding.cure}", markup=False)
+            console.print(printable(f"{'':<32}{finding.cure}"), markup=False)

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from hil.errors import printable
 from hil.progress import Progress, Watcher
 
 
@@ -26,14 +27,14 @@ class _StageLines:
 
     def __call__(self, progress: Progress) -> None:
         if progress.alarm:
-            print(f"hil: UNSAFE: {progress.alarm}", file=sys.stderr, flush=True)
+            print(printable(f"hil: UNSAFE: {progress.alarm}"), file=sys.stderr, flush=True)
             return
         if progress.note.startswith("waiting") and not self._note:
             self._note = progress.note
-            print(progress.note, file=sys.stderr, flush=True)
+            print(printable(progress.note), file=sys.stderr, flush=True)
         if progress.stage != self._stage:
             self._stage = progress.stage
-            print(progress.stage, file=sys.stderr, flush=True)
+            print(printable(progress.stage), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -43,29 +44,30 @@ def _bar(title: str) -> Iterator[Watcher]:
     from rich.progress import Progress as Bars
 
     columns = (
-        TextColumn(title, style="dim"),
-        TextColumn("[bold]{task.description}"),
+        TextColumn(printable(title), style="dim", markup=False),
+        TextColumn("{task.description}", style="bold", markup=False),
         BarColumn(),
         TimeRemainingColumn(compact=True),
         TextColumn("{task.fields[note]}", style="dim", markup=False),
     )
-    with Bars(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
+    with Bars(*columns, console=Console(stderr=True, highlight=False), refresh_per_second=4, transient=True) as bars:
         shown: dict[str, TaskID] = {}  # the stage at hand: a new bar each, since a total once set would stay
 
         def watch(progress: Progress) -> None:
             if progress.alarm:
-                bars.console.print(f"hil: UNSAFE: {progress.alarm}", style="bold white on red", markup=False)
+                line = printable(f"hil: UNSAFE: {progress.alarm}")
+                bars.console.print(line, style="bold white on red", markup=False)
                 return
             if progress.stage not in shown:
                 for past in shown.values():
                     bars.remove_task(past)
                 shown.clear()
-                shown[progress.stage] = bars.add_task(progress.stage, total=None, note="")
+                shown[progress.stage] = bars.add_task(printable(progress.stage), total=None, note="")
             bars.update(
                 shown[progress.stage],
                 completed=progress.done,
                 total=progress.total or None,
-                note=progress.note,
+                note=printable(progress.note),
             )
 
         yield watch

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
-from hil.errors import printable
+from hil.errors import printable, printable_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,7 +32,7 @@ def say(sentence: str) -> None:
 
 def print_json(figures: Mapping[str, Any]) -> None:
     """One JSON object on standard output."""
-    print(json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False))
+    print(printable_json(json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False)))
 
 
 def finish(folder: Path, *, as_json: bool) -> NoReturn:
@@ -45,7 +45,7 @@ def finish(folder: Path, *, as_json: bool) -> NoReturn:
     if as_json:
         if result.verdict == "unsafe":
             say(f"UNSAFE: {_alarm(result)}")
-        print(run.result_path.read_text(encoding="utf-8"), end="")
+        print(printable_json(run.result_path.read_text(encoding="utf-8")), end="")
     else:
         _print_tables(result, run.report_path)
     raise typer.Exit(0 if result.verdict in (None, "good") else 1)
@@ -62,7 +62,7 @@ def print_before_and_after(circle: "Circle") -> None:
     from hil.records.runfolder import RunFolder
 
     if circle.trace is None:
-        print(f"no trace of the first run: {circle.untraced}\n")
+        print(printable(f"no trace of the first run: {circle.untraced}") + "\n")
         return
     print_diagnosis(load_diagnosis(circle.trace / "diagnosis.json"))
     if circle.after is None:
@@ -99,7 +99,8 @@ def _print_tables(result: "Result", report: Path) -> None:
     console = Console(highlight=False, soft_wrap=True)
     if result.verdict == "unsafe":
         console.print(f"[{_VERDICT_STYLE['unsafe']}] UNSAFE [/] ", end="")
-        console.print(f"{_alarm(result)}\n", markup=False, style="bold red")
+        console.print(printable(_alarm(result)), markup=False, style="bold red")
+        console.print()
     console.print(printable(result.run), style="bold", markup=False)
     console.print()
     for label, value in _figures(result):
@@ -115,9 +116,9 @@ def _print_tables(result: "Result", report: Path) -> None:
     if (more := len(result.remarks) - _REMARKS) > 0:
         console.print(f"remark   … and {more} more in result.json", markup=False)
     if report.exists():
-        console.print(f"report   {report}", markup=False)
+        console.print(printable(f"report   {report}"), markup=False)
     if result.next is not None:
-        console.print(f"next     {result.next}", markup=False)
+        console.print(printable(f"next     {result.next}"), markup=False)
 
 
 def _print_verdict(console: "Console", result: "Result") -> None:
@@ -136,9 +137,9 @@ def _print_verdict(console: "Console", result: "Result") -> None:
             continue
         colour = _MACHINE_STYLE if name == "machine" and part.against else _OUTCOME_STYLE.get(part.outcome, "red")
         console.print(f"         {name:<9}[{colour}]{part.outcome:<9}[/]", end="")
-        console.print(part.reason, markup=False)
+        console.print(printable(part.reason), markup=False)
         if part.next is not None and part.next != result.next:
-            console.print(f"{'':<27}next: {part.next}", markup=False)
+            console.print(printable(f"{'':<27}next: {part.next}"), markup=False)
 
 
 def _alarm(result: "Result") -> str:
@@ -221,6 +222,7 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
 
 def _parameters(result: "Result") -> "Table":
     from rich.table import Table
+    from rich.text import Text
 
     table = Table("parameter", box=None, pad_edge=False, header_style="dim")
     for heading in ("estimate", "95 % interval", "", "truth"):
@@ -229,7 +231,7 @@ def _parameters(result: "Result") -> "Table":
     for name, parameter in result.parameters.items():
         value, *interval = (f"{number:.7g}" for number in (parameter.value, *parameter.ci95))
         truth = "" if parameter.truth is None else f"{parameter.truth:.7g}"
-        table.add_row(name, value, *interval, truth, parameter.unit)
+        table.add_row(Text(printable(name)), value, *interval, truth, Text(printable(parameter.unit)))
     return table
 
 

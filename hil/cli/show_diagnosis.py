@@ -1,12 +1,16 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
+from hil.errors import printable, printable_json
+
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from hil.records.diagnosis import Diagnosis, Fit
@@ -20,12 +24,13 @@ UNEXPLAINED = 1
 def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
     """Print the diagnosis and leave: exit code 0, or 1 when something is there that nothing accounts for."""
     if as_json:
-        print((folder / "diagnosis.json").read_text(encoding="utf-8"), end="")
+        print(printable_json((folder / "diagnosis.json").read_text(encoding="utf-8")), end="")
     else:
         print_diagnosis(diagnosis)
-        print(f"\ndiagnosis  {folder / 'diagnosis.json'}")
+        print()
+        print(printable(f"diagnosis  {folder / 'diagnosis.json'}"))
         if (folder / "report.html").exists():
-            print(f"report     {folder / 'report.html'}")
+            print(printable(f"report     {folder / 'report.html'}"))
     raise typer.Exit(UNEXPLAINED if diagnosis.verdict == "unexplained" else 0)
 
 
@@ -39,41 +44,52 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     style = _STYLE[diagnosis.verdict]
-    console.print(f"[bold]{diagnosis.record}[/bold]  [{style}]{diagnosis.verdict}[/{style}]")
+    say = partial(_say, console)
+    say(diagnosis.record, style="bold", end="  ")
+    say(diagnosis.verdict, style=style)
     for reason in diagnosis.reasons:
-        console.print(f"  {reason}", markup=False)
+        say(f"  {reason}")
     for effect in diagnosis.effects:
-        console.print(f"\n[bold]{effect.title}[/bold]  \\[effects.{effect.name}]")
+        console.print()
+        say(effect.title, style="bold", end="  ")
+        say(f"[effects.{effect.name}]")
         for equation in effect.equations:
-            console.print(f"  {plain(equation)}", markup=False)
+            say(f"  {plain(equation)}")
         for symbol, found in effect.coefficients.items():
-            console.print(f"  {symbol} = {estimate(found)}, 95 %", markup=False)
+            say(f"  {symbol} = {estimate(found)}, 95 %")
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
-        console.print(f"  {effect.undone}{rest}", markup=False)
+        say(f"  {effect.undone}{rest}")
     console.print()
     console.print(_fits(diagnosis))
     if diagnosis.angle_moved_rad is not None:
         whose = "it" if len(diagnosis.effects) == 1 else "what brings the residual down"
         moved = quantity(diagnosis.angle_moved_rad, "rad")
-        console.print(f"\ncarrying {whose} moves the angle by {moved} at most", markup=False)
+        console.print()
+        say(f"carrying {whose} moves the angle by {moved} at most")
     if diagnosis.findings:
         console.print("\nwhat the residual looks like without it" if diagnosis.effects else "\nwhat the residual holds")
         for finding in diagnosis.findings[:_FINDINGS]:
             size = "" if finding.size_V is None else f"{quantity(finding.size_V, 'V'):>9}  "
-            console.print(f"  {size}{finding.text}", markup=False)
+            say(f"  {size}{finding.text}")
     for pair in diagnosis.confusable:
         alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
         told = f"to tell them apart: {pair.separate_by}" if pair.separate_by else "no experiment tells them apart"
         apart = pair.angle_apart_rad
         hangs = "" if apart is None else f"; the angle moves by {quantity(apart, 'rad')} at most if it is that"
-        console.print(f"\n{pair.effect} looks like {pair.with_} on this record{alike}{hangs}; {told}", markup=False)
+        console.print()
+        say(f"{pair.effect} looks like {pair.with_} on this record{alike}{hangs}; {told}")
     if diagnosis.rejected:
         console.print("\nruled out")
         for one in diagnosis.rejected[:_REJECTED]:
-            console.print(f"  {one.name}: {one.reason}", markup=False)
+            say(f"  {one.name}: {one.reason}")
         if len(diagnosis.rejected) > _REJECTED:
-            console.print(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report", markup=False)
+            say(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report")
+
+
+def _say(console: "Console", text: str, *, style: str | None = None, end: str = "\n") -> None:
+    """Words that may come from a file, as they are."""
+    console.print(printable(text), style=style, end=end, markup=False)
 
 
 def _fits(diagnosis: "Diagnosis") -> "Table":

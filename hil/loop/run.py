@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.emulation import served
-from hil.errors import InputError
+from hil.errors import InputError, told_to_user
 from hil.loop.stops import alarm_of
 from hil.loop.supervision import as_raised, supervise
 from hil.loop.worker import Order
@@ -100,6 +100,9 @@ def run(
                 if not RunFolder(folder).result_path.exists():
                     save_result(RunFolder(folder).result_path, _result_so_far(folder, bench, outcome, link))
             raise Interrupted(f"{said}; the record is whole: {folder}; its figures and report are not") from None
+        except OSError as error:
+            why = told_to_user(error) or str(error)
+            raise InputError(f"{why}; {said}; what was recorded is in {folder}; hil check {folder}") from None
     if ended.interrupted:
         raise Interrupted(f"{said}; the record is closed: {folder}" if recorded else f"{said}; nothing was recorded")
     if not (dry_run or recorded):
@@ -162,9 +165,16 @@ def _logged(log: Path | None, url: str) -> "AbstractContextManager[WireLog | Non
 
 
 def new_folder(out: Path, bench: Bench) -> Path:
-    """A new run folder below `out` with the bench as run in it; a name that is taken gets a number."""
+    """A new run folder below `out` with the bench as run in it; a name that is taken gets a number.
+
+    Raises InputError or OSError with the place, and leaves nothing there.
+    """
     folder = make_run_folder(out, bench.loop.name)
-    write_text(folder / "bench.toml", template(values_of(bench), "The bench as run."))
+    try:
+        write_text(folder / "bench.toml", template(values_of(bench), "The bench as run."))
+    except OSError:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
     return folder
 
 
@@ -223,5 +233,5 @@ def _keep_if_recorded(folder: Path, *, whatever: bool = False) -> bool:
     except InputError:  # what cannot be read is not thrown away
         if place.capture_path.stat().st_size:
             return True
-    shutil.rmtree(folder)
+    shutil.rmtree(folder, ignore_errors=True)  # on a disk that fails it stays: that is not what went wrong
     return False

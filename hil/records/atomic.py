@@ -24,9 +24,9 @@ def replacing(path: Path) -> Iterator[Path]:
         descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
     except OSError as error:
         raise _named(error, path) from None
-    os.close(descriptor)
     temporary = Path(name)
     try:
+        os.close(descriptor)
         yield temporary
         _settle(temporary)
         temporary.chmod(0o666 & ~_umask())

@@ -117,7 +117,7 @@ def record_apart(
 
     Call it before the loop asks for real-time scheduling: the child is to run as an ordinary process. With
     `wait` (lockstep) a full ring holds the loop up instead of dropping rows. Leaving the recording waits
-    until the files are closed; raises OSError when the child did not manage that.
+    until the files are closed. Raises RecorderError when the child did not manage that, or could not begin.
     """
     names = {stem: f"{os.getpid()}-{time.monotonic_ns()}-{stem}" for stem in layouts}
     rings: dict[str, Ring] = {}
@@ -210,7 +210,7 @@ def _start_child(folder: Path, layouts: Mapping[str, Layout], names: Mapping[str
     child.stdin.flush()
     if child.stdout.readline() != b"ready\n":
         _, complaint = child.communicate()
-        raise OSError(f"{folder}: the recorder did not start: {complaint.decode(errors='replace').strip()[-300:]}")
+        raise RecorderError(f"{folder}: nothing was begun: {_ended(child.returncode, complaint)}")
     return child
 
 
@@ -233,14 +233,20 @@ def serve() -> None:
             for ring, writer, path in tracks:
                 at = path
                 writer.push(ring.pop())
-        for ring, writer, path in tracks:
-            at = path
-            writer.push(ring.pop())
-            writer.close() if ring.closed else writer.abandon()
-            ring.detach()
     except OSError as error:
         print(f"{at}: {_why(error)}", file=sys.stderr, flush=True)
-        os._exit(1)  # what is written is the kernel's; closing the files would only fail again, and say more
+        os._exit(1)  # at once: the board is driven until this is seen; what is written is the kernel's
+    failed = ""
+    for ring, writer, path in tracks:
+        try:
+            writer.push(ring.pop())
+            writer.close() if ring.closed else writer.abandon()
+        except OSError as error:  # of one file: the others may have room
+            failed = failed or f"{path}: {_why(error)}"
+        ring.detach()
+    if failed:
+        print(failed, file=sys.stderr, flush=True)
+        os._exit(1)  # what could not be closed would only fail again, and say more
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """How a run's verdict looks on the terminal: loudest first, what is good although another part failed, what is next."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -97,3 +98,35 @@ def test_a_record_without_a_verdict_has_none(tmp_path: Path, capfd: pytest.Captu
     assert code == 0
     assert line(lines, "lost").split() == ["lost", "3"]
     assert not any(row.startswith(("verdict", "next")) for row in lines)
+
+
+EVIL = "a\x1b[31mred\x07\u202egnirts\x9b2J\u2028next\r\n[bold]x[/]\x7f\U000e0001"
+"""What a terminal would obey, from a board, an operator or a file."""
+
+
+def obeyed(text: str) -> list[str]:
+    """What of a text a terminal would obey or hide, line feeds excepted."""
+    return [ascii(mark) for mark in text if not mark.isprintable() and mark != "\n"]
+
+
+def test_nothing_that_a_terminal_obeys_comes_through(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    bad = Part(outcome="failed", reason=EVIL, next=EVIL + " again")
+    parts = {"safety": Part(outcome="unsafe", reason=EVIL, next=EVIL), "machine": bad, "model": bad, "angle": bad}
+    parameter = {"value": 1.0, "ci95": (0.5, 1.5), "unit": EVIL}
+    evil = {"run": EVIL, "link": EVIL, "clock": "paced", "next": EVIL, "reasons": (EVIL, EVIL), "remarks": (EVIL,)}
+    evil |= {"operator_note": EVIL, "parameters": {EVIL: parameter}, "counters": {EVIL: 1}}
+    for as_json in (False, True):
+        _, lines, err = shown(tmp_path, capfd, as_json=as_json, verdict="unsafe", parts=parts, **evil)
+        assert not obeyed("\n".join(lines) + err)
+        assert "red" in lines[0] + err
+    told = json.loads("\n".join(lines))
+    assert (told["next"], told["parts"]["safety"]["reason"], told["operator_note"]) == (EVIL, EVIL, EVIL)
+
+
+def test_a_run_folder_of_any_name(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    place = tmp_path / EVIL.replace("/", "")
+    place.mkdir()
+    (place / "report.html").touch()
+    _, lines, _ = shown(place, capfd, verdict="good", parts=PARTS)
+    assert not obeyed("\n".join(lines))
+    assert line(lines, "report").endswith("report.html")

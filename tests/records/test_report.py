@@ -289,7 +289,10 @@ def test_words_from_outside_cannot_become_markup(undrawn, make_run):
     folder, _ = make_run()
     evil = '</script><img src="http://example.org/x.png" onerror=alert(1)> & "quotes"'
     result = load_result(folder / "result.json")
-    update = {"operator_note": evil, "verdict": "failed", "reasons": (evil,), "counters": {evil: 1}}
+    part = Part(outcome="failed", reason=evil, next=evil)
+    update = {"operator_note": evil, "verdict": "failed", "reasons": (evil,), "counters": {evil: 1}, "run": evil}
+    update |= {"link": evil, "next": evil, "remarks": (evil,), "serial_number": evil, "versions": {evil: evil}}
+    update |= {"parts": dict.fromkeys(("safety", "machine", "model", "angle"), part)}
     save_result(folder / "result.json", result.model_copy(update=update))
     (folder / "bench.toml").write_text(f"# {evil}\n[loop]\nsettle_s = 0.5\n")
     page = written(folder)
