@@ -38,6 +38,7 @@ BENCHMARKS = {
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }
 LONG = {
+    "io_faults": "a disk that fails at every call of a run that writes; hours, IO_FAULTS_EVERY=N for one in N",
     "verdicts": "340 runs on emulated devices, verdict and uncertainty beside the truth; about an hour on two cores",
 }
 TARGET = Path("runs/bench.json")

@@ -102,7 +102,7 @@ def run(
             raise Interrupted(f"{said}; the record is whole: {folder}; its figures and report are not") from None
         except OSError as error:
             why = told_to_user(error) or str(error)
-            raise InputError(f"{why}; {said}; what was recorded is in {folder}; hil check {folder}") from None
+            raise InputError(f"{why}; {said}; what was recorded is in {folder.name}, without figures") from None
     if ended.interrupted:
         raise Interrupted(f"{said}; the record is closed: {folder}" if recorded else f"{said}; nothing was recorded")
     if not (dry_run or recorded):
