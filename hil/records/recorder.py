@@ -210,7 +210,7 @@ def _start_child(folder: Path, layouts: Mapping[str, Layout], names: Mapping[str
     child.stdin.flush()
     if child.stdout.readline() != b"ready\n":
         _, complaint = child.communicate()
-        raise RecorderError(f"{folder}: nothing was begun: {_ended(child.returncode, complaint)}")
+        raise RecorderError(f"the recorder did not start: {_ended(child.returncode, complaint)}")
     return child
 
 
