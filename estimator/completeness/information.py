@@ -155,12 +155,12 @@ class Information:
         return found
 
     def beyond(self, prior_sd: Mapping[str, float]) -> tuple[str, Array]:
-        """What the record leaves open beside the calibration: the effect without prior that may move the angle most by
-        the end ("" where there is none), and by how much (m,) rad, rms, with what was found and is harmless.
+        """What the record leaves open beside the calibration: the effect without prior that may move the angle most
+        ("" where there is none), and by how much (m,) rad, rms, with what was found and is harmless.
         """
         left = self.cannot_exclude(prior_sd)
         found = np.zeros(len(self.time)) if self.found is None else self.found
         if not left:
             return "", found
-        most = max(left, key=lambda effect: float(left[effect][-1]))
+        most = max(left, key=lambda effect: float(np.max(left[effect])))
         return most, np.asarray(np.hypot(left[most], found))

@@ -347,7 +347,8 @@ def scan_block(
             if rate_row >= 0:
                 for k in range(watched):
                     turned[k] += delta[rate_row, k] * length
-            add_turn(settings, foreseen, rotation, rate, delta, rate_row, 1.0, gradient, turned)
+            if settings.open_loop == 0:  # else the angle is the integrated rate
+                add_turn(settings, foreseen, rotation, rate, delta, rate_row, 1.0, gradient, turned)
         if usable > 0:
             for j in range(delta.shape[0]):
                 for axis in range(settings.axes):
@@ -358,10 +359,11 @@ def scan_block(
                 recall(settings, active, prior, spread, guess, x, p, c, memory, work[8], delta)
         if settings.axes == 2:
             read_angle(settings, memory, x, h[m], rows[m])
-        if turning:
+        if turning and settings.open_loop == 0:
             add_turn(settings, x, memory.rotation, memory.rate, delta, rate_row, -1.0, gradient, turned)
         if (m + 1) * course.shape[0] >= (written + 1) * z.shape[0]:
-            course[written] = turned
+            for k in range(watched):
+                course[written, k] = turned[k] / settings.angular_gain
             written += 1
         if usable == 0 or not weighed:
             continue

@@ -151,7 +151,8 @@ def scan_plain_block(
         if turning:
             for k in range(watched):
                 turned[k] += delta[rate_row, k] * length
-            add_turn(settings, foreseen, rotation, rate, delta, rate_row, 1.0, gradient, turned)
+            if settings.open_loop == 0:  # else the angle is the integrated rate
+                add_turn(settings, foreseen, rotation, rate, delta, rate_row, 1.0, gradient, turned)
         usable = 0
         for axis in range(2):
             place = 2 * axis
@@ -203,9 +204,10 @@ def scan_plain_block(
                         signature[0, k] = -delta[column, k]
                     follow(-1, column, noise, work, signature[0], delta)
         read_angle(settings, memory, flat_x, h[m], rows[m])
-        if turning:
+        if turning and settings.open_loop == 0:
             add_turn(settings, flat_x, memory.rotation, memory.rate, delta, rate_row, -1.0, gradient, turned)
         if (m + 1) * course.shape[0] >= (written + 1) * z.shape[0]:
-            course[written] = turned
+            for k in range(watched):
+                course[written, k] = turned[k] / settings.angular_gain
             written += 1
     restore(flat_x, flat_p, flat_c, work, x, p, c, memory)

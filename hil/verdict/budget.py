@@ -19,6 +19,7 @@ COVERAGE = 2.0
 
 ESTIMATION = "estimation"
 DAMPING = "declared damping"
+UNDECLARED = "undeclared effects"
 _SYMBOLS = {
     "drive_gain": ("hx", "hy"),
     "sense_gain_ratio": ("gy",),
@@ -56,6 +57,8 @@ def budget(estimates: Estimates | None, bench: Bench, information: "Information 
         return Budget(None, None, ())
     course = _course(estimates, bench, first, last)
     rows = [_estimation(deviation, bench), *_calibration(bench, course, information)]
+    if information is not None:
+        rows += _beyond(bench, information)
     if bench.observer.variant == "sense":
         rows.append(_damping(bench, course))
     total = math.sqrt(sum(row.contribution_rad**2 for row in rows))
@@ -165,6 +168,29 @@ def _words(course: Course) -> Mapping[str, str]:
     }
 
 
+def _beyond(bench: Bench, information: "Information") -> list[Contribution]:
+    """What may be there and nobody declared: of all effects the one that may move the angle most, as large as the
+    record allows, and what was found to be there and is not held against the run.
+    """
+    declared = bench.device.calibration.known(bench.device.resonance_rad_s)
+    sd = {symbol: declared[name].u for name, symbols in _SYMBOLS.items() for symbol in symbols}
+    effect, course = with_clock(information).beyond(sd)
+    contribution = float(np.max(course))  # at the end it may just be passing through zero, as sin 2θ does
+    if not effect or not math.isfinite(contribution):
+        return []
+    found = 0.0 if information.found is None else float(np.max(information.found))
+    return [
+        Contribution(
+            source=UNDECLARED,
+            value=contribution,
+            unit="rad",
+            sensitivity=f"1: {effect.partition(':')[0]}, were it there and as large as the record allows, at most"
+            + (f"; {found:.2g} rad by what the scan found and calls harmless" if found else ""),
+            contribution_rad=contribution,
+        )
+    ]
+
+
 def _left(information: "Information", declared: Mapping[str, float]) -> dict[str, float]:
     """What each constant contributes after the record, rad; constants that were not watched are left out.
 
@@ -233,6 +259,8 @@ def remedy(row: Contribution, bench: Bench) -> str:
         return "set a smaller [controller] virtual_rotation_rad_s, or virtual_reversal_s, and run again"
     if row.source == ESTIMATION:
         return "raise [observer] memory_s, lower [observer.process_noise] as far as the device allows, and run again"
+    if row.source == UNDECLARED:
+        return "excite the device more ([controller] amplitude_modulation, dither_mps2), or hil trace, and run again"
     if row.source == DAMPING:
         return "measure the damping, and say how well with [observer.initial_sd] damping"
     key = f"{row.source.replace(' ', '_')}_u{'_s' if row.unit == 's' else ''}"

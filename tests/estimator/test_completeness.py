@@ -236,3 +236,22 @@ def test_a_long_run_is_looked_at_in_its_beginning_its_middle_and_its_end() -> No
     assert parts[-1].stop == 6_000_000
     assert sum(part.stop - part.start for part in parts) <= 120_000
     assert stretches_of(96_000) == (slice(0, 96_000),)
+
+
+def test_beyond_the_calibration_stands_the_effect_that_may_move_the_angle_most() -> None:
+    found, a, _ = information(6, 4)
+    found = replace(found, score=np.zeros(6), found=np.array([0.0, 1.0, 2.0]))
+    prior = {"c0": 0.1, "c1": 0.1}
+    declared = np.array([0, 1])
+    moved = {}
+    for effect, places in (("effect1", [2, 3]), ("effect2", [4, 5])):
+        both = np.concatenate([declared, places])
+        sd = np.array([0.1, 0.1, 1.0, 1.0])  # without a prior: the plausible size
+        spread = np.linalg.inv(a[:, both].T @ a[:, both] + np.diag(sd**-2.0))
+        alone = np.linalg.inv(a[:, declared].T @ a[:, declared] + np.diag(sd[:2] ** -2.0))
+        g, less = found.sensitivity[:, both], found.sensitivity[:, declared]
+        excess = np.einsum("mi,ij,mj->m", g, spread, g) - np.einsum("mi,ij,mj->m", less, alone, less)
+        moved[effect] = np.sqrt(np.maximum(excess, 0.0))
+    effect, course = found.beyond(prior)
+    assert effect == max(moved, key=lambda name: float(np.max(moved[name])))
+    assert course == pytest.approx(np.hypot(moved[effect], [0.0, 1.0, 2.0]))

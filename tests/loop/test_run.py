@@ -79,7 +79,7 @@ def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
     assert result.counters["samples"] == 12000
     assert folder.capture is not None
     assert folder.capture.complete
-    assert {stage for stage, *_ in stages} == {"connect", "prepare", "run", "report"}
+    assert {stage for stage, *_ in stages} == {"connect", "prepare", "run", "scan", "report"}
     assert max(report.done for report in stages if report.stage == "run") == 12000
 
 
