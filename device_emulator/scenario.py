@@ -30,6 +30,9 @@ from device_emulator.section import (
 from device_emulator.temperature import Temperature
 
 MAX_LATENCY_SAMPLES = 64
+SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e8
+LARGEST_M, LARGEST_MPS, LARGEST_RAD_S = 10.0, 1e6, 1e6
+HOTTEST_K = 1e5
 MAX_DELAY_SAMPLES = 30  # of the sense_delay and drive_delay effects
 
 
@@ -111,6 +114,8 @@ class Scenario(Section):
             delay = effects.delay_s(self.effect, kind)
             if min(delay) < 0.0 or max(delay) * self.board.sample_rate_Hz > MAX_DELAY_SAMPLES:
                 raise ValueError(f"effect {kind.name.lower()}: expected 0 to {MAX_DELAY_SAMPLES} samples")
+        if (finding := _beyond(self)) is not None:
+            raise ValueError(finding)
         if effects.inner_states(self.effect) > effects.MAX_INNER:
             raise ValueError(f"effect: expected at most {effects.MAX_INNER} states of their own among all of them")
         return self
@@ -119,6 +124,30 @@ class Scenario(Section):
     def true_rate_Hz(self) -> float:
         """Ticks per second of true time; the board believes in `board.sample_rate_Hz`."""
         return self.board.sample_rate_Hz * (1.0 + self.faults.clock_skew)
+
+
+def _beyond(scenario: Scenario) -> str | None:
+    """The first number with which nothing can be computed: far outside what any device has, a slipped exponent."""
+    truth, rate_Hz = scenario.truth, scenario.board.sample_rate_Hz
+    stiffest = max(*truth.stiffness_N_per_m, *truth.damping_N_s_per_m) / truth.mass_kg
+    least = min(truth.stiffness_N_per_m[:2]) / truth.mass_kg
+    turning = [value for key, value in scenario.rate.model_dump().items() if key.endswith("rad_s")]
+    fastest = max((abs(float(value)) for value in turning if isinstance(value, int | float)), default=0.0)
+    checks = (
+        (SLOWEST_HZ <= rate_Hz <= FASTEST_HZ, f"board.sample_rate_Hz: {rate_Hz:g} Hz; the unit is hertz"),
+        (
+            math.isfinite(stiffest) and (least == 0.0 or 1e-6 * rate_Hz <= math.sqrt(least) <= 1e3 * rate_Hz),
+            f"truth.mass_kg: {truth.mass_kg:g} kg on these springs is no oscillator for {rate_Hz:g} samples a second",
+        ),
+        (max(map(abs, truth.position_m)) <= LARGEST_M, f"truth.position_m: beyond {LARGEST_M:g} m; the unit is metres"),
+        (max(map(abs, truth.velocity_mps)) <= LARGEST_MPS, f"truth.velocity_mps: beyond {LARGEST_MPS:g} m/s"),
+        (truth.temperature_K <= HOTTEST_K, f"truth.temperature_K: beyond {HOTTEST_K:g} K; the unit is kelvin"),
+        (
+            fastest <= LARGEST_RAD_S,
+            f"rate: {fastest:g} rad/s is beyond {LARGEST_RAD_S:g}; the unit is rad/s",
+        ),
+    )
+    return next((text for held, text in checks if not held), None)
 
 
 _MOST_BYTES = 1 << 22

@@ -30,7 +30,7 @@ WAYS = ("lockstep in process", "paced over a pty")
 
 _NO_FAULT = Fault(0, 0, lasting=False)
 _SECONDS = {"lockstep in process": 1.0, "paced over a pty": 1.0}
-_END_S = 90.0
+_END_S = 600.0
 _LEFT_S = 10.0
 _LATCHING = ("HOST_REQUEST", "INTERRUPTED", "RESIDUAL")
 _SPY = '''"""The emulated board, which leaves behind in which state it ended."""

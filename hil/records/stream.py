@@ -6,7 +6,6 @@ after `kill -9` every whole block is readable, and a cut between two blocks cann
 `hil.records.blocks` reads them.
 """
 
-import contextlib
 import io
 import os
 from pathlib import Path
@@ -44,6 +43,7 @@ class BlockWriter:
         self._blocks = 0
         self._before = 0  # head checksum of the last block
         self._size = 0
+        self._torn: OSError | None = None
         self._made = io.BytesIO()
         self._stream = pa.ipc.new_stream(self._made, self._schema)
         self._file = path.open("wb", buffering=0)  # a written block is the kernel's
@@ -123,9 +123,9 @@ class BlockWriter:
         header = bytearray()
         if not self._size:  # the header came along
             header, made = made[: lengths_of(made).head], made[lengths_of(made).head :]
-            self._before = crc32c(header)
-        self._before = seal(made, self._before)
+        sealed = seal(made, crc32c(header) if header else self._before)
         self._put_down(header + made)
+        self._before = sealed  # a block that could not be written may be tried again, after the one that is there
 
     def _taken(self) -> bytearray:
         """What Arrow has made since last time."""
@@ -136,14 +136,20 @@ class BlockWriter:
 
     def _put_down(self, data: bytearray) -> None:
         """All of it or, where the disk has no room, nothing."""
+        if self._torn is not None:
+            raise self._torn
         left = memoryview(data)
         try:
             while left:
                 left = left[self._file.write(left) or 0 :]
         except OSError as error:
-            with contextlib.suppress(OSError):
+            named = self._named(error)
+            try:
                 self._file.truncate(self._size)
-            raise self._named(error) from None
+                self._file.seek(self._size)
+            except OSError:  # what lies there is no whole block: nothing may follow it
+                self._torn = named
+            raise named from None
         self._size += len(data)
 
     def _named(self, error: OSError) -> OSError:

@@ -10,6 +10,7 @@ import pytest
 
 from hil.cli import execute
 from hil.examples import find
+from tests.loop.gyro import scenario
 from tests.records.synthetic_run import Options, write_run
 
 EVIL = "a\x1b[31mred\x07\u202egnirts\x9b2J\nnext"
@@ -150,3 +151,43 @@ def test_a_folder_that_takes_nothing(tmp_path: Path, capsys: pytest.CaptureFixtu
     write_run(tmp_path / "run", Options(seconds=1.0))
     assert_one_plain_line(*told(capsys, "export", str(tmp_path / "run"), "-o", f"{place}/out.csv"))
     assert_one_plain_line(*told(capsys, "init", "-o", f"{place}/my.bench.toml"))
+
+
+@pytest.mark.parametrize(
+    ("section", "keys"),
+    [
+        ("truth", {"position_m": [100.0, 0.0]}),
+        ("truth", {"velocity_mps": [1e300, 0.0]}),
+        ("truth", {"mass_kg": 1e-300}),
+        ("truth", {"mass_kg": 1e300}),
+        ("truth", {"temperature_K": 1e300}),
+        ("board", {"sample_rate_Hz": 1e12}),
+        ("board", {"sample_rate_Hz": 1e-12}),
+        ("rate", {"kind": "constant", "rate_rad_s": 1e9}),
+        ("rate", {"kind": "constant", "rate_rad_s": -1e300}),
+    ],
+)
+def test_a_scenario_that_nobody_can_mean(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], section: str, keys: dict[str, object]
+) -> None:
+    scenario(tmp_path / "far.scenario.toml", **{section: keys})
+    link = f"inproc:{tmp_path / 'far.scenario.toml'}"
+    run = ["run", "s-slow", "--link", link, "--clock", "lockstep", "--out", str(tmp_path / "runs")]
+    assert_one_plain_line(*told(capsys, *run))
+    assert not list((tmp_path / "runs").glob("*"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("amplitude_m = ", "amplitude_m = 100.0 #"),
+        ("duration_s = ", "duration_s = 1e300 #"),
+        ("mass_kg = ", "mass_kg = 1e300 #"),
+        ("sample_rate_Hz = ", "sample_rate_Hz = 1e12 #"),
+        ("memory_s = ", "memory_s = 1e-9 #"),
+    ],
+)
+def test_a_bench_that_nobody_can_mean(tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str) -> None:
+    bench = bench_with(tmp_path, old, new)
+    run = ["run", bench, "--link", "inproc:s-slow", "--clock", "lockstep", "--out", str(tmp_path / "runs")]
+    assert_one_plain_line(*told(capsys, *run))

@@ -45,16 +45,19 @@ def draw(material: Material) -> Drawing | None:
     t = estimates.t_s
     settled = _settled(t, material.scored(t))
     ordered = sorted(names, key=lambda name: rank(symbol_of(name)))
-    panels = [_panel(material, name, settled) for name in ordered]
-    if not panels:
+    if not ordered:
         return None
-    columns = min(_COLUMNS, len(panels))
-    rows = math.ceil(len(panels) / columns)
+    columns = min(_COLUMNS, len(ordered))
+    rows = math.ceil(len(ordered) / columns)
     figure = new_figure(0.4 + 1.3 * rows)
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
     cells: list[Axes] = list(grid.ravel())
-    for ax, panel in zip(cells, panels, strict=False):
+    panels = []
+    for ax, name in zip(cells, ordered, strict=False):
+        panel = _panel(material, name, settled)
         _draw_panel(ax, panel, t, settled)
+        # of a long record: its last row is all that is still needed
+        panels.append(panel._replace(deviation=panel.deviation[-1:].copy(), half=panel.half[-1:].copy()))
     span_time(cells[: len(panels)], t, material.settle_s)
     for ax in cells[len(panels) :]:
         ax.set_axis_off()

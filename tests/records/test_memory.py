@@ -1,0 +1,24 @@
+"""Memory does not grow with the record: four times as long, about the same peak."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.records.long_run import peak_bytes, write_long_run
+
+SHORT_S, LONG_S = 20.0, 80.0
+GROWTH = 1.2
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("verb", ["check", "export", "score"])
+def test_four_times_as_long_takes_no_more_memory(tmp_path: Path, verb: str) -> None:
+    peaks = []
+    for seconds in (SHORT_S, LONG_S):
+        place = tmp_path / f"{seconds:g}"
+        place.mkdir()
+        folder, truth = write_long_run(place, seconds)
+        more = {"check": [], "export": ["-o", str(place / "out.csv")], "score": ["--truth", str(truth)]}[verb]
+        peaks.append(peak_bytes(verb, str(folder), *more))
+    assert peaks[1] < GROWTH * peaks[0], peaks
