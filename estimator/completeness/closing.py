@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.information import Coefficient, Information
-from estimator.completeness.lacking import HARMLESS, in_words, leading
+from estimator.completeness.lacking import HARMLESS, in_words, leading, tries
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
@@ -17,13 +17,14 @@ from estimator.settings import ControllerSettings, Device, Gain, ObserverSetting
 from estimator.trace.candidates import Parameters, watch_list
 from estimator.trace.evidence import evidence
 from estimator.trace.fitting import Fitted, coefficients_of, fit
-from estimator.trace.judgement import unexplained
+from estimator.trace.judgement import RATE_POWER, unexplained
 from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.selection import fresh, kind, scanned_with, threshold
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
+_BESIDE = 0.1  # of the resonance
 _ROUNDS = 3  # effects that are there and harmless are carried, and the record is looked at again
 # Of what is watched with several parameters: near enough to the others to be seen by, and named.
 _LABELS = {
@@ -109,7 +110,12 @@ def _scanned(
         seen = together([scan(record, device, carried, controller, watched, base.observer) for record in records])
         ratio = seen.ratio if ratio is None else ratio
         found = evidence(seen)
-        serious = [item for item in found.values() if item.significance > threshold(len(found))]
+        serious = [
+            item
+            for item in found.values()
+            if item.significance > threshold(len(found) * tries(watched[item.name], len(first)))
+            and not _is_of_the_rate(watched[item.name], item.gain, device, seen)
+        ]
         taken = leading(first, device, base, controller, watched, seen, serious, turning) if serious else None
         if taken is None:
             break
@@ -141,6 +147,12 @@ def watched_of(record: Record, device: Device, base: Fitted) -> dict[str, Parame
     everything = watch_list(record, device, base.estimates.innovation, base.estimates.innovation_deviation)
     new = fresh(everything, base.settings.effects, float(np.sum(record.step)))
     return {name: given for name, given in new.items() if _is_watched(*name.partition(":")[::2])}
+
+
+def _is_of_the_rate(parameters: Parameters, gain: float, device: Device, seen: Scan) -> bool:
+    """Whether a line is what a rate leaves that moves otherwise than by a random walk: weak, beside the resonance."""
+    beside = abs(parameters.get("omega", 0.0) / float(np.sqrt(device.target)) - 1.0) < _BESIDE
+    return beside and gain < RATE_POWER * seen.innovation.size
 
 
 def _is_watched(kind: str, label: str) -> bool:

@@ -21,7 +21,7 @@ from estimator.trace.evidence import SAME, Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan
-from estimator.trace.selection import kind, second_thoughts, shortlist, surprise
+from estimator.trace.selection import Search, Trials, kind, second_thoughts, shortlist, surprise
 
 _TWO_SIDED = float(norm.ppf(0.975))
 _TRIED = 3
@@ -97,7 +97,12 @@ def leading(
     gains = {name: model.likelihood - without.likelihood for name, model in models.items()}
     best = max(gains, key=lambda name: gains[name] - price(name, device, compared))
     _, effect = effect_for(best, device.axes)
-    if not gains[best] > surprise(len(effect.coefficients), len(seen.columns)):
+    candidates = len(seen.columns) * tries(watched[best], len(record))
+    if not gains[best] > surprise(len(effect.coefficients), candidates):
+        return None
+    # What is weak must be borne out by samples that it was not found on, as in tracing; what is strong is beyond that.
+    search = Search(compared, device, base.settings, controller)
+    if gains[best] < _ENOUGH and not search.carries_over(Trials(without, models, {}), best):
         return None
     model = models[best]
     rows = [model.observer.estimated.index(c.name) for c in effect.coefficients]
@@ -118,6 +123,11 @@ def leading(
         alike=tuple(dict.fromkeys(kind(o) for o, value in alike.items() if value > SAME and kind(o) != kind(best))),
     )
     return Taken(best, lacking, values, np.asarray(covariance), given)
+
+
+def tries(parameters: Parameters, samples: int) -> int:
+    """In how many places an effect was looked for: a frequency comes from the largest of all lines of the residual."""
+    return max(samples // 2, 1) if "omega" in parameters else 1
 
 
 def price(name: str, device: Device, record: Record) -> float:

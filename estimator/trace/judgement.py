@@ -20,7 +20,8 @@ _LAGS = 4  # cycles
 _JUMP = 3.0  # times the usual power: what lies around a jump of the rate counts less from there on
 _LINE_CHANCE = 1e-6
 _LINE_POWER = 1e-3  # of the power
-_RATE_POWER = 1e-2  # the same beside the resonance, where a rate that moves otherwise than by a random walk leaves some
+RATE_POWER = 1e-2
+"""The same beside the resonance, where a rate that moves otherwise than by a random walk leaves some."""
 
 
 def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple[str, ...]:
@@ -46,7 +47,7 @@ def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str
         reasons.append(f"{how_much} of the innovation can be predicted from those before")
     spectrum = periodogram(series, sample_rate, resonance_hz)
     for line in lines(spectrum, sample_rate, resonance_hz, _LINE_CHANCE):
-        allowed = _RATE_POWER if line.order == 1 else _LINE_POWER
+        allowed = RATE_POWER if line.order == 1 else _LINE_POWER
         if line.rms**2 > allowed * float(np.sum(np.nanmean(series**2, axis=0))):
             reasons.append(f"a line is left at {line.frequency:.6g} Hz")
             break
