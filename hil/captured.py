@@ -1,5 +1,7 @@
 """From a capture to what the estimator takes: its samples, the control that was at work, both as a record."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,25 @@ def samples_of(record: Capture) -> tuple[NDArray[np.int64], Array, Array, Array]
     sense[tick - tick[0]] = record.sense_V
     drive = np.column_stack([np.interp(every, tick, channel) for channel in record.drive.T])
     return every, sense, drive_polynomials(drive, record.hold), np.full(len(every), step[0])
+
+
+def pieces_of_samples(record: Capture) -> Iterator[tuple[NDArray[np.int64], Array, Array, Array]]:
+    """`samples_of` in parts, one after another, that memory always has room for.
+
+    A record that was imported comes whole where the hold or the time of a sample depends on its neighbours.
+    """
+    if not record.uniform or record.hold != "zoh":
+        yield samples_of(record)
+        return
+    start = 0
+    for piece in record.pieces():
+        stop = start + len(piece)
+        # with the row before, from which the drive is interpolated over a gap
+        tick, *series = samples_of(record.part(max(start - 1, 0), stop))
+        new = 0 if start == 0 else 1
+        sense, drive, step = (values[new:] for values in series)
+        yield tick[new:], sense, drive, step
+        start = stop
 
 
 def control_of(bench: Bench, record: Capture) -> ControllerSettings | None:

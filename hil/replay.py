@@ -1,14 +1,18 @@
 """Today's estimator on yesterday's record: the observer of a bench file run over a capture."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from estimator.backend import Backend, make_observer
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from hil.bench import Bench
-from hil.captured import control_of, samples_of
+from hil.captured import control_of, pieces_of_samples
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
@@ -71,26 +75,36 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
 
 
 def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, progress: Watcher) -> None:
-    tick, sense, drive, step = samples_of(record)
     layouts = observer_layouts(observer, bench)
     every, reported = bench.loop.estimate_every, ReportedAngle(bench)
     stride = bench.loop.covariance_stride(record.tick_rate_Hz)
+    first, last = record.ends
+    total = last - first + 1 if record.uniform else len(record)
+    done = 0
     with record_here(folder, layouts) as recording:
-        for start, stop in _parts(len(tick), every, stride):
-            rows = slice(start, stop)
-            estimates = observer.run(sense[rows], drive[rows], step=step[rows], every=every)
-            recording["innovation"].push(innovation_rows(layouts["innovation"], tick[rows], estimates))
-            recording["estimates"].push(estimate_rows(layouts["estimates"], tick[rows], estimates, reported))
-            if stop % stride == 0:
-                put_covariance(recording["covariance"], int(tick[stop - 1]), observer)
-            progress(Progress("replay", stop, len(tick)))
+        for tick, sense, drive, step in _parts(pieces_of_samples(record), every, stride):
+            estimates = observer.run(sense, drive, step=step, every=every)
+            recording["innovation"].push(innovation_rows(layouts["innovation"], tick, estimates))
+            recording["estimates"].push(estimate_rows(layouts["estimates"], tick, estimates, reported))
+            done += len(tick)
+            if done % stride == 0:
+                put_covariance(recording["covariance"], int(tick[-1]), observer)
+            progress(Progress("replay", done, total))
 
 
-def _parts(samples: int, every: int, stride: int) -> Iterator[tuple[int, int]]:
-    """Ranges that end where a covariance is due, and after whole estimates, so that decimation runs on across them."""
+def _parts(pieces: Iterable[tuple[NDArray[Any], ...]], every: int, stride: int) -> Iterator[tuple[NDArray[Any], ...]]:
+    """Samples cut anew: parts end where a covariance is due, and after whole estimates, so that decimation runs on
+    across them."""
     block = max(_BLOCK // every, 1) * every
-    start = 0
-    while start < samples:
-        stop = min(start + block, (start // stride + 1) * stride, samples)
-        yield start, stop
-        start = stop
+    begun = 0  # samples before those that wait
+    waiting: tuple[NDArray[Any], ...] = ()
+    for piece in pieces:
+        waiting = tuple(map(np.concatenate, zip(waiting, piece, strict=True))) if waiting else piece
+        start, rows = 0, len(waiting[0])
+        while (stop := min(start + block, (begun // stride + 1) * stride - begun + start)) <= rows:
+            yield tuple(column[start:stop] for column in waiting)
+            begun += stop - start
+            start = stop
+        waiting = tuple(column[start:] for column in waiting)
+    if len(waiting[0]):
+        yield waiting
