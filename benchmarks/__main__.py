@@ -28,6 +28,7 @@ BENCHMARKS = {
     "kills": "kill -9 of host, loop, recorder and board at random moments",
     "closing_scan": "the scan that closes a run: 24 s at 4 kHz, 60 s at 100 kS/s",
     "soak": "ten million samples in lockstep",
+    "endurance": "a hundred million samples in lockstep on a bad line, twice: the same bytes, nothing silently lost",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "attack": "ten million attacks on a keyed link, in C; a share of them in Python and over sockets; what a key costs",
     "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",
