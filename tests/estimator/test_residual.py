@@ -1,7 +1,7 @@
 """The residual's analysis against series whose content is known, against scipy, and against chance."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -33,7 +33,11 @@ def vibration(n: int, axes: int) -> Estimates:
         columns |= {"y": position * np.sin(theta), "vy": velocity * np.sin(theta), "rate": 1.0 + np.sin(2.0 * t)}
     state = np.stack(list(columns.values()), axis=1)
     zero, none = np.zeros(n), np.zeros((n, axes))
-    return Estimates(tuple(columns), np.arange(n), state, 0 * state, none, none, theta, zero, zero, zero, zero, zero)
+    still = (field.name for field in fields(Estimates) if field.name.startswith("angle_"))
+    return Estimates(
+        tuple(columns), np.arange(n), state, 0 * state, none, none,
+        angle=theta, energy_ratio=zero, quadrature_ratio=zero, **dict.fromkeys(still, zero),
+    )  # fmt: skip
 
 
 def record_of(innovation: np.ndarray, seed: int, **channels: np.ndarray) -> Record:
