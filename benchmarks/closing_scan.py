@@ -26,7 +26,7 @@ def rows(say: Say) -> list[Row]:
         bench, scenario = bench_of(name), scenario_of(name)
         samples = round(seconds * scenario.board.sample_rate_Hz)
         made = min(samples, _RECORDED)
-        run = close_loop(scenario, bench, made, seed=1)
+        run = close_loop(scenario, bench, made, seed=1, every=bench.loop.estimate_every)
         say(f"{name}: {made} samples recorded")
         volts = 2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits
         force = scenario.drive.full_scale_mps2 / 2 ** (scenario.drive.dac_bits - 1)
