@@ -4,6 +4,7 @@ STATUS has to say SAFE in answer to the host's SAFE, and no SENSE row that was s
 board streams nothing in SAFE, so the host listens for a while longer than a block takes.
 """
 
+import math
 import time
 from typing import NamedTuple
 
@@ -44,7 +45,8 @@ def bring_to_safe(
             now = time.monotonic()
             if now >= begin + patience_s or (sent == _ASKED and endpoint.link.fileno() is None):
                 seconds = f"{sent} times in {patience_s:g} s"
-                return Stopped(None, False, f"the board did not answer SAFE, sent {seconds}{rows.still()}")
+                still = rows.still(begin + 0.5 * patience_s)
+                return Stopped(None, False, f"the board did not answer SAFE, sent {seconds}{still}")
             if now >= begin + sent * patience_s / _ASKED or endpoint.link.fileno() is None:
                 endpoint.send(Safe(reason))
                 sent += 1
@@ -84,6 +86,7 @@ class _Rows:
         self._newest = newest
         self._last: int | None = None  # tick of the last row that may still show a drive
         self._codes: tuple[int, int] = (0, 0)
+        self._heard_s = -math.inf
         self.driven = ""
         self.streaming = ""
 
@@ -94,6 +97,7 @@ class _Rows:
             return
         end = item.tick + len(sense.codes) - 1
         self._codes = int(sense.codes[-1, 2]), int(sense.codes[-1, 3])
+        self._heard_s = time.monotonic()
         if self._last is None:
             self._newest = end if self._newest is None else max(self._newest, end)
             return
@@ -113,9 +117,11 @@ class _Rows:
         newest = tick if self._newest is None else self._newest
         self._last = (tick if newest <= tick <= newest + ahead else newest) + 1
 
-    def still(self) -> str:
-        """What the rows show of a board that does not answer."""
-        if not any(self._codes):
+    def still(self, since_s: float) -> str:
+        """What the rows show of a board that does not answer; those that came before `since_s`, by the monotonic clock,
+        may have been sampled before SAFE reached it and say nothing.
+        """
+        if self._heard_s < since_s or not any(self._codes):
             return ""
         return f", and SENSE still shows a drive, codes {self._codes[0]} and {self._codes[1]}"
 

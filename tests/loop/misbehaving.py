@@ -308,6 +308,14 @@ class Deaf(Board):
         return [self.identity]
 
 
+class Obeys(Board):
+    """Stops at SAFE and says nothing of it, nor of anything else from then on."""
+
+    def on_safe(self, safe: Safe) -> list[Message]:
+        super().on_safe(safe)
+        return []
+
+
 class Liar(Deaf):
     """Says SAFE and drives on."""
 
@@ -389,6 +397,13 @@ class Stubborn(Board):
         return [RegisterValue(number, self._value if self._honest else value)]
 
 
+class Miscounts(Board):
+    """SESSION reads one more than was written."""
+
+    def on_write(self, number: int, value: float) -> list[Message]:
+        return super().on_write(number, value + (number == _NUMBER["SESSION"]))
+
+
 class Restarts(Board):
     """Loses its supply for a moment; `lax`: and may be armed without a greeting."""
 
@@ -433,6 +448,17 @@ class ClockStands(Board):
 
     def on_time(self, sync: TimeSync) -> list[Message]:
         return [sync._replace(board_ns=12345678)]
+
+
+class ClockRuns(Board):
+    """Its clock runs faster than time by this factor."""
+
+    def __init__(self, factor: float) -> None:
+        super().__init__()
+        self.factor = factor
+
+    def on_time(self, sync: TimeSync) -> list[Message]:
+        return [sync._replace(board_ns=round(self.factor * time.monotonic_ns()))]
 
 
 class Stuck(Board):

@@ -105,6 +105,16 @@ def test_a_board_deaf_to_safe_is_unsafe(tmp_path: Path) -> None:
     assert board.safes == 8
 
 
+def test_a_board_that_stops_and_does_not_say_so_is_unsafe_and_not_called_driven(tmp_path: Path) -> None:
+    """What came before SAFE says nothing of what the board does since."""
+    told = Told()
+    with served(misbehaving.Obeys()) as board:
+        result = go(board, bench(1.5, link={"timeout_s": 1.0}), tmp_path, told)
+    unsafe(result, told)
+    assert "did not answer SAFE" in result.reasons[0]
+    assert "still shows a drive" not in result.reasons[0]
+
+
 def unsafe(result: Result, told: Told) -> None:
     """The loudest line: at once, first, and with what to do."""
     assert result.verdict == "unsafe"
@@ -233,6 +243,14 @@ def test_an_identity_that_no_board_can_have_is_refused(tmp_path: Path, field: st
     assert board.arms == 0
 
 
+def test_a_session_that_reads_one_more_is_refused(tmp_path: Path) -> None:
+    """A register gives back the very double that was written."""
+    said = r"SESSION reads \d+ after \d+ was"
+    with served(misbehaving.Miscounts()) as board, pytest.raises(ProtocolError, match=said):
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+    assert board.arms == 0
+
+
 def test_a_swing_beyond_the_converter_is_refused(tmp_path: Path) -> None:
     """100 µm × 885 V/m is 89 mV."""
     with (
@@ -246,6 +264,13 @@ def test_a_swing_beyond_the_converter_is_refused(tmp_path: Path) -> None:
 
 def test_a_clock_that_stands_still_is_refused(tmp_path: Path) -> None:
     with served(misbehaving.ClockStands()) as board, pytest.raises(ProtocolError, match="clock went on by 0 s in"):
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+    assert board.arms == 0
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25, 2.0])
+def test_a_clock_that_does_not_keep_time_is_refused(tmp_path: Path, factor: float) -> None:
+    with served(misbehaving.ClockRuns(factor)) as board, pytest.raises(ProtocolError, match="clock went on by"):
         run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
     assert board.arms == 0
 
