@@ -68,8 +68,11 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     """One `hil run` in lockstep with its truth, scored; what it said, and what was true."""
     from hil.bench import Bench
     from hil.bench.template import template, values_of
+    from hil.errors import InputError
     from hil.loop.run import run
     from hil.records.atomic import write_text
+    from hil.records.result import load_result
+    from hil.records.runfolder import RunFolder
     from hil.score import score
     from hil.strict_toml import parse_table
 
@@ -89,7 +92,10 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     )  # fmt: skip
     assert came.folder is not None
     line["seconds"] = round(time.monotonic() - begin, 1)
-    said = score(came.folder, truth)
+    try:
+        said = score(came.folder, truth)
+    except InputError:  # the run ended before there was anything to score
+        said = load_result(RunFolder(came.folder).result_path)
     line |= {
         "verdict": said.verdict,
         "parts": {name: part.model_dump() for name, part in said.parts.items()},
