@@ -29,6 +29,7 @@ BENCHMARKS = {
     "closing_scan": "the scan that closes a run: 24 s at 4 kHz, 60 s at 100 kS/s",
     "soak": "ten million samples in lockstep",
     "endurance": "a hundred million samples in lockstep on a bad line, twice: the same bytes, nothing silently lost",
+    "misbehaviour": "a hundred and forty ways for a board to misbehave, each with what the pages promise",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "attack": "ten million attacks on a keyed link, in C; a share of them in Python and over sockets; what a key costs",
     "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",
