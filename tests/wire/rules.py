@@ -61,6 +61,15 @@ def hear(host: Endpoint, enough: Callable[[list[Received]], bool]) -> list[Recei
     return heard
 
 
+def written(host: Endpoint, name: str, value: float) -> NackReason | None:
+    """Why a register is not written, None if it is; asked again where a line full of samples has lost the answer."""
+    try:
+        client.write_register(host, name, value, PATIENCE_S)
+    except client.Refused as refused:
+        return NackReason(refused.reason)
+    return None
+
+
 def rows_of(heard: list[Received]) -> list[Row]:
     """The rows of all SENSE."""
     return [
@@ -548,8 +557,8 @@ class Rules:
         self.arm(host, paced=True)
         for name, register in SPEC.registers.items():
             value = client.read_register(host, name, PATIENCE_S)
-            assert refusal(host, write(name, value)) is (None if register.live else NackReason.BAD_STATE)
-            assert refusal(host, write(name, register.minimum - 1)) is NackReason.OUT_OF_RANGE
+            assert written(host, name, value) is (None if register.live else NackReason.BAD_STATE)
+            assert written(host, name, register.minimum - 1) is NackReason.OUT_OF_RANGE
 
     def test_a_block_needs_memory(self, host):
         client.write_register(host, "BLOCK", 1, PATIENCE_S)
