@@ -72,7 +72,8 @@ def _observer(bench: "Bench") -> Iterator[str]:
     observer, rate = bench.observer, bench.device.sample_rate_Hz
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
     cycle_s = math.tau / omega0
-    if observer.gain != "ekf" and observer.memory_s < cycle_s:
+    vibrates = bench.device.resonance_Hz > 0.0  # a mass on no spring has no cycle
+    if vibrates and observer.gain != "ekf" and observer.memory_s < cycle_s:
         yield (
             f"[observer] memory_s: {observer.memory_s:g} s is shorter than a cycle of {1 / cycle_s:.4g} Hz, from which "
             f"nothing can be estimated; give at least {cycle_s:.2g} s"

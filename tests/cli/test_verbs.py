@@ -21,7 +21,7 @@ def test_run_leaves_a_whole_folder(recorded: Path) -> None:
     names = {path.name for path in recorded.iterdir()}
     assert names == {
         "bench.toml", "capture.arrow", "estimates.arrow", "innovation.arrow", "timing.arrow", "result.json",
-        "report.html",
+        "report.html", "covariance.arrow",
     }  # fmt: skip
     assert recorded.name.endswith("-short")
     result = json.loads((recorded / "result.json").read_text(encoding="utf-8"))

@@ -9,6 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Container, Mapping
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -124,7 +125,7 @@ def close_loop(
     registers = configure(endpoint, identity, bench)
     samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
     folder.mkdir()
-    with record_here(folder, run_layouts(observer, bench, identity)) as recording:
+    with closing(endpoint), record_here(folder, run_layouts(observer, bench, identity)) as recording:
         loop = make_loop(endpoint, identity, bench, observer, recording.tracks, registers)
         meddle(observer)
         clock = ClockExchanges(endpoint, recording["clock"], per_s=math.inf) if ask_every else None
@@ -134,7 +135,6 @@ def close_loop(
         loop.arm()
         loop.run(samples, lambda _: None if clock is None else clock.ask(), ask_every or samples)
         loop.finish(SafeReason.HOST_REQUEST)
-    endpoint.close()
     return RunFolder(folder), loop.counters
 
 

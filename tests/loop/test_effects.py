@@ -26,7 +26,7 @@ def scored(tmp_path: Path, effect: str, declared: dict[str, dict[str, float]], e
         "effects": declared,
     }
     bench = override(load_bench(Path(find("bench", "s-slow"))), changes, "test")
-    truth = tmp_path / "truth.arrow"
+    truth = tmp_path / f"truth-{len(list(tmp_path.iterdir()))}.arrow"  # of each run its own: none is written over
     done = run(bench, f"inproc:{scenario}", tmp_path, truth=truth, progress=lambda _: None)
     assert done.folder is not None
     return score(done.folder, truth)

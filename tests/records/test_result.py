@@ -1,5 +1,6 @@
 """result.json: its published schema, its round trip, and what is refused."""
 
+import errno
 import json
 from pathlib import Path
 
@@ -109,7 +110,7 @@ def test_writing_is_whole_or_not_at_all(tmp_path, monkeypatch):
     before = path.read_bytes()
 
     def fail(*_, **__):
-        raise OSError("no space left on device")
+        raise OSError(errno.ENOSPC, "no space left on device")
 
     monkeypatch.setattr(Path, "write_text", fail)
     with pytest.raises(OSError, match="no space"):
