@@ -280,7 +280,8 @@ def test_a_million_attacks(tmp_path: Path) -> None:
 
 
 @pytest.mark.xfail(
-    strict=False, reason="run one after another, the board stops answering HELLO: cause unknown; test_handshake alone passes"
+    strict=False,
+    reason="run one after another, the board stops answering HELLO: cause unknown; test_handshake alone passes",
 )
 @pytest.mark.slow
 @pytest.mark.realtime
