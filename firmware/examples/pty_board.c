@@ -1,10 +1,11 @@
 /* A board on a pty or a CAN interface: the library around a resonator, on wall time or in lockstep.
  *
  *     pty_board [--link pty | can:vcan0 | can:vcan0?node=2] [--rate RAD_S] [--latency TICKS] [--fast] [--seed N]
- *               [--fault START_S:DURATION_S] [--realtime]
+ *               [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime]
  *
  * Prints one line, `ready serial:/dev/pts/N` or `ready can:vcan0`, then serves until it is killed or, in lockstep
  * on a pty, the host hangs up. --fast: 5 kHz sampled at 100 kS/s, for gain mode, instead of 200 Hz at 4 kS/s.
+ * --sample-rate: ticks per second in place of these, for a host that is slow.
  * --fault: a protection of the board's own trips, so many seconds after the first tick, for so long.
  */
 #define _GNU_SOURCE /* ppoll, prctl */
@@ -35,6 +36,7 @@
 typedef struct options {
     const resonator_device *device;
     double rate_rad_s;
+    double sample_rate_Hz; /* 0: the device's own */
     const char *interface; /* of CAN, NULL for a pty */
     unsigned node;
     unsigned latency;
@@ -182,6 +184,8 @@ static bool set_up(station *s, const options *o) {
     const resonator_device *device = &s->device;
     s->device = *o->device;
     s->device.rate_rad_s = o->rate_rad_s;
+    if (o->sample_rate_Hz > 0.0)
+        s->device.sample_rate_Hz = o->sample_rate_Hz;
     s->on_can = o->interface != NULL;
     memset(&config, 0, sizeof config);
     config.identity.unique_id = 0xC99;
@@ -258,6 +262,8 @@ static bool parse(options *o, int argc, char **argv, const resonator_device *fas
             end = parse_fault(o, value);
         else if (!strcmp(argv[k], "--rate"))
             o->rate_rad_s = strtod(value, &end);
+        else if (!strcmp(argv[k], "--sample-rate"))
+            o->sample_rate_Hz = strtod(value, &end);
         else if (!strcmp(argv[k], "--latency"))
             o->latency = (unsigned)strtoul(value, &end, 10);
         else if (!strcmp(argv[k], "--seed"))
@@ -304,7 +310,7 @@ int main(int argc, char **argv) {
     options o = {.device = &slow, .rate_rad_s = 1.0, .latency = 1, .seed = 1};
     if (!parse(&o, argc, argv, &fast)) {
         fprintf(stderr, "pty_board: expected [--link pty|can:IFACE[?node=N]] [--rate RAD_S] [--latency TICKS] "
-                        "[--fast] [--seed N] [--fault START_S:DURATION_S] [--realtime]\n");
+                        "[--fast] [--seed N] [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime]\n");
         return 2;
     }
     if (!set_up(&s, &o)) {

@@ -57,8 +57,13 @@ class TestEmulatedBoard(OnVcan):
 class TestCBoard(OnVcan):
     @classmethod
     def start(cls):
-        return Board([os.environ["HIL_PTY_BOARD"], "--link", "can:vcan0?node=5"])
+        return Board([*cls.command()])
 
     @classmethod
     def start_faulty(cls, first_s, duration_s):
-        return Board([os.environ["HIL_PTY_BOARD"], "--link", "can:vcan0?node=5", "--fault", f"{first_s}:{duration_s}"])
+        return Board([*cls.command(), "--fault", f"{first_s}:{duration_s}"])
+
+    @staticmethod
+    def command():
+        """As many ticks a second as the emulated board of these tests: the machine inside is ten times slower."""
+        return os.environ["HIL_PTY_BOARD"], "--link", "can:vcan0?node=5", "--sample-rate", "500"
