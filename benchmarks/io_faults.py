@@ -9,7 +9,8 @@ What has to hold each time: the command ends by itself, without a traceback, exi
 failure; what is merely interrupted or short is done again, and nothing comes of it. The board is SAFE, by its own word.
 What was written is what `hil check` can read; no process, no half file and no empty folder is left.
 
-As it takes hours, `IO_FAULTS_EVERY=N` takes one k in N, with another beginning for each fault.
+As it takes hours, `IO_FAULTS_EVERY=N` takes one k in N, with another beginning for each fault; `IO_FAULTS_WAY` and
+`IO_FAULTS_KIND` take only the ways and the faults whose name holds that ("paced", "read-only").
 """
 
 import os
@@ -25,28 +26,29 @@ from benchmarks.row import Row, Say
 def rows(say: Say) -> list[Row]:
     """How many runs, and how many in which all of it held."""
     every = int(os.environ.get("IO_FAULTS_EVERY", "1"))
-    only = os.environ.get("IO_FAULTS_WAY", "")
+    only, kind = os.environ.get("IO_FAULTS_WAY", ""), os.environ.get("IO_FAULTS_KIND", "")
+    faults = [fault for fault in FAULTS if kind in fault]
     table: list[Row] = []
     for way in WAYS:
         if only in way:
-            table += _of_way(say, way, every)
+            table += _of_way(say, way, faults, every)
     return table
 
 
-def _of_way(say: Say, way: str, every: int) -> list[Row]:
+def _of_way(say: Say, way: str, faults: list[str], every: int) -> list[Row]:
     with tempfile.TemporaryDirectory(prefix="io-faults-") as place, Campaign(Path(place), way).board() as campaign:
         calls = campaign.reach()
         say(f"{way}: {len(calls)} calls: {dict(Counter(call.split()[0] for call in calls))}")
         outcomes = []
-        for number, fault in enumerate(FAULTS):
-            for at in range(1 + number * every // len(FAULTS), len(calls) + 1, every):
+        for number, fault in enumerate(faults):
+            for at in range(1 + number * every // len(faults), len(calls) + 1, every):
                 outcomes.append(outcome := campaign.fail(fault, at))
                 say(_told(outcome))
     hit = [outcome for outcome in outcomes if outcome.hit]
     return [
         Row(f"{way}: calls of a run", len(calls), "1"),
         Row(f"{way}: runs in which one failed", len(hit), "1"),
-        *(Row(f"{way}: {fault}: all held", *_share(hit, fault)) for fault in FAULTS),
+        *(Row(f"{way}: {fault}: all held", *_share(hit, fault)) for fault in faults),
         *(
             Row(f"{way}: exit code {code}", sum(outcome.code == code for outcome in hit), "1")
             for code in sorted({outcome.code for outcome in hit})
