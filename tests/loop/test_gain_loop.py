@@ -87,6 +87,19 @@ def test_both_filters_do(tmp_path: Path, kind: str) -> None:
     assert np.abs(angle_errors(run, truth, 0.6)).max() < ANGLE_RAD
 
 
+def test_a_virtual_rotation_that_is_reversed_stays_bounded(tmp_path: Path) -> None:
+    """A matrix holds for a whole block: the reversal falls where a block begins, and the angle allows for it."""
+    truth = tmp_path / "truth.arrow"
+    declared = bench(1.5, controller={"virtual_reversal_s": 0.25})
+    run, _ = close_loop(waiting(gyro.scenario(tmp_path / "board.toml"), truth), declared, tmp_path / "run")
+    assert np.abs(angle_errors(run, truth, 0.6)).max() < ANGLE_RAD
+    estimates = run.estimates
+    assert estimates is not None
+    forced = estimates["angle_forced_rad"][estimates.t_s >= 0.6]
+    swing = declared.controller.virtual_rotation_rad_s * 0.25  # up and down again by as much
+    assert 0.8 * swing < np.ptp(forced) < 1.2 * swing
+
+
 def test_the_same_again_is_the_same_record(tmp_path: Path) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     first, again = (close_loop(waiting(scenario), bench(0.5), tmp_path / name)[0] for name in ("first", "again"))
