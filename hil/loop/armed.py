@@ -7,7 +7,7 @@ then the board is armed again, a few times at most.  docs/safety.md has the rule
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 from hil.bench import Bench
 from hil.loop.account import Account
@@ -43,6 +43,16 @@ _ARM_REFUSED = {
     "NOT_SUPPORTED": "it cannot run like this; a board without latency needs lockstep or gain mode",
     "OUT_OF_RANGE": "a register does not suit it; look at [loop] filter",
 }
+
+
+class Pause(NamedTuple):
+    """Ticks between which the board was SAFE: that of the STATUS which said so, and that of the one which answered ARM.
+
+    Rows up to `safe`, and the rest of a block that was under way then, are from before the stop, whenever they come.
+    """
+
+    safe: int
+    armed: int
 
 
 class ArmedBoard:
@@ -92,9 +102,9 @@ class ArmedBoard:
         self.account.begin(status)
         return status
 
-    def attend(self, said: Iterable[Message], newest_ns: int) -> bool:
-        """See to what the board has said beside samples, the last of which came at `newest_ns`; whether it was armed
-        again.
+    def attend(self, said: Iterable[Message], newest_ns: int) -> Pause | None:
+        """See to what the board has said beside samples, the last of which came at `newest_ns`; when it was SAFE, if
+        it was armed again.
 
         Raises ProtocolError where the run is over: the board stopped for a reason that latches or that nobody accounts
         for, restarted, or fell silent.
@@ -103,15 +113,15 @@ class ArmedBoard:
         if status is None:
             status = self._missed(newest_ns)
         if status is None:
-            return False
+            return None
         asked, self._safe_sent = self._safe_sent, False
         stop = self._note(status, "host" if asked and status.reason == SafeReason.LINK_LOST else "board")
         try:
-            self._recover(status, stop, asked=asked)
+            armed = self._recover(status, stop, asked=asked)
         except WireError:  # whatever the board says, for this host the stop has latched
             self.safety.latched = self.safety.latched or stop.reason
             raise
-        return True
+        return Pause(stop.tick, unwrap(armed.tick, self._endpoint.rx.tick))
 
     def farewell(self, reason: SafeReason) -> dict[str, int]:
         """Bring the board to SAFE if it may be armed; its own counters, by name, none when it does not answer."""
@@ -181,8 +191,10 @@ class ArmedBoard:
             self.waiting(silent_s)
         return None
 
-    def _recover(self, status: Status, stop: Stop, *, asked: bool) -> None:
-        """Arm a board again that has stopped, or raise ProtocolError; `asked`: whether this host told it to be SAFE."""
+    def _recover(self, status: Status, stop: Stop, *, asked: bool) -> Status:
+        """Arm a board again that has stopped, or raise ProtocolError; `asked`: whether this host told it to be SAFE.
+        What it says to ARM.
+        """
         if status.state != State.SAFE:
             state = State(status.state).name if status.state in State.__members__.values() else str(status.state)
             self._end(f"the board restarted: it is in {state}; check its supply")
@@ -207,10 +219,12 @@ class ArmedBoard:
                 f"the board went to SAFE once more ({stop.reason}: {stop.account}) after it was armed again "
                 f"{self.safety.rearmed} times, [limits] rearm is {self._rearm}"
             )
-        self.account.begin(self._arm())
+        armed = self._arm()
+        self.account.begin(armed)
         self.heard()  # refusals from before it was armed
         stop.armed_again = True
         self.safety.rearmed += 1
+        return armed
 
     def _unacceptable(self) -> str:
         """Why a board that answers was told to stop."""

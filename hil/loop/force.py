@@ -92,7 +92,6 @@ class ForceLoop(Loop):
             self._hindsight.saw(row)
             self._echo = row[3], row[4]
             self._next = tick + 1
-        self._phase_lost = False
         return newest - first + 1
 
     def _give_way(self) -> None:

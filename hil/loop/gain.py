@@ -100,6 +100,7 @@ class GainLoop(Loop):
         sense = block.message
         assert isinstance(sense, Sense)
         codes, received_ns = sense.codes, self._endpoint.received_ns
+        stale = self._pause is not None and block.tick <= self._pause.safe
         self._bridge(block.tick)
         if self._waiting and block.tick - first >= self._acquired:
             self._waiting, self._closed = False, True
@@ -107,7 +108,8 @@ class GainLoop(Loop):
         self._step_target(block.tick - first)
         si = codes * self._scale
         estimates = self._observer.run(si[:, :2], si[:, 2:], every=self._stride)
-        self._foresight.follow(block.tick, codes)
+        if not stale:  # else from before the board was armed again, when it began anew
+            self._foresight.follow(block.tick, codes)
         estimated_ns = time.monotonic_ns()
         last = block.tick + len(codes) - 1
         if newest:

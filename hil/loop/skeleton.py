@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from estimator.observer import Observer
 from hil.bench import Bench
-from hil.loop.armed import ArmedBoard
+from hil.loop.armed import ArmedBoard, Pause
 from hil.loop.opening import Opening
 from hil.loop.stops import Safety
 from hil.loop.target import TargetSteps
@@ -89,7 +89,7 @@ class Loop(ABC):
         self._guarded = 0  # sample from which the residual may stop the run
         self._first: int | None = None
         self._next: int | None = None
-        self._phase_lost = False
+        self._pause: Pause | None = None  # of the board, until a row comes from after it
         self._begun_ns = self._answered_ns = time.monotonic_ns()
         self.counters = Counters()
         self.between: Callable[[], None] = lambda: None
@@ -170,16 +170,28 @@ class Loop(ABC):
             )
         if missing > self._long_gap:
             self._require_possible(tick, missing)
-        lost, self._phase_lost = self._phase_lost, False
+        stopped = self._paused(tick)
         self.counters.lost += missing
-        self.counters.stopped += missing if lost else 0
-        if missing > self._long_gap or lost:
+        self.counters.stopped += stopped
+        if missing > self._long_gap or stopped:
             self._forget()
             self._observer.lose_phase(missing)
             self._guarded = self.counters.samples + self.counters.lost + RESIDUAL_SAMPLES
             self._residual = 1.0
         elif missing:
             self._predict(missing)
+
+    def _paused(self, tick: int) -> int:
+        """How many of the samples that are missing before that of `tick` are so because the board was SAFE.
+
+        Rows from before the stop may come after the board was armed again: what is missing before them is not.
+        """
+        pause = self._pause
+        if pause is None or self._next is None:
+            return 0
+        if tick > pause.armed:
+            self._pause = None
+        return max(min(tick - 1, pause.armed) + 1 - self._next, 0) if tick - 1 > pause.safe else 0
 
     def _require_possible(self, tick: int, missing: int) -> None:
         """ProtocolError for ticks that cannot have passed."""
@@ -227,9 +239,9 @@ class Loop(ABC):
     def _heed(self, said: list[Message]) -> None:
         self._require_recorder()
         self._require_time()
-        if self._board.attend(said, self._answered_ns):
+        if pause := self._board.attend(said, self._answered_ns):
             self.counters.rearmed += 1
-            self._phase_lost = True
+            self._pause = pause
             self._answered_ns = time.monotonic_ns()
             self._begin_again()
 
