@@ -335,13 +335,27 @@ class Observer:
     def lose_phase(self, missing: int) -> None:
         """Go on after a gap of `missing` samples without drive: constants are kept, the motion is found anew."""
         constants = slice(self.states, None)
-        covariances = (self.p, self.c)
-        kept = [covariance[constants, constants].copy() for covariance in covariances]
+        kept = [covariance[constants, constants].copy() for covariance in (self.p, self.c)]
         self.memory["queue"] = 0.0
         self.run(np.full((missing, 2), math.nan), np.zeros((missing, 2)), every=max(missing, 1))
-        for covariance, block_of_constants in zip(covariances, kept, strict=True):
+        self._lose_motion(kept)
+
+    def unsettle(self, spread: Array) -> None:
+        """The motion is less certain than the filter knows by the covariance `spread` (states, states) of positions and
+        velocities, SI: a drive acted that nobody knows.  Infinite: it is found anew.
+        """
+        if not np.all(np.isfinite(spread)):
+            self._lose_motion([covariance[self.states :, self.states :].copy() for covariance in (self.p, self.c)])
+            return
+        scale = self.factors[: self.states]
+        for covariance in (self.p, self.c):
+            covariance[: self.states, : self.states] += spread / np.outer(scale, scale)
+
+    def _lose_motion(self, kept: list[Array]) -> None:
+        """Begin with the motion anew; `kept` is what stays of the two covariances, that of the constants."""
+        for covariance, block_of_constants in zip((self.p, self.c), kept, strict=True):
             covariance[:] = 0.0
-            covariance[constants, constants] = block_of_constants
+            covariance[self.states :, self.states :] = block_of_constants
             covariance[: self.states, : self.states] = np.diag(self.motion_spread)
         self._lose_angle()
 

@@ -27,19 +27,20 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     # Compiled kernels: after what can be answered without them.
     from estimator.completeness.closing import closing_scan
     from estimator.completeness.stretch import Stretch, stretches_of
-    from hil.captured import control_of, record_of
+    from hil.captured import control_of, drives_of, record_of
     from hil.declared import device_of, observer_settings_of
 
     progress(Progress("scan", 0, 0))
     first, last = capture.ends
-    stretches = []
+    device, stretches = device_of(bench), []
+    drives = drives_of(capture, device)
     for part in stretches_of(last - first + 1):
         rows = capture.between(first + part.start, first + part.stop - 1)
         if len(rows) > 1:
-            stretches.append(Stretch(record_of(rows), begin_s_of(rows), from_start=part.start == 0))
+            stretches.append(Stretch(record_of(rows, drives), begin_s_of(rows), from_start=part.start == 0))
     return closing_scan(
         stretches,
-        device_of(bench),
+        device,
         observer_settings_of(bench),
         control_of(bench, capture),
         scored_s=(bench.loop.settle_s, end_s_of(capture)),

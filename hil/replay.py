@@ -3,16 +3,13 @@
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from estimator.backend import Backend, make_observer
 from estimator.errors import ModelError
+from estimator.gaps import observe
 from estimator.observer import Observer
 from hil.bench import Bench
-from hil.captured import control_of, pieces_of_samples
+from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
@@ -81,9 +78,11 @@ def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, p
     first, last = record.ends
     total = last - first + 1 if record.uniform else len(record)
     done = 0
+    drives = drives_of(record, observer.device)
     with record_here(folder, layouts) as recording:
-        for tick, sense, drive, step in _parts(pieces_of_samples(record), every, stride):
-            estimates = observer.run(sense, drive, step=step, every=every)
+        for samples in _parts(pieces_of_samples(record, drives), every, stride):
+            tick, sense, drive, step, _ = samples
+            estimates = observe(observer, sense, drive, gaps_of(samples, drives), step=step, every=every)
             recording["innovation"].push(innovation_rows(layouts["innovation"], tick, estimates))
             recording["estimates"].push(estimate_rows(layouts["estimates"], tick, estimates, reported))
             done += len(tick)
@@ -92,19 +91,19 @@ def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, p
             progress(Progress("replay", done, total))
 
 
-def _parts(pieces: Iterable[tuple[NDArray[Any], ...]], every: int, stride: int) -> Iterator[tuple[NDArray[Any], ...]]:
+def _parts(pieces: Iterable[Samples], every: int, stride: int) -> Iterator[Samples]:
     """Samples cut anew: parts end where a covariance is due, and after whole estimates, so that decimation runs on
     across them."""
     block = max(_BLOCK // every, 1) * every
     begun = 0  # samples before those that wait
-    waiting: tuple[NDArray[Any], ...] = ()
+    waiting: Samples | None = None
     for piece in pieces:
-        waiting = tuple(map(np.concatenate, zip(waiting, piece, strict=True))) if waiting else piece
-        start, rows = 0, len(waiting[0])
+        waiting = piece if waiting is None else waiting.then(piece)
+        start, rows = 0, len(waiting.tick)
         while (stop := min(start + block, (begun // stride + 1) * stride - begun + start)) <= rows:
-            yield tuple(column[start:stop] for column in waiting)
+            yield waiting.part(slice(start, stop))
             begun += stop - start
             start = stop
-        waiting = tuple(column[start:] for column in waiting)
-    if len(waiting[0]):
+        waiting = waiting.part(slice(start, None))
+    if waiting is not None and len(waiting.tick):
         yield waiting

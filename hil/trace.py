@@ -10,7 +10,7 @@ from estimator.scaling import Array
 from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
-from hil.captured import control_of, record_of
+from hil.captured import control_of, drives_of, record_of
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -74,9 +74,9 @@ def trace(
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)
-    record = record_of(captured)
-    split = int(captured.tick[held_out] - captured.tick[0]) if captured.uniform else held_out
     device, settings = device_of(bench), observer_settings_of(bench)
+    record = record_of(captured, drives_of(captured, device))
+    split = int(captured.tick[held_out] - captured.tick[0]) if captured.uniform else held_out
     try:
         _require_unclipped(captured)
         require_traceable(record, device, split)

@@ -28,8 +28,8 @@ def declared(name: str) -> tuple[Device, ObserverSettings]:
 
 def record_of(capture: Capture) -> Record:
     """A capture as numbers."""
-    _, sense, drive, step = samples_of(capture)
-    return Record(sense, drive, step)
+    samples = samples_of(capture)
+    return Record(samples.sense, samples.drive, samples.step)
 
 
 def traced(record: Record, name: str, skip: int, say: Say) -> SimulationTrace:

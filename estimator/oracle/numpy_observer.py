@@ -98,6 +98,11 @@ class NumpyObserver(Observer):
             angles[0], np.sqrt(angle_variance) / self.device.angular_gain, *angles[1:],
         )  # fmt: skip
 
+    def _lose_angle(self) -> None:
+        if self.device.axes == 2:
+            self._angle_cross[: self.states] = -self.motion_spread * self._gradient
+            self._angle_variance += float(self.motion_spread @ self._gradient**2)
+
     # -- one sample --------------------------------------------------------------------------------------------------
 
     def _predict_over(self, u: Array, h: float) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
+from estimator.gaps import observe
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
@@ -69,9 +70,11 @@ def parameters_of(model: Fitted, name: str) -> dict[str, float]:
 
 def run(observer: Observer, record: Record, every: int | None = None) -> Estimates:
     """The observer over a record; lost samples have NaN innovation."""
-    estimates = observer.run(
+    estimates = observe(
+        observer,
         record.sense,
         record.drive,
+        record.gaps,
         step=record.step,
         every=every or len(record),
         temperature=record.channels.get("temperature"),

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimator.gaps import Gaps
 from estimator.scaling import Array
 
 
@@ -14,13 +15,15 @@ class Record:
 
     sense (n, axes) V; drive (n, axes, degree + 1) polynomials over the interval that ends at each sample
     (`estimator.hold`); step (n,) s, that interval's length; channels: further measured series (n,), by name:
-    `temperature` [°C], `rate` [rad/s], a reference for the rate that is scored and never given to the observer.
+    `temperature` [°C], `rate` [rad/s], a reference for the rate that is scored and never given to the observer; gaps:
+    where the drive is a guess, None where it is known throughout.
     """
 
     sense: Array
     drive: Array
     step: Array
     channels: Mapping[str, Array] = field(default_factory=dict)
+    gaps: Gaps | None = None
 
     def __len__(self) -> int:
         return len(self.sense)
@@ -28,7 +31,8 @@ class Record:
     def part(self, rows: slice) -> "Record":
         """The samples of `rows`."""
         channels = {name: series[rows] for name, series in self.channels.items()}
-        return Record(self.sense[rows], self.drive[rows], self.step[rows], channels)
+        gaps = None if self.gaps is None else self.gaps.part(slice(*rows.indices(len(self))))
+        return Record(self.sense[rows], self.drive[rows], self.step[rows], channels, gaps)
 
     @property
     def time(self) -> Array:

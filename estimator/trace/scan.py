@@ -1,8 +1,9 @@
 """One pass over a record with an observer that lacks the effects it watches: how much each would explain."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -88,22 +89,17 @@ def scan(
         observer.record["twin"] = 1  # a plain EKF's two covariances are one: carried twice, they run in the registers
     quick = vector and bool(scans_plainly(observer.record, observer.active, observer.x[: len(observer.x) - first]))
     for part, (begin, end) in enumerate(pairwise(edges)):
-        span = slice(begin, end)
         equations = np.zeros((device.axes * (end - begin) if weighed else 0, width))
-        what = (
-            z[span], u[span], h[span], warmth[span], rows[span], delta, level,
-            equations, turned, course[part * COURSE : (part + 1) * COURSE],
-        )  # fmt: skip
-        if quick:
-            scan_plain_block(
-                observer.record, observer.walk, observer.prior, observer.spread, observer.guess,
-                observer.x, observer.p, observer.c, observer.memory, *what,
+        instants = course[part * COURSE : (part + 1) * COURSE]
+        for start, stop, read, spread in _uninterrupted(record, int(begin), int(end)):
+            span, lines = slice(start, stop), slice(device.axes * (start - begin), device.axes * (stop - begin))
+            what = (
+                z[span], u[span], h[span], warmth[span], rows[span], delta, level,
+                equations[lines], turned, instants[read],
             )  # fmt: skip
-        else:
-            scan_block(
-                observer.record, observer.active, observer.walk, observer.prior, observer.spread, observer.guess,
-                observer.table, observer.x, observer.p, observer.c, observer.memory, *what,
-            )  # fmt: skip
+            _advance(observer, what, quick=quick)
+            if spread is not None:
+                observer.unsettle(spread)
         if weighed:
             products = np.zeros(width * width)
             add_gram(equations.ravel(), width, products)
@@ -111,7 +107,8 @@ def scan(
             normal[part] = upper[:first, :first] + np.triu(upper[:first, :first], 1).T
             score[part] = upper[:first, first]
         with np.errstate(invalid="ignore"):
-            usual = np.nanmedian(rows["nu"][span, : device.axes] ** 2 / rows["s"][span, : device.axes]) / 0.455
+            own = rows[begin:end]
+            usual = np.nanmedian(own["nu"][:, : device.axes] ** 2 / own["s"][:, : device.axes]) / 0.455
         level = _JUMP * max(1.0, float(usual))
     factors = observer.factors[len(observer.names) - first :]
     volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
@@ -125,3 +122,35 @@ def scan(
         observer=observer,
         course=course / factors,
     )
+
+
+def _advance(observer: Observer, what: tuple[Any, ...], *, quick: bool) -> None:
+    if quick:
+        scan_plain_block(
+            observer.record, observer.walk, observer.prior, observer.spread, observer.guess,
+            observer.x, observer.p, observer.c, observer.memory, *what,
+        )  # fmt: skip
+    else:
+        scan_block(
+            observer.record, observer.active, observer.walk, observer.prior, observer.spread, observer.guess,
+            observer.table, observer.x, observer.p, observer.c, observer.memory, *what,
+        )  # fmt: skip
+
+
+def _uninterrupted(record: Record, begin: int, end: int) -> Iterator[tuple[int, int, slice, Array | None]]:
+    """A part of the record cut behind its gaps: first row, end, at which of the part's instants the course is read,
+    and what a gap at the end adds to the motion.
+
+    Without gaps that is the part as it is; a gap may end where the course is read.
+    """
+    gaps = None if record.gaps is None else record.gaps.part(slice(begin, end))
+    if gaps is None or not len(gaps):
+        yield begin, end, slice(0, COURSE), None
+        return
+    after = dict(zip((gaps.last + 1).tolist(), gaps.spread, strict=True))
+    reads = np.ceil(np.arange(1, COURSE + 1) * (end - begin) / COURSE).astype(int).tolist()
+    at = 0
+    for stop in sorted({*after, *reads}):
+        due = [k for k, read in enumerate(reads) if read == stop]
+        yield begin + at, begin + stop, slice(due[0], due[-1] + 1) if due else slice(0), after.get(stop)
+        at = stop

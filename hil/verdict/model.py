@@ -7,16 +7,11 @@ from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
 from hil.records.sensing import sense_faults
 
-_GUESSED = 0.01  # share of samples missing, above which the drive over the gaps is too much of a guess
-_OVER_GAPS = "the record does not hold what drove the mass over the gaps, so what a scan finds in it may be that"
-
 
 def judge_model(folder: RunFolder, result: Result, bench: Bench) -> Part:
     """The closing scan's answer, the innovation beside its floor, and what the codes say of the sense chain."""
     limits, scan, reasons = bench.limits, result.scan, []
-    missing = result.lost / (result.samples + result.lost) if result.samples else 0.0
-    guessed = scan is not None and scan.complete is False and missing > _GUESSED
-    if scan is not None and scan.complete is False and not guessed:
+    if scan is not None and scan.complete is False:
         reasons.append(scan.reason)
     if result.innovation_rms is not None and result.noise_floor:
         ratio = result.innovation_rms / result.noise_floor
@@ -29,8 +24,6 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench) -> Part:
         reasons.append("the innovation is not finite: the observer diverged; check the signs and gains in [device]")
     if folder.capture is not None:
         reasons += sense_faults(folder.capture, bench.device.sense.noise_V)
-    if not reasons and guessed:
-        return Part(outcome="unknown", reason=f"{missing:.2%} of the samples are missing: {_OVER_GAPS}")
     if not reasons and scan is not None:
         return Part(outcome="unknown" if scan.complete is None else "complete", reason=scan.reason)
     part = Part.of(reasons, good="complete", bad="lacks")

@@ -14,6 +14,7 @@ from estimator.completeness.closing import closing_scan
 from estimator.completeness.information import Coefficient, Information
 from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
+from estimator.gaps import Drives, Gaps
 from estimator.settings import ControllerSettings
 from estimator.trace.record import Record
 from estimator.trace.scan import scan
@@ -131,6 +132,46 @@ def test_lost_samples_are_no_effect() -> None:
     lost = np.random.default_rng(3).random(len(record)) < 0.01
     holed = replace(record, sense=np.where(lost[:, None], np.nan, record.sense))
     assert scanned(holed).outcome is Outcome.COMPLETE
+
+
+def with_gaps(record: Record, longest: int) -> Record:
+    """A tenth of the rows lost with their drives, in runs of 5 to `longest`, or one by one."""
+    rng, n = np.random.default_rng(5), len(record)
+    known = rng.random(n) > 0.1 if longest == 1 else np.ones(n, bool)
+    while np.mean(~known) < 0.1:
+        begin = int(rng.integers(100, n - 100))
+        known[begin : begin + int(rng.integers(5, longest + 1))] = False
+    known[[0, -1]] = True
+    sense, drive = np.where(known[:, None], record.sense, np.nan), record.drive[:, :, 0]
+    omega, step = float(np.sqrt(device_of(bench()).target)), float(record.step[0])
+    drives = Drives(sense, drive, known, omega=omega, step=step, gain=1.0)
+    drive, gap = drives.fill(sense, np.where(known[:, None], drive, 0.0), known)
+    last = np.flatnonzero(gap)
+    return replace(record, sense=sense, drive=drive[:, :, None], gaps=Gaps(last, drives.spread(gap[last])))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("longest", [1, 50])
+def test_a_clean_device_is_not_accused_over_gaps_of_unknown_drive(longest: int) -> None:
+    holed = with_gaps(record_of(loop()), longest)
+    assert scanned(holed).outcome is Outcome.COMPLETE
+    # Not told of the gaps, the scan accuses it: that is what this test would be blind to.
+    assert longest == 1 or scanned(replace(holed, gaps=None)).outcome is Outcome.LACKS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("longest", [1, 50])
+@pytest.mark.parametrize("name", ["drive_gain", "sense_gain"])
+def test_what_is_lacking_is_found_over_gaps_of_unknown_drive(name: str, longest: int) -> None:
+    effect, true = MISSING[name]
+    if name == "drive_gain":
+        effect, true = ("drive_gain", (("gx", 0.02), ("gy", 0.02))), {"hx": 0.02, "hy": 0.02}
+    found = scanned(with_gaps(record_of(loop(effect)), longest))
+    assert found.outcome is Outcome.LACKS
+    assert found.lacks[0].effect == name
+    for symbol, value in true.items():
+        interval = found.lacks[0].coefficients[symbol]
+        assert abs(interval.value - value) < max(2.0 * (interval.high - interval.low), 0.02 * abs(value))
 
 
 @pytest.mark.slow

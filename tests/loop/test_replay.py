@@ -74,9 +74,6 @@ def test_late_answers_change_nothing_about_that(tmp_path: Path) -> None:
     assert_same(run, replayed(run.capture_path, declared, tmp_path / "runs"))
 
 
-@pytest.mark.xfail(
-    reason="kxx is 4.09 deviations off since the dither starts elsewhere: over gaps a replay's interval is too narrow"
-)
 def test_over_lost_samples_a_replay_can_only_guess_the_drive(tmp_path: Path) -> None:
     """What the host had sent for them is not in the record.  It stays with the live run to within a few deviations."""
     link = HandPaced(board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED), lost=range(1000, 3900, 170))
