@@ -4,6 +4,7 @@ Nothing is computed from a file before all of it was checked, and no more of it 
 """
 
 import json
+import math
 import os
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
@@ -32,6 +33,8 @@ from hil.records.seal import (
 
 _PIECE_ROWS = 1 << 18
 """Rows that are read together where a record is gone through from one end to the other."""
+LAST_TICK = 1 << 62
+"""Beyond every tick there is."""
 _BEGIN = 1 << 18
 """Bytes in which a header and the first block end."""
 
@@ -146,6 +149,14 @@ def pieces_of(columns: Columns, rows: int = _PIECE_ROWS) -> Iterator[tuple[int, 
 def between(columns: Columns, first_tick: int, last_tick: int) -> Columns:
     """The rows of ticks first_tick … last_tick, of columns whose ticks ascend."""
     return part_of(columns, _row_of(columns, first_tick), _row_of(columns, last_tick + 1))
+
+
+def first_tick_since(t_s: float, tick_rate_Hz: float) -> int:
+    """The first tick whose bench time, as a float, is `t_s` or later."""
+    first = math.floor(t_s * tick_rate_Hz) - 1
+    while first / tick_rate_Hz < t_s:
+        first += 1
+    return first
 
 
 def _row_of(columns: Columns, tick: int) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, part_of, pieces_of, read_blocks, rows_of
+from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, read_blocks, rows_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.units import unit_of
 
@@ -79,6 +79,19 @@ class Estimates:
         """The record in parts that memory always has room for, one after another."""
         for _, columns in pieces_of(self.columns):
             yield Estimates(columns, self.header, self.complete)
+
+    def between(self, first_tick: int, last_tick: int) -> "Estimates":
+        """The rows of ticks first_tick … last_tick."""
+        return Estimates(between(self.columns, first_tick, last_tick), self.header, self.complete)
+
+    def since(self, t_s: float) -> "Estimates":
+        """The part from that bench time on."""
+        return self.between(first_tick_since(t_s, self.tick_rate_Hz), LAST_TICK)
+
+    @property
+    def ends_s(self) -> tuple[float, float]:
+        """Bench time of the first row and of the last, of estimates that are not empty."""
+        return float(self.part(0, 1).t_s[0]), float(self.part(len(self) - 1, len(self)).t_s[0])
 
     def __contains__(self, name: str) -> bool:
         return name in self.columns

@@ -1,6 +1,5 @@
 """`innovation.arrow`: measured minus predicted voltage at every sample, and how large it should have been."""
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,11 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import Columns, between, part_of, pieces_of, read_blocks, rows_of
+from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, read_blocks, rows_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 
 _AXES = ("x", "y")
-_LAST_TICK = 1 << 62
 
 
 def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
@@ -71,10 +69,8 @@ class Innovation:
 
     def since(self, t_s: float) -> "Innovation":
         """The part from that bench time on."""
-        first = math.floor(t_s * self.tick_rate_Hz) - 1
-        while first / self.tick_rate_Hz < t_s:
-            first += 1
-        return Innovation(between(self.columns, first, _LAST_TICK), self.header, self.complete)
+        first = first_tick_since(t_s, self.tick_rate_Hz)
+        return Innovation(between(self.columns, first, LAST_TICK), self.header, self.complete)
 
     @cached_property
     def nu_V(self) -> npt.NDArray[np.float64]:

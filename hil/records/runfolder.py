@@ -16,6 +16,7 @@ from hil.records.timing import Timing, read_timing
 from hil.strict_toml import read_table
 
 _Record = TypeVar("_Record")
+_LONGEST_S = 1e9
 
 
 class RunFolder:
@@ -137,8 +138,10 @@ class RunFolder:
         """Start of the scored window (bench file, `[loop] settle_s`), 0 when not stated."""
         loop = self.bench.get("loop", {})
         stated = loop.get("settle_s", 0.0) if isinstance(loop, dict) else None
-        if not isinstance(stated, int | float):
-            raise InputError(f"{self.bench_path}: [loop] settle_s: expected a number; restore the file as run")
+        if not isinstance(stated, int | float) or not abs(stated) <= _LONGEST_S:
+            raise InputError(
+                f"{self.bench_path}: [loop] settle_s: expected a number of seconds; restore the file as run"
+            )
         return float(stated)
 
 

@@ -1,8 +1,10 @@
 """What a report is made of: the run's records, and a reference to hold them against when there is one."""
 
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,20 +17,38 @@ from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
 from hil.records.timing import Timing
 from hil.records.truth import Truth
+from hil.report.course import COLUMNS, Course, course, first_since
 
 Floats = npt.NDArray[np.float64]
 
 _Record = TypeVar("_Record", Capture, Estimates, Innovation, Timing)
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Rate and its integral at those rows of the estimates where they are known."""
+class Compared(NamedTuple):
+    """A stretch of the estimates beside their reference: rows (n,) of it where that is known, its rate and the integral
+    of its rate there."""
 
-    name: str
+    estimates: Estimates
     rows: npt.NDArray[np.intp]
     angle_rad: Floats
     rate_rad_s: Floats
+
+    @property
+    def t_s(self) -> Floats:
+        """Bench time (n,)."""
+        return self.estimates.t_s[self.rows]
+
+    def estimated(self, column: str) -> Floats:
+        """A column of the estimates (n,)."""
+        return np.asarray(self.estimates[column][self.rows])
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the estimates are held against: each call of `parts` goes through all of it once."""
+
+    name: str
+    parts: Callable[[], Iterator[Compared]]
 
 
 class Material:
@@ -58,21 +78,37 @@ class Material:
         if self.estimates is None:
             return None
         if self.truth is not None:
-            found = [
-                (first + rows, part["angle_rad"][ours], part["rate_rad_s"][ours])
-                for first, piece, part in self.truth.beside(self.estimates)
-                for rows, ours in [part.at(piece.tick)]
-            ]
-            if not any(rows.size for rows, _, _ in found):
-                return None
-            rows, angle, rate = (np.concatenate(column) for column in zip(*found, strict=True))
-            return Reference("truth", rows, angle, rate)
-        if self.capture is None or self.capture.rate_rad_s is None:
+            reference = Reference("truth", self._beside_truth)
+        elif self.capture is not None and "rate_rad_s" in self.capture.columns:
+            reference = Reference("rate reference", self._beside_rate)
+        else:
             return None
-        rate, t_s = self.capture.rate_rad_s, self.capture.t_s
-        angle = np.concatenate([[0.0], np.cumsum(np.diff(t_s) * (rate[1:] + rate[:-1]) / 2)])
-        _, rows, ours = np.intersect1d(self.estimates.tick, self.capture.tick, assume_unique=True, return_indices=True)
-        return Reference("rate reference", rows, angle[ours], rate[ours]) if rows.size else None
+        return reference if next(reference.parts(), None) is not None else None
+
+    def _beside_truth(self) -> Iterator[Compared]:
+        assert self.estimates is not None
+        assert self.truth is not None
+        for _, piece, part in self.truth.beside(self.estimates):
+            rows, ours = part.at(piece.tick)
+            if rows.size:
+                yield Compared(piece, rows, part["angle_rad"][ours], part["rate_rad_s"][ours])
+
+    def _beside_rate(self) -> Iterator[Compared]:
+        assert self.estimates is not None
+        assert self.capture is not None
+        before: tuple[float, float, float] | None = None
+        for piece in self.capture.pieces():
+            rate, t_s = piece.rate_rad_s, piece.t_s
+            assert rate is not None
+            t_0, rate_0, angle_0 = before or (float(t_s[0]), float(rate[0]), 0.0)
+            steps = np.diff(t_s, prepend=t_0) * (rate + np.concatenate([[rate_0], rate[:-1]])) / 2
+            angle = angle_0 + np.cumsum(steps)
+            before = float(t_s[-1]), float(rate[-1]), float(angle[-1])
+            tick = piece.tick
+            part = self.estimates.between(int(tick[0]), int(tick[-1]))
+            _, rows, ours = np.intersect1d(part.tick, tick, assume_unique=True, return_indices=True)
+            if rows.size:
+                yield Compared(part, rows, angle[ours], rate[ours])
 
     @cached_property
     def stiffness_per_s2(self) -> float | None:
@@ -83,8 +119,10 @@ class Material:
         target = self.estimates.header.get("target_stiffness_per_s2")
         if target:
             return float(target)
-        found = [float(self.estimates[name][-1]) for name in ("kxx_per_s2", "kyy_per_s2") if name in self.estimates]
-        return float(np.mean(found)) if found and np.mean(found) > 0 else None
+        last = self.estimates.part(len(self.estimates) - 1, len(self.estimates))
+        found = [float(last[name][0]) for name in ("kxx_per_s2", "kyy_per_s2") if name in last]
+        mean = float(np.mean(found)) if found else 0.0
+        return mean if 0.0 < mean < math.inf else None
 
     @property
     def resonance_Hz(self) -> float | None:
@@ -105,10 +143,36 @@ class Material:
                 return float(values[names.index(name)]) / float(mass), "the declared value"
         return None
 
-    def scored(self, t_s: Floats) -> npt.NDArray[np.bool_]:
-        """Which instants lie in the scored window; all of them when the record ends before it begins."""
-        inside: npt.NDArray[np.bool_] = t_s >= self.settle_s
-        return inside if inside.any() else np.ones_like(inside)
+    def drawn(
+        self, series: Callable[[Estimates], list[Floats]], *, since_s: float | None = None, columns: int = COLUMNS
+    ) -> Course:
+        """Series of the estimates, (n,) each, that `series` makes of a part of them; scored from `since_s` on, or from
+        where scoring starts."""
+        assert self.estimates is not None
+        parts = ((part.t_s, np.stack(series(part), 1)) for part in self.estimates.pieces())
+        since_s = self.settle_s if since_s is None else since_s
+        return course(parts, self.estimates.ends_s, len(self.estimates), since_s, columns)
+
+    def compared(
+        self, reference: Reference | None, series: Callable[[Compared], list[Floats]], *, since_s: float | None = None
+    ) -> Course:
+        """The same of series that `series` makes of estimates beside their reference; without one, see `alone`."""
+        assert self.estimates is not None
+        every = self.alone() if reference is None else reference.parts()
+        parts = ((part.t_s, np.stack(series(part), 1)) for part in every)
+        since_s = self.settle_s if since_s is None else since_s
+        return course(parts, self.estimates.ends_s, len(self.estimates), since_s)
+
+    def at_first(self, reference: Reference | None, series: Callable[[Compared], list[Floats]]) -> Floats:
+        """Such values (k,) where scoring starts; without a reference those of the estimates alone."""
+        parts = self.alone() if reference is None else reference.parts()
+        return first_since(((part.t_s, np.stack(series(part), 1)) for part in parts), self.settle_s)
+
+    def alone(self) -> Iterator[Compared]:
+        """The estimates beside their own angle, where there is no reference."""
+        assert self.estimates is not None
+        for part in self.estimates.pieces():
+            yield Compared(part, np.arange(len(part)), part["angle_rad"], part["angle_rad"])
 
     def scored_innovation(self, innovation: Innovation) -> Innovation:
         """The scored window of the innovation; all of it when the record ends before it begins."""

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import numpy as np
+
 from hil.report import markup
 from hil.report.figures.drawing import Drawing
 from hil.report.inline_svg import inline_svg
@@ -16,7 +18,8 @@ class Figures:
 
     def add(self, draw: Callable[[], Drawing | None]) -> str:
         """The figure as HTML with its number and caption, "" where there is nothing to draw."""
-        with drawing_style():
+        # what a diverged observer leaves is not finite, or overflows where it is squared: the captions say so
+        with drawing_style(), np.errstate(all="ignore"):
             drawing = draw()
             if drawing is None:
                 return ""

@@ -3,14 +3,14 @@
 That is how one figure serves light paper, a dark screen and print.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.report import decimate
+from hil.report.course import Course
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,9 +36,6 @@ AXIS_COLOURS = (FIRST, SECOND)
 WIDTH_IN = 7.4
 
 _FEW_DECADES = 300.0
-
-_CROWDED = 1000
-"""Points beyond which a noisy line becomes a solid patch."""
 
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -114,8 +111,10 @@ def stacked(height_in: float, ratios: tuple[float, ...]) -> "tuple[Figure, list[
     return figure, axes
 
 
-def span_time(axes: "list[Axes]", t_s: npt.NDArray[np.float64], settle_s: float | None = None) -> None:
-    """Give the panels the record's time span, and grey what lies before the scored window."""
+def span_time(
+    axes: "list[Axes]", t_s: npt.NDArray[np.float64] | Sequence[float], settle_s: float | None = None
+) -> None:
+    """Give the panels the record's time span, from first to last of `t_s`; grey what lies before the scored window."""
     start, end = float(t_s[0]), float(f"{t_s[-1]:.3g}")
     if 0 < start < 0.02 * end:
         start = 0.0
@@ -125,15 +124,13 @@ def span_time(axes: "list[Axes]", t_s: npt.NDArray[np.float64], settle_s: float 
             ax.axvspan(start, settle_s, color=MUTED, alpha=0.10, linewidth=0)
 
 
-def trace(
-    ax: "Axes", t_s: npt.NDArray[np.float64], values: npt.NDArray[np.float64], colour: str, label: str = ""
-) -> None:
+def trace(ax: "Axes", drawn: Course, series: int, colour: str, label: str = "", factor: float = 1.0) -> None:
     """A noisy series: its envelope pale, its mean solid, so that a bias shows through the noise."""
-    if t_s.size > _CROWDED:
-        ax.fill_between(*decimate.envelope(t_s, values), color=colour, alpha=0.32, linewidth=0)
-        ax.plot(*decimate.means(t_s, values), color=colour, label=label)
+    if drawn.crowded:
+        ax.fill_between(*drawn.band(series, series, factor), color=colour, alpha=0.32, linewidth=0)
+        ax.plot(drawn.mean_t_s, drawn.mean[:, series] * factor, color=colour, label=label)
     else:
-        ax.plot(t_s, values, color=colour, linewidth=0.9, label=label)
+        ax.plot(*drawn.line(series, factor), color=colour, linewidth=0.9, label=label)
 
 
 def fit_to(ax: "Axes", *series: npt.NDArray[np.float64], margin: float = 0.12) -> None:

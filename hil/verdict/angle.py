@@ -22,16 +22,18 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         return Part(outcome="unknown")
     if estimates.header.get("angle") == "none":
         return Part(outcome="unknown", reason=_OPEN_LOOP)
-    scored = estimates.t_s >= bench.loop.settle_s
-    if not scored.any():
+    scored = estimates.since(bench.loop.settle_s)
+    if not len(scored):
         return Part(outcome="unknown")
     reasons, after = [], None
     if estimates.header.get("angle") != "rate":  # the integrated rate needs no slender ellipse
-        held = np.abs(estimates["energy_ratio"][scored] - 1.0) <= limits.energy_error  # NaN is not held either
-        slender = np.abs(estimates["quadrature_ratio"][scored]) <= limits.quadrature
-        invalid = 1.0 - float(np.mean(held & slender))
+        outside = np.zeros(3)
+        for piece in scored.pieces():
+            held = np.abs(piece["energy_ratio"] - 1.0) <= limits.energy_error  # NaN is not held either
+            slender = np.abs(piece["quadrature_ratio"]) <= limits.quadrature
+            outside += [np.count_nonzero(~mask) for mask in (held & slender, held, slender)]
+        invalid, off, oval = (float(share) for share in outside / len(scored))
         if invalid > limits.invalid_fraction:
-            off, oval = 1.0 - float(held.mean()), 1.0 - float(slender.mean())
             reasons.append(
                 f"the angle was not valid {invalid:.2%} of the time (energy off target {off:.2%}, quadrature too large "
                 f"{oval:.2%}), [limits] invalid_fraction is {limits.invalid_fraction:.2%}"

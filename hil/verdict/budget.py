@@ -47,15 +47,15 @@ def budget(estimates: Estimates | None, bench: Bench, information: "Information 
     """
     if estimates is None or "angle_u_rad" not in estimates:
         return Budget(None, None, ())
-    scored = np.flatnonzero(estimates.t_s >= bench.loop.settle_s)
-    if scored.size < 2:
+    scored = estimates.since(bench.loop.settle_s)
+    if len(scored) < 2:
         return Budget(None, None, ())
-    first, last = int(scored[0]), int(scored[-1])
-    deviation = float(estimates["angle_sd_rad"][last])
-    angle = _angle(estimates, scored)
+    ends = scored.part(0, 1), scored.part(len(scored) - 1, len(scored))
+    deviation = float(ends[1]["angle_sd_rad"][0])
+    angle = _angle(scored)
     if angle is None or not math.isfinite(deviation):
         return Budget(None, None, ())
-    course = _course(estimates, bench, first, last)
+    course = _course(*ends, bench)
     rows = [_estimation(deviation, bench), *_calibration(bench, course, information)]
     if information is not None:
         rows += _beyond(bench, information)
@@ -66,37 +66,41 @@ def budget(estimates: Estimates | None, bench: Bench, information: "Information 
     return Budget(angle, COVERAGE * total, tuple(rows))
 
 
-def _angle(estimates: Estimates, scored: np.ndarray) -> Angle | None:
+def _angle(scored: Estimates) -> Angle | None:
     """The reported angle at the end, zero at the start, and the source's own beside it."""
-    columns = {
-        name: estimates[f"angle_{name}rad"][scored] - estimates[f"angle_{name}rad"][scored[0]]
-        for name in ("", "pattern_", "plain_")
-    }
-    if not all(np.isfinite(column).all() for column in columns.values()):
+    names = [f"angle_{name}rad" for name in ("", "pattern_", "plain_")]
+    start = np.array([scored.part(0, 1)[name][0] for name in names])
+    last, squares = start, 0.0
+    with np.errstate(all="ignore"):  # of an observer that diverged: there is no angle then
+        for piece in scored.pieces():
+            moved = np.stack([piece[name] for name in names]) - start[:, None]
+            if not np.isfinite(moved).all():
+                return None
+            last, squares = moved[:, -1], squares + float(np.sum((moved[1] - moved[0]) ** 2))
+    if not math.isfinite(squares):
         return None
-    pattern = estimates.header.get("angle") != "rate"
-    apart = columns["pattern_"] - columns[""]
+    pattern = scored.header.get("angle") != "rate"
     return Angle(
         kind="pattern" if pattern else "rate",
-        rad=float(columns[""][-1]),
-        plain_rad=float(columns["plain_"][-1]) if pattern else None,
-        control_imperfection_rms_rad=float(np.sqrt(np.mean(apart**2))) if pattern else None,
+        rad=float(last[0]),
+        plain_rad=float(last[2]) if pattern else None,
+        control_imperfection_rms_rad=math.sqrt(squares / len(scored)) if pattern else None,
     )
 
 
-def _course(estimates: Estimates, bench: Bench, first: int, last: int) -> Course:
+def _course(first: Estimates, last: Estimates, bench: Bench) -> Course:
     """What happened between two rows of the estimates; in open loop no force turned anything."""
     driven = 1.0 if bench.controller.enabled else 0.0
 
     def between(name: str) -> float:
-        return float(estimates[name][last] - estimates[name][first])
+        return float(last[name][0] - first[name][0])
 
-    xx, yy, xy = (driven * float(estimates[f"d{axes}_per_s"][last]) for axes in ("xx", "yy", "xy"))
+    xx, yy, xy = (driven * float(last[f"d{axes}_per_s"][0]) for axes in ("xx", "yy", "xy"))
     return Course(
-        seconds=float(estimates.t_s[last] - estimates.t_s[first]),
+        seconds=float(last.t_s[0] - first.t_s[0]),
         rotation=between("angle_rad"),
         forced=driven * between("angle_forced_rad"),
-        stiffness_xy=driven * float(estimates["kxy_per_s2"][last]),
+        stiffness_xy=driven * float(last["kxy_per_s2"][0]),
         damping=(xx, yy, xy),
         angular_gain=bench.device.calibration.angular_gain,
     )

@@ -1,12 +1,9 @@
-"""Numbers on the page, and long series made drawable."""
+"""Numbers on the page."""
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
-from hil.report import decimate
 from hil.report.numbers import count, percent, plus_minus, prefix_for, quantity, relative, share, significant
 
 
@@ -88,33 +85,3 @@ def test_small_ratios_and_counts():
 def test_a_prefix_brings_a_size_between_one_and_a_thousand(size):
     factor, _ = prefix_for(size)
     assert 0.999999 <= size * factor < 1000.001
-
-
-series = hnp.arrays(float, st.integers(1, 400), elements=st.floats(-1e6, 1e6))
-
-
-@given(series, st.integers(1, 90))
-def test_an_envelope_holds_every_sample_and_no_more(values, bins):
-    t = np.arange(values.size) * 0.25
-    middle, low, high = decimate.envelope(t, values, bins)
-    assert middle.size == min(bins, values.size)
-    assert np.all(np.diff(middle) > 0)
-    assert low.min() == values.min()
-    assert high.max() == values.max()
-    assert np.isin(low, values).all()
-    assert np.isin(high, values).all()
-
-
-@given(series, st.integers(1, 90))
-def test_a_decimated_line_keeps_the_extremes(values, bins):
-    t, line = decimate.line(np.arange(values.size, dtype=float), values, bins)
-    assert t.size == line.size <= max(2 * bins, 1)
-    assert (line.min(), line.max()) == (values.min(), values.max())
-
-
-@given(series, st.integers(1, 90))
-def test_means_are_means(values, bins):
-    middle, means = decimate.means(np.arange(values.size, dtype=float), values, bins)
-    assert middle.size == means.size == min(bins, values.size)
-    if values.size % bins == 0:
-        np.testing.assert_allclose(means, values.reshape(bins, -1).mean(1), rtol=1e-9, atol=1e-6)

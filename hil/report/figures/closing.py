@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
-from hil.report.material import Floats, Material
+from hil.report.material import Compared, Floats, Material
 from hil.report.numbers import prefix_for, quantity, significant
-from hil.report.theme import FIRST, INK, SECOND, span_time, stacked, trace
+from hil.report.theme import FIRST, INK, SECOND, fit_to, span_time, stacked, trace
 
 
 def draw(material: Material) -> Drawing | None:
@@ -19,26 +20,31 @@ def draw(material: Material) -> Drawing | None:
     words, sizes = [], []
     for ax, run, colour, name in zip(panels, runs, (SECOND, FIRST), ("before", "after"), strict=True):
         assert run is not None
-        t, error, scored = run
-        size = float(np.sqrt(np.mean(error[scored] ** 2)))
-        factor, prefix = prefix_for(float(np.max(np.abs(error[scored]))))
-        trace(ax, t[scored], error[scored] * factor, colour)
+        drawn, span = run
+        size = float(drawn.held.rms[0])
+        factor, prefix = prefix_for(drawn.held.size(0))
+        trace(ax, drawn, 0, colour, factor=factor)
         ax.axhline(0.0, color=INK, linewidth=0.6)
         ax.set_ylabel(f"{name} / {prefix}deg")
+        fit_to(ax, np.array([drawn.held.low[0], drawn.held.high[0]]) * factor)
         words.append(f"{name} {quantity(size, 'deg')} rms")
         sizes.append(size)
-        span_time([ax], t[scored])
+        span_time([ax], span)
     caption = f"Reported angle minus the true rotation: {', '.join(words)}. Mind the scales: they differ "
     caption += f"{significant(sizes[0] / sizes[1], 2)}-fold in rms."
     return Drawing(figure, "Angle error before and after", caption, caption)
 
 
-def _error(material: Material) -> tuple[Floats, Floats, np.ndarray] | None:
-    """Time (n,), angle error in degrees (n,) zeroed where scoring begins, and which instants are scored."""
+def _error(material: Material) -> tuple[Course, tuple[float, float]] | None:
+    """The angle's error in degrees, zero where scoring begins, and from when to when it is scored."""
     estimates, reference = material.estimates, material.reference
     if estimates is None or reference is None or "angle_rad" not in estimates:
         return None
-    t = estimates.t_s[reference.rows]
-    scored = material.scored(t)
-    error = np.degrees(estimates["angle_rad"][reference.rows] - reference.angle_rad)
-    return t, error - error[scored][0], scored
+
+    def difference(part: Compared) -> list[Floats]:
+        return [part.estimated("angle_rad") - part.angle_rad]
+
+    zero = material.at_first(reference, difference)
+    drawn = material.compared(reference, lambda part: [np.degrees(difference(part)[0] - zero[0])])
+    first, last = estimates.ends_s
+    return drawn, (first if material.settle_s > last else max(first, material.settle_s), last)

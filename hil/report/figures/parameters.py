@@ -5,11 +5,11 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from hil.records.estimates import Estimates
 from hil.records.summary import SD_95
 from hil.records.units import symbol_of
-from hil.report import decimate
+from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.names import rank, shown, shown_unit
@@ -19,21 +19,23 @@ from hil.report.theme import FIRST, INK, fit_to, new_figure, span_time, trace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Mask = npt.NDArray[np.bool_]
-
 _MOVING = ("x_m", "vx_mps", "y_m", "vy_mps", "rate_rad_s")
 _COLUMNS = 3
+_PIXELS = 300
+_VALUE, _LOWER, _UPPER = range(3)
 _DIAGONALS = {"k": ("kxx_per_s2", "kyy_per_s2"), "d": ("dxx_per_s", "dyy_per_s")}
 
 
 class _Panel(NamedTuple):
-    """Deviation (n,) and half width (n,) to draw, what they are counted in, and what zero means."""
+    """Course of a constant in `factor` times `unit`, and what zero means."""
 
     title: str
-    deviation: Floats
-    half: Floats
+    drawn: Course
+    factor: float
     unit: str
     zero: str | None
+    last: tuple[float, float]
+    """Deviation and half of its band at the end"""
 
 
 def draw(material: Material) -> Drawing | None:
@@ -42,8 +44,6 @@ def draw(material: Material) -> Drawing | None:
     if estimates is None:
         return None
     names = [name for name in estimates.states if name not in _MOVING]
-    t = estimates.t_s
-    settled = _settled(t, material.scored(t))
     ordered = sorted(names, key=lambda name: rank(symbol_of(name)))
     if not ordered:
         return None
@@ -52,13 +52,10 @@ def draw(material: Material) -> Drawing | None:
     figure = new_figure(0.4 + 1.3 * rows)
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
     cells: list[Axes] = list(grid.ravel())
-    panels = []
-    for ax, name in zip(cells, ordered, strict=False):
-        panel = _panel(material, name, settled)
-        _draw_panel(ax, panel, t, settled)
-        # of a long record: its last row is all that is still needed
-        panels.append(panel._replace(deviation=panel.deviation[-1:].copy(), half=panel.half[-1:].copy()))
-    span_time(cells[: len(panels)], t, material.settle_s)
+    panels = [_panel(material, estimates, name) for name in ordered]
+    for ax, panel in zip(cells, panels, strict=False):
+        _draw_panel(ax, panel)
+    span_time(cells[: len(panels)], estimates.ends_s, material.settle_s)
     for ax in cells[len(panels) :]:
         ax.set_axis_off()
     for ax in grid[-1, : len(panels) - (rows - 1) * columns]:
@@ -67,33 +64,44 @@ def draw(material: Material) -> Drawing | None:
     caption = f"{f'Deviation from {zero}. ' if zero else ''}Line: estimate, band: its 95 % interval."
     if zero and "kxy_per_s2" in estimates:
         caption += " Cross terms are counted in the mean of the diagonal ones."
-    ends = "; ".join(f"{p.title} {p.deviation[-1]:.3g} ± {p.half[-1]:.2g} {p.unit}" for p in panels)
+    ends = "; ".join(f"{panel.title} {_ended(panel)} {panel.unit}" for panel in panels)
     return Drawing(figure, "Parameters", caption, f"One panel per constant over time. At the end: {ends}.")
 
 
-def _settled(t: Floats, scored: Mask) -> Mask:
+def _ended(panel: _Panel) -> str:
+    if not all(map(math.isfinite, panel.last)):
+        return "is not finite"
+    return f"{panel.last[0]:.3g} ± {panel.last[1]:.2g}"
+
+
+def _settled_s(material: Material, estimates: Estimates) -> float:
     """The scored window without its first quarter: what the panels' scale is set by."""
-    first, last = float(t[scored][0]), float(t[-1])
-    settled: Mask = scored & (t >= first + 0.25 * (last - first))
-    return settled
+    first, last = estimates.ends_s
+    start = max(first, material.settle_s) if material.settle_s <= last else first
+    return start + 0.25 * (last - start)
 
 
-def _panel(material: Material, name: str, settled: Mask) -> _Panel:
-    estimates = material.estimates
-    assert estimates is not None
-    values, half = estimates[name], SD_95 * estimates.sd(name)
+def _panel(material: Material, estimates: Estimates, name: str) -> _Panel:
     title = shown(symbol_of(name))
     known = material.constant(name)
+    reference = 0.0 if known is None else known[0]
+    scale = 1.0 if known is None else _scale(material, name, reference)
+
+    def series(part: Estimates) -> list[Floats]:
+        deviation, half = (part[name] - reference) / scale, SD_95 * part.sd(name) / scale
+        return [deviation, deviation - half, deviation + half]
+
+    drawn = material.drawn(series, since_s=_settled_s(material, estimates), columns=_PIXELS)
+    value, low, high = (float(column[0]) for column in series(estimates.part(len(estimates) - 1, len(estimates))))
     if known is None:
         unit = estimates.unit(name)
-        factor, prefix = prefix_for(float(np.abs(values[-1]))) if unit == "V" else (1.0, "")
-        return _Panel(title, values * factor, half * factor, prefix + shown_unit(unit), None)
-    reference, kind = known
-    scale = _scale(material, name, reference)
-    deviation, spread = (values - reference) / scale, half / scale
-    size = float(np.max(np.abs(deviation[settled]) + spread[settled]))
-    factor, unit = (1e2, "%") if size >= 1e-3 else (1e6, "ppm")
-    return _Panel(title, deviation * factor, spread * factor, unit, kind)
+        factor, prefix = prefix_for(abs(value)) if unit == "V" else (1.0, "")
+        unit, zero = prefix + shown_unit(unit), None
+    else:
+        size = float(np.fmax(abs(drawn.held.low[_LOWER]), abs(drawn.held.high[_UPPER])))
+        factor, unit = (1e6, "ppm") if size < 1e-3 else (1e2, "%")
+        zero = known[1]
+    return _Panel(title, drawn, factor, unit, zero, (value * factor, (high - low) / 2 * factor))
 
 
 def _scale(material: Material, name: str, reference: float) -> float:
@@ -105,13 +113,13 @@ def _scale(material: Material, name: str, reference: float) -> float:
     return float(np.mean(found)) if found and np.mean(found) > 0 else abs(reference) or 1.0
 
 
-def _draw_panel(ax: "Axes", panel: _Panel, t: Floats, settled: Mask) -> None:
-    low, high = panel.deviation - panel.half, panel.deviation + panel.half
+def _draw_panel(ax: "Axes", panel: _Panel) -> None:
+    drawn, factor = panel.drawn, panel.factor
     if panel.zero is not None:
         ax.axhline(0.0, color=INK, linewidth=0.7, dashes=(4, 3))
-    ax.fill_between(*decimate.band(t, low, high, 300), color=FIRST, alpha=0.18, linewidth=0)
-    trace(ax, t, panel.deviation, FIRST)
+    ax.fill_between(*drawn.band(_LOWER, _UPPER, factor), color=FIRST, alpha=0.18, linewidth=0)
+    trace(ax, drawn, _VALUE, FIRST, factor=factor)
     zero = np.zeros(1 if panel.zero is not None else 0)
-    fit_to(ax, low[settled], high[settled], zero)
+    fit_to(ax, drawn.held.low[[_LOWER]] * factor, drawn.held.high[[_UPPER]] * factor, zero)
     ax.set_title(f"{panel.title} / {panel.unit}" if panel.unit else panel.title)
     ax.locator_params(axis="both", nbins=4)

@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.records.estimates import Estimates
+from hil.report.course import DRAWABLE
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.numbers import prefix_for, relative
@@ -21,38 +23,51 @@ def draw(material: Material) -> Drawing | None:
     estimates, stiffness = material.estimates, material.stiffness_per_s2
     if estimates is None or stiffness is None or not all(name in estimates for name in _PLANE):
         return None
-    t = estimates.t_s
-    scored = material.scored(t)
-    chosen = np.flatnonzero(scored & np.isfinite([estimates[name] for name in _PLANE]).all(axis=0))
-    if not chosen.size:
+    chosen = _chosen(estimates, material.settle_s)
+    if not chosen:
         return None
-    chosen = chosen[np.linspace(0, chosen.size - 1, min(_ELLIPSES, chosen.size)).astype(int)]
     figure = new_figure(3.3)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.25))
     plane, energy = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
     quadrature = figure.add_subplot(grid[1, 1], sharex=energy)
-    paths = [ellipse(np.array([estimates[name][row] for name in _PLANE]), stiffness) for row in chosen]
+    t = np.array([at for at, _ in chosen])
+    paths = [ellipse(state, stiffness) for _, state in chosen]
     reach = max(float(np.abs(path).max()) for path in paths)
     factor, prefix = prefix_for(reach)
-    _draw_plane(plane, [path * factor for path in paths], t[chosen], reach * factor, prefix)
-    for ax, name, colour in ((energy, "energy_ratio", FIRST), (quadrature, "quadrature_ratio", SECOND)):
-        if name in estimates:
-            trace(ax, t, estimates[name], colour)
-            fit_to(ax, estimates[name][scored])
+    _draw_plane(plane, [path * factor for path in paths], t, reach * factor, prefix)
+    drawn = None
+    if "energy_ratio" in estimates:
+        drawn = material.drawn(lambda part: [part["energy_ratio"], part["quadrature_ratio"], part["energy_ratio"] - 1])
+    for k, (ax, colour) in enumerate(((energy, FIRST), (quadrature, SECOND))):
+        if drawn is not None:
+            trace(ax, drawn, k, colour)
+            fit_to(ax, drawn.held.low[[k]], drawn.held.high[[k]])
         ax.locator_params(axis="y", nbins=5)
-    span_time([energy, quadrature], t, material.settle_s)
+    span_time([energy, quadrature], estimates.ends_s, material.settle_s)
     energy.set_title("energy over its set point")
     energy.tick_params(labelbottom=False)
     quadrature.set_title("quadrature over energy")
     quadrature.set_xlabel("time / s")
     caption = (
-        f"Left, the ellipse at {chosen.size} instants from {t[chosen[0]]:.3g} s to {t[chosen[-1]]:.3g} s, "
+        f"Left, the ellipse at {t.size} instants from {t[0]:.3g} s to {t[-1]:.3g} s, "
         "from pale to full colour. Right, how well energy and quadrature were held."
     )
-    if "energy_ratio" in estimates:
-        off = float(np.sqrt(np.mean((estimates["energy_ratio"][scored] - 1) ** 2)))
-        caption += f" Energy error {relative(off).lstrip('+')} rms."
+    if drawn is not None:
+        caption += f" Energy error {relative(float(drawn.held.rms[2])).lstrip('+')} rms."
     return Drawing(figure, "Pattern in the plane", caption, f"Vibration ellipses in the plane. {caption}")
+
+
+def _chosen(estimates: Estimates, since_s: float) -> list[tuple[float, Floats]]:
+    """Time and state (4,) at a few instants, evenly spread over the scored window, where they can be drawn."""
+    scored = estimates.since(since_s)
+    rows = scored if len(scored) else estimates
+    found = []
+    for row in np.unique(np.linspace(0, len(rows) - 1, min(_ELLIPSES, len(rows))).astype(int)):
+        here = rows.part(int(row), int(row) + 1)
+        state = np.array([float(here[name][0]) for name in _PLANE])
+        if np.all(np.abs(state) < DRAWABLE):
+            found.append((float(here.t_s[0]), state))
+    return found
 
 
 def ellipse(state: Floats, stiffness_per_s2: float, points: int = 121) -> Floats:

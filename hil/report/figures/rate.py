@@ -1,13 +1,15 @@
 """Rate with its 95 % band, and its error where a reference exists."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.records.estimates import Estimates
 from hil.records.summary import SD_95
-from hil.report import decimate
+from hil.report.course import Course, spread
 from hil.report.figures.drawing import Drawing
-from hil.report.material import Floats, Material, Reference
+from hil.report.material import Compared, Floats, Material, Reference
 from hil.report.numbers import percent, prefix_for, quantity
 from hil.report.theme import FIRST, INK, fit_to, legend, span_time, stacked, trace
 
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 
 _STEP = 2.0
 """The error's scale covers this many times its 99 % quantile: the instant after a step may run out of it."""
+_RATE, _LOWER, _UPPER = range(3)
+_ERROR, _HALF, _INSIDE, _TRUE = range(4)
 
 
 def draw(material: Material) -> Drawing | None:
@@ -23,48 +27,67 @@ def draw(material: Material) -> Drawing | None:
     estimates, reference = material.estimates, material.reference
     if estimates is None or "rate_rad_s" not in estimates:
         return None
-    t, scored = estimates.t_s, material.scored(estimates.t_s)
-    rate, half = np.degrees(estimates["rate_rad_s"]), SD_95 * np.degrees(estimates.sd("rate_rad_s"))
+    whole = material.drawn(_series)
+    held, span = whole.held, estimates.ends_s
     if reference is not None:
         figure, (above, below) = stacked(3.7, (1.2, 1.0))
-        true = np.degrees(reference.rate_rad_s)
-        line = decimate.line(t[reference.rows], true)
-        above.plot(*line, color=INK, linewidth=4, alpha=0.22, label=reference.name)
-        fit_to(above, rate[scored], true)
-        caption = _draw_error(below, material, reference, rate[reference.rows] - true, half[reference.rows])
-        span_time([above, below], t, material.settle_s)
+        beside = material.compared(reference, _errors)
+        above.plot(*beside.line(_TRUE), color=INK, linewidth=4, alpha=0.22, label=reference.name)
+        true = beside.low[:, _TRUE], beside.high[:, _TRUE]
+        fit_to(above, held.low[[_RATE]], held.high[[_RATE]], *true)
+        caption = _draw_error(below, material, reference, beside)
+        span_time([above, below], span, material.settle_s)
     else:
         figure, (above,) = stacked(2.3, (1.0,))
-        above.fill_between(*decimate.band(t, rate - half, rate + half), color=FIRST, alpha=0.18, linewidth=0)
-        fit_to(above, (rate - half)[scored], (rate + half)[scored])
-        span_time([above], t, material.settle_s)
+        above.fill_between(*whole.band(_LOWER, _UPPER), color=FIRST, alpha=0.18, linewidth=0)
+        fit_to(above, held.low[[_LOWER]], held.high[[_UPPER]])
+        span_time([above], span, material.settle_s)
         caption = "Estimated rate; the band is the observer's 95 %."
-    above.plot(*decimate.line(t, rate), color=FIRST, label="estimated rate Ω")
+    above.plot(*whole.line(_RATE), color=FIRST, label="estimated rate Ω")
     above.set_ylabel("rate / (deg/s)")
     legend(above)
-    low, high = rate[scored].min(), rate[scored].max()
+    low, high = held.low[_RATE], held.high[_RATE]
     alt = f"Rate over time, between {low:.4g} and {high:.4g} degrees per second. {caption}"
     return Drawing(figure, "Rate", caption, alt)
 
 
-def _draw_error(ax: "Axes", material: Material, reference: Reference, error: Floats, half: Floats) -> str:
-    """The error (m,) in deg/s at the reference's rows, and its claimed half width; returns the caption."""
+def _series(part: Estimates) -> list[Floats]:
+    rate, half = np.degrees(part["rate_rad_s"]), SD_95 * np.degrees(part.sd("rate_rad_s"))
+    return [rate, rate - half, rate + half]
+
+
+def _errors(part: Compared) -> list[Floats]:
+    """Error, half of the claimed band, whether the one is within the other, and the reference, in deg/s (n,)."""
+    error = np.degrees(part.estimated("rate_rad_s") - part.rate_rad_s)
+    half = SD_95 * np.degrees(part.estimated("sd_rate_rad_s"))
+    return [error, half, (np.abs(error) <= half).astype(float), np.degrees(part.rate_rad_s)]
+
+
+def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: Course) -> str:
+    """The error in deg/s, and its claimed half width; returns the caption."""
+    held = beside.held
+
+    def sizes() -> Iterator[Floats]:
+        for part in reference.parts():
+            error = np.abs(_errors(part)[_ERROR])
+            yield error[np.isfinite(error) & (part.t_s >= material.settle_s)]
+
     assert material.estimates is not None
-    t = material.estimates.t_s[reference.rows]
-    scored = material.scored(t)
-    size = np.abs(error[scored])
-    largest, reach = float(size.max()), max(_STEP * float(np.quantile(size, 0.99)), float(half[scored].max()))
+    size = spread(sizes, len(material.estimates))
+    usual = float(np.quantile(size, 0.99)) if size.size else held.size(_ERROR)
+    largest, reach = held.size(_ERROR), float(np.fmax(_STEP * usual, held.high[_HALF]))
     factor, prefix = prefix_for(min(largest, reach))
-    for edge, label in ((-half, ""), (half, "claimed 95 % band")):
-        ax.plot(*decimate.line(t, edge * factor), color=INK, linewidth=0.8, dashes=(4, 3), label=label)
-    trace(ax, t, error * factor, FIRST, "estimate")
+    for sign, label in ((-1, ""), (1, "claimed 95 % band")):
+        edge = beside.line(_HALF, sign * factor)
+        ax.plot(*edge, color=INK, linewidth=0.8, dashes=(4, 3), label=label)
+    trace(ax, beside, _ERROR, FIRST, "estimate", factor)
     ax.set_ylabel(f"minus {reference.name} / ({prefix}deg/s)")
-    fit_to(ax, np.clip(error[scored], -reach, reach) * factor, half[scored] * factor, -half[scored] * factor)
+    ends = np.clip([held.low[_ERROR], held.high[_ERROR]], -reach, reach)
+    fit_to(ax, np.array([*ends, -held.high[_HALF], held.high[_HALF]]) * factor)
     legend(ax)
-    rms, held = float(np.sqrt(np.mean(size**2))), float(np.mean(size <= half[scored]))
     caption = (
-        f"Above, the rate; below, the difference from {reference.name}: {quantity(rms, 'deg/s')} rms, "
-        f"{percent(held)} of it inside the band the observer claims (95 % expected)."
+        f"Above, the rate; below, the difference from {reference.name}: {quantity(float(held.rms[_ERROR]), 'deg/s')} "
+        f"rms, {percent(float(held.mean[_INSIDE]))} of it inside the band the observer claims (95 % expected)."
     )
     beyond = f" The largest, {quantity(largest, 'deg/s')}, runs out of the panel."
     return caption + beyond if largest > reach else caption

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hil.report.course import course
 from hil.report.figures.drawing import Drawing
 from hil.report.numbers import prefix_for, significant
 from hil.report.sensor.material import SensorMaterial
@@ -15,9 +16,9 @@ def draw(material: SensorMaterial) -> Drawing | None:
         return None
     figure, panels = stacked(0.5 + 1.25 * len(rates), (1.0,) * len(rates))
     for ax, (axis, rate) in zip(panels, rates.items(), strict=True):
-        degrees = np.degrees(rate)
-        factor, prefix = prefix_for(float(np.max(np.abs(degrees))))
-        trace(ax, t_s, degrees * factor, FIRST)
+        drawn = course([(t_s, np.degrees(rate)[:, None])], (t_s[0], t_s[-1]), t_s.size, t_s[0])
+        factor, prefix = prefix_for(drawn.held.size(0))
+        trace(ax, drawn, 0, FIRST, factor=factor)
         ax.margins(y=0.12)
         ax.set_ylabel(f"{axis} / ({prefix}deg/s)")
     span_time(panels, t_s)
