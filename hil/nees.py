@@ -1,9 +1,10 @@
 """Does the observer know how wrong it is?  The normalised estimation error squared of a run, beside its χ² band."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import between
 from hil.records.covariance import Covariance
 from hil.records.estimates import Estimates
 from hil.records.result import Nees
@@ -20,19 +21,19 @@ def nees(covariance: Covariance, estimates: Estimates, truth: Truth, settle_s: f
     """
     names = _scored(covariance, truth)
     squares, ticks = [], []
-    for piece in covariance.pieces():
-        first, last = int(piece.tick[0]), int(piece.tick[-1])
-        part = Estimates(between(estimates.columns, first, last), estimates.header, estimates.complete)
-        row, estimated, true = _shared(piece, part, truth.between(first, last), settle_s)
+    for here, part, true_part in _stretches(covariance, estimates, truth):
+        row, estimated, true = _shared(here, part, true_part, settle_s)
         if not names or not row.size:
             continue
-        errors = [part[name][estimated] - _true(name, truth.between(first, last), true) for name in names]
-        kept = [piece.entries.index(name) for name in names]
+        errors = [part[name][estimated] - _true(name, true_part, true) for name in names]
+        kept = [here.entries.index(name) for name in names]
         try:
-            squares.append(normalised_squares(np.stack(errors, axis=1), piece.matrices[row][:, kept][:, :, kept]))
+            with np.errstate(all="ignore"):  # of an observer that diverged: told below
+                square = normalised_squares(np.stack(errors, axis=1), here.matrices[row][:, kept][:, :, kept])
         except np.linalg.LinAlgError:
             return None
-        ticks.append(piece.tick[row])
+        squares.append(square)
+        ticks.append(here.tick[row])
     squared = np.concatenate(squares) if squares else np.empty(0)
     if not squared.size or not np.isfinite(squared).all():
         return None
@@ -45,6 +46,16 @@ def nees(covariance: Covariance, estimates: Estimates, truth: Truth, settle_s: f
         independent=independent,
         band=band(len(names) * independent),
     )
+
+
+def _stretches(
+    covariance: Covariance, estimates: Estimates, truth: Truth
+) -> Iterator[tuple[Covariance, Estimates, Truth]]:
+    """The three in parts of the same stretch of ticks, none of them large: a truth has a row for every sample."""
+    for piece in covariance.pieces():
+        for part in truth.between(int(piece.tick[0]), int(piece.tick[-1])).pieces():
+            first, last = int(part.tick[0]), int(part.tick[-1])
+            yield piece.between(first, last), estimates.between(first, last), part
 
 
 def normalised_squares(error: Floats, covariance: Floats) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, pieces_of, read_blocks, rows_of
+from hil.records.blocks import Columns, between, pieces_of, read_blocks, rows_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 
 Floats = npt.NDArray[np.float64]
@@ -64,6 +64,10 @@ class Covariance:
         """The record in parts that memory always has room for, one after another."""
         for _, columns in pieces_of(self.columns, _PIECE_ROWS):
             yield Covariance(columns, self.header, self.complete)
+
+    def between(self, first_tick: int, last_tick: int) -> "Covariance":
+        """The rows of ticks first_tick … last_tick."""
+        return Covariance(between(self.columns, first_tick, last_tick), self.header, self.complete)
 
     @property
     def entries(self) -> tuple[str, ...]:

@@ -12,13 +12,18 @@ GROWTH = 1.2
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("verb", ["check", "export"])
+@pytest.mark.parametrize("verb", ["check", "score", "export csv", "export parquet"])
 def test_four_times_as_long_takes_no_more_memory(tmp_path: Path, verb: str) -> None:
     peaks = []
     for seconds in (SHORT_S, LONG_S):
         place = tmp_path / f"{seconds:g}"
         place.mkdir()
-        folder, _ = write_long_run(place, seconds)
-        more = {"check": [], "export": ["-o", str(place / "out.csv")]}[verb]
-        peaks.append(peak_bytes(verb, str(folder), *more))
+        folder, truth = write_long_run(place, seconds)
+        command, _, form = verb.partition(" ")
+        more = {
+            "check": [],
+            "score": ["--truth", str(truth)],
+            "export": ["--to", form, "-o", str(place / "out")],
+        }[command]
+        peaks.append(peak_bytes(command, str(folder), *more))
     assert peaks[1] < GROWTH * peaks[0], peaks
