@@ -36,6 +36,9 @@ from hil.wire.spec import SPEC, FieldEntry, first_difference
 HELLO_EVERY_S = 0.25
 """A board may still be starting when its port opens: HELLO is repeated."""
 
+MOST_LINES, FIELD_TABLE_S = 1024, 10.0
+"""Lines that a field table may have, and the time to read them in: a board that says more would be read for minutes."""
+
 REQUESTS = 8
 """How often a request is sent before silence is taken for an answer: lines lose frames, and asking twice does no
 harm, because every request says what is to be, not what is to change."""
@@ -90,13 +93,25 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
 
 
 def read_field_table(endpoint: Endpoint, timeout_s: float = 2.0) -> tuple[FieldEntry, ...]:
-    """The board's field table, line by line. Raises as `request`."""
+    """The board's field table, line by line. Raises as `request`; ProtocolError for a table of more than `MOST_LINES`
+    lines, or one that takes longer than `FIELD_TABLE_S`."""
     table: list[FieldEntry] = []
     lines = 1
+    deadline = time.monotonic() + FIELD_TABLE_S
     while len(table) < lines:
-        answer = _read_line(endpoint, len(table), timeout_s)
+        if (left_s := deadline - time.monotonic()) <= 0.0:
+            raise ProtocolError(
+                f"{endpoint.link.name}: {len(table)} of {lines} lines of the board's field table came within "
+                f"{FIELD_TABLE_S:g} s; build both from one spec.toml"
+            )
+        answer = _read_line(endpoint, len(table), min(timeout_s, left_s))
         table.append(FieldEntry.parse(answer.entry))
         lines = answer.lines
+        if lines > MOST_LINES:
+            raise ProtocolError(
+                f"{endpoint.link.name}: the board says that its field table has {lines} lines, which is more than "
+                f"{MOST_LINES}; correct the firmware, and build both from one spec.toml"
+            )
     return tuple(table)
 
 

@@ -1,5 +1,6 @@
 """An endpoint over a link: order kept, nothing lost between calls, requests answered or explained."""
 
+import time
 from collections import deque
 
 import numpy as np
@@ -195,6 +196,46 @@ def test_equal_tables_with_unequal_hashes_are_not_accepted():
     endpoint = pair(spec_hash=1)[0]
     with pytest.raises(ProtocolError, match="yet the field tables agree"):
         connect(endpoint)
+
+
+def endless(lines):
+    """A field table that is none of ours."""
+    return tuple(FieldEntry("endless", f"line{line}", "u8", "1") for line in range(lines))
+
+
+def test_a_table_of_more_lines_than_the_page_allows_is_refused_at_the_first():
+    """docs/wire.md, When the specs differ: at most 1024 lines."""
+    endpoint, board = pair(spec_hash=1)
+    board.table = endless(1025)
+    with pytest.raises(ProtocolError, match=r"inproc: .*field table has 1025 lines.*more than 1024"):
+        connect(endpoint)
+    assert endpoint.tx.seq <= 3  # HELLO and one question
+
+
+def test_a_table_as_long_as_the_page_allows_is_read():
+    endpoint, board = pair(spec_hash=1)
+    board.table = endless(1024)
+    with pytest.raises(ProtocolError, match=r"the board has endless.line0 \(u8, 1\), this host does not"):
+        connect(endpoint)
+    assert endpoint.tx.seq >= 1024
+
+
+def test_a_table_that_takes_longer_than_the_page_allows_is_refused(monkeypatch):
+    """docs/wire.md: within 10 seconds; here within half of one, of a board that would take 50."""
+    monkeypatch.setattr("hil.wire.client.FIELD_TABLE_S", 0.5)
+    endpoint, board = pair(spec_hash=1)
+    board.table = endless(1000)
+    quick = board.exchange
+
+    def exchange(data):
+        time.sleep(0.05)
+        return quick(data)
+
+    board.exchange = exchange
+    begin = time.monotonic()
+    with pytest.raises(ProtocolError, match=r"inproc: \d+ of 1000 lines .* within 0.5 s"):
+        connect(endpoint)
+    assert time.monotonic() - begin < 3.0
 
 
 def test_an_identity_that_is_none_is_refused():
