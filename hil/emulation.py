@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from hil import examples
+from hil.compiler import require_compiler
 from hil.errors import InputError
 
 _READY = "ready "
@@ -88,6 +89,7 @@ def emulator(
     It runs in a session of its own: Ctrl-C belongs to the host, which sends SAFE before the board goes.
     `InputError` when the emulator cannot start, or died inside the block and so spoilt what the block did.
     """
+    require_compiler()
     command = [sys.executable, "-m", "device_emulator", str(scenario), "--link", link]
     if truth is not None:
         command += ["--truth", str(truth)]

@@ -10,6 +10,7 @@ from estimator.gaps import observe
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
+from hil.compiler import require_compiler
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
@@ -29,6 +30,8 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
 
     Raises InputError when record and bench file do not belong together.
     """
+    if backend != "numpy":
+        require_compiler()
     record = read_capture(capture)
     require_fit(record, bench, capture)
     try:

@@ -11,6 +11,7 @@ from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
+from hil.compiler import require_compiler
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -71,6 +72,7 @@ def trace(
     segment `train` and another that follows it is split as it says itself.  Raises InputError for a record that cannot
     be traced, or that does not belong to the bench file; nothing is left then.
     """
+    require_compiler()
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)

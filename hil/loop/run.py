@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
 from hil.bench.template import template, values_of
+from hil.compiler import require_compiler
 from hil.emulation import served
 from hil.errors import InputError, told_to_user
 from hil.loop.stops import alarm_of
@@ -61,6 +62,7 @@ def run(
     folder with what was recorded and a result that says so.  Raises InputError or WireError, and leaves nothing,
     when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
+    require_compiler()
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})

@@ -74,9 +74,9 @@ REGISTER_READ and the writing of live registers.
 **When the specs differ.** The spec hash is the CRC-32C of the field table: one line (message, field, type, scale,
 separated by tabs; lines by a line feed, none after the last) for everything below, wording left out. It is
 published as [field-table.tsv](reference/field-table.tsv), {lines} lines; the CRC-32C of that file is the spec hash.
-The host reads the board's table and names the first line that differs. A table has at most {most_lines:,} lines; a board
-that says more is refused at once, and one that has not given all of them within {table_s:g} seconds then. For that the
-messages marked *frozen* and the first two fields of IDENTITY never change.
+The host reads the board's table and names the first line that differs. A table has at most {most_lines:,} lines;
+a board that says more is refused at once, and one that has not given all of them within {table_s:g} seconds then. For
+that the messages marked *frozen* and the first two fields of IDENTITY never change.
 
 **Timing.** Row m of SENSE carries the codes sampled at tick m, and the drive codes, as quantised and
 limited, that were held over the interval that *ends* at m. With a latency of L ticks, the drive computed
