@@ -84,7 +84,7 @@ def rows(say: Say, runs: int = RUNS, seed: int = SEED) -> list[Row]:
 
 
 def campaign(say: Say, runs: int, seed: int, first: int) -> list[Outcome]:
-    """So many kills, victims and modes in turn, moments by chance; those before `first` were made in another session."""
+    """So many kills, victims and modes in turn, moments by chance; those before `first` were made elsewhere."""
     chance = random.Random(seed)
     outcomes = []
     for number in range(runs):
