@@ -39,21 +39,24 @@ def drift(effects: list[dict[str, object]], **faults: float) -> tuple[float, Cou
 
 KXY, DXX, DYY, DXY = 15791.4, 1.3823, 1.13097, 0.0628
 # Effect of the emulator, its size, the drift by hand from the table of estimator.uncertainty, and how near the emulator
-# comes: what looks like a stiffness that is not symmetric is not estimated, and adds to the drift in its own way.
+# comes. The table has what is linear in a constant. What goes across the axes also makes a stiffness that is not
+# symmetric, which turns the angle by its square: 1 mrad/s at 1 %, a third of the linear part, of one sign whichever way
+# it is off. So these are held against half the difference of two devices, off either way.
 CASES = {
     "drive_gain x": ("drive_gain", "gx", 0.01, 0.5 * VIRTUAL * 0.01 + 0.25 * 0.01 * DXY, 0.04),
     "drive_gain y": ("drive_gain", "gy", 0.01, 0.5 * VIRTUAL * 0.01 - 0.25 * 0.01 * DXY, 0.04),
     "sense_gain y": ("sense_gain", "gy", 0.01, 0.5 * VIRTUAL * 0.01 + 0.25 * 0.01 * DXY, 0.04),
-    "drive_misalignment x": ("drive_misalignment", "exy", 0.01, 0.25 * 0.01 * DYY, 0.5),
-    "drive_misalignment y": ("drive_misalignment", "eyx", 0.01, -0.25 * 0.01 * DXX, 0.5),
-    "sense_cross_coupling x": ("sense_cross_coupling", "exy", 0.01, 0.25 * 0.01 * DXX, 0.5),
-    "sense_cross_coupling y": ("sense_cross_coupling", "eyx", 0.01, -0.25 * 0.01 * DYY, 0.5),
+    "drive_misalignment x": ("drive_misalignment", "exy", 0.01, 0.25 * 0.01 * DYY, 0.15),
+    "drive_misalignment y": ("drive_misalignment", "eyx", 0.01, -0.25 * 0.01 * DXX, 0.15),
+    "sense_cross_coupling x": ("sense_cross_coupling", "exy", 0.01, 0.25 * 0.01 * DXX, 0.15),
+    "sense_cross_coupling y": ("sense_cross_coupling", "eyx", 0.01, -0.25 * 0.01 * DYY, 0.15),
     "drive_delay x": ("drive_delay", "tau_x", 4e-6, -0.25 * 4e-6 * KXY, 0.04),
     "drive_delay y": ("drive_delay", "tau_y", 4e-6, 0.25 * 4e-6 * KXY, 0.04),
     "sense_delay x": ("sense_delay", "tau_x", 4e-6, 0.25 * 4e-6 * KXY, 0.04),
     "sense_delay y": ("sense_delay", "tau_y", 4e-6, -0.25 * 4e-6 * KXY, 0.04),
     "angular_gain": ("angular_gain", "kappa", 0.01, 0.01 * RATE, 0.04),
 }
+ACROSS = ("drive_misalignment", "sense_cross_coupling")
 
 
 @pytest.mark.slow
@@ -61,7 +64,10 @@ CASES = {
 def test_the_angle_drifts_as_the_closed_form_says(case: str) -> None:
     effect, symbol, size, expected, tolerance = CASES[case]
     found, course = drift([{"name": effect, symbol: size}])
-    assert found == pytest.approx(expected, rel=tolerance, abs=3e-4)
+    if effect in ACROSS:
+        other, _ = drift([{"name": effect, symbol: -size}])
+        found = 0.5 * (found - other)
+    assert found == pytest.approx(expected, rel=tolerance)
     # The budget's figure for both axes is the root of the sum of the squares of what each axis does.
     name = "sense_gain_ratio" if effect == "sense_gain" else effect
     both = [abs(c[3] / c[2]) for key, c in CASES.items() if key.startswith(effect)]
