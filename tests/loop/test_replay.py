@@ -8,10 +8,13 @@ import pytest
 from estimator.backend import Backend
 from hil import examples
 from hil.bench import Bench, load_bench
+from hil.captured import drives_of, samples_of
+from hil.declared import device_of
 from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.estimates import Estimates
 from hil.records.runfolder import RunFolder
+from hil.records.truth import read_truth
 from hil.replay import replay
 from hil.wire.messages import ClockMode
 from tests.loop import gyro
@@ -86,6 +89,31 @@ def test_over_lost_samples_a_replay_can_only_guess_the_drive(tmp_path: Path) -> 
     assert again.result.innovation_rms == pytest.approx(again.result.noise_floor, rel=0.2)
     for name in ("rate_rad_s", "kxx_per_s2", "kyy_per_s2", "kxy_per_s2"):
         assert abs(later[name][-1] - live[name][-1]) < 4.0 * live.sd(name)[-1], name
+
+
+def test_over_a_burst_the_drive_that_the_board_held_is_known(tmp_path: Path) -> None:
+    """Nobody answers what was lost: but for the first interval the board held what the row behind the burst shows."""
+    truth = tmp_path / "truth.arrow"
+    bursts = range(1000, 3800, 200)
+    lost = {first + k for first in bursts for k in range(12)}
+    link = HandPaced(board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED, truth), lost=lost)
+    declared = gyro.bench(1.0, "paced")
+    run, _ = close_loop(link, declared, tmp_path / "run")
+    capture, true = run.capture, read_truth(truth)
+    assert capture is not None
+    drives = drives_of(capture, device_of(declared))
+    assert drives is not None
+    samples = samples_of(capture, drives)
+    assert np.flatnonzero(samples.gap).tolist() == [first - samples.tick[0] for first in bursts]
+    quantum = 10.0 / 32768
+    acted = quantum * np.column_stack([true["ux_code"], true["uy_code"]])[np.searchsorted(true.tick, samples.tick)]
+    off = np.abs(samples.drive[:, :, 0] - acted)
+    known = np.ones(len(off), bool)
+    known[np.flatnonzero(samples.gap)] = False
+    assert off[known].max() < 1e-9
+    # The interval that is guessed: mostly dither, 0.3 m/s² either way, in a drive of some m/s².
+    assert np.sqrt(np.mean(off[~known] ** 2)) < 0.5
+    assert np.sqrt(np.mean(acted[~known] ** 2)) > 1.0
 
 
 @pytest.mark.parametrize("backend", ["numpy", "filterpy"])
