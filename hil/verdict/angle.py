@@ -11,17 +11,21 @@ _OPEN_LOOP = (
     "no angle is reported: in open loop the pattern turns by itself; run with the control law on, or in open loop with "
     '[observer] variant = "sense", which integrates the rate'
 )
+_FROM_ELSEWHERE = "no angle is reported: an imported record without control is judged by its model"
 
 
 def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
     """Share of the scored window at which energy and quadrature were outside their limits, and the expanded uncertainty
     at its end.
+
+    A gyro that was run and reports no angle, or one of which nobody knows what it is worth, has failed in that part.
     """
     estimates, limits = folder.estimates, bench.limits
     if estimates is None or "energy_ratio" not in estimates:
         return Part(outcome="unknown")
     if estimates.header.get("angle") == "none":
-        return Part(outcome="unknown", reason=_OPEN_LOOP)
+        asked = folder.capture is None or folder.capture.header.get("identity") is not None
+        return Part(outcome="failed" if asked else "unknown", reason=_OPEN_LOOP if asked else _FROM_ELSEWHERE)
     scored = estimates.since(bench.loop.settle_s)
     if not len(scored):
         return Part(outcome="unknown")
@@ -47,7 +51,7 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         )
         after = remedy(largest, bench)
     if not reasons and u is None:
-        return Part(outcome="unknown", reason="the angle's uncertainty is not finite: the observer diverged")
+        return Part(outcome="failed", reason="the angle's uncertainty is not finite: the observer diverged")
     part = Part.of(reasons)
     if not reasons:
         assert u is not None

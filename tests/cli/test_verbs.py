@@ -85,8 +85,9 @@ def test_dry_run_shows_the_board_and_leaves_nothing(hil: Hil, short_bench: str, 
 def test_open_loop_drives_nothing(hil: Hil, short_bench: str, tmp_path: Path) -> None:
     from hil.records.capture import read_capture
 
-    code, _, err = hil("run", short_bench, "--link", "inproc:s-slow", "--open-loop")
-    assert code == 0, err
+    code, out, err = hil("run", short_bench, "--link", "inproc:s-slow", "--open-loop")
+    assert code == 1, err  # it has no angle, and says so
+    assert "no angle is reported" in " ".join((out + err).split())
     (folder,) = (tmp_path / "runs").iterdir()
     assert not read_capture(folder / "capture.arrow").drive.any()
 

@@ -122,8 +122,9 @@ def test_in_open_loop_there_is_no_angle(tmp_path: Path) -> None:
     assert not estimates.valid.any()
     assert (result.angle, result.angle_u_rad, result.angle_error_rms_rad) == (None, None, None)
     assert result.uncertainty == ()
-    assert result.parts["angle"].outcome == "unknown"
+    assert result.parts["angle"].outcome == "failed"
     assert "open loop" in result.parts["angle"].reason
+    assert (result.verdict, result.reasons) == ("failed", (result.parts["angle"].reason,))
 
 
 def test_but_with_the_parameters_known_the_rate_is_integrated(tmp_path: Path) -> None:
@@ -145,3 +146,6 @@ def test_but_with_the_parameters_known_the_rate_is_integrated(tmp_path: Path) ->
     assert result.angle.kind == "rate"
     assert result.angle_u_rad is not None
     assert abs(error_at_the_end(folder, tmp_path / "truth.arrow")) < result.angle_u_rad
+    # Good as far as it is known as well as [limits] angle_rad asks for, and no further.
+    limit = gyro.bench().limits.angle_rad
+    assert result.parts["angle"].outcome == ("good" if result.angle_u_rad <= limit else "failed")
