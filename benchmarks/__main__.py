@@ -28,6 +28,7 @@ BENCHMARKS = {
     "kills": "kill -9 of host, loop, recorder and board at random moments",
     "closing_scan": "the scan that closes a run: 24 s at 4 kHz, 60 s at 100 kS/s",
     "soak": "ten million samples in lockstep",
+    "memory": "what the verbs need of memory for a minute at 100 kS/s; MEMORY_S=3600 for an hour",
     "endurance": "a hundred million samples in lockstep on a bad line, twice: the same bytes, nothing silently lost",
     "misbehaviour": "a hundred and forty ways for a board to misbehave, each with what the pages promise",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",

@@ -10,12 +10,18 @@ from hil.progress import Progress, Watcher
 
 @contextmanager
 def watching(title: str) -> Iterator[Watcher]:
-    """A watcher that draws what it is told for the length of the block."""
-    if sys.stderr.isatty():
-        with _bar(title) as watch:
-            yield watch
-    else:
-        yield _StageLines()
+    """A watcher that draws what it is told for the length of the block; an interruption that says what was done by
+    then has it printed."""
+    try:
+        if sys.stderr.isatty():
+            with _bar(title) as watch:
+                yield watch
+        else:
+            yield _StageLines()
+    except KeyboardInterrupt as interruption:
+        if words := str(interruption):
+            print(printable(words), file=sys.stderr, flush=True)
+        raise
 
 
 class _StageLines:

@@ -60,7 +60,7 @@ def run(
     from hil.bench import load_bench, override
     from hil.cli import consent
     from hil.cli.progress import watching
-    from hil.cli.show import finish, say, show_identity
+    from hil.cli.show import finish, show_identity
     from hil.emulation import is_emulated, located
     from hil.errors import InputError
     from hil.examples import find
@@ -79,25 +79,20 @@ def run(
         raise InputError(f"--truth: {truth}: exists already; give another name, or remove it")
     if not dry_run and not is_emulated(url):
         consent.require(url, declared, given=arm, open_loop=open_loop)
-    from hil.loop.run import Interrupted
     from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it
 
-    try:
-        with watching(declared.loop.name) as watch:
-            done = run_loop(
-                declared,
-                url,
-                out,
-                open_loop=open_loop,
-                dry_run=dry_run,
-                truth=truth,
-                note=note,
-                log=wire_log,
-                progress=watch,
-            )
-    except Interrupted as interruption:
-        say(str(interruption))
-        raise
+    with watching(declared.loop.name) as watch:
+        done = run_loop(
+            declared,
+            url,
+            out,
+            open_loop=open_loop,
+            dry_run=dry_run,
+            truth=truth,
+            note=note,
+            log=wire_log,
+            progress=watch,
+        )
     if done.folder is None:
         show_identity(url, done.identity, as_json=json)
     else:

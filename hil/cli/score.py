@@ -22,10 +22,16 @@ def score(run: Run, truth: TruthFile, json: Json = False) -> None:
       hil run s-slow --truth truth.arrow
       hil score runs/20250314T092653-s-slow --truth truth.arrow
     """
-    from hil.cli.show import finish
+    from hil.cli.show import finish, say
     from hil.report.page import write_report
     from hil.score import score as compare
 
-    compare(run, truth)
-    write_report(run, truth)
+    told = f"{run}: nothing of it was changed"
+    try:
+        compare(run, truth)
+        told = f"{run}: the figures are in result.json, the report is not drawn anew"
+        write_report(run, truth)
+    except KeyboardInterrupt:
+        say(told)
+        raise
     finish(run, as_json=json)

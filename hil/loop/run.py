@@ -97,11 +97,8 @@ def run(
     if recorded:
         try:
             conclude(folder, bench, outcome, link=link, note=note, progress=progress)
-        except KeyboardInterrupt:
-            with _undisturbed():
-                if not RunFolder(folder).result_path.exists():
-                    save_result(RunFolder(folder).result_path, _result_so_far(folder, bench, outcome, link))
-            raise Interrupted(f"{said}; the record is whole: {folder}; its figures and report are not") from None
+        except Interrupted as interruption:
+            raise Interrupted(f"{said}; {interruption}") from None
         except OSError as error:
             why = told_to_user(error) or str(error)
             raise InputError(f"{why}; {said}; what was recorded is in {folder.name}, without figures") from None
@@ -146,15 +143,17 @@ def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: st
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Without Ctrl-C; in the main thread only, where it comes."""
+    """Without Ctrl-C and SIGTERM; in the main thread only, where they come."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
 
 
 def _logged(log: Path | None, url: str) -> "AbstractContextManager[WireLog | None]":
@@ -189,7 +188,33 @@ def conclude(
     note: str | None,
     progress: Watcher,
 ) -> None:
-    """Figures, the closing scan, verdict and report of a recorded run."""
+    """Figures, the closing scan, verdict and report of a recorded run.
+
+    Raises Interrupted, which says what is there, on Ctrl-C. Of a run result.json is, then, if only with what was known;
+    nothing is read again for it, so that the end comes at once.
+    """
+    result = RunFolder(folder).result_path
+    try:
+        _conclude(folder, bench, outcome, link=link, note=note, progress=progress)
+    except KeyboardInterrupt:
+        with _undisturbed():
+            figures = f"its figures are in {result.name}, its report is not drawn"
+            if not result.exists():
+                if link is not None:
+                    save_result(result, _result_so_far(folder, bench, outcome, link))
+                figures = "its figures and report are not made: `hil replay` gives them"
+            raise Interrupted(f"the record is whole: {folder}; {figures}") from None
+
+
+def _conclude(
+    folder: Path,
+    bench: Bench,
+    outcome: dict[str, Any],
+    *,
+    link: str | None,
+    note: str | None,
+    progress: Watcher,
+) -> None:
     from hil.closing_scan import scan_run, to_model
     from hil.records.result import Load
     from hil.records.summary import board_clock, summarise
