@@ -34,6 +34,7 @@ class Window(NamedTuple):
     true: npt.NDArray[np.intp]
 
 
+@np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
 def score(run: Path, truth_file: Path) -> Result:
     """Compare the run in folder `run` with `truth_file`, write the figures into its result.json, return them.
 
@@ -216,6 +217,7 @@ class Comparison:
         )
 
 
+@np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
 def compare(estimates: Estimates, truth: Truth, settle_s: float) -> Comparison | None:
     """All figures over the instants in both records from `settle_s` on; None when there are fewer than two.
 

@@ -11,6 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.compiler import require_compiler
@@ -206,6 +208,7 @@ def conclude(
             raise Interrupted(f"the record is whole: {folder}; {figures}") from None
 
 
+@np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
 def _conclude(
     folder: Path,
     bench: Bench,

@@ -29,6 +29,7 @@ _MOVING = ("x_m", "vx_mps", "y_m", "vy_mps", "rate_rad_s")
 _PER_MASS = {"1/s²": "N/m", "1/s": "N·s/m"}
 
 
+@np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
 def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> Result:
     """Figures of a run from its files: counts, parameters at the end, innovation, turnaround.
 

@@ -17,13 +17,17 @@ def prefix_for(size: float) -> tuple[float, str]:
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
     """`2.098e-4`, "rad" → `210 µrad`."""
+    if not math.isfinite(value):
+        return significant(value)
     factor, prefix = prefix_for(value)
     return f"{significant(value * factor, digits)}{_SPACE}{prefix}{unit}".rstrip()
 
 
 def significant(value: float, digits: int = 3) -> str:
     """Rounded to significant digits; a power of ten where plain digits would be long."""
-    if value == 0 or not math.isfinite(value):
+    if not math.isfinite(value):
+        return "not finite"
+    if value == 0:
         return f"{value:g}"
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     if -4 <= exponent < 7:
@@ -51,6 +55,8 @@ def plus_minus(value: float, half_width: float, beside: float | None = None) -> 
 
 def relative(value: float) -> str:
     """A small dimensionless number in %, or ppm below 0.1 %, with its sign."""
+    if not math.isfinite(value):
+        return significant(value)
     if abs(value) >= 1e-3:
         return f"{_signed(value * 100)}{_SPACE}%"
     return f"{_signed(value * 1e6)}{_SPACE}ppm"

@@ -36,7 +36,7 @@ def write_long_run(place: Path, seconds: float) -> tuple[Path, Path]:
     read = RunFolder(place / "short")
     for stem in ("capture", "innovation", "estimates", "timing"):
         record = getattr(read, stem)
-        layout = _layout_of(record.header, stem)
+        layout = layout_of(record.header, stem)
         rows = np.zeros(len(record), layout.dtype)
         for name in layout.dtype.names or ():
             rows[name] = record.columns[name]
@@ -58,7 +58,8 @@ def write_long_run(place: Path, seconds: float) -> tuple[Path, Path]:
     return folder, truth
 
 
-def _layout_of(header: dict, kind: str) -> Layout:
+def layout_of(header: dict, kind: str) -> Layout:
+    """The layout by which a record file with this header can be written again."""
     from hil.records.layout import Column
 
     types = {"tick": "i8", "flags": "u1", "valid": "u1", "t_receive_ns": "i8", "t_send_ns": "i8"}

@@ -22,7 +22,7 @@ def plain(text):
         (1000.0, "Hz", "1.00 kHz"),
         (-3.2e-7, "m", "-320 nm"),
         (0.0, "V", "0 V"),
-        (float("nan"), "V", "nan V"),
+        (float("nan"), "V", "not finite"),
     ],
 )
 def test_quantities_have_prefixes(value, unit, expected):

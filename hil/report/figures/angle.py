@@ -9,7 +9,7 @@ from hil.records.estimates import Estimates
 from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Compared, Floats, Material
-from hil.report.numbers import prefix_for, quantity
+from hil.report.numbers import prefix_for, quantity, significant
 from hil.report.theme import BAD, FIRST, INK, MUTED, SECOND, fit_to, legend, span_time, stacked, trace
 
 _RIVAL_SHOWN_WITHIN = 4.0
@@ -75,7 +75,7 @@ def draw(material: Material) -> Drawing | None:
     if invalid.any():
         caption += " Red along the axis: the ellipse was too round for its angle to mean something."
     ends = [math.degrees(float(estimates.part(row, row + 1)["angle_rad"][0])) for row in (0, len(estimates) - 1)]
-    runs = f"from {ends[0]:.4g} to {ends[1]:.4g} degrees over {span[1] - span[0]:.4g} seconds"
+    runs = f"from {significant(ends[0], 4)} to {significant(ends[1], 4)} degrees over {span[1] - span[0]:.4g} seconds"
     alt = f"Two panels over time. The reported angle runs {runs}. Difference from {against}: {figures}."
     return Drawing(figure, "Angle", caption, alt)
 
