@@ -12,6 +12,7 @@ from benchmarks.undeclared.effects import DRAWABLE
 from benchmarks.undeclared.population import Order
 from benchmarks.undeclared.record import draw
 from estimator.hold import drive_polynomials
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.tracing import trace
 from hil.bench import Bench, override
@@ -52,10 +53,7 @@ def traced(run: ClosedLoop, bench: Bench) -> dict[str, dict[str, float]]:
     drive = drive_polynomials(np.column_stack([ux, uy]) * quantum, "zoh")
     step = np.full(len(tick), 1.0 / run.sample_rate_Hz)
     told = trace(
-        Record(sense, drive, step),
-        device_of(bench),
-        observer_settings_of(bench),
-        None,
+        Problem(Record(sense, drive, step), device_of(bench), observer_settings_of(bench)),
         split=int(FITTED * len(tick)),
     )
     return {effect.name: {symbol: one.value for symbol, one in effect.coefficients.items()} for effect in told.effects}

@@ -12,6 +12,7 @@ from estimator.kernel.compiled import is_warm, mark_warm
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.simulation import simulate
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import PARTS, scan
 
@@ -47,7 +48,7 @@ def watch(device: Device, settings: ObserverSettings) -> None:
     record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1.0 / device.sample_rate))
     if settings.gain is not Gain.STATIONARY:
         for vector in (False, True):
-            scan(record, device, settings, _CONTROLLER, {"drive_gain": {}}, vector=vector)
+            scan(Problem(record, device, settings, _CONTROLLER), {"drive_gain": {}}, vector=vector)
 
 
 def main() -> None:

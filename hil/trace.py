@@ -9,6 +9,7 @@ from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
+from estimator.trace.problem import Problem
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
@@ -85,10 +86,7 @@ def trace(
         from estimator.trace.tracing import trace as search  # compiles: after what can be refused without it
 
         found = search(
-            record,
-            device,
-            settings,
-            control_of(bench, captured),
+            Problem(record, device, settings, control_of(bench, captured)),
             split=split,
             progress=lambda stage, done, total: progress(Progress(stage, done, total)),
         )

@@ -5,6 +5,7 @@ from pathlib import Path
 from benchmarks.measured.outcome import Say
 from estimator.settings import Device, ObserverSettings
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from hil import examples
 from hil.bench import load_bench
@@ -39,7 +40,7 @@ def traced(record: Record, name: str, skip: int, say: Say) -> SimulationTrace:
     def progress(what: str, done: int, total: int) -> None:
         say(f"{name}: {what} {done}/{total}")
 
-    return trace_by_simulation(record, device, settings, skip, progress)
+    return trace_by_simulation(Problem(record, device, settings), skip, progress)
 
 
 def described(trace: SimulationTrace) -> list[str]:

@@ -18,6 +18,7 @@ from estimator.trace.candidates import Parameters, watch_list
 from estimator.trace.evidence import evidence
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.judgement import RATE_POWER, unexplained
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.selection import fresh, kind, scanned_with, threshold
@@ -94,7 +95,8 @@ def _scanned(
     records = weighed_of(stretches)
     first = records[0]
     progress("scan", 0, 2 + _ROUNDS)
-    base = fit(first, device, settings, controller, settings.effects)
+    problem = Problem(first, device, settings, controller)
+    base = fit(problem)
     if not np.isfinite(base.likelihood):
         return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
     watched = watched_of(first, device, base)
@@ -107,7 +109,7 @@ def _scanned(
     for done in range(_ROUNDS):
         progress("scan", 2 + done, 2 + _ROUNDS)
         carried = scanned_with(base, device, settings)
-        seen = together([scan(record, device, carried, controller, watched, base.observer) for record in records])
+        seen = together([scan(problem.on(record).under(carried), watched, base.observer) for record in records])
         ratio = seen.ratio if ratio is None else ratio
         found = evidence(seen)
         serious = [
@@ -116,7 +118,7 @@ def _scanned(
             if item.significance > threshold(len(found) * tries(watched[item.name], len(first)))
             and not _is_of_the_rate(watched[item.name], item.gain, device, seen)
         ]
-        taken = leading(first, device, base, controller, watched, seen, serious, turning) if serious else None
+        taken = leading(problem, base, watched, seen, serious, turning) if serious else None
         if taken is None:
             break
         if taken.lacking.angle.high >= HARMLESS * limit_rad:
@@ -127,7 +129,7 @@ def _scanned(
         if done == _ROUNDS - 1:
             break
         effects = coefficients_of(base.observer) | {taken.name: taken.given}
-        base = fit(first, device, base.settings, controller, effects)
+        base = fit(problem.under(base.settings).carrying(effects))
         watched = {
             name: given
             for name, given in watched.items()
@@ -184,7 +186,7 @@ def turning_of(
         settings = replace(settings, gain=Gain.FADING)
     times, courses = [], []
     for stretch in stretches:
-        seen = scan(stretch.record, device, settings, controller, watched, weighed=False)
+        seen = scan(Problem(stretch.record, device, settings, controller), watched, weighed=False)
         elapsed = np.cumsum(stretch.record.step)
         edges = np.linspace(0, len(elapsed), PARTS + 1).astype(int)
         steps = np.arange(1, COURSE + 1) / COURSE

@@ -13,12 +13,13 @@ from estimator.completeness.answer import Lacking
 from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device
+from estimator.settings import Device
 from estimator.trace.candidates import Parameters
 from estimator.trace.certainty import widening
 from estimator.trace.diagnosis import Interval
 from estimator.trace.evidence import SAME, Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan
 from estimator.trace.selection import Search, Trials, kind, second_thoughts, shortlist, surprise
@@ -74,34 +75,32 @@ def signed(value: float) -> str:
 
 
 def leading(
-    record: Record,
-    device: Device,
+    problem: Problem,
     base: Fitted,
-    controller: ControllerSettings | None,
     watched: dict[str, Parameters],
     seen: Scan,
     serious: list[Evidence],
     turning: Turning,
 ) -> Taken | None:
     """The effect that explains most once it is carried, None where none explains more than chance would."""
+    record, device = problem.record, problem.device
+    problem = problem.under(base.settings)
     names = shortlist(seen, serious)[:_TRIED]
     if serious[0].gain > _ENOUGH:
         names += second_thoughts({item.name: item for item in serious}, dict.fromkeys(names, base))[:_BESIDE]
     share = min(_ENOUGH / serious[0].gain, 1.0)
-    compared = record.part(slice(0, min(max(int(share * len(record)), _COMPARED), len(record))))
+    compared = problem.part(slice(0, min(max(int(share * len(record)), _COMPARED), len(record))))
     effects = coefficients_of(base.observer)
-    without = fit(compared, device, base.settings, controller, effects)
-    models = {
-        name: fit(compared, device, base.settings, controller, {**effects, name: watched[name]}) for name in names
-    }
+    without = fit(compared.carrying(effects))
+    models = {name: fit(compared.carrying({**effects, name: watched[name]})) for name in names}
     gains = {name: model.likelihood - without.likelihood for name, model in models.items()}
-    best = max(gains, key=lambda name: gains[name] - price(name, device, compared))
+    best = max(gains, key=lambda name: gains[name] - price(name, device, compared.record))
     _, effect = effect_for(best, device.axes)
     candidates = len(seen.columns) * tries(watched[best], len(record))
     if not gains[best] > surprise(len(effect.coefficients), candidates):
         return None
     # What is weak must be borne out by samples that it was not found on, as in tracing; what is strong is beyond that.
-    search = Search(compared, device, base.settings, controller)
+    search = Search(compared)
     if gains[best] < _ENOUGH and not search.carries_over(Trials(without, models, {}), best):
         return None
     model = models[best]

@@ -5,15 +5,14 @@ one.  The bench's own observer reads the record once for each such possibility; 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.observer import Observer
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, ObserverSettings
-from estimator.trace.fitting import Effects, coefficients_of, fit, run
-from estimator.trace.record import Record
+from estimator.trace.fitting import coefficients_of, fit, run
+from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import hold, settling
 
 _TWO_SIDED = 1.959963984540054
@@ -23,17 +22,15 @@ _TWO_SIDED = 1.959963984540054
 class AngleReader:
     """The bench's observer over one record, with any effects."""
 
-    record: Record
-    device: Device
-    settings: ObserverSettings
-    controller: ControllerSettings | None
+    problem: Problem
 
     def angle(self, effects: Effects) -> Array:
         """Angle [rad] of each sample once the start is over."""
-        observer = Observer(self.device, replace(self.settings, effects=dict(effects)), self.controller)
+        problem = self.problem.carrying(effects)
+        observer = Observer(problem.device, problem.settings, problem.controller)
         hold(observer)
-        read = run(observer, self.record).angle
-        return np.asarray(read[min(settling(self.settings, self.device), len(read) // 4) :])
+        read = run(observer, problem.record).angle
+        return np.asarray(read[min(settling(problem.settings, problem.device), len(read) // 4) :])
 
     def moved(self, effects: Effects, others: Effects) -> float:
         """How far in rad, at most, the angle moves when the others are carried in place of these."""
@@ -56,9 +53,7 @@ class AngleReader:
     def mistaken(self, effects: Effects, name: str, other: str, parameters: Mapping[str, float]) -> float:
         """How far in rad the angle moves, at most, if `other`, fitted to the same record, is there and not `name`."""
         rest = {key: dict(given) for key, given in effects.items() if key != name}
-        model = fit(
-            self.record, self.device, self.settings, self.controller, {**rest, other: dict(parameters)}, passes=1
-        )
+        model = fit(self.problem.carrying({**rest, other: parameters}), passes=1)
         return self.moved(effects, {**rest, other: coefficients_of(model.observer)[other]})
 
 

@@ -21,6 +21,7 @@ from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.simulation import simulate
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 
 _MOST = 6  # effects
@@ -65,10 +66,8 @@ class SimulationTrace:
     alike: tuple[tuple[str, str, float], ...]
 
 
-def trace_by_simulation(
-    record: Record, device: Device, settings: ObserverSettings, skip: int, progress: Progress
-) -> SimulationTrace:
-    """Name what `settings` lack on `record`, all of which may be used to choose; `skip` samples at its beginning are
+def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> SimulationTrace:
+    """Name what `problem` lacks on its record, all of which may be used to choose; `skip` samples at its beginning are
     left to the start.
 
     A candidate is taken when its gain of likelihood on two thirds of the record, counted in independent samples,
@@ -77,11 +76,11 @@ def trace_by_simulation(
     may have died away by then.  Raises ModelError for a record on
     which the base model has no free run.
     """
-    part = record.part(slice(0, _COMPARED))
-    choice, later = _parts(part, skip)
-    known = tuple(settings.effects)
-    observer, current = _fitted(part, device, settings, known, None, choice)
-    names = candidates(device, settings)
+    part = problem.part(slice(0, _COMPARED))
+    choice, later = _parts(part.record, skip)
+    known = tuple(problem.effects)
+    observer, current = _fitted(part, known, None, choice)
+    names = candidates(problem.device, problem.settings)
     evidence: dict[str, float] = {}
     rejected: dict[str, str] = {}
     taken = list(known)
@@ -89,7 +88,7 @@ def trace_by_simulation(
     for number in range(_MOST):
         progress("free runs", number, _MOST)
         left = [name for name in names if name not in taken and name not in rejected]
-        promises = promises_of(part, device, settings, taken, left, current, choice)
+        promises = promises_of(part, taken, left, current, choice)
         hopeful = sorted(
             (name for name in left if promises[name].gain > promises[name].price),
             key=lambda name: promises[name].price - promises[name].gain,
@@ -97,7 +96,7 @@ def trace_by_simulation(
         trials: dict[str, tuple[Observer, Refined]] = {}
         for name in hopeful:
             try:
-                trials[name] = _fitted(part, device, settings, (*taken, name), current, choice)
+                trials[name] = _fitted(part, (*taken, name), current, choice)
             except ModelError:
                 rejected[name] = "no free run with it stays within bounds"
                 continue
@@ -124,13 +123,13 @@ def trace_by_simulation(
         if name not in taken and name not in rejected:
             gain = promises[name].gain if name in promises else 0.0
             rejected[name] = f"evidence {gain:.1f} does not outweigh its coefficients"
-    alike = _alike(part, device, settings, taken, known, names, current, choice)
+    alike = _alike(part, taken, known, names, current, choice)
     progress("refinement", 0, 2)
     whole = slice(skip, None)
-    observer_before, before = _fitted(record, device, settings, known, None, whole)
+    observer_before, before = _fitted(problem, known, None, whole)
     progress("refinement", 1, 2)
     observer, after = (
-        _fitted(record, device, settings, tuple(taken), current, whole)
+        _fitted(problem, tuple(taken), current, whole)
         if evidence
         else (
             observer_before,
@@ -166,20 +165,18 @@ def candidates(device: Device, settings: ObserverSettings) -> tuple[str, ...]:
 
 
 def promises_of(
-    part: Record,
-    device: Device,
-    settings: ObserverSettings,
+    part: Problem,
     taken: list[str],
     left: list[str],
     current: Refined,
     choice: Rows,
 ) -> dict[str, Promise]:
     """What each candidate would explain of the present residual, by one free run that carries them all at zero."""
-    observer = _observer(device, settings, (*taken, *left))
+    observer, record = _observer(part.device, part.settings, (*taken, *left)), part.record
     state = _carried_over(observer, current)
-    simulation = simulate(observer, state, part.drive, step=part.step, sensitive=True)
-    valid = np.isfinite(part.sense[choice])
-    residual = (part.sense[choice] - simulation.sensed[choice])[valid]
+    simulation = simulate(observer, state, record.drive, step=record.step, sensitive=True)
+    valid = np.isfinite(record.sense[choice])
+    residual = (record.sense[choice] - simulation.sensed[choice])[valid]
     derivative = simulation.sensitivity[choice][valid]
     carried = [observer.names.index(name) for name in current.free]
     sizes = np.linalg.norm(derivative[:, carried], axis=0)
@@ -218,14 +215,12 @@ def _carried_over(observer: Observer, current: Refined | None) -> Array:
 
 
 def _fitted(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
+    problem: Problem,
     effects: tuple[str, ...],
     current: Refined | None,
     rows: Rows,
 ) -> tuple[Observer, Refined]:
-    observer = _observer(device, settings, effects)
+    observer, record = _observer(problem.device, problem.settings, effects), problem.record
     start = _carried_over(observer, current)
     if not np.any(record.drive):
         start = _followed(observer, record, start, current is None)
@@ -278,9 +273,7 @@ def _gain(current: Refined, trial: Refined, rows: Rows) -> float:
 
 
 def _alike(
-    part: Record,
-    device: Device,
-    settings: ObserverSettings,
+    part: Problem,
     taken: list[str],
     known: tuple[str, ...],
     names: tuple[str, ...],
@@ -291,10 +284,11 @@ def _alike(
     pairs = []
     for name in taken[len(known) :]:
         others = [other for other in taken if other != name]
-        own_names = {c.name for _, effect in _observer(device, settings, (name,)).effects for c in effect.coefficients}
+        alone = _observer(part.device, part.settings, (name,))
+        own_names = {c.name for _, effect in alone.effects for c in effect.coefficients}
         reduced = replace(current, free=tuple(free for free in current.free if free not in own_names))
         left = [candidate for candidate in names if candidate not in others]
-        signatures = promises_of(part, device, settings, others, left, reduced, choice)
+        signatures = promises_of(part, others, left, reduced, choice)
         own = signatures[name].signature
         for candidate in left:
             if candidate in taken:

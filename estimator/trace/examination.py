@@ -7,10 +7,10 @@ import numpy as np
 from estimator.observer import Estimates, Observer
 from estimator.residual.analysis import analyse
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, ObserverSettings
 from estimator.trace.diagnosis import Finding, Fit, Residual
-from estimator.trace.fitting import Effects, run
+from estimator.trace.fitting import run
 from estimator.trace.prediction import free_run_error
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.start import hold, settling
 
@@ -30,16 +30,10 @@ class Examination:
     estimates: Estimates
 
 
-def examine(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
-    effects: Effects,
-    split: int,
-) -> Examination:
-    """Run the observer as the bench has it over the record, `effects` carried with coefficients that stay as given."""
-    observer = Observer(device, replace(settings, effects=dict(effects)), controller)
+def examine(problem: Problem, split: int) -> Examination:
+    """Run the observer as the bench has it over the record, its effects with coefficients that stay as given."""
+    record, device, settings = problem.record, problem.device, problem.settings
+    observer = Observer(device, settings, problem.controller)
     hold(observer)
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
     every = 1 if len(record) <= _MOST_STATES else max(int(cycle / 4.0), 1)
@@ -54,7 +48,7 @@ def examine(
         parts.append(analyse(part.innovation, part.innovation_deviation, part, record.part(rows), resonance))
     (fitted, findings, _), (held_out, _, _) = parts
     whole = analyse_spectrum(estimates, parts)
-    alone = free_run_error(record, device, settings, controller, effects)
+    alone = free_run_error(problem)
     fitted, held_out = (
         replace(fit, simulation_rmse=float(np.sqrt(np.nanmean(error**2))) if np.any(np.isfinite(error)) else None)
         for fit, error in ((fitted, alone[:split]), (held_out, alone[split:]))

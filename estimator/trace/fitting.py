@@ -5,7 +5,6 @@ standard deviations: linearised about the right place from the first sample on, 
 they say, while what is counted twice is one part in a hundred.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +13,10 @@ from estimator.effects.catalogue import effect_for
 from estimator.gaps import observe
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
+from estimator.settings import Gain, ObserverSettings, Variant
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.start import begin_about
-
-Effects = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -82,24 +80,18 @@ def run(observer: Observer, record: Record, every: int | None = None) -> Estimat
     return replace(estimates, innovation=np.where(np.isfinite(record.sense), estimates.innovation, np.nan))
 
 
-def fit(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
-    effects: Effects,
-    passes: int = 2,
-) -> Fitted:
+def fit(problem: Problem, passes: int = 2) -> Fitted:
     """Estimate constants and effects over the record without forgetting, beginning again with what was found."""
-    current = replace(settings, gain=Gain.EKF, effects=dict(effects))
+    device = problem.device
+    current = replace(problem.settings, gain=Gain.EKF)
     previous: Observer | None = None
     for _ in range(passes):
-        observer = Observer(device, current, controller)
-        if not effects and device.axes == 2 and settings.variant is Variant.FULL:
+        observer = Observer(device, current, problem.controller)
+        if not problem.effects and device.axes == 2 and current.variant is Variant.FULL:
             observer.record["twin"] = 1  # an EKF's covariance is its own twin; carried as such it runs in registers
         if previous is not None:
             begin_about(observer, previous)
-        estimates = run(observer, record)
+        estimates = run(observer, problem.record)
         previous = observer
         if not np.all(np.isfinite(observer.x)):
             break
@@ -110,16 +102,9 @@ def fit(
     return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf)
 
 
-def foresight(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
-    effects: Effects,
-    seen: int,
-) -> float:
+def foresight(problem: Problem, seen: int) -> float:
     """Twice the log-likelihood of the samples from `seen` on, for a model that was fitted to those before only."""
-    model = fit(record.part(slice(0, seen)), device, settings, controller, effects)
-    later = run(model.observer, record.part(slice(seen, len(record))))
+    model = fit(problem.part(slice(0, seen)))
+    later = run(model.observer, problem.record.part(slice(seen, len(problem.record))))
     likelihood = log_likelihood(later.innovation, later.innovation_deviation)
     return likelihood if np.isfinite(model.observer.x).all() else -np.inf

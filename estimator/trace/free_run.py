@@ -15,12 +15,12 @@ from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.refinement import Refined, refine
 from estimator.scaling import Array
-from estimator.settings import Device, ObserverSettings
+from estimator.settings import Device
 from estimator.simulation import simulate
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from estimator.trace.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.trace.examination import Examination, examine
-from estimator.trace.fitting import Effects
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 
 _FIRST = 50  # outputs that set the state of a free run and are not scored
@@ -29,26 +29,24 @@ _NEAR = 3.0  # ratio to the noise up to which a model that nothing was added to 
 
 
 def trace_free_run(
-    record: Record,
-    device: Device,
-    observer: ObserverSettings,
+    problem: Problem,
     *,
     split: int,
     progress: Callable[[str, int, int], None],
 ) -> Diagnosis:
     """As `estimator.trace.tracing.trace`, by the free run."""
-    found = trace_by_simulation(record.part(slice(0, split)), device, observer, _FIRST, progress)
-    later = record.part(slice(split, len(record)))
+    device = problem.device
+    found = trace_by_simulation(problem.part(slice(0, split)), _FIRST, progress)
+    later = problem.record.part(slice(split, len(problem.record)))
     errors = [
         free_run_error(seen, fit, later, _FIRST)
         for seen, fit in ((found.observer_before, found.before), (found.observer, found.after))
     ]
     held_out = [float(np.sqrt(np.nanmean(error**2))) for error in errors]
     verdict = verdict_of(held_out[0], held_out[1], device.noise[0], found.effects)
-    known: Effects = observer.effects
-    carried = {**known, **{name: _coefficients(name, found, device) for name in found.effects}}
-    before = _examined(record, device, observer, known, found.before, split)
-    after = _examined(record, device, observer, carried, found.after, split) if found.effects else before
+    carried = {**problem.effects, **{name: _coefficients(name, found, device) for name in found.effects}}
+    before = _examined(problem, found.before, split)
+    after = _examined(problem.carrying(carried), found.after, split) if found.effects else before
     named = found.effects if verdict is Verdict.EXPLAINED else ()
     was = f", was {held_out[0]:.3g} V" if found.effects else ""
     reasons = (
@@ -111,15 +109,14 @@ def _coefficients(name: str, found: SimulationTrace, device: Device) -> dict[str
     return {c.name: found.after.value(c.name) for c in effect.coefficients}
 
 
-def _examined(
-    record: Record, device: Device, settings: ObserverSettings, effects: Effects, fit: Refined, split: int
-) -> Examination:
+def _examined(problem: Problem, fit: Refined, split: int) -> Examination:
     """The innovation of the bench's observer that begins with the constants of the free run."""
-    _, model = model_for(device.axes)
+    _, model = model_for(problem.device.axes)
     constants = {constant.name for constant in model.constants}
     found = {name: float(value) for name, value in zip(fit.names, fit.state, strict=True) if name in constants}
-    initial = {**settings.initial, **found}
-    return examine(record, device, replace(settings, initial=initial), None, effects, split)
+    initial = {**problem.settings.initial, **found}
+    alone = replace(problem, settings=replace(problem.settings, initial=initial), controller=None)
+    return examine(alone, split)
 
 
 def _found(name: str, found: SimulationTrace, device: Device) -> Found:

@@ -11,9 +11,8 @@ import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device
 from estimator.trace.fitting import Fitted, coefficients_of, fit
-from estimator.trace.record import Record
+from estimator.trace.problem import Problem
 
 _ROUNDS = 12
 _TOGETHER = 8
@@ -47,29 +46,28 @@ NOTHING = Searched((), np.zeros((0, 0)), np.zeros((0, 0)))
 
 
 def refine_parameters(
-    record: Record,
-    device: Device,
-    controller: ControllerSettings | None,
+    problem: Problem,
     model: Fitted,
     name: str,
     *,
     before: Searched | None = None,
     to_beat: float = -np.inf,
 ) -> tuple[Fitted, Searched]:
-    """`model` with the parameters of its effect `name` improved, and how surely they are known.
+    """`model`, fitted to the record of `problem`, with the parameters of its effect `name` improved, and how surely
+    they are known.
 
     before: how surely they were found earlier, with less of the record or fewer effects; to_beat: twice the
     log-likelihood that another model has: one that comes nowhere near it is left as it is.
     """
-    _, effect = effect_for(name, device.axes)
+    _, effect = effect_for(name, problem.device.axes)
     given = model.settings.effects[name]
     names = tuple(p.name for p in effect.parameters if p.name in given)
     if not names:
         return model, NOTHING
-    hill = Hill(record, device, controller, model, name, names)
+    hill = Hill(problem, model, name, names)
     start = np.array([given[which] for which in names])
     alone = names == ("omega",)
-    width = np.full(1, _BIN / float(np.sum(record.step))) if alone else _SHARE * start
+    width = np.full(1, _BIN / problem.span) if alone else _SHARE * start
     if before is not None and before.names:
         known = np.sqrt(np.diagonal(before.covariance))
         width = np.where(known > 0.0, np.minimum(width, _FINE * known), width)
@@ -92,14 +90,12 @@ class Hill:
 
     def __init__(
         self,
-        record: Record,
-        device: Device,
-        controller: ControllerSettings | None,
+        problem: Problem,
         model: Fitted,
         name: str,
         names: tuple[str, ...],
     ) -> None:
-        self.record, self.device, self.controller = record, device, controller
+        self.problem = problem.under(model.settings)
         self.name, self.names = name, names
         self.model = model
         self.seen: dict[bytes, tuple[float, Array]] = {}
@@ -124,7 +120,7 @@ class Hill:
     def _fit(self, place: Array, passes: int) -> Fitted:
         effects = {effect: dict(given) for effect, given in self.model.settings.effects.items()}
         effects[self.name].update(zip(self.names, place.tolist(), strict=True))
-        return fit(self.record, self.device, self.model.settings, self.controller, effects, passes=passes)
+        return fit(self.problem.under(self.model.settings).carrying(effects), passes=passes)
 
     def climb(self, place: Array, index: int, width: float) -> tuple[Array, float]:
         """Along one parameter: steps uphill, twice as long each, until both sides are lower; then to the top of the
@@ -200,6 +196,6 @@ class Hill:
         return self.seen[place.tobytes()][1]
 
     def _coefficients(self, model: Fitted) -> Array:
-        _, effect = effect_for(self.name, self.device.axes)
+        _, effect = effect_for(self.name, self.problem.device.axes)
         found = coefficients_of(model.observer)[self.name]
         return np.array([found[c.name.partition(":")[0]] for c in effect.coefficients])

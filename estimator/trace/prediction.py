@@ -10,9 +10,9 @@ import numpy as np
 
 from estimator.observer import Observer
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
-from estimator.trace.fitting import Effects, run
-from estimator.trace.record import Record
+from estimator.settings import Gain
+from estimator.trace.fitting import run
+from estimator.trace.problem import Problem
 from estimator.trace.start import hold, settling
 
 FREE = 20  # cycles without measurement
@@ -20,18 +20,13 @@ _FOLLOWED = 3  # times as many cycles in between
 _UNSEEN = 1e12  # times the variance of the noise: such a measurement changes nothing
 
 
-def free_run_error(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
-    effects: Effects,
-) -> Array:
+def free_run_error(problem: Problem) -> Array:
     """What free runs of `FREE` cycles were off by at their samples, (n, axes) V; NaN where the record was followed."""
+    record, device, settings = problem.record, problem.device, problem.settings
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
     free = round(FREE * cycle)
     fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
-    observer = Observer(device, replace(settings, gain=fading, effects=dict(effects)), controller)
+    observer = Observer(device, replace(settings, gain=fading), problem.controller)
     hold(observer)
     seen = observer.record["noise"].copy()
     errors = np.full((len(record), device.axes), np.nan)

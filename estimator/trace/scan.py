@@ -14,8 +14,8 @@ from estimator.kernel.scan import scan_block
 from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
 from estimator.observer import Observer
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
-from estimator.trace.record import Record
+from estimator.settings import Gain
+from estimator.trace.problem import Problem
 from estimator.trace.start import begin_about
 
 PARTS = 32
@@ -49,25 +49,23 @@ class Scan:
 
 
 def scan(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
+    problem: Problem,
     watched: Watched,
     previous: Observer | None = None,
     *,
     weighed: bool = True,
     vector: bool = True,
 ) -> Scan:
-    """Run the observer of `settings` over the record and follow the signatures of the effects in `watched`.
+    """Run the observer of `problem` over its record and follow the signatures of the effects in `watched`.
 
     watched: by name, each with its parameters in SI; previous: an observer whose pass over the record came before.
     Without `weighed` there are no normal equations: zeros.  Without `vector`, the general kernel runs where the quick
     one could.
     Raises ModelError as `Observer` does.
     """
+    record, device, settings = problem.record, problem.device, problem.settings
     carrying = replace(settings, effects={**settings.effects, **watched})
-    observer = Observer(device, carrying, controller, watched=len(watched))
+    observer = Observer(device, carrying, problem.controller, watched=len(watched))
     if previous is not None:
         begin_about(observer, previous)
     columns, plausible, first = {}, [], 0

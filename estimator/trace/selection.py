@@ -13,12 +13,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimator.effects.catalogue import effect_for
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.settings import Device, Gain, ObserverSettings
 from estimator.trace.candidates import Parameters, watch_list
 from estimator.trace.evidence import Evidence, evidence, likeness
-from estimator.trace.fitting import Effects, Fitted, coefficients_of, fit, foresight, parameters_of
+from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
 from estimator.trace.parameters import NOTHING, Searched, refine_parameters
-from estimator.trace.record import Record
+from estimator.trace.problem import Effects, Problem
 from estimator.trace.scan import Scan, scan
 
 MOST = 3
@@ -119,16 +119,12 @@ Progress = Callable[[str, int, int], None]
 
 
 def select(
-    record: Record,
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
+    problem: Problem,
     progress: Progress,
 ) -> Selection:
-    """Choose effects on `record`, the part to be fitted; `settings` carries those that are known already."""
-    search = Search(record.part(slice(0, _COMPARED)), device, settings, controller)
-    known: dict[str, dict[str, float]] = {name: dict(given) for name, given in settings.effects.items()}
-    first = model = fit(search.record, device, settings, controller, known)
+    """Choose effects on the record of `problem`, the part to be fitted, beside those that it carries already."""
+    search = Search(problem.part(slice(0, _COMPARED)))
+    first = model = fit(search.problem)
     rounds: list[Step] = []
     gains: dict[str, float] = {}
     searched: dict[str, Searched] = {}
@@ -156,37 +152,33 @@ def select(
     patchwork = len(gains) == MOST and bool(look.serious)
     effects: Effects = coefficients_of(model.observer)
     if not patchwork:
-        effects, gains = prune(search.record, device, controller, model, known, gains)
-    whole = len(record) > len(search.record)
-    before = fit(record, device, settings, controller, known) if whole else first
+        effects, gains = prune(search.problem, model, gains)
+    whole = len(problem.record) > len(search.problem.record)
+    before = fit(problem) if whole else first
     last = (
-        fit(record, device, model.settings, controller, effects)
+        fit(problem.under(model.settings).carrying(effects))
         if whole or len(effects) < len(model.observer.effects)
         else model
     )
     if not patchwork and (whole or len(gains) > 1):
         for name in gains:  # what a parameter should be depends on the record and on what else is carried
-            last, searched[name] = refine_parameters(record, device, controller, last, name, before=searched[name])
+            last, searched[name] = refine_parameters(problem, last, name, before=searched[name])
     return Selection(coefficients_of(last.observer), tuple(rounds), before, last, gains, searched, patchwork)
 
 
 @dataclass(frozen=True)
 class Search:
-    """The record on which candidates are compared, and the bench's observer."""
+    """The bench's observer on the record on which candidates are compared."""
 
-    record: Record
-    device: Device
-    settings: ObserverSettings
-    controller: ControllerSettings | None
+    problem: Problem
 
     def look(self, model: Fitted) -> Look:
         """Scan what the model leaves: once to see its lines, once with all that may explain it."""
-        record, device, controller = self.record, self.device, self.controller
-        carried = scanned_with(model, device, self.settings)
-        base = scan(record, device, carried, controller, {}, model.observer)
-        everything = watch_list(record, device, base.innovation, base.deviation)
-        watched = fresh(everything, model.settings.effects, float(np.sum(record.step)))
-        seen = scan(record, device, carried, controller, watched, model.observer)
+        problem = self.problem.under(scanned_with(model, self.problem.device, self.problem.settings))
+        base = scan(problem, {}, model.observer)
+        everything = watch_list(problem.record, problem.device, base.innovation, base.deviation)
+        watched = fresh(everything, model.settings.effects, problem.span)
+        seen = scan(problem, watched, model.observer)
         return Look(watched, seen, evidence(seen))
 
     def tried(self, base: Fitted, look: Look, names: list[str], reached: float = -np.inf) -> Trials:
@@ -195,35 +187,27 @@ class Search:
         reached: the gain of the best that was tried before.
         """
         effects = coefficients_of(base.observer)
-        models = {
-            name: fit(self.record, self.device, self.settings, self.controller, {**effects, name: look.watched[name]})
-            for name in names
-        }
+        models = {name: fit(self.problem.carrying({**effects, name: look.watched[name]})) for name in names}
         searched: dict[str, Searched] = {}
         for name in worth_refining(models, base, reached, look.watched):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
-            models[name], searched[name] = refine_parameters(
-                self.record, self.device, self.controller, models[name], name, to_beat=best
-            )
+            models[name], searched[name] = refine_parameters(self.problem, models[name], name, to_beat=best)
         return Trials(base, models, searched)
 
     def carries_over(self, trials: Trials, name: str) -> bool:
         """Whether the effect, its coefficients found on the first part of the record, predicts the rest better: by its
         share of the gain, or at least by more than chance would.
         """
-        seen = round(_LEARNT * len(self.record))
+        seen = round(_LEARNT * len(self.problem.record))
         effects = coefficients_of(trials.base.observer)
         added = {name: parameters_of(trials.models[name], name)}
-        without, carried = (
-            foresight(self.record, self.device, self.settings, self.controller, {**effects, **more}, seen)
-            for more in ({}, added)
-        )
+        without, carried = (foresight(self.problem.carrying({**effects, **more}), seen) for more in ({}, added))
         share = _PROPORTION * (1.0 - _LEARNT) * trials.gains[name]
         return carried - without > min(share, surprise(self.degrees(name), 1))
 
     def degrees(self, name: str) -> int:
         """How many coefficients an effect has."""
-        return len(effect_for(name, self.device.axes)[1].coefficients)
+        return len(effect_for(name, self.problem.device.axes)[1].coefficients)
 
 
 def kind(name: str) -> str:
@@ -314,23 +298,16 @@ def worth_refining(
     return taken
 
 
-def prune(
-    record: Record,
-    device: Device,
-    controller: ControllerSettings | None,
-    model: Fitted,
-    known: Effects,
-    gains: dict[str, float],
-) -> tuple[Effects, dict[str, float]]:
+def prune(problem: Problem, model: Fitted, gains: dict[str, float]) -> tuple[Effects, dict[str, float]]:
     """Take out again what the later effects have made superfluous."""
     effects = coefficients_of(model.observer)
     for name in list(gains):
-        if len(effects) - len(known) < 2:
+        if len(effects) - len(problem.effects) < 2:
             break
         rest = {other: given for other, given in effects.items() if other != name}
-        without = fit(record, device, model.settings, controller, rest, passes=1)
+        without = fit(problem.under(model.settings).carrying(rest), passes=1)
         loss = model.likelihood - without.likelihood
-        degrees = len(effect_for(name, device.axes)[1].coefficients)
+        degrees = len(effect_for(name, problem.device.axes)[1].coefficients)
         if loss < surprise(degrees, 30):
             effects, model = coefficients_of(without.observer), without
             del gains[name]

@@ -11,6 +11,7 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.trace.evidence import SAME, likeness
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.selection import Selection
@@ -56,24 +57,23 @@ Advice = tuple[str | None, float | None]
 def separations(
     pairs: list[tuple[str, str]],
     selection: Selection,
-    device: Device,
-    observer: ObserverSettings,
-    controller: ControllerSettings | None,
+    problem: Problem,
     progress: Callable[[str, int, int], None],
 ) -> list[Advice]:
     """For each pair (named, other): the simplest experiment that separates them, and their likeness in it.
 
     None and None where none does.  A single axis has no controller to experiment with.
     """
+    device, controller = problem.device, problem.controller
     if not pairs or device.axes != 2:
         return [(None, None)] * len(pairs)
     watched = {name: _parameters(name, selection) for pair in pairs for name in pair}
     alike: dict[str, dict[str, dict[str, float]]] = {}
-    settings = replace(observer, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
+    settings = replace(problem.settings, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
     latency = controller.latency if controller is not None else 1
     for done, experiment in enumerate(EXPERIMENTS):
         record = loop_record(experiment, device, settings, latency=latency)
-        seen = scan(record, device, settings, None, watched)
+        seen = scan(Problem(record, device, settings), watched)
         alike[experiment.name] = {
             name: likeness(seen, name, _coefficients(name, selection, seen.columns)) for name, _ in pairs
         }

@@ -7,17 +7,16 @@ from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
-from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.settings import Device
 from estimator.trace.angle import AngleReader
 from estimator.trace.certainty import covariance_of, widening
 from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.evidence import SAME
 from estimator.trace.examination import examine
 from estimator.trace.fitness import require_traceable
-from estimator.trace.fitting import Effects
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
-from estimator.trace.record import Record
+from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, kind, select, threshold
 from estimator.trace.separation import separations
 
@@ -26,36 +25,34 @@ _TWO_SIDED = float(norm.ppf(0.975))
 
 
 def trace(
-    record: Record,
-    device: Device,
-    observer: ObserverSettings,
-    controller: ControllerSettings | None,
+    problem: Problem,
     *,
     split: int,
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> Diagnosis:
     """Choose effects on the samples before `split`, score them on the rest.
 
-    `observer` is the bench's; effects that it carries already stay.  A single axis is traced by its free run.
+    The observer of `problem` is the bench's; effects that it carries already stay.  A single axis is traced by its
+    free run.
 
     Raises ModelError for a record that cannot be traced, with what to record instead.
     """
+    record, device, known = problem.record, problem.device, problem.effects
     require_traceable(record, device, split)
     if device.axes == 1:
-        return trace_free_run(record, device, observer, split=split, progress=progress)
-    known = {name: dict(given) for name, given in observer.effects.items()}
-    selection = select(record.part(slice(0, split)), device, observer, controller, progress)
+        return trace_free_run(problem, split=split, progress=progress)
+    selection = select(problem.part(slice(0, split)), progress)
     progress("before and after", 0, 2)
-    before = examine(record, device, observer, controller, known, split)
+    before = examine(problem, split)
     progress("before and after", 1, 2)
     chosen = {name: given for name, given in selection.effects.items() if name not in known}
-    after = examine(record, device, observer, controller, selection.effects, split) if chosen else before
+    after = examine(problem.carrying(selection.effects), split) if chosen else before
     progress("before and after", 2, 2)
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
     left = leftover(selection, record.part(slice(0, selection.samples)), resonance)
     named = chosen if not left else {}
     verdict = Verdict.UNEXPLAINED if left else Verdict.EXPLAINED if named else Verdict.ADEQUATE
-    reader = AngleReader(record.part(slice(0, min(split, _READ))), device, observer, controller)
+    reader = AngleReader(problem.part(slice(0, min(split, _READ))))
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, named, selection, reader) for name in named),
@@ -90,13 +87,13 @@ def _short(name: str, named: Effects) -> str:
 
 
 def _found(name: str, named: Effects, selection: Selection, reader: AngleReader) -> Found:
-    _, effect = effect_for(name, reader.device.axes)
+    _, effect = effect_for(name, reader.problem.device.axes)
     spread = covariance_of(name, selection.after, selection.searched[name])
     return Found(
         name=_short(name, named),
         title=effect.title,
         equation=equations(effect),
-        coefficients=_intervals(name, selection, reader.device),
+        coefficients=_intervals(name, selection, reader.problem.device),
         evidence=selection.gain[name],
         undone=effect.undone.value,
         angle_bound=reader.bound(selection.effects, name, spread),
@@ -142,10 +139,7 @@ def _confusable(
         for index, (step, name, other, likeness) in enumerate(pairs)
         if kind(other) not in {kind(before) for _, taken, before, _ in pairs[:index] if taken == name}
     ]
-    advice = separations(
-        [(name, other) for _, name, other, _ in pairs],
-        selection, reader.device, reader.settings, reader.controller, progress,
-    )  # fmt: skip
+    advice = separations([(name, other) for _, name, other, _ in pairs], selection, reader.problem, progress)
     return tuple(
         Confusable(
             _short(name, named), kind(other), likeness, *told,

@@ -13,6 +13,7 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Gain, ObserverSettings
 from estimator.trace.fitting import run
+from estimator.trace.problem import Problem
 from estimator.trace.scan import COURSE, PARTS, scan
 from estimator.trace.start import hold
 from tests.estimator.test_scan import DEVICE, HIDDEN, OMEGA0, PARAMETERS, SETTINGS, WITHOUT_CHANNEL, K, record
@@ -51,7 +52,7 @@ def instants(samples: int) -> Array:
 @pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_angle_moves_as_the_scan_says(name: str, settings: ObserverSettings) -> None:
-    seen = scan(record(), DEVICE, settings, CONTROLLER, {name: PARAMETERS.get(name, {})}, weighed=False)
+    seen = scan(Problem(record(), DEVICE, settings, CONTROLLER), {name: PARAMETERS.get(name, {})}, weighed=False)
     at = instants(len(record())).astype(int)
     _, effect = effect_for(name, 2)
     none = {c.name: 0.0 for c in effect.coefficients}
@@ -68,7 +69,8 @@ def test_the_angle_moves_as_the_scan_says(name: str, settings: ObserverSettings)
 @pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
 def test_both_kernels_say_the_same(settings: ObserverSettings) -> None:
     watched = {name: PARAMETERS.get(name, {}) for name in NAMES}
-    general, quick = (scan(record(), DEVICE, settings, CONTROLLER, watched, vector=vector) for vector in (False, True))
+    problem = Problem(record(), DEVICE, settings, CONTROLLER)
+    general, quick = (scan(problem, watched, vector=vector) for vector in (False, True))
     normal = general.normal.sum(axis=0)
     size = np.sqrt(np.diagonal(normal))
     assert np.max(np.abs(quick.normal.sum(axis=0) - normal) / np.outer(size, size)) < 1e-3

@@ -5,6 +5,7 @@ import pytest
 
 from estimator.settings import ObserverSettings, Spread
 from estimator.trace.by_simulation import candidates, trace_by_simulation
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from tests.estimator.test_simulation import RATE, SINGLE, integrated, noise_drive
 
@@ -31,7 +32,7 @@ def quiet(what, done, total):
 @pytest.mark.slow
 def test_what_was_put_in_is_named_and_measured():
     record = made(lambda x, v: -7e5 * x**3 - 3e4 * x**2, 900)
-    found = trace_by_simulation(record, SINGLE, SETTINGS, 0, quiet)
+    found = trace_by_simulation(Problem(record, SINGLE, SETTINGS), 0, quiet)
     assert set(found.effects) == {"cubic_stiffness", "quadratic_stiffness"}
     for name, value in (("k3x", 7e5), ("k2x", 3e4)):
         low, high = found.after.interval(name)
@@ -44,7 +45,7 @@ def test_what_was_put_in_is_named_and_measured():
 @pytest.mark.slow
 def test_a_record_that_lacks_nothing_is_given_nothing():
     for seed in (1, 2, 4):  # 3 is that of the drive: noise that is the drive again would be feedthrough
-        found = trace_by_simulation(made(lambda x, v: 0.0, 900, seed), SINGLE, SETTINGS, 0, quiet)
+        found = trace_by_simulation(Problem(made(lambda x, v: 0.0, 900, seed), SINGLE, SETTINGS), 0, quiet)
         assert found.effects == ()
         assert found.after is found.before
 
@@ -52,7 +53,7 @@ def test_a_record_that_lacks_nothing_is_given_nothing():
 @pytest.mark.slow
 def test_a_ring_down_names_what_it_shows():
     record = made(lambda x, v: -7e5 * x**3, 500, start=(0.12, 0.0), push=0.0)
-    found = trace_by_simulation(record, SINGLE, SETTINGS, 0, quiet)
+    found = trace_by_simulation(Problem(record, SINGLE, SETTINGS), 0, quiet)
     assert found.effects[0] in ("cubic_stiffness", "cubic_isotropic")
     drawn = 1e-4 * np.random.default_rng(1).standard_normal(500)
     assert found.after.rmse[0] == pytest.approx(np.std(drawn), rel=0.03)
@@ -61,7 +62,7 @@ def test_a_ring_down_names_what_it_shows():
 @pytest.mark.slow
 def test_friction_that_would_drive_is_not_called_friction():
     record = made(lambda x, v: 30.0 * np.tanh(v / (0.01 * 0.1 * np.sqrt(1.9e5))), 900)
-    found = trace_by_simulation(record, SINGLE, SETTINGS, 0, quiet)
+    found = trace_by_simulation(Problem(record, SINGLE, SETTINGS), 0, quiet)
     assert "dry_friction" not in found.effects
     assert "negative fx" in found.rejected["dry_friction"]
 

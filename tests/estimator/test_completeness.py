@@ -16,6 +16,7 @@ from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
 from estimator.gaps import Drives, Gaps
 from estimator.settings import ControllerSettings
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
@@ -212,7 +213,7 @@ def test_estimates_of_coefficients_scatter_over_seeds_as_the_information_says() 
     surprise, degrees, seeds = 0.0, 0, 25
     for seed in range(seeds):
         noise = np.random.default_rng(seed).standard_normal(clean.sense.shape) * np.array(DEVICE.noise)
-        seen = scan(replace(clean, sense=clean.sense + noise), DEVICE, SETTINGS, None, watched)
+        seen = scan(Problem(replace(clean, sense=clean.sense + noise), DEVICE, SETTINGS), watched)
         normal, score = seen.normal.sum(axis=0), seen.score.sum(axis=0)
         for columns in seen.columns.values():
             block = normal[columns, columns]

@@ -6,6 +6,7 @@ import pytest
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.fitting import fit
 from estimator.trace.parameters import NOTHING, refine_parameters
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.separation import EXPERIMENTS, loop_record
 
@@ -40,9 +41,10 @@ def test_a_frequency_is_found_within_its_bound(earlier: object) -> None:
     """Its deviation is that of a line in white noise, √(24/n) 2σ/(a T) for one channel (Rife & Boorstyn 1974)."""
     amplitude = 20 * NOISE
     record = with_a_line(amplitude)
+    problem = Problem(record, DEVICE, SETTINGS)
     span = len(record) / DEVICE.sample_rate
-    started = fit(record, DEVICE, SETTINGS, None, {"interference": {"omega": OMEGA + 0.3 / span}})
-    found, searched = refine_parameters(record, DEVICE, None, started, "interference", before=earlier)  # type: ignore[arg-type]
+    started = fit(problem.carrying({"interference": {"omega": OMEGA + 0.3 / span}}))
+    found, searched = refine_parameters(problem, started, "interference", before=earlier)  # type: ignore[arg-type]
     omega = found.settings.effects["interference"]["omega"]
     bound = np.sqrt(24.0 / len(record) / 2) * NOISE / amplitude / span  # two channels, phase and amplitude unknown
     assert searched.names == ("omega",)

@@ -11,6 +11,7 @@ from estimator.observer import Observer
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.evidence import evidence, likeness
 from estimator.trace.fitting import run
+from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
@@ -65,7 +66,7 @@ def record() -> Record:
 @pytest.mark.parametrize("name", [effect.name for effect in EFFECTS if effect.name not in (*WITHOUT_CHANNEL, *HIDDEN)])
 def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: str) -> None:
     given = PARAMETERS.get(name, {})
-    seen = scan(record(), DEVICE, SETTINGS, None, {name: given})
+    seen = scan(Problem(record(), DEVICE, SETTINGS), {name: given})
     normal = seen.normal.sum(axis=0)
     without = run(Observer(DEVICE, SETTINGS), record()).innovation
     _, effect = effect_for(name, 2)
@@ -82,12 +83,12 @@ def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: s
 def test_nothing_is_evident_where_nothing_is_missing() -> None:
     watched = {effect.name: {} for effect in EFFECTS if not effect.parameters and effect.name not in WITHOUT_CHANNEL}
     noisy = loop_record(EXPERIMENTS[-1], DEVICE, SETTINGS, latency=1, noise=1.0)
-    found = evidence(scan(noisy, DEVICE, SETTINGS, None, watched))
+    found = evidence(scan(Problem(noisy, DEVICE, SETTINGS), watched))
     assert max(item.significance for item in found.values()) < 4.0
 
 
 def test_a_low_pass_far_above_looks_like_a_delay_and_nothing_like_a_cubic() -> None:
-    seen = scan(record(), DEVICE, SETTINGS, None, {"sense_delay": {}, "sense_low_pass": {}, "cubic_stiffness": {}})
+    seen = scan(Problem(record(), DEVICE, SETTINGS), {"sense_delay": {}, "sense_low_pass": {}, "cubic_stiffness": {}})
     alike = likeness(seen, "sense_delay", np.array([1e-6, 2e-6]))
     assert alike["sense_low_pass"] > 0.9999
     assert alike["cubic_stiffness"] < 0.9

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.undeclared.judging import Judgement, judge
 from benchmarks.undeclared.population import Order
 from benchmarks.undeclared.record import make
+from estimator.trace.problem import Problem
 from hil import replay
 from hil.bench import load_bench
 from hil.declared import device_of, observer_settings_of
@@ -27,10 +28,12 @@ def said_of(place: Path) -> dict[str, Any]:
     """What `hil trace` says of a record, less its report."""
     capture, bench = read_capture(place / "capture.arrow"), load_bench(place / "bench.toml")
     found = engine.trace(
-        tracing.record_of(capture),
-        device_of(bench),
-        observer_settings_of(bench),
-        replay.control_of(bench, capture),
+        Problem(
+            tracing.record_of(capture),
+            device_of(bench),
+            observer_settings_of(bench),
+            replay.control_of(bench, capture),
+        ),
         split=round(0.6 * SAMPLES),
     )
     said: dict[str, Any] = json.loads(to_model(found, record="", bench="").model_dump_json(by_alias=True))

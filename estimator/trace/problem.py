@@ -1,0 +1,50 @@
+"""What tracing is asked: a record, and what its bench declares of the device, the observer and the control."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from estimator.settings import ControllerSettings, Device, ObserverSettings
+from estimator.trace.record import Record
+
+Effects = Mapping[str, Mapping[str, float]]
+"""By name, each with its coefficients and parameters, SI."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A record and the observer that is to follow it; `controller` None where no control was at work or none is known.
+
+    The effects that the observer carries are those of its settings.
+    """
+
+    record: Record
+    device: Device
+    settings: ObserverSettings
+    controller: ControllerSettings | None = None
+
+    @property
+    def effects(self) -> Effects:
+        """What the observer carries beside the base model."""
+        return self.settings.effects
+
+    @property
+    def span(self) -> float:
+        """Length of the record, s."""
+        return float(self.record.step.sum())
+
+    def part(self, rows: slice) -> "Problem":
+        """The same of these samples only."""
+        return replace(self, record=self.record.part(rows))
+
+    def on(self, record: Record) -> "Problem":
+        """The same of another record."""
+        return replace(self, record=record)
+
+    def under(self, settings: ObserverSettings) -> "Problem":
+        """The same with another observer, and the effects that it carries."""
+        return replace(self, settings=settings)
+
+    def carrying(self, effects: Effects) -> "Problem":
+        """The same with these effects in place of those so far."""
+        carried = {name: dict(given) for name, given in effects.items()}
+        return self.under(replace(self.settings, effects=carried))
