@@ -14,14 +14,15 @@ from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
-from estimator.trace.candidates import Parameters, watch_list
+from estimator.trace.candidates import Parameters, kind, watch_list
+from estimator.trace.criterion import threshold
 from estimator.trace.evidence import evidence
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.judgement import RATE_POWER, unexplained
+from estimator.trace.look import fresh, scanned_with
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
-from estimator.trace.selection import fresh, kind, scanned_with, threshold
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000

@@ -14,15 +14,17 @@ from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.trace.candidates import Parameters
+from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import widening
+from estimator.trace.criterion import schwarz, surprise
 from estimator.trace.diagnosis import Interval
 from estimator.trace.evidence import SAME, Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
+from estimator.trace.observer_model import carries_over, numbers
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan
-from estimator.trace.selection import Search, Trials, kind, second_thoughts, shortlist, surprise
+from estimator.trace.width import second_thoughts, shortlist
 
 _TWO_SIDED = float(norm.ppf(0.975))
 _TRIED = 3
@@ -87,7 +89,7 @@ def leading(
     problem = problem.under(base.settings)
     names = shortlist(seen, serious)[:_TRIED]
     if serious[0].gain > _ENOUGH:
-        names += second_thoughts({item.name: item for item in serious}, dict.fromkeys(names, base))[:_BESIDE]
+        names += second_thoughts({item.name: item for item in serious}, names)[:_BESIDE]
     share = min(_ENOUGH / serious[0].gain, 1.0)
     compared = problem.part(slice(0, min(max(int(share * len(record)), _COMPARED), len(record))))
     effects = coefficients_of(base.observer)
@@ -100,8 +102,7 @@ def leading(
     if not gains[best] > surprise(len(effect.coefficients), candidates):
         return None
     # What is weak must be borne out by samples that it was not found on, as in tracing; what is strong is beyond that.
-    search = Search(compared)
-    if gains[best] < _ENOUGH and not search.carries_over(Trials(without, models, {}), best):
+    if gains[best] < _ENOUGH and not carries_over(compared, without, models[best], best):
         return None
     model = models[best]
     rows = [model.observer.estimated.index(c.name) for c in effect.coefficients]
@@ -131,8 +132,7 @@ def tries(parameters: Parameters, samples: int) -> int:
 
 def price(name: str, device: Device, record: Record) -> float:
     """What the numbers of an effect cost in likelihood (Schwarz 1978)."""
-    _, effect = effect_for(name, device.axes)
-    return (len(effect.coefficients) + len(effect.parameters)) * float(np.log(record.sense.size))
+    return schwarz(numbers(name, device.axes), record.sense.size)
 
 
 def angle_of(moves: Array, values: Array, covariance: Array) -> Interval:

@@ -33,6 +33,11 @@ _SEGMENT = 4096
 Parameters = dict[str, float]
 
 
+def kind(name: str) -> str:
+    """Name of an effect without its label."""
+    return name.partition(":")[0]
+
+
 def watch_list(record: Record, device: Device, innovation: Array, deviation: Array) -> dict[str, Parameters]:
     """Effects to watch, by name (with a label where there are several), each with its parameters in SI.
 

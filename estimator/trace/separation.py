@@ -132,8 +132,8 @@ def loop_record(
 
 def _parameters(name: str, selection: Selection) -> dict[str, float]:
     for step in selection.rounds:
-        if name in step.watched:
-            return dict(step.watched[name])
+        if name in step.look.watched:
+            return dict(step.look.watched[name])
     return {}
 
 

@@ -9,7 +9,9 @@ from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
 from estimator.settings import Device
 from estimator.trace.angle import AngleReader
+from estimator.trace.candidates import kind
 from estimator.trace.certainty import covariance_of, widening
+from estimator.trace.criterion import threshold
 from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.evidence import SAME
 from estimator.trace.examination import examine
@@ -17,7 +19,7 @@ from estimator.trace.fitness import require_traceable
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.selection import Selection, kind, select, threshold
+from estimator.trace.selection import Selection, select
 from estimator.trace.separation import separations
 
 _READ = 100_000  # samples in which the angle is read once for each possibility
@@ -74,7 +76,7 @@ def trace(
 def _reasons(named: Effects, selection: Selection, before: Fit, after: Fit) -> tuple[str, ...]:
     """Why the model is complete, with what is named, as sentences."""
     was = f", and was {before.ratio:.4g} ×" if named else ""
-    looked_for = {kind(name) for name in selection.rounds[-1].evidence} - {kind(name) for name in named}
+    looked_for = {kind(name) for name in selection.rounds[-1].look.evidence} - {kind(name) for name in named}
     return (
         f"the innovation of the part held out is {after.ratio:.4g} × the noise floor{was}",
         f"none of the {len(looked_for)} {'other ' if named else ''}effects looked for explains more than chance would",
@@ -131,7 +133,7 @@ def _confusable(
         (step, step.taken, other, likeness)
         for step in selection.rounds
         if step.taken is not None and step.taken in named
-        for other, likeness in step.alike.items()
+        for other, likeness in selection.alike[step.taken].items()
         if likeness > SAME and kind(other) != kind(step.taken)
     ]
     pairs = [
@@ -143,7 +145,7 @@ def _confusable(
     return tuple(
         Confusable(
             _short(name, named), kind(other), likeness, *told,
-            angle_apart=reader.mistaken(selection.effects, name, other, step.watched[other]),
+            angle_apart=reader.mistaken(selection.effects, name, other, step.look.watched[other]),
         )
         for (step, name, other, likeness), told in zip(pairs, advice, strict=True)
     )  # fmt: skip
@@ -154,11 +156,11 @@ def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Dev
     last = selection.rounds[-1]
     kinds = {kind(name) for name in named}
     rejected: dict[str, Rejected] = {}
-    enough = threshold(len(last.evidence))
+    enough = threshold(len(last.look.evidence))
     alone: dict[str, float] = {}
-    for name, item in selection.rounds[0].evidence.items():  # best first
+    for name, item in selection.rounds[0].look.evidence.items():  # best first
         alone.setdefault(kind(name), item.gain)
-    for name, item in last.evidence.items():
+    for name, item in last.look.evidence.items():
         if kind(name) in kinds or kind(name) in rejected:
             continue
         _, effect = effect_for(name, device.axes)
@@ -180,10 +182,10 @@ def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Dev
 
 
 def _why(name: str, serious: bool, chosen: Effects, selection: Selection) -> str:
-    tried = selection.rounds[-1].tried.get(name)
+    tried = selection.rounds[-1].gains.get(name)
     if tried is not None:
         return f"carried, it gains {tried:.4g} in twice the log-likelihood: no more than chance"
-    alike = max((step.alike.get(name, 0.0) for step in selection.rounds if step.taken in chosen), default=0.0)
+    alike = max((others.get(name, 0.0) for taken, others in selection.alike.items() if taken in chosen), default=0.0)
     if alike > SAME:
         return f"looks like what was taken (likeness {alike:.5f}) and explains less"
     if serious:

@@ -1,0 +1,325 @@
+"""The choice of effects: one after another, each the one that explains most for its price.
+
+What a model is, how it is fitted, whom to try and what a gain is counted in, a family says (`Model`); how many are
+taken and what follows when the part of the record that has no vote objects, its rules say (`Rules`).  Gains and prices
+are in twice the log-likelihood.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Generic, Protocol, TypeVar
+
+Fit = TypeVar("Fit")
+Look = TypeVar("Look")
+
+
+@dataclass(frozen=True)
+class Score:
+    """How a model with one effect more compares: its likelihood, but for a constant that is the same for all that are
+    compared; what it gains over the model without the effect; what the effect costs, which settles who is best; and
+    what the gain must exceed.
+    """
+
+    likelihood: float
+    gain: float
+    price: float
+    bar: float
+
+    @property
+    def standing(self) -> float:
+        """Likelihood less price: the largest is the best."""
+        return self.likelihood - self.price
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A coefficient with its 95 % interval, SI; positive: whether it is declared to be."""
+
+    value: float
+    low: float
+    high: float
+    positive: bool = False
+
+
+class Outcome(Enum):
+    """What became of a candidate that was carried."""
+
+    TAKEN = "taken"
+    IMPOSSIBLE = "impossible"  # no model with it
+    UNPHYSICAL = "unphysical"  # a coefficient of the wrong sign
+    TOO_DEAR = "too dear"  # its gain does not exceed the bar
+    OBJECTED = "objected"  # the part without a vote is against it
+    AFTER = "after"  # follows one that was objected to
+    BEATEN = "beaten"  # another was better
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate that was carried: its score and its coefficients, where there is a model, and what became of it."""
+
+    name: str
+    outcome: Outcome
+    reason: str
+    score: Score | None
+    coefficients: Mapping[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Round(Generic[Look]):
+    """What was seen, everyone who was carried, in that order, and the one that was taken."""
+
+    look: Look
+    tried: tuple[Tried, ...]
+    taken: str | None
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """By name, of those that have a score."""
+        return {one.name: one.score.gain for one in self.tried if one.score is not None}
+
+
+@dataclass(frozen=True)
+class Trial(Generic[Fit]):
+    """A model with one effect more, and its score."""
+
+    fit: Fit
+    score: Score
+
+
+class Model(Protocol[Fit, Look]):
+    """A family of models; `Fit` is one that was fitted, `Look` what it shows of what the candidates would explain."""
+
+    def promise(self, current: Fit, barred: Collection[str]) -> Look:
+        """What each candidate that is not barred would explain of what `current` leaves."""
+
+    def hopeful(self, look: Look, tried: Mapping[str, Trial[Fit]], number: int) -> Sequence[str]:
+        """Whom to carry in round `number` (from 0) beside those that were tried in it; asked until it says nobody."""
+
+    def fit(
+        self, current: Fit, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Fit]]
+    ) -> Mapping[str, Fit | str]:
+        """For each name the model that carries it beside what `current` does, or why there is none."""
+
+    def score(self, current: Fit, look: Look, fits: Mapping[str, Fit]) -> Mapping[str, Score]:
+        """How these models compare."""
+
+    def coefficients(self, fit: Fit) -> Mapping[str, Mapping[str, Estimate]]:
+        """By effect, all that a model carries."""
+
+    def objection(self, current: Fit, name: str, trial: Trial[Fit]) -> str | None:
+        """What the part of the record that has no vote says against taking `name`."""
+
+    def without(self, current: Fit, name: str) -> tuple[Fit, Score]:
+        """The model less an effect, and the score of the one with it over that."""
+
+
+class Dissent(Enum):
+    """What follows an objection to the best: the search ends; the next best of the round is asked; the round is made
+    again without it; or it is taken all the same, and at the end the way is cut before the first that is objected to.
+    """
+
+    ENDS = "ends"
+    NEXT = "next"
+    AGAIN = "again"
+    CUTS = "cuts"
+
+
+@dataclass(frozen=True)
+class Rules:
+    """most: effects that are taken at most; dissent; signs: whether a coefficient that is declared positive may not be
+    negative beyond doubt; prunes: whether what later effects made superfluous is taken out at the end.
+    """
+
+    most: int
+    dissent: Dissent
+    signs: bool = True
+    prunes: bool = False
+
+
+@dataclass(frozen=True)
+class Step(Generic[Fit]):
+    """An effect that was taken, with the model that carries it and its score, and the model before."""
+
+    name: str
+    trial: Trial[Fit]
+    before: Fit
+
+
+@dataclass(frozen=True)
+class Chosen(Generic[Fit, Look]):
+    """The way to the model.
+
+    steps: in the order in which they were taken; rounds: every one, the last with what is seen behind the last step;
+    barred: who was excluded for good, and why; more: there are as many as may be, and others still promise something;
+    gains: of those that stayed, after pruning what taking each out loses; fit: the model with those.
+    """
+
+    steps: tuple[Step[Fit], ...]
+    rounds: tuple[Round[Look], ...]
+    barred: Mapping[str, str]
+    more: bool
+    gains: Mapping[str, float]
+    fit: Fit
+
+
+def choose(
+    model: Model[Fit, Look],
+    start: Fit,
+    rules: Rules,
+    progress: Callable[[int, int], None] = lambda done, most: None,
+) -> Chosen[Fit, Look]:
+    """Add effects to `start`, as many as are worth their price and `rules` allow; progress: rounds done, at most."""
+    steps: list[Step[Fit]] = []
+    rounds: list[Round[Look]] = []
+    barred: dict[str, str] = {}
+    current = start
+    progress(0, rules.most)
+    while True:
+        look = model.promise(current, barred)
+        if len(steps) == rules.most or not model.hopeful(look, {}, len(steps)):
+            rounds.append(Round(look, (), None))
+            break
+        verdicts, trials = _carried(model, current, look, len(steps), rules, barred)
+        taken, again = _best(model, current, trials, rules, verdicts, barred)
+        rounds.append(Round(look, _tried(model, trials, verdicts), taken))
+        progress(min(len(rounds), rules.most), rules.most)
+        if taken is not None:
+            steps.append(Step(taken, trials[taken], current))
+            current = trials[taken].fit
+        elif not again:
+            break
+    more = len(steps) == rules.most and bool(model.hopeful(rounds[-1].look, {}, len(steps)))
+    if rules.dissent is Dissent.CUTS:
+        steps, rounds = _cut(model, steps, rounds)
+        current = steps[-1].trial.fit if steps else start
+    gains = {step.name: step.trial.score.gain for step in steps}
+    if rules.prunes and not more:
+        current, gains = prune(model, current, gains)
+    return Chosen(tuple(steps), tuple(rounds), barred, more, gains, current)
+
+
+def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None:
+    """Name of a coefficient that came out negative beyond doubt though it is declared positive."""
+    for effect in coefficients.values():
+        for name, estimate in effect.items():
+            if estimate.positive and estimate.high < 0.0:
+                return name
+    return None
+
+
+def prune(model: Model[Fit, Look], current: Fit, gains: Mapping[str, float]) -> tuple[Fit, dict[str, float]]:
+    """Take out again what the later effects have made superfluous; one stays anyhow.
+
+    gains: of the effects that may go, as they were taken.  Returns the model, and what each that stays would lose.
+    """
+    kept = dict(gains)
+    for name in gains:
+        if len(kept) < 2:
+            break
+        rest, loss = model.without(current, name)
+        if loss.gain < loss.bar:
+            current = rest
+            del kept[name]
+        else:
+            kept[name] = loss.gain
+    return current, kept
+
+
+_Verdicts = dict[str, tuple[Outcome, str]]
+
+
+def _carried(
+    model: Model[Fit, Look], current: Fit, look: Look, number: int, rules: Rules, barred: dict[str, str]
+) -> tuple[_Verdicts, dict[str, Trial[Fit]]]:
+    """Carry the hopeful: a trial for each that has a model of the right signs; the others are barred."""
+    verdicts: _Verdicts = {}
+    trials: dict[str, Trial[Fit]] = {}
+    while names := [name for name in model.hopeful(look, trials, number) if name not in verdicts]:
+        fits: dict[str, Fit] = {}
+        for name, found in model.fit(current, look, names, trials).items():
+            if isinstance(found, str):
+                verdicts[name] = Outcome.IMPOSSIBLE, found
+                barred[name] = found
+            elif rules.signs and (wrong := unphysical(model.coefficients(found))):
+                barred[name] = f"fits only with a negative {wrong}, which would be something else"
+                verdicts[name] = Outcome.UNPHYSICAL, barred[name]
+            else:
+                verdicts[name] = Outcome.BEATEN, "another explains more for its price"
+                fits[name] = found
+        if fits:
+            scores = model.score(current, look, fits)
+            trials |= {name: Trial(fits[name], scores[name]) for name in fits}
+    return verdicts, trials
+
+
+def leader(trials: Mapping[str, Trial[Fit]]) -> str:
+    """The best of these: the largest likelihood less price, of equals the simpler."""
+    return ranked(trials)[0]
+
+
+def ranked(trials: Mapping[str, Trial[Fit]]) -> list[str]:
+    """By likelihood less price, the largest first, of equals the simpler."""
+    return sorted(trials, key=lambda name: (-trials[name].score.standing, trials[name].score.price))
+
+
+def _best(
+    model: Model[Fit, Look],
+    current: Fit,
+    trials: Mapping[str, Trial[Fit]],
+    rules: Rules,
+    verdicts: _Verdicts,
+    barred: dict[str, str],
+) -> tuple[str | None, bool]:
+    """Who is taken, and whether the round is to be made again; `verdicts` and `barred` learn why not."""
+    for name, trial in trials.items():
+        if not trial.score.gain > trial.score.bar:
+            why = f"gains {trial.score.gain:.4g}, and {trial.score.bar:.4g} would be needed"
+            verdicts[name] = Outcome.TOO_DEAR, why
+    for name in ranked(trials):
+        if verdicts[name][0] is Outcome.TOO_DEAR:
+            if rules.dissent is Dissent.NEXT:
+                continue
+            return None, False
+        objection = None if rules.dissent is Dissent.CUTS else model.objection(current, name, trials[name])
+        if objection is None:
+            verdicts[name] = Outcome.TAKEN, ""
+            return name, False
+        verdicts[name] = Outcome.OBJECTED, objection
+        if rules.dissent is Dissent.ENDS:
+            return None, False
+        barred[name] = objection
+        if rules.dissent is Dissent.AGAIN:
+            return None, True
+    return None, False
+
+
+def _tried(model: Model[Fit, Look], trials: Mapping[str, Trial[Fit]], verdicts: _Verdicts) -> tuple[Tried, ...]:
+    tried = []
+    for name, (outcome, reason) in verdicts.items():
+        trial = trials.get(name)
+        coefficients = {} if trial is None else model.coefficients(trial.fit)[name]
+        tried.append(Tried(name, outcome, reason, None if trial is None else trial.score, coefficients))
+    return tuple(tried)
+
+
+def _cut(
+    model: Model[Fit, Look], steps: list[Step[Fit]], rounds: list[Round[Look]]
+) -> tuple[list[Step[Fit]], list[Round[Look]]]:
+    """The way up to the first step that is objected to; the rounds say of it and of those that follow why they went."""
+    for at, step in enumerate(steps):
+        objection = model.objection(step.before, step.name, step.trial)
+        if objection is None:
+            continue
+        lost = {later.name: (Outcome.AFTER, f"follows {step.name}, which {objection}") for later in steps[at + 1 :]}
+        lost[step.name] = Outcome.OBJECTED, objection
+        return steps[:at], [*rounds[:at], *(_untaken(one, lost) for one in rounds[at:])]
+    return steps, rounds
+
+
+def _untaken(one: Round[Look], lost: Mapping[str, tuple[Outcome, str]]) -> Round[Look]:
+    tried = tuple(
+        replace(each, outcome=lost[each.name][0], reason=lost[each.name][1]) if each.name == one.taken else each
+        for each in one.tried
+    )
+    return replace(one, tried=tried, taken=None)

@@ -1,0 +1,80 @@
+"""What is seen with a model of two axes: one scan of what it leaves, for all candidates at once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+
+from estimator.settings import Device, Gain, ObserverSettings
+from estimator.trace.candidates import Parameters, kind, watch_list
+from estimator.trace.criterion import threshold
+from estimator.trace.evidence import Evidence, evidence, likeness
+from estimator.trace.fitting import Fitted, coefficients_of
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.scan import Scan, scan
+
+_LOCKED = 0.03  # of the amplitude: an innovation larger than that makes the linear scan unsure
+_APART = 30.0  # rad over the record: closer than that two frequencies are one
+
+
+@dataclass(frozen=True)
+class Look:
+    """What was watched, how they act on the record, and what each would explain, the best first."""
+
+    watched: Mapping[str, Parameters]
+    seen: Scan
+    evidence: dict[str, Evidence]
+
+    @property
+    def serious(self) -> list[Evidence]:
+        """Those that chance does not account for, the best first."""
+        return [item for item in self.evidence.values() if item.significance > threshold(len(self.evidence))]
+
+    def alike(self, name: str) -> dict[str, float]:
+        """How well each other candidate imitates this one on the record (`likeness`)."""
+        return likeness(self.seen, name)
+
+
+def look_at(problem: Problem, model: Fitted) -> Look:
+    """Scan what the model leaves: once to see its lines, once with all that may explain it."""
+    scanned = problem.under(scanned_with(model, problem.device, problem.settings))
+    base = scan(scanned, {}, model.observer)
+    everything = watch_list(problem.record, problem.device, base.innovation, base.deviation)
+    watched = fresh(everything, model.settings.effects, problem.span)
+    seen = scan(scanned, watched, model.observer)
+    return Look(watched, seen, evidence(seen))
+
+
+def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> ObserverSettings:
+    """The model as it is to be scanned: without forgetting where it is nearly right, with the memory of the bench where
+    the motion would get away from it.
+    """
+    amplitude = np.abs(device.sense_gain) * device.amplitude
+    lost = float(np.sqrt(np.nanmean((model.estimates.innovation / amplitude) ** 2)))
+    if lost < _LOCKED:
+        return replace(model.settings, gain=Gain.EKF)
+    return replace(settings, gain=Gain.FADING, effects=coefficients_of(model.observer))
+
+
+def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> dict[str, Parameters]:
+    """What is watched and not carried: a line or a mode may come again at another frequency, everything else is there
+    once.  span: length of the record in s, which tells frequencies apart.
+    """
+    carried = {kind(name) for name in effects}
+    frequencies = [given["omega"] for given in effects.values() if "omega" in given]
+
+    def is_new(name: str, given: Parameters) -> bool:
+        if "omega" not in given:
+            return kind(name) not in carried
+        return all(abs(given["omega"] - other) > _APART / span for other in frequencies)
+
+    new = {name: given for name, given in watched.items() if is_new(name, given)}
+    return {_relabelled(name, effects, watched): given for name, given in new.items()}
+
+
+def _relabelled(name: str, effects: Effects, watched: Mapping[str, Parameters]) -> str:
+    """The name, with a label that neither what is carried nor what is watched has yet where it is carried."""
+    if name not in effects:
+        return name
+    return next(free for n in count(1) if (free := f"{kind(name)}:{n}") not in effects and free not in watched)

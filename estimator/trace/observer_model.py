@@ -1,0 +1,157 @@
+"""Models of two axes: the bench's observer, with what it carries, over the record; compared by their innovations."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import norm
+
+from estimator.effects.catalogue import effect_for
+from estimator.trace.certainty import covariance_of
+from estimator.trace.criterion import schwarz, surprise
+from estimator.trace.engine import Estimate, Score, Trial, leader
+from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
+from estimator.trace.look import Look, look_at
+from estimator.trace.parameters import NOTHING, Searched, refine_parameters
+from estimator.trace.problem import Problem
+from estimator.trace.width import hopeful, worth_refining
+
+_LEARNT = 2.0 / 3.0  # of the record: what an effect explains of it must be borne out by the rest
+_PROPORTION = 0.25
+_RIVALS = 30  # candidates among which one that later ones may have made superfluous was chosen
+_TWO_SIDED = float(norm.ppf(0.975))
+
+
+@dataclass(frozen=True, eq=False)
+class Carrying:
+    """A model that was fitted to the record of `problem`, and how surely the parameters of what it carries were found,
+    by effect.
+    """
+
+    problem: Problem
+    fitted: Fitted
+    searched: Mapping[str, Searched] = field(default_factory=dict)
+
+    @cached_property
+    def look(self) -> Look:
+        """What candidates would explain of what it leaves."""
+        return look_at(self.problem, self.fitted)
+
+
+@dataclass(frozen=True)
+class ObserverModel:
+    """`estimator.trace.engine.Model` of the bench's observer on the record on which candidates are compared."""
+
+    problem: Problem
+
+    def promise(self, current: Carrying, barred: Collection[str]) -> Look:
+        """A scan; those that are barred are watched and have no evidence."""
+        look = current.look
+        left = {name: item for name, item in look.evidence.items() if name not in barred}
+        return replace(look, evidence=left) if barred else look
+
+    def hopeful(self, look: Look, tried: Mapping[str, Trial[Carrying]], number: int) -> Sequence[str]:
+        """The leaders of the scan; in the first round more, where the best of them leaves something."""
+        if not tried:
+            return hopeful(look, (), number, 0.0, lambda: 0.0)
+        best = tried[leader(tried)]
+
+        def left() -> float:
+            return max((item.gain for item in best.fit.look.serious), default=0.0)
+
+        return hopeful(look, tried, number, best.score.gain, left)
+
+    def fit(
+        self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]
+    ) -> Mapping[str, Carrying]:
+        """Each beside what `current` carries; parameters of those near the best are searched."""
+        base = current.fitted
+        effects = coefficients_of(base.observer)
+        models = {name: fit(self.problem.carrying({**effects, name: look.watched[name]})) for name in names}
+        searched: dict[str, Searched] = {}
+        reached = tried[leader(tried)].score.gain if tried else -np.inf
+        for name in worth_refining(models, base, reached, look.watched):
+            best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
+            models[name], searched[name] = refine_parameters(self.problem, models[name], name, to_beat=best)
+        return {
+            name: Carrying(self.problem, fitted, {**current.searched, name: searched.get(name, NOTHING)})
+            for name, fitted in models.items()
+        }
+
+    def score(self, current: Carrying, look: Look, fits: Mapping[str, Carrying]) -> Mapping[str, Score]:
+        """Each number that an effect has is paid for: a drive that saturates at nothing is one of another gain, with a
+        limit too many.  The gain must be more than chance gives the best of all candidates.
+        """
+        base = current.fitted
+        samples = base.estimates.innovation.size
+        return {
+            name: Score(
+                likelihood=carrying.fitted.likelihood,
+                gain=carrying.fitted.likelihood - base.likelihood,
+                price=schwarz(self._numbers(name), samples),
+                bar=surprise(self._degrees(name), len(look.evidence)),
+            )
+            for name, carrying in fits.items()
+        }
+
+    def coefficients(self, fit: Carrying) -> Mapping[str, Mapping[str, Estimate]]:
+        """With the intervals of the observer, widened by its innovations."""
+        found = {}
+        for name, given in coefficients_of(fit.fitted.observer).items():
+            _, effect = effect_for(name, self.problem.device.axes)
+            with np.errstate(invalid="ignore"):
+                covariance = covariance_of(name, fit.fitted, fit.searched.get(name, NOTHING))
+                half = _TWO_SIDED * np.sqrt(np.diagonal(covariance))
+            own = {}
+            for c, off in zip(effect.coefficients, half.tolist(), strict=True):
+                symbol = c.name.partition(":")[0]
+                own[symbol] = Estimate(given[symbol], given[symbol] - off, given[symbol] + off, c.positive)
+            found[name] = own
+        return found
+
+    def objection(self, current: Carrying, name: str, trial: Trial[Carrying]) -> str | None:
+        """What was found on the first part of the record must predict the rest."""
+        if carries_over(self.problem, current.fitted, trial.fit.fitted, name):
+            return None
+        return "found on the first part of the record, it does not predict the rest better"
+
+    def without(self, current: Carrying, name: str) -> tuple[Carrying, Score]:
+        """Of one pass about what was found; what is lost must be more than chance gives."""
+        model = current.fitted
+        rest = {other: given for other, given in coefficients_of(model.observer).items() if other != name}
+        less = fit(self.problem.under(model.settings).carrying(rest), passes=1)
+        price = schwarz(self._numbers(name), model.estimates.innovation.size)
+        loss = model.likelihood - less.likelihood
+        score = Score(model.likelihood, loss, price, surprise(self._degrees(name), _RIVALS))
+        searched = {other: found for other, found in current.searched.items() if other != name}
+        return Carrying(self.problem, less, searched), score
+
+    def _degrees(self, name: str) -> int:
+        return degrees(name, self.problem.device.axes)
+
+    def _numbers(self, name: str) -> int:
+        return numbers(name, self.problem.device.axes)
+
+
+def degrees(name: str, axes: int) -> int:
+    """How many coefficients an effect has."""
+    return len(effect_for(name, axes)[1].coefficients)
+
+
+def numbers(name: str, axes: int) -> int:
+    """How many coefficients and parameters it has."""
+    _, effect = effect_for(name, axes)
+    return len(effect.coefficients) + len(effect.parameters)
+
+
+def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bool:
+    """Whether the effect that `model` has beside what `base` carries, its coefficients found on the first part of the
+    record, predicts the rest better: by its share of the gain, or at least by more than chance would.
+    """
+    seen = round(_LEARNT * len(problem.record))
+    effects = coefficients_of(base.observer)
+    added = {name: parameters_of(model, name)}
+    without, carried = (foresight(problem.carrying({**effects, **more}), seen) for more in ({}, added))
+    share = _PROPORTION * (1.0 - _LEARNT) * (model.likelihood - base.likelihood)
+    return carried - without > min(share, surprise(degrees(name, problem.device.axes), 1))

@@ -1,0 +1,301 @@
+"""The choice of effects, on stub models whose every gain and price is written down here."""
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import pytest
+
+from estimator.trace.criterion import CHANCE, extended, schwarz, surprise, threshold
+from estimator.trace.engine import Dissent, Estimate, Outcome, Rules, Score, choose, leader, prune, unphysical
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a stub effect gains, what it costs, its coefficient, and what stands against it."""
+
+    gain: float
+    price: float = 1.0
+    low: float = 1.0
+    high: float = 2.0
+    positive: bool = True
+    objected: bool = False
+    impossible: bool = False
+
+
+@dataclass
+class Stub:
+    """A model is the tuple of what it carries; its likelihood is the sum of the gains."""
+
+    effects: dict[str, Worth]
+    width: int = 99
+    asked: list[tuple[str, ...]] = field(default_factory=list)
+    later: list[str] = field(default_factory=list)
+
+    def likelihood(self, carried):
+        return sum(self.effects[name].gain for name in carried)
+
+    def promise(self, current, barred):
+        return tuple(name for name in self.effects if name not in current and name not in barred)
+
+    def hopeful(self, look, tried, number):
+        return look[: self.width]
+
+    def fit(self, current, look, names, tried):
+        self.asked.append(tuple(names))
+        return {n: "no run with it" if self.effects[n].impossible else (*current, n) for n in names}
+
+    def score(self, current, look, fits):
+        return {name: self._score(fit, current, name) for name, fit in fits.items()}
+
+    def _score(self, more, less, name):
+        price = self.effects[name].price
+        return Score(self.likelihood(more), self.likelihood(more) - self.likelihood(less), price, price)
+
+    def coefficients(self, fit):
+        worths = {name: self.effects[name] for name in fit}
+        return {n: {f"{n}_c": Estimate(0.5 * (w.low + w.high), w.low, w.high, w.positive)} for n, w in worths.items()}
+
+    def objection(self, current, name, trial):
+        self.later.append(name)
+        return "the rest is predicted worse" if self.effects[name].objected else None
+
+    def without(self, current, name):
+        less = tuple(other for other in current if other != name)
+        return less, self._score(current, less, name)
+
+
+def rules(dissent=Dissent.ENDS, most=6, **more):
+    return Rules(most, dissent, **more)
+
+
+def chosen(effects, how=None, width=99, start=()):
+    return choose(Stub(effects, width), start, how or rules())
+
+
+def names(found):
+    return [step.name for step in found.steps]
+
+
+def outcomes(one):
+    return {each.name: each.outcome for each in one.tried}
+
+
+@pytest.mark.parametrize("dissent", Dissent)
+def test_the_best_is_the_largest_likelihood_less_its_price(dissent):
+    effects = {"much": Worth(50.0, price=30.0), "cheap": Worth(45.0, price=5.0), "little": Worth(20.0, price=1.0)}
+    found = chosen(effects, rules(dissent, most=1))
+    assert names(found) == ["cheap"]
+    assert outcomes(found.rounds[0]) == {
+        "much": Outcome.BEATEN,
+        "cheap": Outcome.TAKEN,
+        "little": Outcome.BEATEN,
+    }
+    assert found.gains == {"cheap": 45.0}
+
+
+@pytest.mark.parametrize("dissent", Dissent)
+def test_it_goes_on_until_nothing_outweighs_its_price(dissent):
+    effects = {"a": Worth(40.0), "b": Worth(9.0), "equal": Worth(3.0, price=3.0), "dear": Worth(8.0, price=8.5)}
+    found = chosen(effects, rules(dissent))
+    assert names(found) == ["a", "b"]
+    assert found.rounds[-1].taken is None
+    assert outcomes(found.rounds[-1]) == {"equal": Outcome.TOO_DEAR, "dear": Outcome.TOO_DEAR}
+    assert found.rounds[-1].tried[1].reason == "gains 8, and 8.5 would be needed"
+    assert not found.more
+
+
+def test_what_is_needed_may_differ_from_the_price_that_ranks():
+    class Chance(Stub):
+        def score(self, current, look, fits):
+            return {n: Score(self.effects[n].gain, self.effects[n].gain, 1.0, 10.0) for n in fits}
+
+    found = choose(Chance({"a": Worth(9.0), "b": Worth(8.0)}), (), rules())
+    assert names(found) == []
+    assert names(choose(Chance({"a": Worth(11.0)}), (), rules())) == ["a"]
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+@pytest.mark.parametrize("dissent", Dissent)
+def test_no_more_than_so_many_are_taken(most, dissent):
+    effects = {name: Worth(gain) for name, gain in zip("abcd", (40.0, 30.0, 20.0, 10.0), strict=True)}
+    found = chosen(effects, rules(dissent, most))
+    assert names(found) == list("abcd")[:most]
+    assert found.fit == tuple("abcd"[:most])
+    assert found.more
+    assert found.rounds[-1].tried == ()
+    assert found.rounds[-1].look == tuple("abcd"[most:])
+    assert not chosen(dict(list(effects.items())[:most]), rules(dissent, most)).more
+
+
+def test_what_the_start_carries_counts_for_nothing():
+    effects = {"known": Worth(99.0), "a": Worth(40.0), "b": Worth(30.0), "c": Worth(20.0)}
+    found = chosen(effects, rules(most=2), start=("known",))
+    assert names(found) == ["a", "b"]
+    assert found.gains == {"a": 40.0, "b": 30.0}
+    assert found.fit == ("known", "a", "b")
+
+
+OBJECTED = {"a": Worth(40.0), "b": Worth(30.0, objected=True), "c": Worth(20.0), "d": Worth(10.0)}
+
+
+@pytest.mark.parametrize(
+    ("dissent", "expected"),
+    [
+        (Dissent.ENDS, ["a"]),
+        (Dissent.NEXT, ["a", "c", "d"]),
+        (Dissent.AGAIN, ["a", "c", "d"]),
+        (Dissent.CUTS, ["a"]),
+    ],
+)
+def test_what_the_later_part_does_not_bear_out_is_not_taken(dissent, expected):
+    found = chosen(OBJECTED, rules(dissent))
+    assert names(found) == expected
+    assert found.fit == tuple(expected)
+    objected = found.rounds[1]
+    assert outcomes(objected)["b"] is Outcome.OBJECTED
+    assert next(one.reason for one in objected.tried if one.name == "b") == "the rest is predicted worse"
+    assert ("b" in found.barred) is (dissent in (Dissent.NEXT, Dissent.AGAIN))
+
+
+def test_next_asks_the_same_round_and_again_makes_a_new_one():
+    asked = {}
+    for dissent in (Dissent.NEXT, Dissent.AGAIN):
+        stub = Stub(OBJECTED)
+        choose(stub, (), rules(dissent))
+        asked[dissent] = stub.asked
+    assert asked[Dissent.NEXT] == [("a", "b", "c", "d"), ("b", "c", "d"), ("d",)]
+    assert asked[Dissent.AGAIN] == [("a", "b", "c", "d"), ("b", "c", "d"), ("c", "d"), ("d",)]
+
+
+def test_next_passes_over_what_is_too_dear_for_a_worse_one_that_is_not():
+    class Bars(Stub):
+        def score(self, current, look, fits):
+            return {n: Score(self.effects[n].gain, self.effects[n].gain, 0.0, self.effects[n].price) for n in fits}
+
+    effects = {"dear": Worth(30.0, price=31.0), "fair": Worth(20.0, price=10.0)}
+    assert names(choose(Bars(effects), (), rules(Dissent.NEXT))) == ["fair"]
+    assert names(choose(Bars(effects), (), rules(Dissent.ENDS))) == []
+
+
+def test_a_way_that_is_cut_says_of_those_behind_that_they_follow():
+    found = chosen(OBJECTED, rules(Dissent.CUTS))
+    assert [one.taken for one in found.rounds] == ["a", None, None, None, None]
+    assert outcomes(found.rounds[2])["c"] is Outcome.AFTER
+    assert "follows b, which the rest is predicted worse" in {one.reason for one in found.rounds[2].tried}
+    assert found.gains == {"a": 40.0}
+
+
+def test_the_later_part_is_not_asked_of_what_is_too_dear():
+    stub = Stub({"a": Worth(0.5)})
+    choose(stub, (), rules())
+    assert stub.later == []
+
+
+def test_of_equals_the_simpler():
+    for order in (("simple", "rich"), ("rich", "simple")):
+        worth = {"simple": Worth(10.0, price=2.0), "rich": Worth(14.0, price=6.0)}
+        found = chosen({name: worth[name] for name in order}, rules(most=1))
+        assert names(found) == ["simple"]
+    effects = {"rich": Worth(10.0, price=6.0), "simple": Worth(10.0, price=2.0)}
+    assert names(chosen(effects, rules(most=1))) == ["simple"]
+
+
+class Overlap(Stub):
+    """guess is nearly nothing beside the two it stood for; `more` adds to whatever there is."""
+
+    TOGETHER: ClassVar = {
+        "": 0.0,
+        "guess": 50.0,
+        "truth": 45.0,
+        "other": 25.0,
+        "guess other": 55.0,
+        "guess truth": 60.0,
+    }
+
+    def likelihood(self, carried):
+        known = " ".join(sorted(set(carried) - {"more"}))
+        return self.TOGETHER.get(known, 90.5 if "guess" in carried else 90.0) + (4.0 if "more" in carried else 0.0)
+
+
+def test_what_became_superfluous_is_taken_out_and_the_rest_say_what_they_would_lose():
+    effects = {"guess": Worth(0.0), "truth": Worth(0.0, price=20.0), "other": Worth(0.0)}
+    found = choose(Overlap(effects), (), rules(prunes=True, most=4))
+    assert names(found) == ["guess", "other", "truth"]
+    assert found.gains == {"other": 90.0 - 45.0, "truth": 90.0 - 25.0}
+    assert found.fit == ("other", "truth")
+    assert set(choose(Overlap(effects), (), rules(prunes=False)).gains) == {"guess", "truth", "other"}
+    # With as many as may be, and still something left, nothing is sure enough to take anything out.
+    full = choose(Overlap({**effects, "more": Worth(0.0)}), (), rules(prunes=True, most=3))
+    assert full.more
+    assert list(full.gains) == ["guess", "other", "truth"]
+
+
+def test_of_two_that_stand_for_each_other_one_stays():
+    class Twins(Stub):
+        def likelihood(self, carried):
+            return 10.0 if carried else 0.0
+
+    fit, kept = prune(Twins({"a": Worth(10.0), "b": Worth(10.0)}), ("a", "b"), {"a": 10.0, "b": 5.0})
+    assert fit == ("b",)
+    assert kept == {"b": 5.0}
+
+
+@pytest.mark.parametrize("dissent", Dissent)
+def test_a_wrong_sign_beyond_doubt_bars_a_candidate_where_signs_are_asked_for(dissent):
+    effects = {"drives": Worth(50.0, low=-3.0, high=-0.1), "unsure": Worth(20.0, low=-3.0, high=0.1)}
+    found = chosen(effects, rules(dissent))
+    assert names(found) == ["unsure"]
+    assert found.barred == {"drives": "fits only with a negative drives_c, which would be something else"}
+    assert outcomes(found.rounds[0])["drives"] is Outcome.UNPHYSICAL
+    assert names(chosen(effects, rules(dissent, signs=False))) == ["drives", "unsure"]
+    assert names(chosen({"drives": Worth(50.0, low=-3.0, high=-0.1, positive=False)}, rules(dissent))) == ["drives"]
+
+
+def test_the_sign_is_asked_of_all_that_a_model_carries():
+    right, wrong = Estimate(1.0, 0.5, 1.5, True), Estimate(-1.0, -1.5, -0.5, True)
+    assert unphysical({"old": {"fx": wrong}, "new": {"k3x": right}}) == "fx"
+    assert unphysical({"old": {"fx": right}, "new": {"k3x": right}}) is None
+
+
+def test_who_has_no_model_is_barred_with_its_reason():
+    found = chosen({"a": Worth(50.0, impossible=True), "b": Worth(20.0)})
+    assert names(found) == ["b"]
+    assert found.barred == {"a": "no run with it"}
+    (lost, _) = found.rounds[0].tried
+    assert (lost.outcome, lost.score, lost.coefficients) == (Outcome.IMPOSSIBLE, None, {})
+
+
+def test_every_candidate_that_was_carried_has_its_gain_price_and_interval():
+    (first, *_) = chosen({"a": Worth(50.0, price=3.0, low=4.0, high=8.0), "b": Worth(20.0)}).rounds
+    assert {one.name: (one.score.gain, one.score.price, one.score.bar) for one in first.tried if one.score} == {
+        "a": (50.0, 3.0, 3.0),
+        "b": (20.0, 1.0, 1.0),
+    }
+    assert first.tried[0].coefficients == {"a_c": Estimate(6.0, 4.0, 8.0, True)}
+
+
+def test_who_is_carried_follows_from_what_was_carried_until_nobody_is_added():
+    class Wider(Stub):
+        def hopeful(self, look, tried, number):
+            return look[:1] if not tried else look[:2] if number == 0 and tried[leader(tried)].score.gain < 15 else ()
+
+    stub = Wider({"a": Worth(10.0), "b": Worth(20.0), "c": Worth(30.0)})
+    found = choose(stub, (), rules(most=2))
+    assert stub.asked == [("a",), ("b",), ("a",)]
+    assert names(found) == ["b", "a"]
+
+
+def test_progress_never_passes_its_end():
+    said = []
+    choose(Stub({"a": Worth(9.0), "b": Worth(0.5)}), (), rules(most=2), lambda done, most: said.append((done, most)))
+    assert said == [(0, 2), (1, 2), (2, 2)]
+
+
+def test_prices_are_those_of_the_papers():
+    assert schwarz(3, 1000.0) == pytest.approx(3.0 * math.log(1000.0))
+    assert extended(3, 1000.0, 20) == pytest.approx(3.0 * math.log(1000.0) + 2.0 * math.log(20.0))
+    # By chance alone the largest of m χ² of two degrees exceeds x with m exp(−x/2), where that is small.
+    assert surprise(2, 40) == pytest.approx(-2.0 * math.log(1e-4 / 40))
+    assert 10.0 ** -threshold(40) * 40 == pytest.approx(CHANCE)
+    assert pytest.approx(1e-4) == CHANCE
