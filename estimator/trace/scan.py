@@ -16,6 +16,7 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.trace.problem import Problem
+from estimator.trace.record import Record
 from estimator.trace.start import begin_about
 
 PARTS = 32
