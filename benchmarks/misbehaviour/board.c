@@ -4,6 +4,7 @@
  *     cc -std=c11 -O2 -Wall -Wextra -Werror board.c -o board -lm
  *     board [--misbehave NAME] [--at TICK] [--log FILE] [--seed N]        serves a pty
  *     board --can vcan0 [--node N] ...                                    serves SocketCAN (CAN FD)
+ *           [--slow N] [--waits N]     device and ticks so many times slower, its own waits so many times longer
  *
  * On stdout: "ready serial:/dev/pts/N" or "ready can:NAME?node=N". The log says what the board really saw and did:
  * SAFE received, armed, driven ticks, so that a host is judged by the board and not by itself. */
@@ -30,14 +31,12 @@
 
 #define LINES ((unsigned)(sizeof FIELD_TABLE / sizeof *FIELD_TABLE))
 #define PROTOCOL 3u
-#define RATE 4000.0
 #define LATENCY 1
 #define MAX_PAYLOAD 8192
 #define MAX_FRAME 8236
 #define MAX_BLOCK 682
 #define MAX_WAIT 64
 #define SENSE_SCALE (0.25 / 32768)
-#define DRIVE_SCALE (10.0 / 32768)
 #define CONVERTER 32767
 
 enum { T_SAFE = 1, T_ARM = 2, T_FORCE = 0x10, T_GAINS = 0x11, T_SENSE = 0x20, T_TIME = 0x30, T_STATUS = 0x31,
@@ -148,13 +147,25 @@ static long cobs_decode(const uint8_t *in, size_t n, uint8_t *out)
 
 /* ------------------------------------------------------------------ the oscillator */
 
+static double slow_ = 1, waits_ = 1;           /* --slow, --waits */
+#define RATE (4000.0 / slow_)
+#define DRIVE_SCALE (10.0 / 32768 / (slow_ * slow_))
+
+static void wait_s(double seconds)
+{
+    double s = seconds * waits_;
+    struct timespec t = { (time_t)s, (long)((s - (double)(time_t)s) * 1e9) };
+    nanosleep(&t, NULL);
+}
+
 static double state_[4] = { 1e-4, 0, 0, 0 };   /* x, y, x', y' */
 static int flip_drive_x = 1, flip_drive_y = 1;
 
 static void derivative(const double *s, double ux, double uy, double *d)
 {
-    static const double kxx = 1610719.4, kyy = 1547554.0, kxy = 15791.4;
-    static const double dxx = 1.3823, dyy = 1.13097, dxy = 0.0628, omega = 1.2;
+    const double f = 1 / slow_, f2 = f * f;
+    const double kxx = 1610719.4 * f2, kyy = 1547554.0 * f2, kxy = 15791.4 * f2;
+    const double dxx = 1.3823 * f, dyy = 1.13097 * f, dxy = 0.0628 * f, omega = 1.2 * f;
     d[0] = s[2];
     d[1] = s[3];
     d[2] = ux + 2 * omega * s[3] - dxx * s[2] - dxy * s[3] - kxx * s[0] - kxy * s[1];
@@ -680,7 +691,7 @@ static void in_time(void)
     if (after_safe && (mis("safe_confirmed_but_drives") || mis("safe_ignored") || mis("safe_streams_zero"))) {
         /* rows go on by themselves, in lockstep too */
         if (!since_safe) since_safe = now_ns();
-        if (now_ns() - since_safe > 5000000000LL) return;
+        if ((double)(now_ns() - since_safe) > 5e9 * waits_) return;
         static int busy;
         if (busy++ % 2) return;
         int keep = st;
@@ -733,7 +744,7 @@ static void send_identity(void)
         if (mis_pre("id_rate_") && !strcmp(mis_name + 8, odd[i].name)) rate = odd[i].v;
     }
     if (mis("id_rate_1e12")) rate = 1e12;
-    if (mis("id_rate_4001")) rate = 4001;
+    if (mis("id_rate_4001")) rate = RATE * 1.00025;
     if (mis_pre("id_sense_bits_")) sb = (unsigned)atoi(mis_name + 14);
     if (mis_pre("id_drive_bits_")) db = (unsigned)atoi(mis_name + 14);
     if (mis_pre("id_axes_")) axes = (unsigned)atoi(mis_name + 8);
@@ -794,7 +805,11 @@ static void on_arm(uint16_t seq)
     else if (!hello_ok) { nack(T_ARM, seq, N_STATE); return; }
     if (st == RUNNING) { nack(T_ARM, seq, N_STATE); return; }
     if (st == SAFE && (latched || fault)) { nack(T_ARM, seq, N_LATCHED); return; }
-    if (st == ARMED) { send_status(); return; }
+    if (st == ARMED) {
+        if (!mis("arm_unanswered_armed"))         /* every time, not only the first */
+            send_status();
+        return;
+    }
     if (reg[LOOP_MODE] == 1) {
         double det = reg[A11] * reg[A22] - reg[A12] * reg[A21], tr = reg[A11] + reg[A22];
         if (!(fabs(det) <= 0.9801 && 0.99 * fabs(tr) <= 0.9801 + det)) { nack(T_ARM, seq, N_RANGE); return; }
@@ -815,7 +830,7 @@ static void on_arm(uint16_t seq)
     if (mis("status_only") || mis("status_then_no_rows")) silent_rows = 1;
     if (mis("arm_answered_idle")) send_status_as(IDLE, NONE);
     else if (mis("arm_answered_safe")) send_status_as(SAFE, HOST_REQUEST);
-    else if (!mis("arm_unanswered_armed") && !mis("arm_nacked_but_armed")) send_status();
+    else if (!mis_pre("arm_unanswered_") && !mis("arm_nacked_but_armed")) send_status();
     if (mis("arm_unanswered_no_rows")) silent_rows = 1;
     if (lockstep())
         do_block();
@@ -1060,14 +1075,10 @@ static void on_message(int type, uint16_t seq, const uint8_t *d, size_t n)
         note("unheard %02x", type);
         return;
     }
-    if (mis("slow_answers") && type != T_HELLO) { /* beyond any timeout of 2 s */
-        struct timespec t = { 3, 0 };
-        nanosleep(&t, NULL);
-    }
-    if (mis("slow_hello") && type == T_HELLO) {
-        struct timespec t = { 5, 0 };
-        nanosleep(&t, NULL);
-    }
+    if (mis("slow_answers") && type != T_HELLO)   /* beyond any timeout of 2 s */
+        wait_s(3);
+    if (mis("slow_hello") && type == T_HELLO)
+        wait_s(5);
     if (type == T_HELLO && n == 6) {
         seq_known = 1;
         seq_next = (uint16_t)(seq + 1);
@@ -1282,6 +1293,8 @@ int main(int argc, char **argv)
         if (!strcmp(argv[i], "--misbehave")) mis_name = v;
         else if (!strcmp(argv[i], "--at")) mis_at = atoll(v);
         else if (!strcmp(argv[i], "--can")) can = v;
+        else if (!strcmp(argv[i], "--slow")) slow_ = atof(v);
+        else if (!strcmp(argv[i], "--waits")) waits_ = atof(v);
         else if (!strcmp(argv[i], "--node")) node = atoi(v) & 7;
         else if (!strcmp(argv[i], "--seed")) rng ^= strtoull(v, NULL, 0) * 0x2545F4914F6CDD1Du;
         else if (!strcmp(argv[i], "--log")) log_to = fopen(v, "w");
