@@ -126,12 +126,13 @@ def require_agreement(bench: Bench, identity: Identity, link: str) -> None:
     device = bench.device
     if identity.axes != device.axes:
         raise InputError(
-            f"{link}: the board has {identity.axes} axes, [device] axes says {device.axes}; correct the bench file"
+            f"{link}: the board has {identity.axes} axes, [device] axes says {device.axes}; "
+            "correct the bench file, or the board's IDENTITY"
         )
     if not math.isclose(identity.tick_rate_Hz, device.sample_rate_Hz, rel_tol=1e-6):
         raise InputError(
             f"{link}: the board samples at {identity.tick_rate_Hz:g} Hz, [device] sample_rate_Hz says "
-            f"{device.sample_rate_Hz:g}; correct the bench file"
+            f"{device.sample_rate_Hz:g}; correct the bench file, or the board's IDENTITY"
         )
 
 

@@ -36,6 +36,7 @@ SLICE_S = 0.25
 """Longest wait for samples at a time: how soon the loop sees to what is not a sample."""
 
 _COUNTERS = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
+_STATES = frozenset(map(int, State))
 _STREAMING = (State.ARMED, State.RUNNING)
 _ARM_REFUSED = {
     "LATCHED": "its own protection (FAULT) has tripped, or a stop latched; find the cause",
@@ -66,6 +67,7 @@ class ArmedBoard:
         safety: what there is to say of the board's stops.
         account: what the host knows of its own silences.
         newest: tick of the last row, for the loop to set where it is cheap; None before the first.
+        running: tick at which the board said RUNNING; None since ARM.
         waiting: told now and then for how many seconds a board has been waited for.
     """
 
@@ -90,6 +92,7 @@ class ArmedBoard:
         self.account = Account(endpoint, ticks, self._block, self._rate_Hz, identity.latency_ticks)
         self.safety = Safety()
         self.newest: int | None = None
+        self.running: int | None = None
         self.waiting: Callable[[float], None] = lambda _: None
 
     def arm(self) -> Status:
@@ -97,8 +100,10 @@ class ArmedBoard:
 
         Raises ProtocolError when the board refuses, LinkError when it does not answer.
         """
+        self._endpoint.said()  # the second answer to a HELLO that had to be repeated, and whatever else is past
         self.safety.armed = True
         status = self._arm()
+        self.safety.taken = True
         self.account.begin(status)
         return status
 
@@ -150,7 +155,15 @@ class ArmedBoard:
         stopped: Status | None = None
         refused = False
         for message in said:
+            if isinstance(message, Identity):
+                self._end(
+                    "the board said IDENTITY, which answers HELLO, and this host said none: did another host greet it?"
+                )
             if isinstance(message, Status):
+                if message.state not in _STATES:
+                    self._end(f"STATUS gives state {message.state}, which is not listed; correct its firmware")
+                if message.state == State.RUNNING:
+                    self.running = unwrap(message.tick, self._endpoint.rx.tick)
                 stopped = None if message.state in _STREAMING else message
                 refused = refused and stopped is not None
             elif isinstance(message, Nack):  # the STATUS was lost, but the board refuses to be driven
@@ -196,8 +209,7 @@ class ArmedBoard:
         What it says to ARM.
         """
         if status.state != State.SAFE:
-            state = State(status.state).name if status.state in State.__members__.values() else str(status.state)
-            self._end(f"the board restarted: it is in {state}; check its supply")
+            self._end(f"the board restarted: it is in {State(status.state).name}; check its supply")
         if status.reason in LATCHING or status.reason not in (SafeReason.WATCHDOG, SafeReason.LINK_LOST):
             self._latch(stop, status.reason)
         if status.reason == SafeReason.WATCHDOG:
@@ -260,6 +272,7 @@ class ArmedBoard:
         return [item.message for item in items]
 
     def _arm(self) -> Status:
+        self.running = None
         try:
             return client.arm(self._endpoint, self._silence_s)
         except client.Refused as refusal:

@@ -12,12 +12,15 @@ from collections.abc import Mapping
 
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.declared import drive_limit_of
 from hil.loop.angle import ReportedAngle
+from hil.loop.echo import Echo
 from hil.loop.hindsight import Hindsight
 from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
 from hil.loop.tracks import put_covariance
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
+from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveForce, Identity, Message, SenseFlags
 from hil.wire.sense import SenseRow
 
@@ -58,6 +61,8 @@ class ForceLoop(Loop):
         self._nu, self._s = self._row["nu"], self._row["s"]
         self._hindsight = Hindsight(observer)
         self._echo = 0, 0
+        limit = int(registers.get("DRIVE_LIMIT", drive_limit_of(bench, identity)))
+        self._shown = Echo(self._latency, limit)
 
     def _turn(self) -> int:
         observer, endpoint = self._observer, self._endpoint
@@ -83,6 +88,7 @@ class ForceLoop(Loop):
                 sent_ns = endpoint.sent_ns
                 self._timing.put(tick, endpoint.received_ns, estimated_ns, sent_ns)
                 self._give_way()
+                self._shown.sent(codes[0], codes[1], tick + self._latency)
                 if sent_ns - self._answered_ns > self._suspicious_ns:
                     self._answered(sent_ns)
                 self._answered_ns = sent_ns
@@ -115,6 +121,8 @@ class ForceLoop(Loop):
             counters.clipped += bool(flags & SenseFlags.CLIPPED)
             counters.saturated += bool(flags & SenseFlags.SATURATED)
         self._capture.put(tick, vx, vy, ux, uy, flags)
+        if wrong := self._shown.saw(tick, ux, uy, flags):
+            raise ProtocolError(f"{self._name}: {wrong}; correct its firmware")
         nu_x, nu_y = self._nu.tolist()
         s_x, s_y = self._s.tolist()
         x_volts, y_volts = self._volts
@@ -156,7 +164,12 @@ class ForceLoop(Loop):
         self._hindsight.forget()
 
     def _begin_again(self) -> None:
-        """Nothing is kept of what was sent."""
+        self._shown.forget()
 
     def _said(self) -> list[Message]:
         return self._endpoint.said()
+
+    def _heed(self, said: list[Message]) -> None:
+        super()._heed(said)
+        if self._board.running is not None:
+            self._shown.runs(self._board.running)

@@ -25,12 +25,14 @@ from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
 from hil.loop.tracks import estimate_rows, innovation_rows, put_covariance, run_layouts
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
+from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveGains, Identity, Message, SafeReason, SenseFlags
 from hil.wire.sense import Sense
 from hil.wire.stream import Received
 
 _LATER = 64  # matrices whose effect is still to be seen
 _RECENT = 16  # of those whose lateness the next is made for
+_NAMES = 100  # of matrices that a board may still come to; there are 255, and a name is given again and again
 _NOTHING_WRITTEN: Mapping[str, float] = {}
 _CAPTURE = np.dtype([("tick", "<i8"), ("codes", "<i4", 4), ("flags", "u1")])  # the capture's row, its codes as one
 
@@ -78,6 +80,9 @@ class GainLoop(Loop):
         self._noise_V = bench.device.sense.noise_V
         self._sent: deque[_Sent] = deque(maxlen=_LATER)
         self._matrix_id = 0
+        self._names: deque[int] = deque(maxlen=_NAMES)
+        self._in_force = 0  # by what SENSE said last
+        self._strange: int | None = None  # the name in the last SENSE, if it cannot be
         self._blocks = 0
         self._news: deque[Message] = deque(maxlen=_LATER)  # beside samples, since it was last seen to
 
@@ -102,6 +107,7 @@ class GainLoop(Loop):
         codes, received_ns = sense.codes, self._endpoint.received_ns
         stale = self._pause is not None and block.tick <= self._pause.safe
         self._bridge(block.tick)
+        self._require_sent(sense.matrix_id)
         if self._waiting and block.tick - first >= self._acquired:
             self._waiting, self._closed = False, True
             self._observer.enable_control(True)
@@ -132,6 +138,7 @@ class GainLoop(Loop):
         matrix = DriveGains(self._matrix_id, tuple(gain.ravel().tolist()), tuple(bias.tolist()), effective)
         self._endpoint.send(matrix)
         sent_ns = time.monotonic_ns()
+        self._names.append(self._matrix_id)
         self._foresight.tell(gain, bias, effective)
         if sent_ns - self._answered_ns > self._suspicious_ns:
             self._answered(sent_ns)
@@ -139,6 +146,23 @@ class GainLoop(Loop):
         if len(self._sent) == _LATER:
             self._close(self._sent.popleft(), -1)
         self._sent.append(_Sent(self._matrix_id, effective, last, (received_ns, estimated_ns, sent_ns)))
+
+    def _require_sent(self, matrix_id: int) -> None:
+        """ProtocolError when a SENSE follows one that names a matrix which was not sent.
+
+        The last one before a board stops by itself names none, and STATUS may come after it.
+        """
+        if self._strange is not None:
+            raise ProtocolError(
+                f"{self._name}: SENSE names matrix {self._strange}, which was not sent, or not lately; "
+                f"matrix {self._in_force} was in force: correct its firmware"
+            )
+        if matrix_id == self._in_force:
+            return
+        if matrix_id in self._names:
+            self._in_force = matrix_id
+        else:
+            self._strange = matrix_id
 
     def _keep(self, tick: int, sense: Sense, estimates: Estimates) -> None:
         """Everything that hangs off a block once it is answered."""
@@ -212,6 +236,8 @@ class GainLoop(Loop):
     def _begin_again(self) -> None:
         self._foresight.arm()
         self._leave_open()
+        self._names.clear()
+        self._in_force, self._strange = 0, None
 
     def finish(self, reason: SafeReason) -> None:
         """As of any loop; what is still to be seen of the last matrices is not."""

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 from estimator.kernel.layout import MAX_LATENCY
 from hil.bench import Bench
+from hil.bench.plausible import FASTEST_HZ, LARGEST_V
 from hil.declared import board_dither_of, board_filter_of, drive_limit_of, require_agreement
 from hil.errors import InputError
 from hil.wire import client
@@ -21,6 +22,13 @@ from hil.wire.messages import Capabilities, ClockMode, Identity, LoopMode
 from hil.wire.spec import SPEC
 
 _BITS = 2, 24  # a code is a signed number of at most 24 bits
+_AXES = 1, 2
+# Far outside what any board has: they catch a slipped exponent, or a field that was never filled in.
+_SCALES = {
+    "tick_rate_Hz": (1e-3, FASTEST_HZ, "hertz"),
+    "sense_scale_V": (1e-15, LARGEST_V, "volts a code"),
+    "drive_scale_mps2": (1e-15, 1e6, "m/s² a code"),
+}
 _LEAST_CODES = 2.0  # of the converter that the declared amplitude has to move
 _CLOCK_S = 0.05  # between two questions about the board's time
 _PACE = 0.9, 1.1  # of a board's clock beside this host's: far beyond any oscillator, well within what is another unit
@@ -28,15 +36,19 @@ _PACE = 0.9, 1.1  # of a board's clock beside this host's: far beyond any oscill
 
 def require_plausible(identity: Identity, link: str) -> None:
     """InputError naming the first field of IDENTITY that no board can have."""
-    for name in ("tick_rate_Hz", "sense_scale_V", "drive_scale_mps2"):
+    for name, (least, most, unit) in _SCALES.items():
         value = getattr(identity, name)
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{link}: IDENTITY.{name} is {value:g}, must be finite and positive; correct the firmware")
-    for name in ("sense_bits", "drive_bits"):
-        value = getattr(identity, name)
-        if not _BITS[0] <= value <= _BITS[1]:
+        if not least <= value <= most:
             raise InputError(
-                f"{link}: IDENTITY.{name} is {value}, must be {_BITS[0]} to {_BITS[1]}; correct the firmware"
+                f"{link}: IDENTITY.{name} is {value:g}, no board has that: it counts {unit}; correct the firmware"
+            )
+    for name, (fewest, greatest) in {"sense_bits": _BITS, "drive_bits": _BITS, "axes": _AXES}.items():
+        value = getattr(identity, name)
+        if not fewest <= value <= greatest:
+            raise InputError(
+                f"{link}: IDENTITY.{name} is {value}, must be {fewest} to {greatest}; correct the firmware"
             )
     if identity.latency_ticks > MAX_LATENCY:
         raise InputError(
@@ -51,6 +63,11 @@ def require_suitable(bench: Bench, identity: Identity, link: str) -> None:
     require_agreement(bench, identity, link)
     able = Capabilities(identity.capabilities)
     clock = ClockMode[bench.loop.clock.upper()]
+    if not able & (Capabilities.FORCE_MODE | Capabilities.GAIN_MODE):
+        raise InputError(
+            f"{link}: IDENTITY.capabilities is {identity.capabilities}, neither force nor gain mode: nothing could be "
+            "driven; correct the firmware"
+        )
     if clock is ClockMode.LOCKSTEP and Capabilities.LOCKSTEP not in able:
         raise InputError(f'{link}: the board cannot wait for the host; use [loop] clock = "real"')
     if clock is ClockMode.PACED and Capabilities.PACED not in able:

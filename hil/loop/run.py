@@ -90,7 +90,8 @@ def run(
                     _keep_if_recorded(folder)
                 raise
             said = _what_was_done(safety)
-            recorded = not dry_run and _keep_if_recorded(folder, whatever=bool(alarm_of(safety)))
+            kept = bool(alarm_of(safety)) or bool(safety.get("taken"))  # it has a verdict, if nothing else
+            recorded = not dry_run and _keep_if_recorded(folder, whatever=kept)
     except KeyboardInterrupt:
         raise Interrupted(said) from None
     if logged is not None and logged.lost:

@@ -38,6 +38,7 @@ class Safety:
 
     Attributes:
         armed: whether a byte of ARM has left, or may have.
+        taken: whether the board has said that it is armed.
         stops: every stop that this host did not want, in order.
         latched: reason of the stop that ended the run, "" if none did.
         rearmed: how often the board was armed again.
@@ -50,6 +51,7 @@ class Safety:
     """
 
     armed: bool = False
+    taken: bool = False
     stops: list[Stop] = field(default_factory=list)
     latched: str = ""
     rearmed: int = 0

@@ -28,6 +28,7 @@ from hil.wire.messages import (
     RegisterValue,
     RegisterWrite,
     Safe,
+    SafeReason,
     State,
     Status,
 )
@@ -44,6 +45,7 @@ REQUESTS = 8
 harm, because every request says what is to be, not what is to change."""
 
 _IDENTITY_START = struct.Struct("<HI")  # protocol, spec hash: the part of IDENTITY that never changes
+_NACK_SIZE = SPEC.messages["NACK"].size
 _LIVING = (State.ARMED, State.RUNNING)
 
 _Answer = TypeVar("_Answer", bound=Message)
@@ -62,16 +64,23 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
 
     Raises:
         LinkError: no answer in time.
+        Refused: NACK and nothing else in time, which the page does not know.
         ProtocolError: another protocol version, or another spec; then the message names the first difference.
     """
     endpoint.restart()
     deadline = time.monotonic() + timeout_s
+    refused: int | None = None
     while True:
         endpoint.send(Hello(SPEC.protocol, SPEC.hash))
-        payload = _await_identity(endpoint, min(time.monotonic() + HELLO_EVERY_S, deadline))
-        if payload is not None:
+        answer = _await_identity(endpoint, min(time.monotonic() + HELLO_EVERY_S, deadline))
+        if isinstance(answer, bytes):
+            payload = answer
             break
+        refused = refused if answer is None else answer
         if time.monotonic() >= deadline or endpoint.link.fileno() is None:
+            if refused is not None:
+                told = f"{endpoint.link.name}: the board refused HELLO: {_reason(refused)}"
+                raise Refused(f"{told}; a board answers it in every state, correct the firmware", refused)
             raise LinkError(f"{endpoint.link.name}: no answer to HELLO; {endpoint.link.advice}")
     if len(payload) < _IDENTITY_START.size:
         raise ProtocolError(f"{endpoint.link.name}: IDENTITY of {len(payload)} bytes; is it a gyro board?")
@@ -83,9 +92,10 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
         )
     if spec_hash != SPEC.hash:
         difference = first_difference(read_field_table(endpoint, timeout_s), SPEC.table)
+        told = f"the field tables differ, {difference}" if difference else "yet the field tables agree"
         raise ProtocolError(
             f"{endpoint.link.name}: spec hash {spec_hash:#010x} on the board, {SPEC.hash:#010x} here: "
-            f"{difference or 'yet the field tables agree'}; build both from one spec.toml"
+            f"{told}; build both from one spec.toml"
         )
     identity = unpack(type_of(Identity), payload)
     assert isinstance(identity, Identity)
@@ -143,8 +153,13 @@ def write_register(endpoint: Endpoint, name: str, value: float, timeout_s: float
 
 
 def arm(endpoint: Endpoint, timeout_s: float = 2.0) -> Status:
-    """Arm the board: SENSE streams from now on. Raises as `request`."""
-    return request(endpoint, Arm(), Status, timeout_s, lambda status: status.state in _LIVING)
+    """Arm the board: SENSE streams from now on. Raises as `request`, ProtocolError also where STATUS says otherwise."""
+    status = request(endpoint, Arm(), Status, timeout_s)
+    if status.state not in _LIVING:
+        state = next((member.name for member in State if member == status.state), f"state {status.state}")
+        why = next((member.name for member in SafeReason if member == status.reason), f"reason {status.reason}")
+        raise ProtocolError(f"{endpoint.link.name}: the board answered ARM by STATUS: it is in {state}, {why}")
+    return status
 
 
 def make_safe(endpoint: Endpoint, reason: int, timeout_s: float = 2.0) -> Status:
@@ -193,15 +208,20 @@ def request(
             raise LinkError(f"{endpoint.link.name}: no answer to {name} within {timeout_s:g} s; is the board still on?")
 
 
-def _await_identity(endpoint: Endpoint, deadline: float) -> bytes | None:
-    """Payload of the next IDENTITY, however long it is; None when the time is up."""
+def _await_identity(endpoint: Endpoint, deadline: float) -> bytes | int | None:
+    """Payload of the next IDENTITY, however long it is; when the time is up the reason of a NACK to HELLO, or None."""
+    refused: int | None = None
     while True:
         frames: list[Frame] = endpoint.poll_frames(max(deadline - time.monotonic(), 0.0))
         for frame in frames:
             if frame.type == type_of(Identity):
                 return frame.payload
+            if frame.type == type_of(Nack) and len(frame.payload) == _NACK_SIZE:
+                nack = unpack(frame.type, frame.payload)
+                assert isinstance(nack, Nack)
+                refused = nack.reason if nack.of_type == type_of(Hello) else refused
         if time.monotonic() >= deadline or (not frames and endpoint.link.fileno() is None):
-            return None
+            return refused
 
 
 def _read_line(endpoint: Endpoint, line: int, timeout_s: float) -> FieldValue:

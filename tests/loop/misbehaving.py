@@ -10,7 +10,7 @@ import select
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Self
 
@@ -30,6 +30,7 @@ from hil.wire.messages import (
     RegisterWrite,
     Safe,
     SafeReason,
+    SenseFlags,
     State,
     Status,
     TimeSync,
@@ -99,6 +100,8 @@ class Board:
         self.values = {number: float(register.default) for number, register in _REGISTERS.items()}
         self.held = (0, 0)
         self.waiting: dict[int, tuple[int, int]] = {}
+        self.flags = 0  # of the row to come
+        self.due: int | None = None  # tick of the first drive since ARM
         self.fed = 0
         self.trips = 0
 
@@ -114,7 +117,7 @@ class Board:
         """Before a tick: where a misbehaviour begins."""
 
     def say_row(self, tick: int, vx: int, vy: int, ux: int, uy: int) -> bytes:
-        return self.tx.encode_row(tick, vx, vy, ux, uy, 0, 2)
+        return self.tx.encode_row(tick, vx, vy, ux, uy, self.flags, 2)
 
     def say_status(self) -> list[Message]:
         tick = max(self.tick, 0) & 0xFFFFFFFF
@@ -138,6 +141,7 @@ class Board:
         if self.latched:
             return [Nack(type_of(Arm), self._seq, LATCHED)]
         self.state, self.reason = State.ARMED, SafeReason.NONE
+        self.due = None
         return self.say_status()
 
     def on_safe(self, safe: Safe) -> list[Message]:
@@ -159,7 +163,7 @@ class Board:
         self.fed = self.tick
         if self.state is State.RUNNING:
             return []
-        self.state = State.RUNNING
+        self.state, self.due = State.RUNNING, self.tick + ahead
         return self.say_status()
 
     def on_read(self, number: int) -> list[Message]:
@@ -191,6 +195,8 @@ class Board:
             self.trips += 1
             self.stop(SafeReason.WATCHDOG)
             return self._frames(self.say_status())
+        due = self.due is not None and self.tick >= self.due and self.state is State.RUNNING
+        self.flags = SenseFlags.HELD if due and self.tick not in self.waiting else 0
         self.held = self.waiting.pop(self.tick, self.held)
         ux, uy = self.held
         if ux or uy:
@@ -459,6 +465,82 @@ class ClockRuns(Board):
 
     def on_time(self, sync: TimeSync) -> list[Message]:
         return [sync._replace(board_ns=round(self.factor * time.monotonic_ns()))]
+
+
+class SaysStatus(Board):
+    """Says a STATUS that nobody may say, once, and goes on."""
+
+    def __init__(self, state: int, reason: int) -> None:
+        super().__init__()
+        self.wrong = state, reason
+
+    def each_tick(self) -> None:
+        if self.tick == AT:
+            status = self.say_status()[0]
+            assert isinstance(status, Status)
+            self._link.offer(self._frames([status._replace(state=self.wrong[0], reason=self.wrong[1])]))
+
+
+class Introduces(Board):
+    """Says IDENTITY although nobody asks, or twice where it is asked once."""
+
+    def __init__(self, *, twice: bool) -> None:
+        super().__init__()
+        self.twice = twice
+
+    def on_hello(self, hello: Hello) -> list[Message]:
+        return super().on_hello(hello) * (2 if self.twice else 1)
+
+    def each_tick(self) -> None:
+        if self.tick == AT and not self.twice:
+            self._link.offer(self._frames([self.identity]))
+
+
+class Unmoved(Board):
+    """Stops at SAFE, and gives a reason that cannot be."""
+
+    def __init__(self, reason: int) -> None:
+        super().__init__()
+        self.why = reason
+
+    def on_safe(self, safe: Safe) -> list[Message]:
+        status = super().on_safe(safe)[0]
+        assert isinstance(status, Status)
+        return [status._replace(reason=self.why)]
+
+
+class Echoes(Board):
+    """Shows other drives than it was sent, from some tick on: what `shown` makes of them, and flags that it adds."""
+
+    def __init__(self, shown: Callable[[int, int], tuple[int, int]], flags: int = 0) -> None:
+        super().__init__()
+        self.shown, self.more = shown, flags
+
+    def say_row(self, tick: int, vx: int, vy: int, ux: int, uy: int) -> bytes:
+        if tick >= AT:
+            ux, uy = self.shown(ux, uy)
+            self.flags |= self.more
+        return super().say_row(tick, vx, vy, ux, uy)
+
+
+class Answers(Board):
+    """Answers ARM by the STATUS of another state, and streams; asked again, by the right one."""
+
+    def __init__(self, state: int, reason: int) -> None:
+        super().__init__()
+        self.says = state, reason
+
+    def on_arm(self) -> list[Message]:
+        status = super().on_arm()[0]
+        assert isinstance(status, Status)
+        return [status._replace(state=self.says[0], reason=self.says[1])] if self.arms == 1 else [status]
+
+
+class RefusesHello(Board):
+    """NACK to HELLO."""
+
+    def on_hello(self, hello: Hello) -> list[Message]:
+        return [Nack(type_of(Hello), self._seq, NackReason.BAD_STATE)]
 
 
 class Stuck(Board):

@@ -16,7 +16,7 @@ from hil.progress import Progress
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.wire.errors import ProtocolError, WireError
-from hil.wire.messages import NackReason, SafeReason, State
+from hil.wire.messages import NackReason, SafeReason, SenseFlags, State
 from hil.wire.spec import SPEC
 from tests.loop import gyro, misbehaving
 from tests.loop.misbehaving import AT, RATE_HZ, Board, served
@@ -185,12 +185,7 @@ def test_a_refusal_to_be_armed_is_one_line(tmp_path: Path, reason: int, words: s
 def test_rows_that_cannot_be_accepted_are_silence(tmp_path: Path, n: int, width: int, at: int) -> None:
     begin = time.monotonic()
     with served(misbehaving.Gibberish(n, width, at)) as board:
-        if at:
-            reason = ended(go(board, bench(60.0), tmp_path))
-        else:
-            with pytest.raises(WireError) as caught:
-                run(bench(60.0), board.url, tmp_path, progress=Told())
-            reason = str(caught.value)
+        reason = ended(go(board, bench(60.0), tmp_path))
         assert board.state is State.SAFE
     assert "sends no acceptable sample" in reason
     assert "contradicted themselves" in reason
@@ -328,3 +323,103 @@ def test_session_is_written_and_is_not_zero(tmp_path: Path) -> None:
     with served(Board()) as board:
         run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
     assert board.values[SPEC.registers["SESSION"].id] != 0
+
+
+# ------------------------------------------------------------------- wire.md, "What a host does with what it hears"
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        ((99, 77), "STATUS gives state 99, which is not listed"),
+        ((State.SAFE, 99), "gives reason 99, which is not listed"),
+        ((State.SAFE, SafeReason.NONE), "gives NONE"),
+    ],
+)
+def test_a_status_that_cannot_be_ends_the_run(tmp_path: Path, status: tuple[int, int], words: str) -> None:
+    with served(misbehaving.SaysStatus(*status)) as board:
+        reason = ended(go(board, bench(60.0), tmp_path))
+    assert words in reason
+    assert "restarted" not in reason
+    assert (board.arms, board.state) == (1, State.SAFE)
+
+
+@pytest.mark.parametrize("reason", [SafeReason.NONE, SafeReason.LINK_LOST, SafeReason.WATCHDOG, 99])
+def test_a_reason_that_does_not_latch_confirms_no_stop(tmp_path: Path, reason: int) -> None:
+    told = Told()
+    with served(misbehaving.Unmoved(reason)) as board:
+        unsafe(go(board, bench(1.5), tmp_path, told), told)
+
+
+def test_an_identity_that_nobody_asked_for_ends_the_run(tmp_path: Path) -> None:
+    with served(misbehaving.Introduces(twice=False)) as board:
+        reason = ended(go(board, bench(60.0), tmp_path))
+    assert "IDENTITY" in reason
+    assert "another host" in reason
+    assert (board.arms, board.state) == (1, State.SAFE)
+
+
+def test_a_hello_that_was_repeated_has_two_answers(tmp_path: Path) -> None:
+    with served(misbehaving.Introduces(twice=True)) as board:
+        result = go(board, bench(4.0, "lockstep"), tmp_path)
+    assert result.verdict == "good"
+
+
+@pytest.mark.parametrize("clock", ["paced", "lockstep"])
+@pytest.mark.parametrize(
+    ("shown", "flags"),
+    [
+        (lambda ux, uy: (0, 0), 0),
+        (lambda ux, uy: (-ux, uy), 0),
+        (lambda ux, uy: (ux, uy + 1), 0),
+        (lambda ux, uy: (2 * ux, 2 * uy), SenseFlags.SATURATED),
+        (lambda ux, uy: (ux + 5, uy), SenseFlags.HELD),
+    ],
+)
+def test_an_echo_that_disagrees_ends_the_run(tmp_path: Path, clock: str, shown: Any, flags: int) -> None:
+    with served(misbehaving.Echoes(shown, flags)) as board:
+        reason = ended(go(board, bench(60.0, clock), tmp_path))
+    assert "shows the drive codes" in reason
+    assert (board.arms, board.state) == (1, State.SAFE)
+
+
+def test_a_board_that_limits_further_and_says_so_is_believed(tmp_path: Path) -> None:
+    with served(misbehaving.Echoes(lambda ux, uy: (ux // 2 if ux > 0 else ux, 0), SenseFlags.SATURATED)) as board:
+        result = go(board, bench(2.5, "lockstep"), tmp_path)
+    assert result.parts["safety"].outcome == "good", result.reasons
+
+
+@pytest.mark.parametrize("answer", [(State.IDLE, 0), (State.SAFE, SafeReason.HOST_REQUEST), (99, 98)])
+def test_an_arm_answered_by_another_state_is_refused(tmp_path: Path, answer: tuple[int, int]) -> None:
+    with served(misbehaving.Answers(*answer)) as board, pytest.raises(ProtocolError, match="answered ARM") as caught:
+        run(bench(), board.url, tmp_path, progress=Told())
+    assert (State(answer[0]).name if answer[0] != 99 else "state 99") in str(caught.value)
+    assert (board.arms, board.state) == (1, State.SAFE)
+
+
+def test_a_hello_that_is_refused_is_not_called_unanswered(tmp_path: Path) -> None:
+    with served(misbehaving.RefusesHello()) as board, pytest.raises(ProtocolError, match="refused HELLO: BAD_STATE"):
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("axes", 0), ("axes", 3), ("tick_rate_Hz", 1e12), ("sense_scale_V", 1e-300), ("drive_scale_mps2", 1e300)],
+)
+def test_what_no_board_has_is_the_firmwares(tmp_path: Path, field: str, value: float) -> None:
+    with served(Board(), **{field: value}) as board, pytest.raises(InputError, match=rf"IDENTITY\.{field}") as caught:
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+    assert str(caught.value).endswith("correct the firmware")
+
+
+def test_a_board_that_drives_in_no_mode_is_refused(tmp_path: Path) -> None:
+    with served(Board(), capabilities=0) as board, pytest.raises(InputError, match="capabilities is 0"):
+        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+
+
+@pytest.mark.parametrize("clock", ["paced", "lockstep"])
+def test_a_board_that_takes_arm_and_streams_nothing_has_a_verdict(tmp_path: Path, clock: str) -> None:
+    with served(misbehaving.Still(0)) as board:
+        result = go(board, bench(60.0, clock), tmp_path)
+    assert "sends no acceptable sample" in ended(result)
+    assert (result.samples, board.state) == (0, State.SAFE)

@@ -168,8 +168,9 @@ def test_other_spec_is_refused_by_its_first_difference():
     with pytest.raises(ProtocolError) as caught:
         connect(endpoint)
     assert str(caught.value) == (
-        f"inproc: spec hash {other.hash:#010x} on the board, {SPEC.hash:#010x} here: the board has "
-        "STATUS.bad_frames (u16, 1), this host has STATUS.bad_frames (u32, 1); build both from one spec.toml"
+        f"inproc: spec hash {other.hash:#010x} on the board, {SPEC.hash:#010x} here: the field tables "
+        "differ, the board has STATUS.bad_frames (u16, 1), this host has STATUS.bad_frames (u32, 1); "
+        "build both from one spec.toml"
     )
 
 
