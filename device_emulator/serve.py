@@ -76,6 +76,8 @@ class Server:
                 self._origin = time.monotonic() + _LEAD_S - board.rows / self._rate_Hz
             deadline = self._origin + (board.rows + board.missing - 1) / self._rate_Hz
         else:
+            if self._origin is None and board.rows > 0:  # it waited for its host until now: ticks go on from here
+                self._origin = time.monotonic() - (board.rows - 1) / self._rate_Hz
             deadline = time.monotonic() + (IDLE_S if self._origin is None else COAST_S)
         heard = self._listen(stop, deadline)
         if heard is None:

@@ -71,6 +71,8 @@ def require_scannable(stretches: Sequence[Stretch], device: Device) -> None:
     """ModelError with the reason where a record says nothing of a model."""
     if device.axes != 2:
         raise ModelError("a single axis has no angle; hil trace judges its model")
+    if not stretches:
+        raise ModelError("a single sample is too few")
     first = stretches[0].record
     cycles = float(np.sum(first.step)) * np.sqrt(device.target) / (2.0 * np.pi)
     if cycles < _FEWEST_CYCLES or len(first) < _FEWEST_SAMPLES:

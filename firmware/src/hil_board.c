@@ -90,9 +90,10 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
         identity->capabilities |= HIL_CAPABILITIES_PACED;
 
     board->width = identity->sense_bits > 16u || identity->drive_bits > 16u ? 3u : 2u;
-    board->sense_max = board->width == 2u ? 0x7FFF : 0x7FFFFF;
-    if (identity->drive_bits < 2u || identity->drive_bits > 24u)
+    if (identity->sense_bits < 2u || identity->sense_bits > 24u || identity->drive_bits < 2u ||
+        identity->drive_bits > 24u)
         return false;
+    board->sense_max = (int32_t)((1u << (identity->sense_bits - 1u)) - 1u); /* the lowest code is one further */
     board->drive_max = (int32_t)((1u << (identity->drive_bits - 1u)) - 1u); /* a force can be turned round exactly */
     board->room_rows =
         (uint32_t)((config->blocks_size / 2u - HIL_SENSE_SIZE) / (HIL_SENSE_COLUMNS * (size_t)board->width));
@@ -290,7 +291,7 @@ static bool close_loop(hil_board *b, int32_t vx, int32_t vy) {
     return limited;
 }
 
-/* Bring a sense code into what fits its bytes; true if it had to be changed. */
+/* Bring a sense code into the range of its converter; true if it had to be changed. */
 static bool bounded(int32_t *code, int32_t most) {
     int32_t given = *code;
     if (given > most)

@@ -121,8 +121,8 @@ typedef struct hil_board {
 } hil_board;
 
 /* The board after power-up, in BOOT. False if the configuration cannot work: no link, no time, no clock, a latency
- * of HIL_LATENCY or more, a tick rate that is not positive, a drive converter of less than 2 or more than 24 bits, or
- * memory for less than one row. */
+ * of HIL_LATENCY or more, a tick rate that is not positive, a converter of less than 2 or more than 24 bits, or memory
+ * for less than one row. */
 bool hil_board_init(hil_board *board, const hil_config *config);
 
 /* Take an intact frame from the host, and answer it. */

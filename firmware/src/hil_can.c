@@ -170,14 +170,24 @@ static bool receive_rows(hil_board *board, const hil_can_frame *in) {
     return true;
 }
 
+/* Whether a part is one of those that are there, come again. A first part that differs from the one there, which was a
+ * full one, is that of another message. */
+static bool repeated(const hil_can *can, const hil_can_part *head, const uint8_t *payload) {
+    if (head->part > 0u)
+        return head->part < can->parts;
+    size_t kept = ROOM < sizeof can->payload ? ROOM : sizeof can->payload;
+    return head->size == ROOM && memcmp(can->payload, payload, kept) == 0;
+}
+
 /* Take a part in; true once the message is whole. */
 static bool join(hil_can *can, uint8_t type, const hil_can_part *head, const uint8_t *payload) {
-    if (can->joining && (type != can->type || head->seq != can->seq || head->part > can->parts)) {
+    bool same = type == can->type && head->seq == can->seq;
+    if (can->joining && same && repeated(can, head, payload))
+        return false;
+    if (can->joining && !(same && head->part == can->parts)) {
         hil_count(&can->broken, 1u);
         can->joining = false;
     }
-    if (can->joining && head->part < can->parts)
-        return false; /* repeated */
     if (!can->joining) {
         if (head->part > 0u)
             return false; /* the rest of a message that was counted, or whose loss the sequence shows */

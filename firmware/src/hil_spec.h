@@ -302,8 +302,8 @@ typedef struct hil_register_value {
 size_t hil_pack_register_value(const hil_register_value *message, uint8_t *payload);
 bool hil_unpack_register_value(hil_register_value *message, const uint8_t *payload, size_t size);
 
-/* Asks for one line of the board's field table; answered by FIELD_VALUE or NACK. How a host finds out where
- * two specs differ. */
+/* Asks for one line of the board's field table; answered by FIELD_VALUE, or NACK (OUT_OF_RANGE) beyond the
+ * last. How a host finds out where two specs differ. */
 #define HIL_FIELD_READ_SIZE 2u
 typedef struct hil_field_read {
     /* Line, from 0. */
@@ -403,8 +403,8 @@ typedef struct hil_can_arm {
 size_t hil_pack_can_arm(const hil_can_arm *message, uint8_t *payload);
 bool hil_unpack_can_arm(hil_can_arm *message, const uint8_t *payload, size_t size);
 
-/* Follows every STATUS, for nodes that hear classic CAN only; has no place in the sequence. Counters stop at
- * 255. */
+/* Follows every STATUS, for nodes that hear classic CAN only; has no place in the sequence: hosts, and boards
+ * that hear one, pass over it. On CAN only. Counters stop at 255. */
 #define HIL_CAN_STATUS_BRIEF_SIZE 8u
 typedef struct hil_can_status_brief {
     /* [State] State of the board. */

@@ -28,11 +28,10 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveGains, Identity, Message, SafeReason, SenseFlags
 from hil.wire.sense import Sense
-from hil.wire.stream import Received
+from hil.wire.stream import MATRIX_NAMES, Received
 
 _LATER = 64  # matrices whose effect is still to be seen
 _RECENT = 16  # of those whose lateness the next is made for
-_NAMES = 100  # of matrices that a board may still come to; there are 255, and a name is given again and again
 _NOTHING_WRITTEN: Mapping[str, float] = {}
 _CAPTURE = np.dtype([("tick", "<i8"), ("codes", "<i4", 4), ("flags", "u1")])  # the capture's row, its codes as one
 
@@ -80,7 +79,7 @@ class GainLoop(Loop):
         self._noise_V = bench.device.sense.noise_V
         self._sent: deque[_Sent] = deque(maxlen=_LATER)
         self._matrix_id = 0
-        self._names: deque[int] = deque(maxlen=_NAMES)
+        self._names: deque[int] = deque(maxlen=MATRIX_NAMES)
         self._in_force = 0  # by what SENSE said last
         self._strange: int | None = None  # the name in the last SENSE, if it cannot be
         self._blocks = 0

@@ -91,6 +91,8 @@ class Loop(ABC):
         self._next: int | None = None
         self._pause: Pause | None = None  # of the board, until a row comes from after it
         self._begun_ns = self._answered_ns = time.monotonic_ns()
+        self._block = bench.loop.block if bench.loop.mode == "gain" else 1
+        self._missing_before = self._missing_frames()
         self.counters = Counters()
         self.between: Callable[[], None] = lambda: None
         self.trouble: Callable[[], str] = lambda: ""
@@ -197,13 +199,20 @@ class Loop(ABC):
         """ProtocolError for ticks that cannot have passed."""
         assert self._first is not None
         possible = missing <= _JUMP_S * self._rate_Hz
-        if not self._lockstep:
+        if self._lockstep:  # where each tick has its row, whatever became of it
+            frames = self._missing_frames() - self._missing_before
+            possible = possible and self.counters.lost + missing <= frames * self._block
+        else:
             elapsed_s = 1e-9 * (time.monotonic_ns() - self._begun_ns)
             possible = (tick - self._first) / self._rate_Hz <= _AHEAD * elapsed_s + 1.0
         if not possible:
             raise ProtocolError(
                 f"{self._name}: the board's tick jumped from {tick - missing - 1} to {tick}; correct its firmware"
             )
+
+    def _missing_frames(self) -> int:
+        """Frames that did not come, or of which nothing could be taken; each may have been a block of rows."""
+        return self._endpoint.rx.lost + self._endpoint.rx.undecodable
 
     def _judge(self, residual: float, share: float, since: int) -> None:
         """Stop the run when the residual leaves its bounds: its mean square over the last samples, in units of the

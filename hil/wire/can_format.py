@@ -194,7 +194,7 @@ class CanDecoder:
                 if part == len(self._parts):
                     self._parts.append(payload)
                     return self._joined(type_, seq, tick) if len(payload) < ROOM else None
-                if part < len(self._parts) and payload == self._parts[part]:  # repeated
+                if part < len(self._parts) and (part > 0 or payload == self._parts[0]):  # repeated
                     return None
             self.broken += 1
             self._unfinished = None

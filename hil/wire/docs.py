@@ -9,7 +9,7 @@ from hil.wire.client import FIELD_TABLE_S, MOST_LINES
 from hil.wire.framing import CRC_SIZE, HEADER, MAX_ENCODED
 from hil.wire.keyed_page import keyed_page
 from hil.wire.spec import SPEC, Enumeration, Field, Layout
-from hil.wire.stream import REPEAT_RUN, REPEAT_WINDOW
+from hil.wire.stream import MATRIX_NAMES, REPEAT_RUN, REPEAT_WINDOW
 
 _INTRODUCTION = """\
 # The wire
@@ -47,7 +47,8 @@ changes nothing.
   answered.
 - Unless {run} such frames follow each other, each with the number after the one before, and no other between them:
   then the number ahead of them was a stray one. The last of the {run} is taken, and the count goes on from there.
-  So one stray frame costs {lost} good ones, not {window}.
+  So one stray frame costs {lost} good ones, not {window}. SAFE, noise and frames that are not intact neither break such
+  a row nor belong to it, but the number of a damaged frame is missing in it. HELLO and IDENTITY begin it anew.
 - SAFE stands outside of it. It shows the number of the frame to come and does not take it; a receiver looks neither
   at its number nor at its tick.
 - Frames that are refused take their place in the sequence like others.
@@ -69,14 +70,22 @@ one closest to the last.
 
 HELLO comes first: a board that has not heard a matching one since its start refuses ARM. The host writes SESSION
 before ARM, and reads it before it arms again. In every state the board answers HELLO, SAFE, TIME_SYNC, FIELD_READ,
-REGISTER_READ and the writing of live registers.
+REGISTER_READ and the writing of live registers. A request that stays unanswered is sent again, with a number of its
+own: each says what is to be, not what is to change.
 
 **When the specs differ.** The spec hash is the CRC-32C of the field table: one line (message, field, type, scale,
 separated by tabs; lines by a line feed, none after the last) for everything below, wording left out. It is
 published as [field-table.tsv](reference/field-table.tsv), {lines} lines; the CRC-32C of that file is the spec hash.
+A FIELD_READ beyond the last line is refused (OUT_OF_RANGE).
 The host reads the board's table and names the first line that differs. A table has at most {most_lines:,} lines;
 a board that says more is refused at once, and one that has not given all of them within {table_s:g} seconds then. For
 that the messages marked *frozen* and the first two fields of IDENTITY never change.
+
+**Codes** are signed, in two's complement, of `sense_bits` or `drive_bits` bits (2 to 24) whatever the width they travel
+in; code × scale is the voltage, or the force per mass. A converter of b bits has the full scale 2^(b − 1) × scale: its
+lowest code, −2^(b − 1), is minus that, its highest, 2^(b − 1) − 1, one scale less. A voltage beyond an end has the code
+of that end, and its row is flagged CLIPPED; a board that cannot tell the end from what lies beyond flags every code at
+an end. Drive codes use the range ± (2^(b − 1) − 1) only, so that each force can be turned round.
 
 **Timing.** Row m of SENSE carries the codes sampled at tick m, and the drive codes, as quantised and
 limited, that were held over the interval that *ends* at m. With a latency of L ticks, the drive computed
@@ -96,7 +105,7 @@ that is not a repetition is judged in this order:
 |---|---|---|
 | SAFE | never refused | no |
 | a type that only boards send, of any length | NACK, NOT_SUPPORTED | no |
-| a type that is not on this page | NACK, UNKNOWN_TYPE | yes |
+| a type that is not on this page, also what only CAN has | NACK, UNKNOWN_TYPE | yes |
 | a length that is not the message's | NACK, BAD_LENGTH | yes |
 | a state in which it is not taken (state table) | NACK, BAD_STATE or LATCHED | no |
 | a value that is not taken (of registers: below) | NACK, OUT_OF_RANGE or NOT_SUPPORTED | no |
@@ -111,7 +120,9 @@ for. A register gives back the very double that was written. All keep their valu
 the board brings the defaults back.
 
 **Clock modes.** A board keeps at least one of the three, and starts in one it keeps. LOCKSTEP and PACED are kept by
-those that name them in `capabilities`; one that names neither keeps REAL. What it does not keep it refuses.
+those that name them in `capabilities`; one that names neither keeps REAL. What it does not keep it refuses. As the mode
+changes only where nothing streams, a change takes no tick away and adds none: in lockstep they stand where they are, on
+wall time they go on from there, the next one about an interval after the change.
 
 **The first tick.** No tick passes before the first ARM; STATUS says 0 until then. The first row is that of tick 0:
 nothing was driven before it, so its drive codes are 0. From then on ticks go on in every state, in lockstep only
@@ -120,8 +131,8 @@ while SENSE streams. The first row after ARM is the next tick, with drive codes 
 **Force mode.** The drive of effective tick e acts on the interval from e to e + 1, is the drive in row e + 1, and
 is held until another one acts. Let m be the newest tick that was sampled.
 
-- It is in time if e is m + 1 or later, with latency 0, which waits in lockstep, m or later. *Later* is up to 65 535
-  ticks ahead, modulo 2³²; everything else has passed.
+- It is in time if e is one of m + 1 … m + 65 536, with latency 0, which waits in lockstep, of m … m + 65 535, modulo
+  2³². Everything else has passed.
 - In time it waits for its tick. With a latency of L the answers to L rows are under way at once, so a board has
   room for 16 at least; one that finds none is refused (OUT_OF_RANGE). A second one for the same tick replaces the
   first.
@@ -136,7 +147,9 @@ is held until another one acts. Let m be the newest tick that was sampled.
 
 **Limits hold at once.** DRIVE_LIMIT written lower limits the drive that is held, within the interval in which it is
 written, and those that wait: in gain mode the ones computed and not yet acting. The row at the end of that interval
-shows the lower codes. Raising it again does not bring them back.
+shows the lower codes. Raising it again does not bring them back. In force mode the rows that show a drive lowered so
+are flagged SATURATED until another one acts; `saturated`, which counts drives as they come, does not count it. In gain
+mode both tell of drives as they are computed.
 
 **The watchdog.** When WATCHDOG_TICKS ticks have been sampled since the tick at which the last drive was accepted,
 the next interval begins with zero force, in SAFE.
@@ -151,6 +164,27 @@ too, and waits in between. ARM repeated while ARMED, and all other frames, let n
 **SENSE is believed** only if its payload has exactly the n rows it says, n ≥ 1, of a width of 2 or 3 bytes.
 Anything else is undecodable to a host: it is counted, no row of it is used, and its tick is not believed either.
 
+## What a host does with what it hears
+
+What it cannot understand, an unknown type or a length that is not the message's, it counts and drops. What it can, but
+what no board that keeps to this page says, ends the run, with SAFE and a line that names it:
+
+| what is heard | what the host makes of it |
+|---|---|
+| NACK to HELLO | refused, by the reason, once the time for an answer is over; not called silence |
+| STATUS of another state than ARMED and RUNNING, after ARM was sent | an answer: the board is not armed |
+| STATUS of a state that is not on this page | ends the run |
+| STATUS of SAFE with NONE, or a reason that is not on this page | ends the run; no answer to a SAFE that latches |
+| the reason in a STATUS of another state | not looked at |
+| IDENTITY after ARM | ends the run: it answers HELLO only, so another host has greeted the board |
+| SENSE, force mode: after RUNNING, not the drive sent for that interval | ends the run, if another row follows |
+| SENSE, gain mode: a matrix, none of the last {names} sent, or 0 after one | ends the run, if another SENSE follows |
+| STATUS_BRIEF | passed over on CAN, an unknown type elsewhere |
+
+In force mode a row flagged HELD shows the drive of the row before; one flagged SATURATED may show less than was sent.
+In gain mode the host does not repeat what the board computes, and takes the drive that SENSE shows. The row, or block,
+at which a board stops by itself shows zero force or no matrix before STATUS says why: so only what follows it tells.
+
 ## Gain mode
 
 With LOOP_MODE = GAIN the board closes the loop itself, and the host sends it the matrix to do that with. At every
@@ -164,10 +198,11 @@ at m + L
     u = limited(rounded(G [sx sx' sy sy'] + b + d[m]))
 
 with the newest matrix G and bias b whose effective tick is m or earlier: a drive frame's effective tick is in this
-mode the first tick *computed* with it. Rounding is to the nearest integer; what is not a number counts as 0; limits
-are the converter's and DRIVE_LIMIT. Until the first matrix is in force u = 0, also after ARM, which forgets the
-last one. SENSE echoes u as applied, so nothing of this has to be repeated exactly by the host; the board computes
-in single precision or better.
+mode the first tick *computed* with it. It is in time if that is one of m + 1 … m + 65 536, modulo 2³², m being the
+newest tick that was sampled, whatever the latency: tick m has been computed already. Any other is late. Rounding is to
+the nearest integer; what is not a number counts as 0; limits are the converter's and DRIVE_LIMIT. Until the first
+matrix is in force u = 0, also after ARM, which forgets the last one. SENSE echoes u as applied, so nothing of this has
+to be repeated exactly by the host; the board computes in single precision or better.
 
 A board refuses ARM in this mode (OUT_OF_RANGE) while the spectral radius of A is above {filter_radius:g}, that is,
 unless |det A| ≤ {area:.4g} and {filter_radius:g} |tr A| ≤ {area:.4g} + det A. It is judged at ARM, as the four
@@ -201,6 +236,11 @@ frames must leave in the order of their numbers, whatever their identifiers (one
 
 {header_table}
 
+A message of which a part is missing is dropped like a damaged frame: it counts once in `bad_frames`, when the next
+message's part shows it, and once in `lost_seq`, as its number is missing. Where its first part is missing, the number
+alone shows it. A part that comes again is passed over, but a first one that differs: that begins another message, and
+the one under way is dropped so. SAFE, ARM and SENSE, which have no parts, may stand between the parts of a message.
+
 **SENSE.** {sense}
 
 {sense_table}
@@ -212,8 +252,8 @@ Rows follow as on a serial line, and zeros up to the next legal length. With 16-
 
 {classic}
 
-A frame whose length contradicts its content is dropped and counted in `bad_frames`, and so is a message of which a
-part is missing; only SAFE counts whatever its length. Frames of other identifiers are other people's and passed
+A frame whose length contradicts its content is dropped and counted in `bad_frames`; only
+SAFE counts whatever its length. Frames of other identifiers are other people's and passed
 over."""
 
 _LINKS = (
@@ -329,6 +369,7 @@ def render() -> str:
         window=REPEAT_WINDOW,
         run=REPEAT_RUN,
         lost=REPEAT_RUN - 1,
+        names=MATRIX_NAMES,
         lines=len(SPEC.table),
         most_lines=MOST_LINES,
         table_s=FIELD_TABLE_S,

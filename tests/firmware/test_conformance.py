@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from hil.wire.endpoint import Endpoint
 from tests.wire.conformance import Board, Conformance
+from tests.wire.rules import Rules
 
 pytestmark = pytest.mark.slow
 
@@ -23,3 +25,13 @@ class TestCBoardOnPty(Conformance):
     @classmethod
     def start_faulty(cls, first_s: float, duration_s: float) -> Board:
         return Board([cls.program, "--fault", f"{first_s}:{duration_s}"])
+
+
+def test_the_window_of_a_matrix_without_latency(built: Path) -> None:
+    board = Board([str(built / "pty_board"), "--latency", "0"])
+    try:
+        host = Endpoint(board.open())
+        Rules().test_the_window_of_a_matrix(host)
+        host.close()
+    finally:
+        board.end()

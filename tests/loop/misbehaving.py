@@ -441,11 +441,15 @@ class CriesWatchdog(StopsItself):
 
 
 class Jumps(Board):
-    """Its tick leaps ahead."""
+    """Its tick leaps ahead by so much."""
+
+    def __init__(self, ticks: int = 2**31 - 1000) -> None:
+        super().__init__()
+        self.ticks = ticks
 
     def each_tick(self) -> None:
         if self.tick == AT:
-            self.tick += 2**31 - 1000
+            self.tick += self.ticks
             self.fed = self.tick
 
 

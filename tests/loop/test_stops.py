@@ -307,6 +307,25 @@ def test_ticks_that_cannot_have_passed_end_the_run(tmp_path: Path, clock: str) -
     assert board.state is State.SAFE
 
 
+def test_ticks_leap_in_lockstep_no_further_than_frames_were_lost(tmp_path: Path) -> None:
+    """A second of them, and not one frame is missing."""
+    with served(misbehaving.Jumps(400)) as board:
+        reason = ended(go(board, bench(60.0, "lockstep"), tmp_path))
+    assert "tick jumped" in reason
+    assert board.state is State.SAFE
+
+
+def test_a_record_of_one_sample_is_told(tmp_path: Path) -> None:
+    class Stutters(Board):
+        def say_row(self, tick: int, vx: int, vy: int, ux: int, uy: int) -> bytes:
+            return super().say_row(tick, vx, vy, ux, uy) + super().say_row(tick, vx, vy, ux, uy)
+
+    with served(Stutters()) as board:
+        result = go(board, bench(60.0, "lockstep"), tmp_path)
+    assert "tick went back" in ended(result)
+    assert "too few" in result.parts["model"].reason
+
+
 def test_a_run_is_bounded_in_wall_time(tmp_path: Path) -> None:
     """The board's ticks come at half the rate it says."""
     board = Board()

@@ -20,6 +20,7 @@ from hil.wire.messages import (
     DriveForce,
     DriveGains,
     FieldRead,
+    FieldValue,
     Hello,
     Identity,
     LoopMode,
@@ -130,12 +131,12 @@ class Rules:
 
     # ------------------------------------------------------------------------------------------------ ways to a state
 
-    def lockstep(self, host: Endpoint, **registers: float) -> tuple[Identity, list[Row]]:
+    def lockstep(self, host: Endpoint, *, any_latency: bool = False, **registers: float) -> tuple[Identity, list[Row]]:
         """Arm in lockstep; who the board is, and its first rows."""
         identity = client.connect(host, PATIENCE_S)
         if Capabilities.LOCKSTEP not in Capabilities(identity.capabilities):
             pytest.skip("this board does not wait for its host")
-        if identity.latency_ticks == 0:
+        if identity.latency_ticks == 0 and not any_latency:
             pytest.skip("this board has no latency; its rows are numbered otherwise")
         for name, value in ({"CLOCK_MODE": 0, "LOOP_MODE": 0, "BLOCK": 1, "DRIVE_LIMIT": 8388607} | registers).items():
             client.write_register(host, name, value, PATIENCE_S)
@@ -314,6 +315,90 @@ class Rules:
         assert answers(host, 1, QUIET_S) == []
         assert status_of(host).lost_seq == before + 200
 
+    def test_a_row_of_repetitions_is_broken_by_its_own_numbers_only(self, host, cable):
+        """SAFE and noise between them do not count; a number left out, and HELLO, begin the row anew."""
+        before = status_of(host).lost_seq
+
+        def stray() -> int:
+            data, _ = host.link.format.encode(type_of(TimeSync), (host.tx.seq + 200) & 0xFFFF, 0, pack(TimeSync(1, 0)))
+            host.link.send(data)
+            assert isinstance(answers(host, 1)[0], TimeSync)
+            return host.tx.seq
+
+        def noise() -> None:
+            if host.link.format is SERIAL:
+                cable._link.send(b"\0\x02no frame\0")
+            else:
+                cable._link.send((HEAD.pack(0x42 << 4, 64, 5) + b"\xff" * 64).ljust(RECORD_SIZE, b"\0"))
+
+        stray()
+        for between in (lambda: status_of(host), noise, lambda: None):
+            host.send(RegisterRead(1))
+            between()
+        host.send(RegisterRead(2))
+        assert [m.register for m in answers(host, 1)] == [2]
+        stray()
+        for _ in range(3):
+            host.send(RegisterRead(1))
+        host.tx.seq = (host.tx.seq + 1) & 0xFFFF  # one is missing
+        for _ in range(3):
+            host.send(RegisterRead(1))
+        assert answers(host, 1, QUIET_S) == []
+        host.send(RegisterRead(3))
+        assert [m.register for m in answers(host, 1)] == [3]
+        stray()
+        for _ in range(3):
+            host.send(RegisterRead(1))
+        assert isinstance(ask(host, HELLO), Identity)
+        host.send(RegisterRead(4))
+        assert [m.register for m in answers(host, 2, QUIET_S)] == [4]
+        assert status_of(host).lost_seq == before + 600
+
+    def test_a_message_of_which_a_part_is_missing(self, host, cable):
+        """On CAN: counted once as a bad frame and once as a missing number; without its first part by its number
+        only."""
+        if host.link.format is SERIAL:
+            pytest.skip("only CAN has parts")
+
+        def parts() -> list[bytes]:
+            payload = bytes(range(130))  # three parts; as long as no message of a host is
+            data, _ = host.link.format.encode(type_of(RegisterRead), host.tx.seq, 0, payload)
+            host.tx.seq = (host.tx.seq + 1) & 0xFFFF
+            return [data[at : at + RECORD_SIZE] for at in range(0, len(data), RECORD_SIZE)]
+
+        def counted(*records: bytes) -> tuple[int, int, list[NackReason]]:
+            before = status_of(host)
+            for record in records:
+                host.link.send(record)
+            heard = answers(host, 1, QUIET_S)
+            client.read_register(host, "BLOCK", PATIENCE_S)
+            after = status_of(host)
+            refusals = [NackReason(m.reason) for m in heard if isinstance(m, Nack)]
+            return after.bad_frames - before.bad_frames, after.lost_seq - before.lost_seq, refusals
+
+        too_long = [NackReason.BAD_LENGTH]
+        first, second, third = parts()
+        assert counted(first, second, third) == (1, 0, too_long)
+        first, second, third = parts()
+        assert counted(first, first, second, first, second, third) == (1, 0, too_long)
+        first, second, third = parts()
+        assert counted(first, third) == (1, 1, [])
+        first, second, third = parts()
+        assert counted(first, second) == (1, 1, [])
+        first, second, third = parts()
+        assert counted(second, third) == (0, 1, [])
+        first, second, third = parts()
+        other = first[:16] + bytes(8) + first[24:]
+        assert counted(other, second, first, second, third) == (2, 0, too_long)
+        first, second, third = parts()
+        safe, _ = host.link.format.encode(type_of(Safe), 0, 0, pack(Safe(SafeReason.LINK_LOST)))
+        before = status_of(host).bad_frames
+        for record in (first, safe, second, third):
+            host.link.send(record)
+        heard = answers(host, 2)
+        assert [type(m) for m in heard] == [Status, Nack]
+        assert status_of(host).bad_frames == before + 1
+
     # -------------------------------------------------------------------------------------------------- rule 6, 7, 1
 
     def test_only_drives_that_are_accepted_feed_the_watchdog(self, host):
@@ -378,6 +463,20 @@ class Rules:
         assert echoed[tick + 6] == (10, -10)
         assert echoed[tick + 7] == (-10, 10)
         assert all(row[3] & SenseFlags.SATURATED for row in rows_of(after))
+
+    def test_a_drive_that_was_lowered_is_flagged_until_another_acts_and_not_counted(self, host):
+        before = status_of(host).saturated
+        _, first = self.lockstep(host)
+        tick = first[-1][0]
+        step(host, DriveForce(1000, 0, tick + 1))
+        assert refusal(host, write("DRIVE_LIMIT", 10)) is None
+        assert refusal(host, write("DRIVE_LIMIT", 8388607)) is None
+        heard = step(host, DriveForce(20, 0, tick + 4))
+        for _ in range(4):
+            heard += step(host, DriveForce(0, 0, tick))
+        shown = {row[0] - tick: (row[1], bool(row[3] & SenseFlags.SATURATED)) for row in rows_of(heard)}
+        assert [shown[k] for k in range(2, 7)] == [(10, True), (10, True), (10, True), (20, False), (20, False)]
+        assert status_of(host).saturated == before
 
     def test_a_lower_limit_holds_at_once_in_gain_mode(self, host):
         _, first = self.lockstep(host, LOOP_MODE=LoopMode.GAIN, BLOCK=8)
@@ -540,6 +639,35 @@ class Rules:
         assert [(m.state, m.late) for m in said(heard)] == [(State.RUNNING, before + 1)]
         assert rows_of(heard)[-1][1:3] == (5, 6)
 
+    def test_the_window_of_a_matrix(self, host):
+        """m + 1 to m + 65 536 wait, what is further away has passed and is taken at once; with every latency."""
+        before = status_of(host).late
+        identity, first = self.lockstep(host, any_latency=True, LOOP_MODE=LoopMode.GAIN)
+        tick = first[-1][0]
+
+        def next_row(matrix: int, ahead: int) -> int:
+            """The matrix in force at the next row, tick m + 1."""
+            nonlocal tick
+            drive = DriveGains(matrix, ZERO, (float(matrix), 0.0), (tick + ahead) & 0xFFFFFFFF)
+            blocks = [item.message for item in step(host, drive) if isinstance(item.message, Sense)]
+            tick += 1
+            return blocks[-1].matrix_id
+
+        assert next_row(1, 65536) == 0
+        assert next_row(2, 2) == 0
+        assert next_row(3, 65536) == 0  # in place of the one that waited
+        assert next_row(4, 65537) == 4
+        assert next_row(5, 0) == 5
+        assert next_row(6, 1) == 6
+        assert next_row(7, 2) == 6
+        heard: list[Received] = []
+        for _ in range(identity.latency_ticks + 2):
+            heard += step(host, DriveGains(8, ZERO, (8.0, 0.0), (tick + 60000) & 0xFFFFFFFF))
+        # Row m + 1 is computed with 6; what it leads to acts from m + 1 + L to m + 2 + L.
+        shown = {row[0] - tick: row[1] for row in rows_of(heard)}
+        assert shown[1 + identity.latency_ticks] == 6
+        assert status_of(host).late == before + 2
+
     # --------------------------------------------------------------------------------------------------- registers
 
     def test_whole_numbers_are_not_rounded(self, host):
@@ -585,6 +713,49 @@ class Rules:
             assert kept[ClockMode.REAL] is None
         client.write_register(host, "CLOCK_MODE", before, PATIENCE_S)
 
+    def test_a_change_of_the_clock_takes_no_tick_and_adds_none(self, host):
+        """In lockstep ticks stand where they are; on wall time they go on from there."""
+        identity, _ = self.lockstep(host)
+        able = Capabilities(identity.capabilities)
+        stood = status_of(host).tick
+        time.sleep(QUIET_S)
+        assert status_of(host).tick == stood
+        if Capabilities.PACED not in able:
+            pytest.skip("this board has lockstep only")
+        client.write_register(host, "CLOCK_MODE", ClockMode.PACED, PATIENCE_S)
+        begin = time.monotonic()
+        first = status_of(host).tick
+        assert 0 <= first - stood <= 2 + (time.monotonic() - begin + 0.1) * identity.tick_rate_Hz
+        time.sleep(QUIET_S)
+        passed = status_of(host).tick - stood
+        assert passed == pytest.approx((time.monotonic() - begin) * identity.tick_rate_Hz, rel=0.5)
+        client.write_register(host, "CLOCK_MODE", ClockMode.LOCKSTEP, PATIENCE_S)
+        stood = status_of(host).tick
+        time.sleep(QUIET_S)
+        assert status_of(host).tick == stood
+        host.send(Arm())
+        heard = hear(host, lambda heard: bool(rows_of(heard)))
+        assert rows_of(heard)[0][0] == stood + 1
+
+    def test_codes_lie_within_their_converters(self, host):
+        """Sense codes are signed and have the range that the bits say; drive codes ± the highest."""
+        identity, _ = self.lockstep(host)
+        end = 2 ** (identity.sense_bits - 1)
+        tick = host.rx.tick
+        blocks: list[Message] = []
+        for _ in range(100):
+            heard = step(host, DriveForce(-(2**31), 2**31 - 1, tick + 1))
+            tick = rows_of(heard)[-1][0]
+            blocks += [item.message for item in heard if isinstance(item.message, Sense)]
+        for sense in blocks:
+            vx, vy = sense.codes[0, :2].tolist()
+            assert -end <= vx < end
+            assert -end <= vy < end
+            if min(vx, vy) > -end and max(vx, vy) < end - 1:
+                assert not sense.flags & SenseFlags.CLIPPED
+        most = 2 ** (identity.drive_bits - 1) - 1
+        assert blocks[-1].codes[0, 2:].tolist() == [-most, most]
+
     def test_the_session_stays_as_long_as_the_board(self, host):
         assert client.write_register(host, "SESSION", 0xFFFFFFFF, PATIENCE_S) == 0xFFFFFFFF
         self.arm(host)
@@ -620,9 +791,18 @@ class Rules:
             for size in (layout.size + 1, layout.size - 1):
                 assert raw(layout.type, bytes(size)).reason == NackReason.BAD_LENGTH
         assert raw(0x7E, b"").reason == NackReason.UNKNOWN_TYPE
-        assert ask(host, FieldRead(len(SPEC.table))).reason == NackReason.OUT_OF_RANGE
+        for line in (len(SPEC.table), 0xFFFF):
+            assert ask(host, FieldRead(line)).reason == NackReason.OUT_OF_RANGE
+        assert isinstance(ask(host, FieldRead(len(SPEC.table) - 1)), FieldValue)
+        brief = SPEC.can.classic["STATUS_BRIEF"]  # what only CAN has, and passes over
+        if host.link.format is SERIAL:
+            assert raw(brief.type, bytes(brief.size)).reason == NackReason.UNKNOWN_TYPE
+        else:
+            identifier = HEAD.unpack_from(host.link.format.encode(brief.type, 0, 0, b"")[0])[0]
+            host.link.send((HEAD.pack(identifier, 8, 0) + bytes(8)).ljust(RECORD_SIZE, b"\0"))
+            assert answers(host, 1, QUIET_S) == []
         after = status_of(host)
-        assert after.bad_frames == before.bad_frames + 2 * len(hosts) + 1
+        assert after.bad_frames == before.bad_frames + 2 * len(hosts) + 1 + (host.link.format is SERIAL)
         assert after.lost_seq == before.lost_seq
 
     # ------------------------------------------------------------------------------------------------------- fault

@@ -4,12 +4,16 @@ import os
 
 import pytest
 
+from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import open_inproc
 from hil.wire.key_file import make_key
 from tests.emulator.gyro import EXAMPLES
+from tests.loop import gyro
 
 from .conformance import Board, Conformance, emulated, tripped
 from .multicast import group
+from .rules import Rules
+from .served import leave
 
 pytestmark = pytest.mark.slow  # whole processes
 
@@ -85,3 +89,11 @@ class TestRealSerial(Conformance):
     @classmethod
     def start(cls):
         return Board(url=os.environ["HIL_TEST_SERIAL"])
+
+
+def test_the_window_of_a_matrix_without_latency(tmp_path):
+    path = gyro.scenario(tmp_path / "board.scenario.toml", drive={"latency_samples": 0})
+    host = Endpoint(open_inproc(str(path)))
+    Rules().test_the_window_of_a_matrix(host)
+    leave(host)
+    host.close()
