@@ -6,6 +6,7 @@ then the board is armed again, a few times at most.  docs/safety.md has the rule
 """
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple, NoReturn
 
@@ -93,6 +94,7 @@ class ArmedBoard:
         self.safety = Safety()
         self.newest: int | None = None
         self.running: int | None = None
+        self._refusals: Counter[int] = Counter()  # of drives, by reason, since ARM
         self.waiting: Callable[[float], None] = lambda _: None
 
     def arm(self) -> Status:
@@ -166,8 +168,11 @@ class ArmedBoard:
                     self.running = unwrap(message.tick, self._endpoint.rx.tick)
                 stopped = None if message.state in _STREAMING else message
                 refused = refused and stopped is not None
-            elif isinstance(message, Nack):  # the STATUS was lost, but the board refuses to be driven
-                refused = refused or (message.of_type == self._drive and message.reason == NackReason.BAD_STATE)
+            elif isinstance(message, Nack) and message.of_type == self._drive:
+                if message.reason == NackReason.BAD_STATE:  # the STATUS was lost, but the board refuses to be driven
+                    refused = True
+                else:
+                    self._refusals[message.reason] += 1
         if stopped is None and refused:
             return self._ask_safe(self._silence_s)
         return stopped
@@ -242,6 +247,9 @@ class ArmedBoard:
         """Why a board that answers was told to stop."""
         refused = self.account.refused
         what = f"{refused} frames were unknown or contradicted themselves" if refused else "nothing was lost on the way"
+        if self._refusals:
+            reason, times = self._refusals.most_common(1)[0]
+            what = f"it refused {times} drives, {client.nack_name(reason)}"
         return f"it answers, but sends no acceptable sample ({what}); check its SENSE"
 
     def _latch(self, stop: Stop, reason: int) -> NoReturn:
@@ -273,6 +281,7 @@ class ArmedBoard:
 
     def _arm(self) -> Status:
         self.running = None
+        self._refusals.clear()
         try:
             return client.arm(self._endpoint, self._silence_s)
         except client.Refused as refusal:

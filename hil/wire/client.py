@@ -79,7 +79,7 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
         refused = refused if answer is None else answer
         if time.monotonic() >= deadline or endpoint.link.fileno() is None:
             if refused is not None:
-                told = f"{endpoint.link.name}: the board refused HELLO: {_reason(refused)}"
+                told = f"{endpoint.link.name}: the board refused HELLO: {nack_name(refused)}"
                 raise Refused(f"{told}; a board answers it in every state, correct the firmware", refused)
             raise LinkError(f"{endpoint.link.name}: no answer to HELLO; {endpoint.link.advice}")
     if len(payload) < _IDENTITY_START.size:
@@ -198,7 +198,7 @@ def request(
             found = item.message
             if isinstance(found, Nack) and found.of_seq in sent and found.of_type == type_of(message):
                 endpoint.keep(items[:k] + items[k + 1 :])
-                refused = f"{endpoint.link.name}: the board refused {name}: {_reason(found.reason)}"
+                refused = f"{endpoint.link.name}: the board refused {name}: {nack_name(found.reason)}"
                 raise Refused(refused, found.reason)
             if isinstance(found, answer) and accept(found):
                 endpoint.keep(items[:k] + items[k + 1 :])
@@ -235,5 +235,6 @@ def _register_id(name: str) -> int:
     return register.id
 
 
-def _reason(number: int) -> str:
+def nack_name(number: int) -> str:
+    """A reason of NACK by its name in the spec."""
     return next((member.name for member in NackReason if member == number), f"reason {number}")

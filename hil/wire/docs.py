@@ -172,6 +172,7 @@ what no board that keeps to this page says, ends the run, with SAFE and a line t
 | what is heard | what the host makes of it |
 |---|---|
 | NACK to HELLO | refused, by the reason, once the time for an answer is over; not called silence |
+| NACK to a drive | BAD_STATE: the board has stopped, and is asked why; another reason is named if samples end |
 | STATUS of another state than ARMED and RUNNING, after ARM was sent | an answer: the board is not armed |
 | STATUS of a state that is not on this page | ends the run |
 | STATUS of SAFE with NONE, or a reason that is not on this page | ends the run; no answer to a SAFE that latches |

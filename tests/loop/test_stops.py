@@ -15,9 +15,11 @@ from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+from hil.wire.codec import type_of
 from hil.wire.errors import ProtocolError, WireError
-from hil.wire.messages import NackReason, SafeReason, SenseFlags, State
+from hil.wire.messages import DriveForce, Message, Nack, NackReason, SafeReason, SenseFlags, State
 from hil.wire.spec import SPEC
+from hil.wire.stream import Received
 from tests.loop import gyro, misbehaving
 from tests.loop.misbehaving import AT, RATE_HZ, Board, served
 
@@ -312,6 +314,25 @@ def test_ticks_leap_in_lockstep_no_further_than_frames_were_lost(tmp_path: Path)
     with served(misbehaving.Jumps(400)) as board:
         reason = ended(go(board, bench(60.0, "lockstep"), tmp_path))
     assert "tick jumped" in reason
+    assert board.state is State.SAFE
+
+
+def test_drives_that_are_all_refused_are_named(tmp_path: Path) -> None:
+    class Full(Board):
+        def on_drive(self, drive: DriveForce) -> list[Message]:
+            return [Nack(type_of(DriveForce), self._seq, NackReason.OUT_OF_RANGE)]
+
+        def answer(self, item: Received) -> list[Message]:
+            answers = super().answer(item)
+            self.waits = any(isinstance(message, Nack) for message in answers)
+            return answers
+
+        def row(self) -> bytes:  # in lockstep a refused drive lets no tick pass
+            return b"" if self.lockstep and self.waits else super().row()
+
+    with served(Full()) as board:
+        reason = ended(go(board, bench(60.0, "lockstep"), tmp_path))
+    assert "drives, OUT_OF_RANGE" in reason
     assert board.state is State.SAFE
 
 
