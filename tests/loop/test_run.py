@@ -152,10 +152,11 @@ def test_another_spec_is_refused_by_its_first_difference(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("identity", "expected"),
     [
-        ({"axes": 1}, "the board has 1 axes, [device] axes says 2; correct the bench file"),
+        ({"axes": 1}, "the board has 1 axes, [device] axes says 2; correct the bench file, or the board's IDENTITY"),
         (
             {"tick_rate_Hz": 4001.0},
-            "the board samples at 4001 Hz, [device] sample_rate_Hz says 4000; correct the bench file",
+            "the board samples at 4001 Hz, [device] sample_rate_Hz says 4000; "
+            "correct the bench file, or the board's IDENTITY",
         ),
         ({"capabilities": 1 | 8}, 'the board cannot wait for the host; use [loop] clock = "real"'),
     ],
