@@ -359,7 +359,7 @@ size_t hil_pack_can_part(const hil_can_part *message, uint8_t *payload);
 bool hil_unpack_can_part(hil_can_part *message, const uint8_t *payload, size_t size);
 
 /* SENSE has a header of its own, so that every frame stands for itself: whole rows, as many as fit; a longer
- * block goes out as several messages. */
+ * block goes out as several messages, of which a host in lockstep answers the last. */
 #define HIL_CAN_ROWS_SIZE 8u
 typedef struct hil_can_rows {
     /* As above. */

@@ -79,6 +79,7 @@ class GainLoop(Loop):
         self._noise_V = bench.device.sense.noise_V
         self._sent: deque[_Sent] = deque(maxlen=_LATER)
         self._matrix_id = 0
+        self._began: int | None = None  # tick of the first row since ARM, with which a block begins
         self._names: deque[int] = deque(maxlen=MATRIX_NAMES)
         self._in_force = 0  # by what SENSE said last
         self._strange: int | None = None  # the name in the last SENSE, if it cannot be
@@ -117,7 +118,11 @@ class GainLoop(Loop):
             self._foresight.follow(block.tick, codes)
         estimated_ns = time.monotonic_ns()
         last = block.tick + len(codes) - 1
-        if newest:
+        if self._began is None:
+            self._began = block.tick
+        # On CAN a block comes in several messages, and a board in lockstep goes on by one for every answer.
+        whole = not self._lockstep or (last + 1 - self._began) % self._block == 0
+        if newest and whole:
             self._answer(last, received_ns, estimated_ns)
         self._keep(block.tick, sense, estimates)
         self._account(block.tick, last, sense.matrix_id)
@@ -235,6 +240,7 @@ class GainLoop(Loop):
     def _begin_again(self) -> None:
         self._foresight.arm()
         self._leave_open()
+        self._began = None
         self._names.clear()
         self._in_force, self._strange = 0, None
 
