@@ -110,6 +110,10 @@ class Model(Protocol[Fit, Look]):
     def objection(self, current: Fit, name: str, trial: Trial[Fit]) -> str | None:
         """What the part of the record that has no vote says against taking `name`."""
 
+
+class Reducible(Protocol[Fit]):
+    """A family whose models can lose an effect again."""
+
     def without(self, current: Fit, name: str) -> tuple[Fit, Score]:
         """The model less an effect, and the score of the one with it over that."""
 
@@ -128,13 +132,12 @@ class Dissent(Enum):
 @dataclass(frozen=True)
 class Rules:
     """most: effects that are taken at most; dissent; signs: whether a coefficient that is declared positive may not be
-    negative beyond doubt; prunes: whether what later effects made superfluous is taken out at the end.
+    negative beyond doubt.
     """
 
     most: int
     dissent: Dissent
     signs: bool = True
-    prunes: bool = False
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,7 @@ class Chosen(Generic[Fit, Look]):
 
     steps: in the order in which they were taken; rounds: every one, the last with what is seen behind the last step;
     barred: who was excluded for good, and why; more: there are as many as may be, and others still promise something;
-    gains: of those that stayed, after pruning what taking each out loses; fit: the model with those.
+    gains: what each that is kept gained, after pruning what taking it out loses; fit: the model with those.
     """
 
     steps: tuple[Step[Fit], ...]
@@ -194,8 +197,6 @@ def choose(
         steps, rounds = _cut(model, steps, rounds)
         current = steps[-1].trial.fit if steps else start
     gains = {step.name: step.trial.score.gain for step in steps}
-    if rules.prunes and not more:
-        current, gains = prune(model, current, gains)
     return Chosen(tuple(steps), tuple(rounds), barred, more, gains, current)
 
 
@@ -208,22 +209,19 @@ def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None
     return None
 
 
-def prune(model: Model[Fit, Look], current: Fit, gains: Mapping[str, float]) -> tuple[Fit, dict[str, float]]:
-    """Take out again what the later effects have made superfluous; one stays anyhow.
-
-    gains: of the effects that may go, as they were taken.  Returns the model, and what each that stays would lose.
-    """
-    kept = dict(gains)
-    for name in gains:
+def pruned(model: Reducible[Fit], chosen: Chosen[Fit, Look]) -> Chosen[Fit, Look]:
+    """Less what the later effects have made superfluous; one stays anyhow, and all where there are more than may be."""
+    fit, kept = chosen.fit, dict(chosen.gains)
+    for name in () if chosen.more else chosen.gains:
         if len(kept) < 2:
             break
-        rest, loss = model.without(current, name)
+        rest, loss = model.without(fit, name)
         if loss.gain < loss.bar:
-            current = rest
+            fit = rest
             del kept[name]
         else:
             kept[name] = loss.gain
-    return current, kept
+    return replace(chosen, gains=kept, fit=fit)
 
 
 _Verdicts = dict[str, tuple[Outcome, str]]

@@ -9,7 +9,7 @@ from then on, and the residual that is left is scanned again.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from estimator.trace.engine import Dissent, Round, Rules, choose
+from estimator.trace.engine import Dissent, Round, Rules, choose, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel
@@ -19,7 +19,7 @@ from estimator.trace.problem import Effects, Problem
 MOST = 3
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
 
-RULES = Rules(MOST, Dissent.ENDS, signs=False, prunes=True)
+RULES = Rules(MOST, Dissent.ENDS, signs=False)
 """Signs are not asked for yet: figures are those of the campaign."""
 
 _COMPARED = 150_000  # samples on which candidates are compared
@@ -54,7 +54,8 @@ def select(problem: Problem, progress: Progress) -> Selection:
     """Choose effects on the record of `problem`, the part to be fitted, beside those that it carries already."""
     compared = problem.part(slice(0, _COMPARED))
     start = Carrying(compared, fit(compared))
-    chosen = choose(ObserverModel(compared), start, RULES, lambda done, most: progress("effects", done, most))
+    family = ObserverModel(compared)
+    chosen = pruned(family, choose(family, start, RULES, lambda done, most: progress("effects", done, most)))
     carrying = chosen.steps[-1].trial.fit if chosen.steps else start
     model, searched = carrying.fitted, dict(carrying.searched)
     effects = coefficients_of(chosen.fit.fitted.observer)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from estimator.settings import ObserverSettings, Spread
-from estimator.trace.by_simulation import candidates, trace_by_simulation
+from estimator.trace.by_simulation import trace_by_simulation
+from estimator.trace.free_run_model import candidates
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from tests.estimator.test_simulation import RATE, SINGLE, integrated, noise_drive

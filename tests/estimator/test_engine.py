@@ -7,7 +7,7 @@ from typing import ClassVar
 import pytest
 
 from estimator.trace.criterion import CHANCE, extended, schwarz, surprise, threshold
-from estimator.trace.engine import Dissent, Estimate, Outcome, Rules, Score, choose, leader, prune, unphysical
+from estimator.trace.engine import Chosen, Dissent, Estimate, Outcome, Rules, Score, choose, leader, pruned, unphysical
 
 
 @dataclass(frozen=True)
@@ -220,13 +220,14 @@ class Overlap(Stub):
 
 def test_what_became_superfluous_is_taken_out_and_the_rest_say_what_they_would_lose():
     effects = {"guess": Worth(0.0), "truth": Worth(0.0, price=20.0), "other": Worth(0.0)}
-    found = choose(Overlap(effects), (), rules(prunes=True, most=4))
+    family = Overlap(effects)
+    found = pruned(family, choose(family, (), rules(most=4)))
     assert names(found) == ["guess", "other", "truth"]
     assert found.gains == {"other": 90.0 - 45.0, "truth": 90.0 - 25.0}
     assert found.fit == ("other", "truth")
-    assert set(choose(Overlap(effects), (), rules(prunes=False)).gains) == {"guess", "truth", "other"}
     # With as many as may be, and still something left, nothing is sure enough to take anything out.
-    full = choose(Overlap({**effects, "more": Worth(0.0)}), (), rules(prunes=True, most=3))
+    family = Overlap({**effects, "more": Worth(0.0)})
+    full = pruned(family, choose(family, (), rules(most=3)))
     assert full.more
     assert list(full.gains) == ["guess", "other", "truth"]
 
@@ -236,9 +237,10 @@ def test_of_two_that_stand_for_each_other_one_stays():
         def likelihood(self, carried):
             return 10.0 if carried else 0.0
 
-    fit, kept = prune(Twins({"a": Worth(10.0), "b": Worth(10.0)}), ("a", "b"), {"a": 10.0, "b": 5.0})
-    assert fit == ("b",)
-    assert kept == {"b": 5.0}
+    both = Chosen((), (), {}, more=False, gains={"a": 10.0, "b": 5.0}, fit=("a", "b"))
+    one = pruned(Twins({"a": Worth(10.0), "b": Worth(10.0)}), both)
+    assert one.fit == ("b",)
+    assert one.gains == {"b": 5.0}
 
 
 @pytest.mark.parametrize("dissent", Dissent)

@@ -1,0 +1,240 @@
+"""Models by their free run: start, constants and coefficients fitted by the error of a run that nothing corrects.
+
+One free run that carries every candidate at zero tells, by its derivatives, how much of the residual each of them would
+explain beyond what the parameters so far could; the few that promise most are then fitted in earnest.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.effects.catalogue import names as known_names
+from estimator.errors import ModelError
+from estimator.observer import Observer
+from estimator.refinement import Refined, refine
+from estimator.residual.effective import effective_samples
+from estimator.scaling import Array
+from estimator.settings import Device, Gain, ObserverSettings
+from estimator.simulation import simulate
+from estimator.trace.criterion import extended
+from estimator.trace.engine import Estimate, Score, Trial
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+_TRIED = 3  # candidates that are fitted in earnest, a round
+_CHOICE = 2.0 / 3.0  # of the samples on which candidates compete: the rest, which comes after, must agree
+_VISIBLE = 0.03  # of a signature, what must be left beside the parameters so far
+_BLOCK = 16  # samples
+_ON_THE_WAY = 12  # free runs of a fit that only leads to the next
+_FIRST = 64  # samples of a free response that are fitted first
+
+Rows = slice | NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a candidate would explain at first order: gain of twice the log-likelihood, its price, its signature (rows,
+    coefficients) beside everything carried.
+    """
+
+    gain: float
+    price: float
+    signature: Array
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """A model: the effects it carries, its observer, the free run that was fitted."""
+
+    effects: tuple[str, ...]
+    observer: Observer
+    fit: Refined
+
+
+Promises = Mapping[str, Promise]
+
+
+@dataclass(frozen=True)
+class FreeRunModel:
+    """`estimator.trace.engine.Model` by free runs over the record of `problem`: fitted to the rows `choice`, while
+    `later` must agree; `names` are the candidates.
+    """
+
+    problem: Problem
+    choice: Rows
+    later: Rows
+    names: tuple[str, ...]
+
+    def promise(self, current: FreeRun, barred: Collection[str]) -> Promises:
+        """At first order, by one free run."""
+        left = [name for name in self.names if name not in current.effects and name not in barred]
+        return promises_of(self.problem, current.effects, left, current.fit, self.choice)
+
+    def hopeful(self, look: Promises, tried: Mapping[str, Trial[FreeRun]], number: int) -> Sequence[str]:
+        """Those whose promise outweighs its price, the best few."""
+        worth = (name for name, promise in look.items() if promise.gain > promise.price)
+        return sorted(worth, key=lambda name: look[name].price - look[name].gain)[:_TRIED]
+
+    def fit(
+        self, current: FreeRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[FreeRun]]
+    ) -> Mapping[str, FreeRun | str]:
+        """Fitted in earnest, from what `current` found."""
+        found: dict[str, FreeRun | str] = {}
+        for name in names:
+            try:
+                found[name] = fitted(self.problem, (*current.effects, name), current.fit, self.choice)
+            except ModelError:
+                found[name] = "no free run with it stays within bounds"
+        return found
+
+    def score(self, current: FreeRun, look: Promises, fits: Mapping[str, FreeRun]) -> Mapping[str, Score]:
+        """Gains counted in independent samples; the price is that of its promise."""
+        gains = {name: self._gain(current.fit, trial.fit) for name, trial in fits.items()}
+        return {name: Score(gain, gain, look[name].price, look[name].price) for name, gain in gains.items()}
+
+    def _gain(self, current: Refined, trial: Refined) -> float:
+        residual = np.ravel(trial.residual[self.choice])
+        samples = effective_samples(residual[np.isfinite(residual)])
+        return samples * 2.0 * math.log(_rms(current, self.choice) / _rms(trial, self.choice))
+
+    def coefficients(self, fit: FreeRun) -> Mapping[str, Mapping[str, Estimate]]:
+        """With intervals that allow for a residual that is not white."""
+        return {
+            effect.name: {
+                c.name: Estimate(fit.fit.value(c.name), *fit.fit.interval(c.name), c.positive)
+                for c in effect.coefficients
+            }
+            for _, effect in fit.observer.effects
+        }
+
+    def objection(self, current: FreeRun, name: str, trial: Trial[FreeRun]) -> str | None:
+        """The part without a vote must be predicted better as well."""
+        if _rms(trial.fit.fit, self.later) >= _rms(current.fit, self.later):
+            return "fits two thirds of the record better and the other third worse"
+        return None
+
+
+def fitted(problem: Problem, effects: tuple[str, ...], current: Refined | None, rows: Rows) -> FreeRun:
+    """The free run with these effects, fitted to these rows from what was found so far.
+
+    Raises ModelError where no free run stays within bounds.
+    """
+    observer, record = _observer(problem.device, problem.settings, effects), problem.record
+    start = _carried_over(observer, current)
+    if not np.any(record.drive):
+        start = _followed(observer, record, start, current is None)
+    refined = refine(observer, record.sense, record.drive, start=start, step=record.step, rows=rows)
+    return FreeRun(effects, observer, refined)
+
+
+def parts_of(part: Record, skip: int) -> tuple[Rows, Rows]:
+    """The rows on which candidates compete, and those that must agree."""
+    if np.any(part.drive):
+        edge = int(_CHOICE * len(part))
+        return slice(skip, edge), slice(edge, len(part))
+    agreeing = np.asarray(np.arange(len(part)) // _BLOCK % 3 == 2)
+    return ~agreeing, agreeing
+
+
+def candidates(device: Device, settings: ObserverSettings) -> tuple[str, ...]:
+    """Effects that the device can have, that need nothing given (no frequency, no threshold) and can be run freely."""
+    possible = []
+    for name in known_names():
+        if name in settings.effects:
+            continue
+        try:
+            observer = _observer(device, settings, (name,))
+            simulate(observer, observer.state, np.zeros((2, device.axes)))
+        except ModelError:
+            continue
+        possible.append(name)
+    return tuple(possible)
+
+
+def promises_of(
+    part: Problem,
+    taken: Sequence[str],
+    left: Sequence[str],
+    current: Refined,
+    choice: Rows,
+) -> Promises:
+    """What each candidate would explain of the present residual, by one free run that carries them all at zero."""
+    observer, record = _observer(part.device, part.settings, (*taken, *left)), part.record
+    state = _carried_over(observer, current)
+    simulation = simulate(observer, state, record.drive, step=record.step, sensitive=True)
+    valid = np.isfinite(record.sense[choice])
+    residual = (record.sense[choice] - simulation.sensed[choice])[valid]
+    derivative = simulation.sensitivity[choice][valid]
+    carried = [observer.names.index(name) for name in current.free]
+    sizes = np.linalg.norm(derivative[:, carried], axis=0)
+    basis = np.linalg.qr(derivative[:, carried] / np.where(sizes > 0.0, sizes, 1.0))[0]
+    residual = residual - basis @ (basis.T @ residual)
+    power = float(residual @ residual)
+    samples = effective_samples(residual)
+    found = {}
+    for name in left:
+        effect = next(effect for _, effect in observer.effects if effect.name == name)
+        own = derivative[:, [observer.names.index(c.name) for c in effect.coefficients]]
+        rest = own - basis @ (basis.T @ own)
+        visible = np.linalg.norm(rest, axis=0) > _VISIBLE * np.linalg.norm(own, axis=0)
+        price = extended(own.shape[1], samples, len(left))
+        if not visible.any():
+            found[name] = Promise(0.0, price, rest[:, visible])
+            continue
+        q = np.linalg.qr(rest[:, visible] / np.linalg.norm(rest[:, visible], axis=0))[0]
+        explained = min(float(np.sum((q.T @ residual) ** 2)), power * (1.0 - 1e-12))
+        found[name] = Promise(-samples * math.log1p(-explained / power), price, rest[:, visible])
+    return found
+
+
+def coefficient_names(problem: Problem, name: str) -> set[str]:
+    """Names of the coefficients of one effect in the state of a free run."""
+    alone = _observer(problem.device, problem.settings, (name,))
+    return {c.name for _, effect in alone.effects for c in effect.coefficients}
+
+
+def _observer(device: Device, settings: ObserverSettings, effects: tuple[str, ...]) -> Observer:
+    carried = {name: dict(settings.effects.get(name, {})) for name in effects}
+    return Observer(device, replace(settings, gain=Gain.EKF, effects=carried))
+
+
+def _carried_over(observer: Observer, current: Refined | None) -> Array:
+    """The observer's own guess with the values found so far in it."""
+    state = observer.state.copy()
+    if current is not None:
+        for name, value in zip(current.names, current.state, strict=True):
+            state[observer.names.index(name)] = value
+    return state
+
+
+def _followed(observer: Observer, record: Record, start: Array, afresh: bool) -> Array:
+    """Where to start on a free response, which keeps no phase but its own: fitted to ever longer beginnings.
+
+    Afresh, the constants are those of one pass of the observer.
+    """
+    if afresh:
+        scratch = Observer(observer.device, observer.settings)
+        scratch.run(record.sense, record.drive, step=record.step)
+        constants = slice(observer.states, None)
+        if np.all(np.isfinite(scratch.state)):
+            start[constants] = scratch.state[constants]
+    length = _FIRST
+    while length < len(record):
+        beginning = record.part(slice(0, length))
+        if afresh and length == _FIRST:
+            motion = observer.names[: observer.states]
+            start = refine(
+                observer, beginning.sense, beginning.drive, start=start, free=motion, step=beginning.step
+            ).state
+        start = refine(
+            observer, beginning.sense, beginning.drive, start=start, step=beginning.step, runs=_ON_THE_WAY
+        ).state
+        length *= 3
+    return start
+
+
+def _rms(fit: Refined, rows: Rows) -> float:
+    return float(np.sqrt(np.nanmean(fit.residual[rows] ** 2)))
