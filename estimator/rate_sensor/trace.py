@@ -1,8 +1,8 @@
 """From the residual of the straight line to the effects that the sensor has beside it.
 
-Forward selection on the fitting part: the candidate that predicts it best is added as long as the gain of likelihood
-outweighs its coefficients and the number of candidates that were tried (extended Bayesian criterion, Chen & Chen,
-Biometrika 95(3), 2008).  A term that fits the fitting part better and the held-out part worse is taken back.
+The candidate that predicts the fitting part best is added as long as the gain of likelihood outweighs its coefficients
+and the number of candidates.  From the first on that fits the fitting part better and the held-out part worse, all are
+taken back.
 """
 
 import math
@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.rate_sensor.catalogue import EFFECTS
+from estimator.rate_sensor.chain_model import ChainModel, with_effect
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.model import Chain, Rows, SensorFit, fit, straight_line
 from estimator.rate_sensor.record import SensorRecord
@@ -19,15 +20,17 @@ from estimator.residual.effective import effective_samples
 from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.trace.diagnosis import Confusable, Fit, Found, Interval, Rejected, Verdict
+from estimator.trace.engine import Chosen, Dissent, Outcome, Rules, choose
 
 _ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
 _EXPLAINED = 0.1  # of the power above the noise floor, what may be left where it counts as explained
 _NEAR = 3.0  # ratio to the noise floor up to which a model counts as adequate
-_MOST = 6  # effects
 _EXCITED = 0.05  # of an effect's signature, what must be left when the line is taken out
 _LAGS = 20
 _CURVE = 4  # steady rates that a curve needs
-_ALTERNATIVES = ({"saturation", "soft_saturation"}, {"lag", "second_order"})
+
+
+RULES = Rules(most=6, dissent=Dissent.CUTS)
 
 
 @dataclass(frozen=True)
@@ -71,10 +74,9 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
     before = straight_line(record, declared, fitting)
     linear = fit(before.chain, fitting, [before.parameters])
     candidates = tuple(e for e in EFFECTS if e.applies_to(record) and excited(linear, e, fitting))
-    path, trials = _select(before, candidates, fitting)
-    chosen = _pruned(path, before, fitting, floor)
-    after = chosen[-1][0] if chosen else before
-    rejected = _rejected(candidates, path, chosen, trials)
+    chosen = choose(ChainModel(candidates, fitting, floor, before), linear, RULES)
+    after = chosen.fit if chosen.steps else before
+    rejected = _rejected(candidates, chosen)
     reasons: list[str] = []
     verdict = _verdict(before, after, fitting, floor, reasons)
     effective = effective_samples(after.residual[fitting])
@@ -92,7 +94,7 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
             evidence,
             effect.undone,
         )
-        for effect, evidence in [(effect, gain) for _, effect, gain in chosen]
+        for effect, evidence in zip(after.chain.effects, chosen.gains.values(), strict=True)
     )
     held_out = ~fitting
     return SensorDiagnosis(
@@ -125,40 +127,6 @@ def noise_floor(record: SensorRecord, rows: Rows, noise: float) -> float:
     return noise
 
 
-Chosen = tuple[SensorFit, Effect, float]  # the fit that carries it, the effect, twice its gain of log-likelihood
-
-
-def _select(base: SensorFit, candidates: tuple[Effect, ...], rows: Rows) -> tuple[list[Chosen], dict[str, float]]:
-    """The way of the forward selection, and the last evidence of every candidate that was not taken."""
-    path: list[Chosen] = []
-    current = fit(base.chain, rows, [base.parameters])
-    evidence: dict[str, float] = {}
-    while len(path) < _MOST:
-        left = [effect for effect in candidates if _open(effect, current.chain)]
-        trials = {effect.name: _extended(current, effect, rows) for effect in left}
-        if not trials:
-            break
-        closest = min(trials.values(), key=lambda trial: trial.cost)
-        effective = effective_samples(closest.residual[rows])
-        gains = {name: _gain(current, trial, effective) for name, trial in trials.items()}
-        evidence.update({name: gain for name, (gain, _) in gains.items()})
-        best = max(left, key=lambda effect: gains[effect.name][0] - gains[effect.name][1])
-        gain, penalty = gains[best.name]
-        if gain <= penalty + 2.0 * math.log(len(candidates)):
-            break
-        current = trials[best.name]
-        path.append((current, best, gain))
-    return path, evidence
-
-
-def _open(effect: Effect, chain: Chain) -> bool:
-    """Whether the effect may still be added: there is one limit and one low-pass, of whichever kind."""
-    taken = {e.name for e in chain.effects}
-    return not any(taken & alternatives for alternatives in _ALTERNATIVES if effect.name in alternatives) and (
-        effect.name not in taken
-    )
-
-
 def steady_rates(record: SensorRecord, declared: Range, rows: Rows) -> int:
     """How many different rates the record rests at: classes of 2 % of the range that hold 1 % of the samples."""
     classes = np.round(record.rate[rows] / (0.02 * declared.rate))
@@ -184,47 +152,17 @@ def excited(current: SensorFit, effect: Effect, rows: Rows) -> bool:
     return float(np.linalg.norm(left)) > _EXCITED * float(np.linalg.norm(change))
 
 
-def _extended(current: SensorFit, effect: Effect, rows: Rows) -> SensorFit:
-    chain = Chain((*current.chain.effects, effect), current.chain.record, current.chain.declared)
-    bases = [current.parameters]
-    if effect.stage is Stage.LIMIT:  # a line through samples at a limit is far from the line between the limits
-        line = straight_line(chain.record, chain.declared, rows).parameters
-        bases.append(np.concatenate([line, current.parameters[2:]]))
-    starts = [np.concatenate([base, s]) for s in effect.starts(chain.record, chain.declared) for base in bases]
-    return fit(chain, rows, starts)
-
-
-def _gain(current: SensorFit, trial: SensorFit, effective: float) -> tuple[float, float]:
-    """Twice the gain of log-likelihood, counted in independent samples, and what its coefficients cost."""
-    added = len(trial.parameters) - len(current.parameters)
-    freedom = max(effective - len(trial.parameters), 1.0)
-    tiny = 1e-300  # a perfect fit has a gain, however large
-    return freedom * math.log(max(current.cost, tiny) / max(trial.cost, tiny)), added * math.log(effective)
-
-
-def _pruned(path: list[Chosen], before: SensorFit, fitting: Rows, floor: float) -> list[Chosen]:
-    """The way up to the step after which the held-out part is predicted worse by more than its noise floor."""
-    kept: list[Chosen] = []
-    last = before.rms(~fitting)
-    for step in path:
-        now = step[0].rms(~fitting)
-        if now > math.hypot(last, floor):
-            break
-        kept.append(step)
-        last = now
-    return kept
-
-
-def _rejected(
-    candidates: tuple[Effect, ...], path: list[Chosen], chosen: list[Chosen], evidence: dict[str, float]
-) -> tuple[Rejected, ...]:
-    taken = {effect.name for _, effect, _ in chosen}
-    tried = {effect.name for _, effect, _ in path}
+def _rejected(candidates: tuple[Effect, ...], chosen: Chosen[SensorFit, tuple[str, ...]]) -> tuple[Rejected, ...]:
+    evidence: dict[str, float] = {}
+    taken_back = set()
+    for one in chosen.rounds:
+        evidence |= one.gains
+        taken_back |= {each.name for each in one.tried if each.outcome in (Outcome.OBJECTED, Outcome.AFTER)}
     rejected = []
     for effect in candidates:
-        if effect.name in taken:
+        if effect.name in chosen.gains:
             continue
-        if effect.name in tried:
+        if effect.name in taken_back:
             reason = "fits the fitting part better and the held-out part worse, or follows an effect that does"
         else:
             reason = f"evidence {evidence.get(effect.name, 0.0):.1f} does not outweigh its coefficients"
@@ -283,7 +221,7 @@ def _confusable(after: SensorFit, candidates: tuple[Effect, ...], rows: Rows) ->
 
 
 def _signature(without: SensorFit, effect: Effect, rows: Rows) -> Array:
-    trial = _extended(without, effect, rows)
+    trial = with_effect(without, effect, rows)
     change = (without.residual - trial.residual)[rows]
     basis = np.linalg.qr(without.chain.jacobian(without.parameters)[rows] * without.chain.scales)[0]
     return np.asarray(change - basis @ (basis.T @ change))
