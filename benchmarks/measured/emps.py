@@ -5,10 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measured.oscillator import declared, imported, record_of
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
-from estimator.effects.catalogue import effect_for
-from estimator.inverse_dynamics import (
+from benchmarks.measured.inverse_dynamics import (
     Filters,
     ForceFit,
     ForceTrace,
@@ -17,6 +14,9 @@ from estimator.inverse_dynamics import (
     motion_of,
     trace_forces,
 )
+from benchmarks.measured.oscillator import declared, imported, record_of
+from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
+from estimator.effects.catalogue import effect_for
 from estimator.observer import Observer
 from estimator.refinement import refine
 from estimator.scaling import Array, Scaling

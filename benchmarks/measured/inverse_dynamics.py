@@ -8,7 +8,7 @@ are resampled, so that only what lies within the motion's own band is compared. 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -22,6 +22,8 @@ from estimator.errors import ModelError
 from estimator.model.gyro import vx, x
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array, Scaling
+from estimator.trace.criterion import extended
+from estimator.trace.engine import Dissent, Estimate, Rules, Score, Trial, choose
 
 BASE = ("inertia", "damping", "stiffness", "offset")
 _REST = 0.01  # of A ω0: about as slow, friction turns over
@@ -177,62 +179,76 @@ class ForceTrace:
     alike: tuple[tuple[str, str, float], ...]
 
 
-def trace_forces(fitting: Motion, held_out: Motion, scaling: Scaling) -> ForceTrace:
-    """Add effects one after another as long as the fitting record asks for them and the held-out one agrees.
-
-    The gain of likelihood, counted in independent samples, must outweigh the coefficients and the number of candidates
-    (extended Bayesian criterion, Chen & Chen, Biometrika 95(3), 2008).
+@dataclass(frozen=True)
+class ForceModel:
+    """`estimator.trace.engine.Model` of the force domain, fitted to one record while the other must agree; `names` are
+    the candidates, chosen among `known`.
     """
+
+    fitting: Motion
+    held_out: Motion
+    scaling: Scaling
+    names: tuple[str, ...]
+    known: int
+
+    def promise(self, current: ForceFit, barred: Collection[str]) -> tuple[str, ...]:
+        """Who is left: a fit is so cheap that nothing is said beforehand of what it explains."""
+        return tuple(name for name in self.names if name not in current.effects and name not in barred)
+
+    def hopeful(self, look: tuple[str, ...], tried: Mapping[str, Trial[ForceFit]], number: int) -> Sequence[str]:
+        """All of them."""
+        return look
+
+    def fit(
+        self, current: ForceFit, look: tuple[str, ...], names: Sequence[str], tried: Mapping[str, Trial[ForceFit]]
+    ) -> Mapping[str, ForceFit]:
+        """Least squares."""
+        return {name: fit_forces(self.fitting, (*current.effects, name), self.scaling) for name in names}
+
+    def score(self, current: ForceFit, look: tuple[str, ...], fits: Mapping[str, ForceFit]) -> Mapping[str, Score]:
+        """Gains counted in the independent samples that the closest of them leaves."""
+        samples = effective_samples(min(fits.values(), key=lambda trial: trial.rms).residual)
+        scores = {}
+        for name, trial in fits.items():
+            gain = max(samples - len(trial.values), 1.0) * 2.0 * math.log(current.rms / trial.rms)
+            price = extended(len(trial.values) - len(current.values), samples, self.known)
+            scores[name] = Score(gain, gain, price, price)
+        return scores
+
+    def coefficients(self, fit: ForceFit) -> Mapping[str, Mapping[str, Estimate]]:
+        """As forces, in the drive's unit."""
+        ends = zip(fit.names, fit.values.tolist(), fit.half_widths.tolist(), strict=True)
+        known = {name: (value, value - half, value + half) for name, value, half in ends}
+        return {
+            name: {c.name: Estimate(*known[c.name], c.positive) for c in effect_for(name, 1)[1].coefficients}
+            for name in fit.effects
+        }
+
+    def objection(self, current: ForceFit, name: str, trial: Trial[ForceFit]) -> str | None:
+        """The held-out record must be predicted better, and that by more than the filters bend a kink."""
+        was, now = (_rms(fit.residual_on(self.held_out, self.scaling)) for fit in (current, trial.fit))
+        if now > (1.0 - _WORTH) * was:
+            return "fits the fitting record better and the held-out record no better, or worse"
+        return None
+
+
+def trace_forces(fitting: Motion, held_out: Motion, scaling: Scaling) -> ForceTrace:
+    """Add effects one after another as long as the fitting record asks for them and the held-out one agrees."""
     before = fit_forces(fitting, (), scaling)
     names = candidates()
     rejected = {name: "not excited by this record" for name in names if not _excited(fitting, name, scaling)}
-    left = [name for name in names if name not in rejected]
-    current, evidence = before, dict[str, float]()
-    while left:
-        trials = {name: fit_forces(fitting, (*current.effects, name), scaling) for name in left}
-        for name, wrong in {name: _unphysical(trial) for name, trial in trials.items()}.items():
-            if wrong is not None:
-                rejected[name] = f"fits only with a negative {wrong}, which would be something else"
-                left.remove(name)
-        trials = {name: trials[name] for name in left}
-        if not trials:
-            break
-        samples = effective_samples(min(trials.values(), key=lambda trial: trial.rms).residual)
-        gains = {name: _gain(current, trial, samples) for name, trial in trials.items()}
-        price = {name: _price(current, trial, samples, len(names)) for name, trial in trials.items()}
-        best = max(left, key=lambda name: gains[name] - price[name])
-        if gains[best] <= price[best]:
-            rejected |= {name: f"evidence {gains[name]:.1f} does not outweigh its coefficients" for name in left}
-            break
-        left.remove(best)
-        was, now = (_rms(fit.residual_on(held_out, scaling)) for fit in (current, trials[best]))
-        if now > (1.0 - _WORTH) * was:
-            rejected[best] = "fits the fitting record better and the held-out record no better, or worse"
-            continue
-        current = trials[best]
-        evidence[best] = gains[best]
-    return ForceTrace(before, current, evidence, rejected, _alike(fitting, current, rejected, scaling))
-
-
-def _unphysical(fit: ForceFit) -> str | None:
-    """Name of a coefficient that came out negative beyond doubt though it is declared positive."""
-    positive = {c.name for effect in fit.effects for c in effect_for(effect, 1)[1].coefficients if c.positive}
-    for name, value, half in zip(fit.names, fit.values, fit.half_widths, strict=True):
-        if name in positive and value + half < 0.0:
-            return name
-    return None
+    left = tuple(name for name in names if name not in rejected)
+    model = ForceModel(fitting, held_out, scaling, left, len(names))
+    chosen = choose(model, before, Rules(most=len(left), dissent=Dissent.AGAIN))
+    rejected |= chosen.barred
+    for name, gain in chosen.rounds[-1].gains.items():
+        rejected[name] = f"evidence {gain:.1f} does not outweigh its coefficients"
+    after = chosen.fit
+    return ForceTrace(before, after, dict(chosen.gains), rejected, _alike(fitting, after, rejected, scaling))
 
 
 def _rms(series: Array) -> float:
     return float(np.sqrt(np.mean(series**2)))
-
-
-def _gain(current: ForceFit, trial: ForceFit, samples: float) -> float:
-    return max(samples - len(trial.values), 1.0) * 2.0 * math.log(current.rms / trial.rms)
-
-
-def _price(current: ForceFit, trial: ForceFit, samples: float, candidates: int) -> float:
-    return (len(trial.values) - len(current.values)) * math.log(samples) + 2.0 * math.log(candidates)
 
 
 def _projected(motion: Motion, carried: Sequence[str], name: str, scaling: Scaling) -> tuple[Array, float]:

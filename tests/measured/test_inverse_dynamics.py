@@ -5,8 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from estimator.errors import ModelError
-from estimator.inverse_dynamics import (
+from benchmarks.measured.inverse_dynamics import (
     BASE,
     Filters,
     candidates,
@@ -16,6 +15,7 @@ from estimator.inverse_dynamics import (
     resampled,
     trace_forces,
 )
+from estimator.errors import ModelError
 from estimator.scaling import Scaling
 
 RATE = 1000.0
