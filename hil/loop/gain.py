@@ -107,7 +107,8 @@ class GainLoop(Loop):
         codes, received_ns = sense.codes, self._endpoint.received_ns
         stale = self._pause is not None and block.tick <= self._pause.safe
         self._bridge(block.tick)
-        self._require_sent(sense.matrix_id)
+        if not stale:  # else of matrices from before the board was armed again, which are forgotten
+            self._require_sent(sense.matrix_id)
         if self._waiting and block.tick - first >= self._acquired:
             self._waiting, self._closed = False, True
             self._observer.enable_control(True)
