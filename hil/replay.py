@@ -4,6 +4,8 @@ import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from estimator.backend import Backend, make_observer
 from estimator.errors import ModelError
 from estimator.gaps import observe
@@ -25,6 +27,7 @@ from hil.records.runfolder import RunFolder
 _BLOCK = 1 << 14
 
 
+@np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
 def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = None, progress: Watcher) -> RunResult:
     """Run the observer over the record at `capture`; a new run folder below `out` keeps a copy of it.
 

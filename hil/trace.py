@@ -57,6 +57,7 @@ def trace_file(
     return trace(capture, named, out, fraction=fraction, report=report, progress=progress)
 
 
+@np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
 def trace(
     capture: Path,
     bench: Bench,

@@ -105,10 +105,11 @@ def scan(
             upper = np.triu(products.reshape(width, width))
             normal[part] = upper[:first, :first] + np.triu(upper[:first, :first], 1).T
             score[part] = upper[:first, first]
-        with np.errstate(invalid="ignore"):
+        with np.errstate(all="ignore"):
             own = rows[begin:end]
-            usual = np.nanmedian(own["nu"][:, : device.axes] ** 2 / own["s"][:, : device.axes]) / 0.455
-        level = _JUMP * max(1.0, float(usual))
+            surprise = own["nu"][:, : device.axes] ** 2 / own["s"][:, : device.axes]
+        if not np.isnan(surprise).all():
+            level = _JUMP * max(1.0, float(np.nanmedian(surprise)) / 0.455)
     factors = observer.factors[len(observer.names) - first :]
     volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
     return Scan(

@@ -6,9 +6,11 @@ come into question are then carried by an observer each, and their likelihoods d
 from then on, and the residual that is left is scanned again.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from estimator.errors import ModelError
 from estimator.trace.engine import Dissent, Round, Rules, choose, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.look import Look
@@ -54,6 +56,11 @@ def select(problem: Problem, progress: Progress) -> Selection:
     """Choose effects on the record of `problem`, the part to be fitted, beside those that it carries already."""
     compared = problem.part(slice(0, _COMPARED))
     start = Carrying(compared, fit(compared))
+    if not math.isfinite(start.fitted.likelihood):
+        raise ModelError(
+            "the observer diverges on this record; correct [device] (signs, gains, noise_V) or [observer] (memory_s, "
+            "initial_sd) in the bench file"
+        )
     family = ObserverModel(compared)
     chosen = pruned(family, choose(family, start, RULES, lambda done, most: progress("effects", done, most)))
     carrying = chosen.steps[-1].trial.fit if chosen.steps else start

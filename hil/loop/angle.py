@@ -1,5 +1,6 @@
 """The angle that a run reports, row by row: which one it is, its standard uncertainty, and where it means something."""
 
+import math
 from typing import Any, Literal
 
 import numpy as np
@@ -95,4 +96,7 @@ class ReportedAngle:
             damping=(xx * self._driven, yy * self._driven, xy * self._driven),
             angular_gain=self._angular_gain,
         )
-        return (deviation**2 + total_variance(self._calibration, course)) ** 0.5
+        try:
+            return (deviation**2 + total_variance(self._calibration, course)) ** 0.5
+        except OverflowError:  # of plain numbers, when the observer diverged
+            return math.inf

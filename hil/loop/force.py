@@ -128,7 +128,7 @@ class ForceLoop(Loop):
         s_x, s_y = self._s.tolist()
         x_volts, y_volts = self._volts
         self._innovation.put(
-            tick, nu_x * x_volts, nu_y * y_volts, math.sqrt(s_x) * abs(x_volts), math.sqrt(s_y) * abs(y_volts)
+            tick, nu_x * x_volts, nu_y * y_volts, _root(s_x) * abs(x_volts), _root(s_y) * abs(y_volts)
         )
         since = tick - first
         if since % self._every == self._every - 1:
@@ -147,7 +147,8 @@ class ForceLoop(Loop):
             )  # fmt: skip
             if since % self._covariance_every == self._covariance_every - 1:
                 put_covariance(self._covariance, tick, self._observer)
-        residual = 0.5 * ((nu_x / self._noise[0]) ** 2 + (nu_y / self._noise[1]) ** 2)
+        x, y = nu_x / self._noise[0], nu_y / self._noise[1]
+        residual = 0.5 * (x * x + y * y)  # not **, which refuses what overflows
         self._judge(residual, 1.0 / RESIDUAL_SAMPLES, since)
         if self._opening is not None:
             self._look((row,))
@@ -174,3 +175,8 @@ class ForceLoop(Loop):
         super()._heed(said)
         if self._board.running is not None:
             self._shown.runs(self._board.running)
+
+
+def _root(variance: float) -> float:
+    """Standard deviation; NaN of what is no variance, as an observer that diverged may have it."""
+    return math.sqrt(variance) if variance >= 0.0 else math.nan

@@ -84,7 +84,7 @@ class Loop(ABC):
         self._opening: Opening | None = self.opening  # while it needs more
         self._step_target = TargetSteps(observer, bench)
         self._long_gap = max(round(_LONG_GAP_S * rate), 2)
-        self._residual_limit = bench.limits.residual_safe**2
+        self._residual_limit = bench.limits.residual_safe * bench.limits.residual_safe  # ** refuses what overflows
         self._residual = 1.0
         self._guarded = 0  # sample from which the residual may stop the run
         self._first: int | None = None

@@ -93,8 +93,11 @@ def work(order: Order) -> dict[str, Any]:
 def _loop(
     order: Order, bench: Bench, endpoint: Endpoint, identity: Identity, registers: Mapping[str, float]
 ) -> dict[str, Any]:
+    import numpy as np
+
     from estimator.kernel.compiled import is_warm
 
+    np.seterr(all="ignore")  # an observer that diverges is told by its numbers, not by NumPy
     note = "" if is_warm() else "compiling the kernels, once; about half a minute"
     tell(stage="prepare", done=0, total=0, note=note)
     from estimator.foresight import rehearse

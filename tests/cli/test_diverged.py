@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.cli.diverged import KINDS, write_diverged_run
+from tests.loop.gyro import bench, bench_file
 
 pytestmark = pytest.mark.slow
 
@@ -62,3 +63,35 @@ def test_check_and_export(place: Path, more: list[str]) -> None:
     done = hil(place, *more, "--json")
     assert done.returncode == 0, done.stderr
     strict(done.stdout)
+
+
+DIVERGES = {
+    "observer": {
+        "memory_s": 0.006,
+        "process_noise": {"force_mps2_per_rtHz": 1e-30, "rate_rad_s_per_rts": 0.0},
+        "initial_sd": {"rate_rad_s": 1000.0, "stiffness": 1.0, "damping": 1e6},
+    },
+    "device": {"sense": {"noise_V": 1e-10}},
+    "limits": {"residual_safe": 1e300},
+}
+"""A memory of one cycle, a millionth of the noise, and next to nothing known: beyond all numbers within 0.2 s."""
+
+
+def test_run_replay_and_trace(tmp_path: Path) -> None:
+    bench_file(tmp_path / "sick.bench.toml", bench(2.0, **DIVERGES))
+    link = ["--link", "inproc:s-slow", "--out", "runs", "--json"]
+    done = hil(tmp_path, "run", "sick.bench.toml", *link)
+    assert done.returncode == 1, done.stderr
+    result = strict(done.stdout)
+    assert result["verdict"] == "interrupted"
+    assert "residual_safe" in result["reasons"][0]
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (folder / "report.html").exists()
+    done = hil(tmp_path, "replay", str(folder), "--bench", "sick.bench.toml", "--json", "--out", "again")
+    assert done.returncode in (0, 1), done.stderr  # what there is of it ends before scoring starts
+    strict(done.stdout)
+    done = hil(tmp_path, "trace", str(folder), "--bench", "sick.bench.toml", "--json", "--out", "traced")
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("hil: ")]
+    assert "the observer diverges on this record; correct [device]" in line
+    assert not (tmp_path / "traced").exists()
