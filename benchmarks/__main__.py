@@ -42,6 +42,7 @@ BENCHMARKS = {
 }
 LONG = {
     "io_faults": "a disk that fails at every call of a run that writes; hours, IO_FAULTS_EVERY=N for one in N",
+    "mutants": "a sample of small changes to what makes the bench's word: does a test fail for each; about an hour",
     "verdicts": "340 runs on emulated devices, verdict and uncertainty beside the truth; about an hour on two cores",
 }
 TARGET = Path("runs/bench.json")

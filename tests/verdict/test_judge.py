@@ -88,3 +88,12 @@ def test_an_angle_that_failed_with_the_machine_says_what_to_mend_first(judged: A
     assert judged(angle=BAD["angle"]).parts["angle"] == BAD["angle"]
     assert judged(machine=BAD["machine"], model=BAD["model"]).parts["model"].reason.startswith("drive gain; the mach")
     assert judged(safety=BAD["safety"], model=BAD["model"]).parts["model"] == BAD["model"]
+
+
+@pytest.mark.parametrize("part", ["safety", "model"])
+def test_why_it_ended_is_said_once_and_after_what_concerns_safety(judged: Any, part: str) -> None:
+    said = {part: BAD[part], "angle": BAD["angle"]}
+    assert judged(stopped=BAD[part].reason, **said).reasons == (BAD[part].reason, "± 310 mrad")
+    other = judged(stopped="stopped on request", **said).reasons
+    first = (BAD[part].reason, "stopped on request") if part == "safety" else ("stopped on request", BAD[part].reason)
+    assert other == (*first, "± 310 mrad")

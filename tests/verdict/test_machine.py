@@ -137,3 +137,15 @@ def test_mishaps_speak_of_the_same_count() -> None:
     )
     assert told[3].endswith("2 times and was armed again; 7 samples were not taken meanwhile")
     assert "99" not in " ".join(told)
+
+
+def test_what_was_measured_of_the_processors_is_told() -> None:
+    busy = {"waited": 0.04, "stolen": 0.021, "pressed": 0.9}
+    words = "(the loop lacked a processor 6.1% of the time, something here waited for one 90.0% of it)"
+    assert f"this machine was too busy {words}" in judged(result(late=100, load=busy)).reason
+    slow = {"waited": 0.001, "stolen": 0.0}  # a system that says nothing of its pressure
+    assert judged(result(late=100, load=slow)).reason.endswith(
+        "the link or the board was slow, or the loop was stopped (the loop lacked a processor 0.1% of the time)"
+    )
+    unknown = judged(result(late=100, slow=100, load={"pressed": 0.9})).reason
+    assert unknown.endswith("this machine was too busy (something here waited for one 90.0% of it)")

@@ -3,6 +3,10 @@
 import shlex
 from pathlib import Path
 
+import numpy as np
+
+from hil.records.capture import Capture
+from hil.records.innovation import Innovation
 from hil.records.result import Result, Scan
 from hil.records.runfolder import RunFolder
 from hil.verdict.model import judge_model
@@ -45,3 +49,58 @@ def test_an_innovation_above_its_limit_is_held_against_a_complete_model(tmp_path
     part = judge_model(RunFolder(tmp_path), result(True, ratio=1.6), gyro.bench())
     assert part.outcome == "lacks"
     assert "1.6" in part.reason
+
+
+def folder(place: Path, *, nu_V: float = 1e-4, codes: np.ndarray | None = None) -> RunFolder:
+    """With an innovation of 100 samples and a capture of 2000."""
+    ticks, found = np.arange(2000), RunFolder(place)
+    header = {"tick_rate_Hz": 100.0, "axes": 1, "columns": {"vx_code": {"unit": "V", "scale": 1e-5}}}
+    noise = np.rint(20.0 * np.random.default_rng(1).standard_normal(2000)).astype(np.int32)
+    capture = {"tick": ticks, "vx_code": noise if codes is None else codes}
+    innovation = {"tick": ticks[:100], "nu_x_V": np.full(100, nu_V), "s_x_V": np.full(100, 1e-4)}
+    vars(found)["capture"] = Capture(capture, header, True)
+    vars(found)["innovation"] = Innovation(innovation, header, True)
+    return found
+
+
+def test_an_innovation_that_is_not_finite_is_held_against_the_model(tmp_path: Path) -> None:
+    diverged = result(True).model_copy(update={"innovation_rms": None, "scan": None})
+    part = judge_model(folder(tmp_path, nu_V=np.nan), diverged, gyro.bench(duration_s=0.5))
+    assert part.outcome == "lacks"
+    assert "not finite: the observer diverged" in part.reason
+    assert part.next is None  # a trace of it would say nothing
+
+
+def test_where_nothing_was_scored_there_is_nothing_to_hold_against_it(tmp_path: Path) -> None:
+    short = result(True).model_copy(update={"innovation_rms": None})
+    nobody = RunFolder(tmp_path)
+    assert judge_model(nobody, short, gyro.bench()).outcome == "complete"
+    unsettled = gyro.bench(duration_s=10.0, loop={"settle_s": 5.0})
+    assert judge_model(folder(tmp_path), short, unsettled).outcome == "complete"
+
+
+def test_the_innovation_is_held_against_its_limit_and_no_lower(tmp_path: Path) -> None:
+    limit = gyro.bench(limits={"innovation_ratio": 2.0})
+    assert judge_model(RunFolder(tmp_path), result(True, ratio=1.99), limit).outcome == "complete"
+    part = judge_model(RunFolder(tmp_path), result(True, ratio=2.01), limit)
+    assert (part.outcome, part.next) == ("lacks", None)  # the scan found nothing that a trace could name
+    both = judge_model(RunFolder(tmp_path), result(False, ratio=3.0), limit)
+    assert both.reason.startswith("as the scan says; innovation 3 × the noise floor")
+
+
+def test_a_sense_chain_that_is_stuck_is_held_against_the_model(tmp_path: Path) -> None:
+    sound = gyro.bench(device={"sense": {"noise_V": 2e-4}})
+    assert judge_model(folder(tmp_path), result(True), sound).outcome == "complete"
+    codes = np.rint(20.0 * np.random.default_rng(1).standard_normal(2000)).astype(np.int32)
+    codes[500:700] = 7
+    part = judge_model(folder(tmp_path, codes=codes), result(True), sound)
+    assert part.outcome == "lacks"
+    assert "it is stuck" in part.reason
+
+
+def test_without_a_scan_the_innovation_alone_judges(tmp_path: Path) -> None:
+    unscanned = result(True).model_copy(update={"scan": None})
+    assert judge_model(RunFolder(tmp_path), unscanned, gyro.bench()).outcome == "complete"
+    beyond = result(True, ratio=9.0).model_copy(update={"scan": None})
+    part = judge_model(RunFolder(tmp_path), beyond, gyro.bench())
+    assert (part.outcome, part.next) == ("lacks", None)

@@ -1,0 +1,45 @@
+"""Which tests belong to which module: those that say what it promises, and take seconds."""
+
+_VERDICT = ["tests/verdict"]
+_STOPS = ["tests/loop/test_stopping.py", "tests/verdict/test_safety.py"]
+_KEYED = ["tests/wire/test_sessions.py", "tests/wire/test_keyed.py::test_the_counter_ends_and_does_not_wrap"]
+_KEY_FILE = [
+    f"tests/wire/test_keyed.py::{name}"
+    for name in (
+        "test_a_key_file_is_its_owners_alone",
+        "test_what_is_no_key_is_refused_and_not_shown",
+        "test_places_without_a_key_file",
+        "test_the_verb",
+    )
+]
+
+TESTS: dict[str, list[str]] = {
+    "hil.verdict": _VERDICT,
+    "hil.verdict.angle": _VERDICT,
+    "hil.verdict.budget": [*_VERDICT, "tests/records/test_budget.py"],
+    "hil.verdict.machine": _VERDICT,
+    "hil.verdict.model": _VERDICT,
+    "hil.verdict.safety": _VERDICT,
+    "estimator.uncertainty": ["tests/verdict/test_budget_rows.py", "tests/estimator/test_uncertainty.py"],
+    "hil.loop.account": ["tests/loop/test_account.py"],
+    "hil.loop.armed": ["tests/loop/test_armed.py"],
+    "hil.loop.echo": ["tests/loop/test_echo.py"],
+    "hil.loop.levels": ["tests/loop/test_levels.py"],
+    "hil.loop.preflight": ["tests/loop/test_preflight.py"],
+    "hil.loop.signs": ["tests/loop/test_signs.py"],
+    "hil.loop.stopping": ["tests/loop/test_stopping.py"],
+    "hil.loop.stops": _STOPS,
+    "hil.loop.supervision": ["tests/cli/test_processes.py"],
+    "hil.records.answers": ["tests/records/test_answer_count.py", "tests/loop/test_answers.py"],
+    "hil.records.blocks": ["tests/records/test_stream.py", "tests/records/test_check.py"],
+    "hil.records.check": ["tests/records/test_check.py"],
+    "hil.nees": ["tests/records/test_covariance.py"],
+    "hil.wire.key_file": _KEY_FILE,
+    "hil.wire.keyed": _KEYED,
+    "hil.wire.session": _KEYED,
+    "estimator.completeness.answer": ["tests/estimator/test_completeness.py"],
+    "estimator.completeness.closing": ["tests/estimator/test_completeness.py"],
+    "estimator.completeness.lacking": ["tests/estimator/test_completeness.py"],
+    "estimator.completeness.turning": ["tests/estimator/test_completeness.py"],
+    "estimator.gaps": ["tests/estimator/test_gaps.py"],
+}

@@ -1,0 +1,142 @@
+"""docs/safety.md, The host, rule 3: sense levels plausible beside the declared amplitude, gain, offset and noise.
+
+Levels far from each bound: where exactly it lies is not promised.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.bench import Bench
+from hil.loop.levels import Levels
+from tests.loop import gyro
+from tests.loop.misbehaving import Board
+
+SCALE_V = 0.25 / 2**15
+NOISE_V = 89e-6
+SWING_V = 885.42 * 100e-6
+N = 400
+
+
+def levels(**sense: Any) -> Levels:
+    return Levels(declared(**sense), Board().identity)
+
+
+def declared(**sense: Any) -> Bench:
+    sense = {"gain_V_per_m": -885.42, "noise_V": NOISE_V} | sense
+    return gyro.unhurried_bench(1.0, device={"amplitude_m": 100e-6, "sense": sense})
+
+
+def codes(x_V: float = 0.0, y_V: float = 0.0, *, middle_V: float = 0.0, noise_V: float = NOISE_V) -> np.ndarray:
+    """Both channels swinging at 20 Hz about `middle_V`, in codes of 16 bits."""
+    t = np.arange(N) / 400.0
+    volts = middle_V + np.outer(np.sin(2 * np.pi * 20.0 * t), [x_V, y_V])
+    volts += noise_V * np.random.default_rng(1).standard_normal((N, 2))
+    return np.clip(np.rint(volts / SCALE_V), -(2**15), 2**15 - 1).astype(np.int64)
+
+
+def on(axis: str, odd: np.ndarray, usual: np.ndarray) -> np.ndarray:
+    """The odd channel on one axis, the usual one on the other."""
+    return np.column_stack([odd[:, 0], usual[:, 1]] if axis == "x" else [usual[:, 0], odd[:, 1]])
+
+
+@pytest.mark.parametrize("swing", [0.0, 0.01, 1.0, 2.0])
+def test_a_mass_at_rest_or_swinging_as_declared_is_plausible(swing: float) -> None:
+    assert levels().wrong(codes(swing * SWING_V, swing * SWING_V)) == ""
+    assert levels().wrong(codes(swing * SWING_V, 0.0)) == ""
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("at", [0, 1234, 2**15 - 1, -(2**15)])
+def test_a_channel_that_stands_still_is_named(axis: str, at: int) -> None:
+    told = levels().wrong(on(axis, np.full((N, 2), at), codes(SWING_V, SWING_V)))
+    assert told.startswith(f"sense {axis} stands still at {at * SCALE_V:.3g} V")
+
+
+def test_one_that_changes_once_does_not_stand_still() -> None:
+    still = np.zeros((N, 2), np.int64)
+    still[200:] = 1
+    assert levels().wrong(still) == ""
+
+
+def test_a_channel_with_less_noise_than_half_a_code_may_stand_still() -> None:
+    assert levels(noise_V=0.1 * SCALE_V).wrong(np.zeros((N, 2), np.int64)) == ""
+    assert "stands still" in levels(noise_V=0.6 * SCALE_V).wrong(np.zeros((N, 2), np.int64))
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_channel_at_either_end_of_its_converter_is_named(axis: str, sign: int) -> None:
+    usual = codes(SWING_V, SWING_V)
+    told = levels().wrong(on(axis, codes(0.4, 0.4, middle_V=sign * 0.2), usual))
+    assert told.startswith(f"sense {axis} is at the end of its converter in ")
+    wide = levels(gain_V_per_m=-2400.0)  # ± 0.24 V are meant to be there
+    assert wide.wrong(codes(0.24, 0.24)) == ""
+
+
+def test_a_glitch_or_two_are_no_end_of_a_converter() -> None:
+    usual = codes(0.24, 0.24)
+    usual[[100, 300], 0] = 2**15 - 1
+    assert levels(gain_V_per_m=-2400.0).wrong(usual) == ""
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_channel_far_from_its_declared_offset_is_named(axis: str, sign: int) -> None:
+    usual = codes(0.5 * SWING_V, 0.5 * SWING_V)
+    told = levels().wrong(on(axis, codes(middle_V=sign * 0.24), usual))
+    assert told.startswith(f"sense {axis} sits at {sign * 0.24:.3g} V")
+
+
+def test_an_offset_as_declared_is_plausible() -> None:
+    for offset in (0.03, -0.03):
+        assert levels(offset_sd_V=0.02).wrong(codes(0.02, 0.02, middle_V=offset)) == ""
+    quiet = {"offset_sd_V": 1e-4, "gain_V_per_m": -100.0}  # ± 10 mV of swing
+    assert "sits at" in levels(**quiet).wrong(codes(middle_V=0.03))
+    assert levels(**quiet).wrong(codes(middle_V=0.008)) == ""  # a slow mass may stand anywhere within its swing
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_channel_that_swings_far_beyond_the_declared_amplitude_is_named(axis: str) -> None:
+    small = levels(gain_V_per_m=-100.0)
+    usual = codes(0.01, 0.01)
+    told = small.wrong(on(axis, codes(0.1, 0.1), usual))
+    assert told.startswith(f"sense {axis} swings by 0.1 V")
+    assert small.wrong(codes(0.02, 0.02)) == ""
+    assert levels(gain_V_per_m=100.0).wrong(codes(0.02, 0.02)) == ""  # the sign of a gain is no size
+
+
+@pytest.mark.parametrize("offset", [0.1, -0.1])
+def test_a_swing_is_counted_from_where_the_channel_sits(offset: float) -> None:
+    small = levels(gain_V_per_m=-100.0, offset_sd_V=0.05)
+    assert small.wrong(codes(0.01, 0.01, middle_V=offset)) == ""
+    assert "swings by" in small.wrong(codes(0.1, 0.1, middle_V=offset))
+
+
+def test_noise_alone_is_no_swing() -> None:
+    noisy = levels(gain_V_per_m=-1.0, noise_V=5e-3)
+    assert noisy.wrong(codes(noise_V=5e-3)) == ""
+    assert noisy.wrong(codes(noise_V=5e-3, middle_V=0.01)) == ""  # two deviations off: noise of low frequency
+    assert "swings by" in noisy.wrong(codes(0.1, 0.1, noise_V=5e-3))
+
+
+def test_of_a_single_axis_only_that_is_looked_at() -> None:
+    bench = declared()
+    single = bench.model_copy(update={"device": bench.device.model_copy(update={"axes": 1})})
+    still = on("y", np.zeros((N, 2), np.int64), codes(SWING_V, SWING_V))
+    assert Levels(single, Board().identity).wrong(still) == ""
+    assert "sense y stands still" in Levels(bench, Board().identity).wrong(still)
+
+
+def test_they_are_judged_by_the_rows_of_acquisition_or_a_cycle() -> None:
+    def rows(acquisition_s: float) -> int:
+        bench = declared()
+        observer = bench.observer.model_copy(update={"acquisition_s": acquisition_s})
+        return Levels(bench.model_copy(update={"observer": observer}), Board().identity).rows
+
+    assert rows(1.0) == 400
+    assert rows(2.5) == 1000
+    assert rows(1000.0) <= 20_000  # a bound in time and memory
+    cycle = 400.0 / declared().device.resonance_Hz
+    assert cycle <= rows(0.0) < 10 * cycle

@@ -1,0 +1,131 @@
+"""The angle's part of the verdict: docs/reference/run-folder.md (Verdict) and [limits] in docs/reference/bench.md."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.bench import Bench
+from hil.records.capture import Capture
+from hil.records.estimates import Estimates
+from hil.records.result import Contribution, Part, Result
+from hil.records.runfolder import RunFolder
+from hil.verdict.angle import judge_angle
+from hil.verdict.budget import remedy
+from tests.loop import gyro
+from tests.verdict.gyro_estimates import SETTLE_S, estimates
+
+LARGEST = Contribution(source="clock", value=1e-3, unit="1", sensitivity="1", contribution_rad=0.04)
+
+
+def bench(**limits: float) -> Bench:
+    declared = {"energy_error": 0.05, "quadrature": 0.1, "invalid_fraction": 0.1, "angle_rad": 0.1} | limits
+    return gyro.bench(10.0, loop={"settle_s": SETTLE_S}, limits=declared)
+
+
+def judged(found: Estimates | None, u: float | None = 0.09, capture: Capture | None = None, **limits: float) -> Part:
+    folder = RunFolder(Path("nowhere"))
+    vars(folder).update(estimates=found, capture=capture)
+    rows = () if u is None else (LARGEST,)
+    result = Result(run="r", seconds=10.0, samples=101, complete=True, angle_u_rad=u, uncertainty=rows)
+    return judge_angle(folder, result, bench(**limits))
+
+
+def odd(usual: float, value: float, rows: int) -> np.ndarray:
+    """So many of the scored rows, the last ones, have that value; before the window all have."""
+    values = np.full(101, usual)
+    values[:20] = value
+    values[101 - rows :] = value
+    return values
+
+
+def test_an_angle_within_its_limits_is_good_and_says_how_uncertain() -> None:
+    part = judged(estimates())
+    assert (part.outcome, part.reason, part.next) == ("good", "uncertain by 0.09 rad (k = 2) at the end", None)
+
+
+@pytest.mark.parametrize("u", [0.101, 3.0])
+def test_the_expanded_uncertainty_is_held_against_its_limit(u: float) -> None:
+    assert judged(estimates(), 0.0999).outcome == "good"
+    part = judged(estimates(), u)
+    assert part.outcome == "failed"
+    assert f"uncertain by {u:.2g} rad (k = 2), [limits] angle_rad is 0.1; most of it by clock: 0.04 rad" in part.reason
+    assert part.next == remedy(LARGEST, bench())
+
+
+@pytest.mark.parametrize(
+    ("column", "usual", "value"),
+    [
+        ("energy_ratio", 1.0, 1.06),
+        ("energy_ratio", 1.0, 0.94),
+        ("energy_ratio", 1.0, np.nan),
+        ("quadrature_ratio", 0.0, 0.11),
+        ("quadrature_ratio", 0.0, -0.11),
+        ("quadrature_ratio", 0.0, np.nan),
+    ],
+)
+def test_an_angle_that_was_not_valid_for_too_long_has_failed(column: str, usual: float, value: float) -> None:
+    assert judged(estimates(**{column: odd(usual, value, 8)})).outcome == "good"  # 8 of 81: 9.9 %
+    part = judged(estimates(**{column: odd(usual, value, 9)}))
+    assert part.outcome == "failed"
+    assert "not valid 11.11% of the time" in part.reason
+    energy = column == "energy_ratio"
+    assert f"energy off target {'11.11' if energy else '0.00'}%" in part.reason
+    assert f"quadrature too large {'0.00' if energy else '11.11'}%" in part.reason
+    assert part.next is None
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [("energy_ratio", 1.04), ("energy_ratio", 0.96), ("quadrature_ratio", 0.09)]
+)
+def test_up_to_its_limits_it_counts_as_valid(column: str, value: float) -> None:
+    assert judged(estimates(**{column: np.full(101, value)})).outcome == "good"
+
+
+def test_both_count_together() -> None:
+    apart = estimates(energy_ratio=odd(1.0, 2.0, 5), quadrature_ratio=np.where(np.arange(101) // 5 == 10, 1.0, 0.0))
+    part = judged(apart)
+    assert "not valid 12.35% of the time (energy off target 6.17%, quadrature too large 6.17%)" in part.reason
+
+
+def test_what_fails_twice_says_both_and_what_lowers_the_uncertainty() -> None:
+    part = judged(estimates(energy_ratio=2.0), 0.2)
+    assert part.reason.index("was not valid 100.00%") < part.reason.index("uncertain by 0.2 rad")
+    assert part.next == remedy(LARGEST, bench())
+
+
+def test_an_integrated_rate_needs_no_slender_ellipse() -> None:
+    rate = estimates({"angle": "rate"}, energy_ratio=3.0, quadrature_ratio=1.0)
+    assert judged(rate).outcome == "good"
+    assert judged(rate, 0.2).outcome == "failed"
+
+
+def test_an_angle_of_which_nobody_knows_the_uncertainty_has_failed() -> None:
+    part = judged(estimates(), None)
+    assert part.outcome == "failed"
+    assert "not finite" in part.reason
+    assert "not finite" not in judged(estimates(energy_ratio=2.0), None).reason
+
+
+def recorded(**header: Any) -> Capture:
+    return Capture({"tick": np.arange(3)}, {"tick_rate_Hz": 10.0, **header}, True)
+
+
+def test_a_gyro_in_open_loop_has_failed_and_an_imported_record_is_unknown() -> None:
+    silent = estimates({"angle": "none"})
+    for run in (None, recorded(identity={"unique_id": "a1"})):
+        part = judged(silent, None, run)
+        assert part.outcome == "failed"
+        assert "in open loop" in part.reason
+    part = judged(silent, None, recorded())
+    assert part.outcome == "unknown"
+    assert "imported record" in part.reason
+
+
+def test_where_there_is_nothing_to_judge_it_by_it_is_unknown() -> None:
+    single = estimates()
+    del single.columns["energy_ratio"]  # type: ignore[attr-defined]
+    assert judged(None).outcome == "unknown"
+    assert judged(single).outcome == "unknown"  # a single axis has no angle
+    assert judged(estimates().part(0, 20)).outcome == "unknown"  # the run ended before the scored window began
