@@ -111,6 +111,7 @@ class Trials:
             code = int(pytest.main([*options, *self._tests]))
         except BaseException as error:  # of a change that breaks the import of the tests' own plugin, too
             print(f"{type(error).__name__}: {error}")
+            raise
         finally:
             sys.stdout.flush()
             os._exit(code)
