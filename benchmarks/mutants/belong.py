@@ -1,7 +1,7 @@
 """Which tests belong to which module: those that say what it promises, and take seconds."""
 
 _VERDICT = ["tests/verdict"]
-_STOPS = ["tests/loop/test_stopping.py", "tests/verdict/test_safety.py"]
+_STOPS = ["tests/loop/test_armed.py", "tests/verdict/test_safety.py"]
 _KEYED = ["tests/wire/test_sessions.py", "tests/wire/test_keyed.py::test_the_counter_ends_and_does_not_wrap"]
 _KEY_FILE = [
     f"tests/wire/test_keyed.py::{name}"

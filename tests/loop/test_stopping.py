@@ -8,6 +8,7 @@ import pytest
 from hil.loop.stopping import Stopped, bring_to_safe
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import Message, Safe, SafeReason, State
+from hil.wire.serial_format import SERIAL
 from tests.loop.on_a_pty import Far, connected, rows, status
 
 TICK, RATE_HZ = 1000, 400.0
@@ -71,14 +72,52 @@ def test_it_listens_for_two_blocks_where_they_take_longer(ends: tuple[Endpoint, 
     assert 0.25 <= time.monotonic() - begin < 2.0
 
 
-def test_a_board_that_does_not_answer_is_told_eight_times_and_not_confirmed(ends: tuple[Endpoint, Far]) -> None:
+def test_a_board_that_does_not_answer_is_not_confirmed(ends: tuple[Endpoint, Far]) -> None:
     host, far = ends
     begin = time.monotonic()
     found = stop(host)
     assert time.monotonic() - begin >= PATIENCE_S
     assert (found.status, found.confirmed) == (None, False)
-    assert found.why == f"the board did not answer SAFE, sent 8 times in {PATIENCE_S:g} s"
+    told = far.count(Safe)
+    assert 2 <= told <= 8  # a busy machine leaves some out
+    assert found.why == f"the board did not answer SAFE, sent {told} times in {PATIENCE_S:g} s"
+
+
+@pytest.mark.realtime
+def test_it_is_told_eight_times(ends: tuple[Endpoint, Far]) -> None:
+    host, far = ends
+    assert "sent 8 times in 2 s" in bring_to_safe(host, SafeReason.HOST_REQUEST, 2.0, rate_Hz=RATE_HZ).why
     assert far.count(Safe) == 8
+
+
+class DeafInProcess:
+    """The host's end of a board in this process that answers nothing: there is nothing to wait for."""
+
+    name, format, arrived_ns, advice = "inproc:deaf", SERIAL, 0, ""
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+
+    def fileno(self) -> None:
+        return None
+
+    def send(self, data: bytes) -> None:
+        self.sent.append(data)
+
+    def receive(self, timeout_s: float | None) -> bytes:
+        return b""
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_board_in_this_process_is_told_eight_times_at_once() -> None:
+    link = DeafInProcess()
+    begin = time.monotonic()
+    found = bring_to_safe(Endpoint(link), SafeReason.HOST_REQUEST, 60.0, rate_Hz=RATE_HZ)
+    assert time.monotonic() - begin < 30.0
+    assert not found.confirmed
+    assert len(link.sent) == 8
 
 
 def test_lines_lose_frames(ends: tuple[Endpoint, Far]) -> None:
@@ -174,6 +213,7 @@ def test_a_board_that_does_not_answer_and_drives_on_is_told_as_such(ends: tuple[
 
     far.answer = drives
     assert stop(host).why.endswith("and SENSE still shows a drive, codes 30 and -7")
+    assert far.count(Safe) <= 8  # however much it says
 
 
 def test_one_that_does_not_answer_and_streams_no_drive_is_not_called_driven(ends: tuple[Endpoint, Far]) -> None:
