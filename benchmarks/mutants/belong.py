@@ -1,6 +1,5 @@
 """Which tests belong to which module: those that say what it promises, and take seconds."""
 
-_VERDICT = ["tests/verdict"]
 _STOPS = ["tests/loop/test_armed.py", "tests/verdict/test_safety.py"]
 _KEYED = ["tests/wire/test_sessions.py", "tests/wire/test_keyed.py::test_the_counter_ends_and_does_not_wrap"]
 _KEY_FILE = [
@@ -14,12 +13,12 @@ _KEY_FILE = [
 ]
 
 TESTS: dict[str, list[str]] = {
-    "hil.verdict": _VERDICT,
-    "hil.verdict.angle": _VERDICT,
-    "hil.verdict.budget": [*_VERDICT, "tests/records/test_budget.py"],
-    "hil.verdict.machine": _VERDICT,
-    "hil.verdict.model": _VERDICT,
-    "hil.verdict.safety": _VERDICT,
+    "hil.verdict": ["tests/verdict/test_judge.py"],
+    "hil.verdict.angle": ["tests/verdict/test_angle.py"],
+    "hil.verdict.budget": ["tests/verdict/test_budget_rows.py", "tests/records/test_budget.py"],
+    "hil.verdict.machine": ["tests/verdict/test_machine.py"],
+    "hil.verdict.model": ["tests/verdict/test_model.py"],
+    "hil.verdict.safety": ["tests/verdict/test_safety.py"],
     "estimator.uncertainty": ["tests/verdict/test_budget_rows.py", "tests/estimator/test_uncertainty.py"],
     "hil.loop.account": ["tests/loop/test_account.py"],
     "hil.loop.armed": ["tests/loop/test_armed.py"],
@@ -30,7 +29,7 @@ TESTS: dict[str, list[str]] = {
     "hil.loop.stopping": ["tests/loop/test_stopping.py"],
     "hil.loop.stops": _STOPS,
     "hil.loop.supervision": ["tests/cli/test_processes.py"],
-    "hil.records.answers": ["tests/records/test_answer_count.py", "tests/loop/test_answers.py"],
+    "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": ["tests/records/test_stream.py", "tests/records/test_check.py"],
     "hil.records.check": ["tests/records/test_check.py"],
     "hil.nees": ["tests/records/test_covariance.py"],

@@ -126,6 +126,7 @@ def test_arm_is_taken_and_safe_is_confirmed(armed: Armed) -> None:
 def test_nothing_is_said_to_a_board_that_was_never_told_arm() -> None:
     with connected() as ends:
         armed = Armed(*ends)
+        assert (armed.board.safety.taken, armed.board.safety.rearmed) == (False, 0)
         assert armed.board.farewell(SafeReason.HOST_REQUEST) == {}
         assert armed.far.count(Safe) == 0
         assert armed.board.safety.confirmed is None
@@ -163,6 +164,24 @@ def test_a_fault_that_trips_while_it_is_told_to_stop_has_latched(armed: Armed) -
     safety = armed.board.safety
     assert (safety.confirmed, safety.latched) == (True, "FAULT")
     assert [(stop.reason, stop.by, stop.tick) for stop in safety.stops] == [("FAULT", "board", TICK)]
+
+
+def test_the_second_answer_to_a_hello_from_before_arm_ends_nothing() -> None:
+    with connected() as ends:
+        armed = Armed(*ends)
+        armed.far.say(Board().identity)
+        armed.host.keep(arrived(armed.host, 1))
+        armed.board.arm()
+        assert armed.attend(*armed.board.heard()) is None
+
+
+@pytest.mark.parametrize("timeout_s", [0.1, 1.0, 60.0])
+def test_it_is_looked_after_often_enough_to_see_a_silence(timeout_s: float) -> None:
+    """Which counts after half of [link] timeout_s; and a recorder that died is told within a second (rule 9)."""
+    with connected() as (host, _):
+        bench = gyro.unhurried_bench(1.0, "paced", link={"timeout_s": timeout_s, "watchdog_s": 0.5})
+        board = ArmedBoard(host, Board().identity, bench, DriveForce, WRITTEN)
+        assert 0.0 < board.slice_s <= min(0.25 * timeout_s, 0.5)
 
 
 # ---------------------------------------------------------------------------------------------------- armed again
@@ -304,6 +323,25 @@ def test_what_is_no_stop_is_not_taken_for_one(armed: Armed, said: tuple[Message,
 
 def test_a_stop_that_is_named_needs_no_asking(armed: Armed) -> None:
     assert "FAULT" in armed.ends(stopped(SafeReason.FAULT), Nack(type_of(DriveForce), 1, NackReason.BAD_STATE))
+    assert armed.far.count(Safe) == 0
+
+
+def test_samples_stay_for_the_loop_when_the_rest_is_heard(armed: Armed) -> None:
+    armed.far.say(TRIPPED, rows((3, 4)), status(State.RUNNING, SafeReason.NONE))
+    armed.host.keep(arrived(armed.host, 3))
+    said = armed.board.heard()
+    assert [message for message in said if isinstance(message, Status)] == [
+        TRIPPED, status(State.RUNNING, SafeReason.NONE)
+    ]  # fmt: skip
+    assert [row[3:5] for row in armed.host.receive_rows(0.0)] == [(3, 4)]
+
+
+def test_a_refusal_from_before_it_was_armed_again_is_no_second_stop(armed: Armed) -> None:
+    armed.late()
+    armed.far.say(Nack(type_of(DriveForce), 1, NackReason.BAD_STATE), rows((3, 4)))
+    armed.host.keep(arrived(armed.host, 2))
+    assert armed.attend(TRIPPED) is not None
+    assert armed.attend(*armed.board.heard()) is None
     assert armed.far.count(Safe) == 0
 
 
