@@ -1,0 +1,266 @@
+"""docs/safety.md, The host, rule 2: what is looked at before ARM, field by field and register by register."""
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from hil.bench import Bench
+from hil.errors import InputError
+from hil.loop.preflight import configure, require_clock, require_plausible, require_suitable, require_unchanged
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import ProtocolError
+from hil.wire.messages import (
+    Capabilities,
+    Identity,
+    Message,
+    RegisterRead,
+    RegisterValue,
+    RegisterWrite,
+    TimeSync,
+)
+from hil.wire.spec import SPEC
+from tests.loop import gyro
+from tests.loop.misbehaving import Board
+from tests.loop.on_a_pty import Far, connected
+
+GOOD = Board().identity
+GAIN = {"mode": "gain", "block": 4, "estimate_every": 4}
+LINK = "serial:/dev/ttyACM0"
+NUMBER = {name: register.id for name, register in SPEC.registers.items()}
+
+
+def bench(clock: str = "paced", **changes: Any) -> Bench:
+    return gyro.unhurried_bench(1.0, clock, **({"link": {"timeout_s": 0.5, "watchdog_s": 0.5}} | changes))
+
+
+def refused(identity: Identity, **known: Any) -> str:
+    with pytest.raises(InputError) as told:
+        require_suitable(known.get("bench", bench()), identity, LINK)
+    line = str(told.value)
+    assert line.startswith(f"{LINK}: ")
+    assert "\n" not in line
+    assert ";" in line  # what to do
+    return line
+
+
+# ------------------------------------------------------------------------------------------------------------ IDENTITY
+
+
+def test_a_board_as_declared_is_suitable() -> None:
+    require_plausible(GOOD, LINK)
+    require_suitable(bench(), GOOD, LINK)
+    require_suitable(bench("lockstep"), GOOD, LINK)
+
+
+@pytest.mark.parametrize("field", ["tick_rate_Hz", "sense_scale_V", "drive_scale_mps2"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), float("-inf")])
+def test_scales_and_rate_are_finite_and_positive(field: str, value: float) -> None:
+    with pytest.raises(InputError, match=rf"IDENTITY\.{field} is .*, must be finite and positive"):
+        require_plausible(GOOD._replace(**{field: value}), LINK)
+
+
+@pytest.mark.parametrize("field", ["tick_rate_Hz", "sense_scale_V", "drive_scale_mps2"])
+@pytest.mark.parametrize("value", [1e-30, 1e30])
+def test_what_no_board_has_is_named(field: str, value: float) -> None:
+    with pytest.raises(InputError, match=rf"IDENTITY\.{field} is .*, no board has that"):
+        require_plausible(GOOD._replace(**{field: value}), LINK)
+
+
+@pytest.mark.parametrize(("field", "least", "most"), [("sense_bits", 2, 24), ("drive_bits", 2, 24), ("axes", 1, 2)])
+def test_bits_and_axes_are_within_what_there_can_be(field: str, least: int, most: int) -> None:
+    for value in (least, most):
+        require_plausible(GOOD._replace(**{field: value}), LINK)
+    for value in (0, least - 1, most + 1, 255):
+        with pytest.raises(InputError, match=rf"IDENTITY\.{field} is {value}, must be {least} to {most}"):
+            require_plausible(GOOD._replace(**{field: value}), LINK)
+
+
+def test_a_latency_is_within_what_the_observer_can_queue() -> None:
+    for latency in (17, 1000, 65535):
+        with pytest.raises(InputError, match=rf"latency_ticks is {latency}, this host can queue"):
+            require_plausible(GOOD._replace(latency_ticks=latency), LINK)
+    for latency in (0, 3):
+        require_plausible(GOOD._replace(latency_ticks=latency), LINK)
+
+
+@pytest.mark.parametrize(
+    ("lacks", "changes", "words"),
+    [
+        (Capabilities.LOCKSTEP, {"clock": "lockstep"}, 'use [loop] clock = "real"'),
+        (Capabilities.PACED, {"clock": "paced"}, 'use [loop] clock = "lockstep"'),
+        (Capabilities.FORCE_MODE, {"loop": {"mode": "force"}}, 'use [loop] mode = "gain"'),
+        (
+            Capabilities.GAIN_MODE,
+            {"loop": {"mode": "gain", "block": 4, "estimate_every": 4}},
+            'use [loop] mode = "force"',
+        ),
+    ],
+)
+def test_what_the_board_cannot_do_is_refused_and_what_is_not_asked_for_is_not(
+    lacks: Capabilities, changes: dict[str, Any], words: str
+) -> None:
+    every = Capabilities.LOCKSTEP | Capabilities.PACED | Capabilities.FORCE_MODE | Capabilities.GAIN_MODE
+    declared = bench(changes.get("clock", "paced"), **{key: value for key, value in changes.items() if key != "clock"})
+    require_suitable(declared, GOOD._replace(capabilities=int(every)), LINK)
+    assert words in refused(GOOD._replace(capabilities=int(every & ~lacks)), bench=declared)
+    neither = every & ~(Capabilities.FORCE_MODE | Capabilities.GAIN_MODE)
+    assert "neither force nor gain mode" in refused(GOOD._replace(capabilities=int(neither)), bench=declared)
+    other = {Capabilities.FORCE_MODE: Capabilities.GAIN_MODE, Capabilities.GAIN_MODE: Capabilities.FORCE_MODE}
+    other |= {Capabilities.LOCKSTEP: Capabilities.PACED, Capabilities.PACED: Capabilities.LOCKSTEP}
+    require_suitable(declared, GOOD._replace(capabilities=int(every & ~other[lacks])), LINK)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_amplitude_times_gain_fits_into_the_converter_and_moves_its_code(axis: str, sign: int) -> None:
+    """100 µm × 885 V/m into ± 0.25 V fits; × 3000 V/m does not, and 0.001 V/m moves nothing."""
+
+    def gains(odd: float) -> Bench:
+        pair = (odd, -885.42) if axis == "x" else (-885.42, odd)
+        return bench(device={"amplitude_m": 100e-6, "sense": {"gain_V_per_m": pair}})
+
+    require_suitable(gains(sign * 2400.0), GOOD, LINK)
+    require_suitable(gains(sign * 0.3), GOOD, LINK)  # 4 codes of 7.6 µV
+    assert f"0.26 V on {axis}, the board's converter ends at ± 0.25 V" in refused(GOOD, bench=gains(sign * 2600.0))
+    assert f"V on {axis}, a code of the board's converter 7.63e-06 V" in refused(GOOD, bench=gains(sign * 0.1))
+
+
+def test_a_drive_of_less_than_a_code_is_refused_unless_nothing_is_driven() -> None:
+    device = {"drive": {"full_scale": 0.1}}
+    coarse = GOOD._replace(drive_scale_mps2=0.11)
+    assert "less than one code, 0.11 m/s²" in refused(coarse, bench=bench(device=device))
+    require_suitable(bench(device=device), GOOD._replace(drive_scale_mps2=0.09), LINK)
+    require_suitable(bench(device=device, controller={"enabled": False}), coarse, LINK)
+
+
+# ----------------------------------------------------------------------------------------------------------- registers
+
+
+class Registers:
+    """A board's, on a pty: `values` as written; `kept` reads something else, whatever was written."""
+
+    def __init__(self, far: Far) -> None:
+        self.values: dict[int, float] = {}
+        self.kept: dict[int, float] = {}
+        self.after: dict[int, dict[int, float]] = {}  # what writing one does to others
+        self.written: list[int] = []
+        far.answer = self._answer
+
+    def _answer(self, message: Message) -> list[Message]:
+        match message:
+            case RegisterWrite(number, value):
+                self.written.append(number)
+                self.values |= {number: value} | self.after.get(number, {})
+                return [RegisterValue(number, value)]
+            case RegisterRead(number):
+                return [RegisterValue(number, self.kept.get(number, self.values[number]))]
+        return []
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[Endpoint, Far]]:
+    with connected() as both:
+        yield both
+
+
+def test_registers_are_written_and_read_back(ends: tuple[Endpoint, Far]) -> None:
+    host, far = ends
+    board = Registers(far)
+    held = configure(host, GOOD, bench())
+    assert {NUMBER[name]: value for name, value in held.items()} == board.values
+    assert held["WATCHDOG_TICKS"] == 200  # 0.5 s at 400 Hz
+    assert held["CLOCK_MODE"] == 1
+    assert held["LOOP_MODE"] == 0
+    assert held["BLOCK"] == 1
+    assert held["DRIVE_LIMIT"] >= 1
+    assert 1 <= held["SESSION"] < 2**32
+    assert configure(host, GOOD, bench())["SESSION"] != held["SESSION"]  # a number of its own
+
+
+def test_in_gain_mode_filter_and_dither_too(ends: tuple[Endpoint, Far]) -> None:
+    host, far = ends
+    board = Registers(far)
+    held = configure(host, GOOD, bench(loop=GAIN))
+    assert (held["LOOP_MODE"], held["BLOCK"]) == (1, 4)
+    names = {f"FILTER_{name}" for name in ("A11", "A12", "A21", "A22", "B1", "B2", "C1", "C2", "DELAY")}
+    assert names | {"DITHER_AMPLITUDE", "DITHER_SEED"} <= held.keys()
+    assert {NUMBER[name] for name in held} == set(board.values)
+
+
+def test_a_watchdog_is_counted_in_whole_ticks_of_the_board(ends: tuple[Endpoint, Far]) -> None:
+    Registers(ends[1])
+    odd = bench(link={"timeout_s": 0.5, "watchdog_s": 0.4987})
+    assert configure(ends[0], GOOD, odd)["WATCHDOG_TICKS"] == 200
+    assert configure(ends[0], GOOD._replace(tick_rate_Hz=800.0), odd)["WATCHDOG_TICKS"] == 399
+
+
+@pytest.mark.parametrize("name", ["CLOCK_MODE", "LOOP_MODE", "BLOCK", "WATCHDOG_TICKS", "DRIVE_LIMIT", "SESSION"])
+def test_each_that_reads_otherwise_is_refused(ends: tuple[Endpoint, Far], name: str) -> None:
+    host, far = ends
+    Registers(far).kept[NUMBER[name]] = 77.0
+    with pytest.raises(ProtocolError, match=rf"{name} reads 77 after .* was written"):
+        configure(host, GOOD, bench())
+
+
+def test_one_that_changes_with_a_later_one_is_seen(ends: tuple[Endpoint, Far]) -> None:
+    """All of them are read once more when the last one is written."""
+    host, far = ends
+    board = Registers(far)
+    configure(host, GOOD, bench())
+    first, last = board.written[0], board.written[-1]
+    board.after[last] = {first: 77.0}
+    with pytest.raises(ProtocolError, match="reads 77"):
+        configure(host, GOOD, bench())
+
+
+def test_before_it_is_armed_again_every_one_reads_as_written_session_first(ends: tuple[Endpoint, Far]) -> None:
+    host, far = ends
+    board = Registers(far)
+    held = configure(host, GOOD, bench())
+    require_unchanged(host, held, 0.5)
+    for name in held:
+        board.kept = {NUMBER[name]: held[name] + 1.0}
+        with pytest.raises(ProtocolError, match=f"the board restarted: {name} reads"):
+            require_unchanged(host, held, 0.5)
+    board.kept = dict.fromkeys(board.values, 0.0)
+    with pytest.raises(ProtocolError, match="SESSION reads 0"):
+        require_unchanged(host, held, 0.5)
+
+
+# --------------------------------------------------------------------------------------------------------------- clock
+
+
+def clock(far: Far, pace: float, *, since_s: float = 0.0, every: int = 1) -> None:
+    """The board's clock runs at `pace`; it answers each `every`-th time."""
+    asked = [0]
+
+    def answer(message: Message) -> list[Message]:
+        if not isinstance(message, TimeSync):
+            return []
+        asked[0] += 1
+        if asked[0] % every:
+            return []
+        return [message._replace(board_ns=round(1e9 * since_s + pace * time.monotonic_ns()))]
+
+    far.answer = answer
+
+
+@pytest.mark.parametrize("pace", [1.0, 1.01, 0.99])
+def test_a_clock_that_keeps_time_is_a_clock(ends: tuple[Endpoint, Far], pace: float) -> None:
+    clock(ends[1], pace, since_s=1e6)
+    require_clock(ends[0])
+
+
+@pytest.mark.parametrize("pace", [0.0, -1.0, 1e-3, 3.0, 1000.0])
+def test_one_that_does_not_is_refused(ends: tuple[Endpoint, Far], pace: float) -> None:
+    clock(ends[1], pace, since_s=2e5)
+    with pytest.raises(ProtocolError, match=r"the board's clock went on by .*; correct its TIME_SYNC"):
+        require_clock(ends[0])
+
+
+def test_a_board_that_tells_no_time_has_none(ends: tuple[Endpoint, Far]) -> None:
+    require_clock(ends[0])
+    clock(ends[1], 3.0, every=2)
+    require_clock(ends[0])
