@@ -1,5 +1,7 @@
 """The budget's share of what a record leaves: against covariances worked out by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,32 @@ def test_what_was_not_watched_is_left_to_the_closed_form() -> None:
         "drive_gain",
         "clock",
     }
+
+
+def test_the_shift_that_the_record_suggests_is_part_of_it() -> None:
+    """docs/explanation.md, What the record leaves: beside gᵀ C g the shift gᵀ C b of constants that seem to be off."""
+    normal, b, g = np.array([[2e4, 1e4], [1e4, 3e4]]), np.array([600.0, 900.0]), np.array([2.0, 5.0])
+    prior = 0.01**2 * np.eye(2) + (2.0 * 0.02) ** 2 * np.ones((2, 2))
+    covariance = np.linalg.inv(normal + np.linalg.inv(prior))
+    shift = g @ covariance @ b
+    seen = replace(information(normal, g.tolist()), score=0.05 * b)
+    left = _left(seen, U)
+    assert left["drive_gain"] ** 2 + left["clock"] ** 2 == pytest.approx(g @ covariance @ g + shift**2)
+    assert shift**2 > 0.1 * (g @ covariance @ g)  # or nothing is tested
+
+
+def test_one_axis_alone_says_nothing_of_gain_and_clock() -> None:
+    both = information(np.diag([1.0, 2.0]), [3.0, 5.0])
+    for place, symbol in enumerate(("hx", "hy")):
+        one = replace(
+            both,
+            coefficients=(Coefficient("drive_gain", symbol, "1", 0.05),),
+            normal=both.normal[place : place + 1, place : place + 1],
+            score=both.score[:1],
+            sensitivity=both.sensitivity[:, place : place + 1],
+        )
+        assert _left(one, U) == {}
+
+
+def test_a_record_that_is_not_finite_leaves_what_was_declared() -> None:
+    assert _left(information(np.zeros((2, 2)), [np.nan, 1.0]), U) == {}
