@@ -31,7 +31,7 @@ TESTS: dict[str, list[str]] = {
     "hil.loop.supervision": ["tests/cli/test_processes.py"],
     "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": ["tests/records/test_stream.py", "tests/records/test_check.py"],
-    "hil.records.check": ["tests/records/test_check.py"],
+    "hil.records.check": ["tests/records/test_check_rules.py"],
     "hil.nees": ["tests/records/test_covariance.py"],
     "hil.wire.key_file": _KEY_FILE,
     "hil.wire.keyed": _KEYED,

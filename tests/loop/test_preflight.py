@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from estimator.kernel.layout import MAX_LATENCY
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.loop.preflight import configure, require_clock, require_plausible, require_suitable, require_unchanged
@@ -78,11 +79,15 @@ def test_bits_and_axes_are_within_what_there_can_be(field: str, least: int, most
 
 
 def test_a_latency_is_within_what_the_observer_can_queue() -> None:
-    for latency in (17, 1000, 65535):
+    for latency in (MAX_LATENCY + 1, 1000, 65535):
         with pytest.raises(InputError, match=rf"latency_ticks is {latency}, this host can queue"):
             require_plausible(GOOD._replace(latency_ticks=latency), LINK)
-    for latency in (0, 3):
+    for latency in (0, 3, MAX_LATENCY):
         require_plausible(GOOD._replace(latency_ticks=latency), LINK)
+
+
+def test_a_board_that_does_not_agree_with_the_bench_file_is_refused() -> None:
+    assert "400" in refused(GOOD._replace(tick_rate_Hz=500.0))
 
 
 @pytest.mark.parametrize(
@@ -179,6 +184,16 @@ def test_registers_are_written_and_read_back(ends: tuple[Endpoint, Far]) -> None
     assert configure(host, GOOD, bench())["SESSION"] != held["SESSION"]  # a number of its own
 
 
+def test_a_session_number_is_never_that_of_a_board_that_restarted(
+    ends: tuple[Endpoint, Far], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SESSION is 0 after every start (The board, rule 9)."""
+    Registers(ends[1])
+    for drawn in (lambda most: 0, lambda most: most - 1):
+        monkeypatch.setattr("secrets.randbelow", drawn)
+        assert 1 <= configure(ends[0], GOOD, bench())["SESSION"] <= 0xFFFFFFFF
+
+
 def test_in_gain_mode_filter_and_dither_too(ends: tuple[Endpoint, Far]) -> None:
     host, far = ends
     board = Registers(far)
@@ -253,7 +268,7 @@ def test_a_clock_that_keeps_time_is_a_clock(ends: tuple[Endpoint, Far], pace: fl
     require_clock(ends[0])
 
 
-@pytest.mark.parametrize("pace", [0.0, -1.0, 1e-3, 3.0, 1000.0])
+@pytest.mark.parametrize("pace", [0.0, -1.0, 1e-3, 0.4, 2.0, 1000.0])
 def test_one_that_does_not_is_refused(ends: tuple[Endpoint, Far], pace: float) -> None:
     clock(ends[1], pace, since_s=2e5)
     with pytest.raises(ProtocolError, match=r"the board's clock went on by .*; correct its TIME_SYNC"):

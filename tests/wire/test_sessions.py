@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hil.wire.keyed import KeyedBoard, KeyedHost
+from hil.wire.keyed import Incoming, KeyedBoard, KeyedHost, Outgoing
 from hil.wire.messages import Arm, Hello, Message
 from hil.wire.session import LEFT, PEER_S, Heard, Peer, PlainBoard, PlainHost, is_hello
 from hil.wire.stream import Transmitter
@@ -107,6 +107,26 @@ def test_what_is_not_newer_does_nothing(direction: str) -> None:
         assert hear(old).frame is None
     assert end.refused == 3
     assert hear(sent[3]).frame == b"\4"
+
+
+def test_what_is_dropped_is_counted_by_its_kind() -> None:
+    sender, receiver = Outgoing(KEY), Incoming(KEY)
+    first, second = sender.seal(b"a") or b"", sender.seal(b"b") or b""
+    for number, forged in enumerate((b"", first[:24], b"\xc3" + first[1:], first[:-1] + b"x"), 1):
+        assert receiver.open(forged) is None
+        assert (receiver.forged, receiver.replayed) == (number, 0)
+    assert receiver.open(second) == b"b"
+    for number in (1, 2):
+        assert receiver.open(first) is None
+        assert (receiver.forged, receiver.replayed) == (4, number)
+
+
+def test_an_empty_frame_is_a_frame() -> None:
+    """It is what a host leaves with (rule 6): 25 bytes, and none less."""
+    sender, receiver = Outgoing(KEY), Incoming(KEY)
+    empty = sender.seal(b"") or b""
+    assert len(empty) == 1 + 8 + 16
+    assert receiver.open(empty) == b""
 
 
 def test_what_is_not_taken_changes_nothing() -> None:
