@@ -142,6 +142,7 @@ def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path
         residual_after=residual(found.residual_after),
         split=fitted,
         reasons=found.reasons,
+        share=found.share,
     )
     diagnosis = to_model(answer, record=_called(capture), bench=bench.device.name)
     folder = make_run_folder(out, name)

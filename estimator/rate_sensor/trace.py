@@ -6,7 +6,8 @@ taken back.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from estimator.rate_sensor.record import SensorRecord
 from estimator.residual.effective import effective_samples
 from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
+from estimator.trace import promises
 from estimator.trace.diagnosis import Confusable, Fit, Found, Interval, Rejected, Verdict
-from estimator.trace.engine import Chosen, Dissent, Outcome, Rules, choose
+from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, gained, tried_reason
+from estimator.trace.promises import Claim, Errors, Level
 
 _ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
-_EXPLAINED = 0.1  # of the power above the noise floor, what may be left where it counts as explained
 _NEAR = 3.0  # ratio to the noise floor up to which a model counts as adequate
 _EXCITED = 0.05  # of an effect's signature, what must be left when the line is taken out
 _LAGS = 20
@@ -38,7 +40,8 @@ class SensorDiagnosis:
     """The answer for one sensor.
 
     base: V0 and S with intervals; before: the straight line, after: with the effects; fits over the fitting rows and
-    over the held-out ones; residuals (n,) V of the whole record.
+    over the held-out ones; residuals (n,) V of the whole record; share: as of
+    `estimator.trace.diagnosis.Diagnosis`.
     """
 
     verdict: Verdict
@@ -53,6 +56,7 @@ class SensorDiagnosis:
     residual_before: Array
     residual_after: Array
     reasons: tuple[str, ...]
+    share: float | None = None
 
 
 def alternate_blocks(count: int, length: int) -> Rows:
@@ -70,22 +74,22 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
         raise ModelError("every row is in one part; keep some rows to fit and some to score")
     if float(np.ptp(record.rate[fitting])) < 1e-3 * declared.rate:
         raise ModelError("the rate never changes in the fitting part; turn the sensor, at several rates")
-    floor = noise_floor(record, fitting, noise)
+    floor, freedom = noise_floor(record, fitting, noise)
     before = straight_line(record, declared, fitting)
     linear = fit(before.chain, fitting, [before.parameters])
     candidates = tuple(e for e in EFFECTS if e.applies_to(record) and excited(linear, e, fitting))
     chosen = choose(ChainModel(candidates, fitting, floor, before), linear, RULES)
-    after = chosen.fit if chosen.steps else before
-    rejected = _rejected(candidates, chosen)
-    reasons: list[str] = []
-    verdict = _verdict(before, after, fitting, floor, reasons)
+    found = _promised(chosen, before, fitting, floor, freedom)
+    after, gains = found.fit, found.gains
+    rejected = _rejected(candidates, chosen, found.why)
+    verdict, reasons = _verdict(found.claim, after, fitting)
     effective = effective_samples(after.residual[fitting])
     half = after.half_widths(fitting, effective)
     intervals = {
         name: Interval(float(value), float(value - width), float(value + width), unit)
         for name, unit, value, width in zip(after.chain.names, after.chain.units, after.parameters, half, strict=True)
     }
-    found = tuple(
+    effects = tuple(
         Found(
             effect.name,
             effect.title,
@@ -94,14 +98,17 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
             evidence,
             effect.undone,
         )
-        for effect, evidence in zip(after.chain.effects, chosen.gains.values(), strict=True)
+        for effect, evidence in zip(after.chain.effects, gains.values(), strict=True)
     )
+    named = verdict in (Verdict.EXPLAINED, Verdict.PARTLY)
+    if not named:
+        rejected += tuple(Rejected(name, f"{gained(gain)} and leaves the rest") for name, gain in gains.items())
     held_out = ~fitting
     return SensorDiagnosis(
         verdict,
         {name: intervals[name] for name in ("V0", "S")},
-        found,
-        _confusable(after, candidates, fitting),
+        effects if named else (),
+        _confusable(after, candidates, fitting) if named else (),
         rejected,
         _score(before, fitting, floor),
         _score(after, fitting, floor),
@@ -109,12 +116,15 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
         _score(after, held_out, floor),
         before.residual,
         after.residual,
-        tuple(reasons),
+        reasons,
+        found.claim.residual.share if named else None,
     )
 
 
-def noise_floor(record: SensorRecord, rows: Rows, noise: float) -> float:
-    """Rms scatter of repeated rates where steady states repeat any, else the declared noise; V."""
+def noise_floor(record: SensorRecord, rows: Rows, noise: float) -> tuple[float, float]:
+    """Rms scatter of repeated rates where steady states repeat any, else the declared noise, V; and of how many
+    independent differences it is.
+    """
     if record.step is None:
         rates, group = np.unique(np.round(record.rate[rows], 9), return_inverse=True)
         scatter, freedom = 0.0, 0
@@ -123,8 +133,8 @@ def noise_floor(record: SensorRecord, rows: Rows, noise: float) -> float:
             scatter += float(np.sum((volts - np.mean(volts)) ** 2))
             freedom += len(volts) - 1
         if freedom > 0 and scatter > 0.0:
-            return math.sqrt(scatter / freedom)
-    return noise
+            return math.sqrt(scatter / freedom), float(freedom)
+    return noise, math.inf
 
 
 def steady_rates(record: SensorRecord, declared: Range, rows: Rows) -> int:
@@ -152,39 +162,110 @@ def excited(current: SensorFit, effect: Effect, rows: Rows) -> bool:
     return float(np.linalg.norm(left)) > _EXCITED * float(np.linalg.norm(change))
 
 
-def _rejected(candidates: tuple[Effect, ...], chosen: Chosen[SensorFit, tuple[str, ...]]) -> tuple[Rejected, ...]:
-    evidence: dict[str, float] = {}
-    taken_back = set()
-    for one in chosen.rounds:
-        evidence |= one.gains
-        taken_back |= {each.name for each in one.tried if each.outcome in (Outcome.OBJECTED, Outcome.AFTER)}
+@dataclass(frozen=True)
+class _Promised:
+    """The fit less what no promise can be made of, what each effect left gains, the claim, and why the others went."""
+
+    fit: SensorFit
+    gains: Mapping[str, float]
+    claim: Claim
+    why: Mapping[str, str]
+
+
+def _promised(
+    chosen: Chosen[SensorFit, tuple[str, ...]], before: SensorFit, fitting: Rows, floor: float, freedom: float
+) -> _Promised:
+    """Less effects that may as well be nothing, or that a sample held out contradicts, and, where something is left,
+    less those that explain little beside the largest.
+    """
+    current, gains = (chosen.fit, dict(chosen.gains)) if chosen.steps else (before, {})
+    why: dict[str, str] = {}
+    while True:
+        claim = _claim(before, current, fitting, floor, freedom)
+        gone = {
+            name: reason for name, given in claim.effects.items() if (reason := promises.may_be_nothing(name, given))
+        }
+        gone |= {one.effect: said for one in claim.levels if (said := promises.contradicted(one))}
+        if not gone and promises.broken(claim):
+            gone = {name: f"{gained(gains[name])} and leaves the rest" for name in promises.minor(gains)}
+        if not gone:
+            return _Promised(current, gains, claim, why)
+        why |= gone
+        gains = {name: gain for name, gain in gains.items() if name not in gone}
+        current = _less(current, before, gone, fitting)
+
+
+def _less(current: SensorFit, before: SensorFit, names: Collection[str], fitting: Rows) -> SensorFit:
+    """The fit without these effects, from where it was."""
+    chain = current.chain
+    kept = tuple(effect for effect in chain.effects if effect.name not in names)
+    if not kept:
+        return before
+    of = ["", "", *(effect.name for effect in chain.effects for _ in effect.coefficients)]
+    start = np.array([value for value, name in zip(current.parameters, of, strict=True) if name not in names])
+    return fit(replace(chain, effects=kept), fitting, [start])
+
+
+def _claim(before: SensorFit, after: SensorFit, fitting: Rows, floor: float, freedom: float) -> Claim:
+    held_out = ~fitting
+    half = after.half_widths(fitting, effective_samples(after.residual[fitting]))
+    values = dict(zip(after.chain.names, zip(after.parameters, half, strict=True), strict=True))
+    volts = after.chain.record.voltage[held_out]
+    effects, levels = {}, []
+    for effect in after.chain.effects:
+        effects[effect.name] = {
+            c.name: Estimate(float(value), float(value - width), float(value + width))
+            for c in effect.coefficients
+            for value, width in [values[c.name]]
+        }
+        if effect.stage is Stage.LIMIT:
+            low, high = effects[effect.name]["lo"], effects[effect.name]["hi"]
+            levels.append(Level(effect.name, low.low, high.high, float(np.min(volts)), float(np.max(volts)), floor))
+    # The floor that a dynamic record declares is that of a sample, and so independent; what is left is not.
+    samples = effective_samples(after.residual[held_out])
+    residual = Errors(before.rms(held_out), after.rms(held_out), floor, samples, freedom)
+    return Claim(residual, effects, levels=tuple(levels))
+
+
+def _rejected(
+    candidates: tuple[Effect, ...], chosen: Chosen[SensorFit, tuple[str, ...]], why: Mapping[str, str]
+) -> tuple[Rejected, ...]:
+    """Every candidate that was not taken or did not stay, with what it gained; why: of those that did not stay."""
     rejected = []
     for effect in candidates:
-        if effect.name in chosen.gains:
-            continue
-        if effect.name in taken_back:
-            reason = "fits the fitting part better and the held-out part worse, or follows an effect that does"
-        else:
-            reason = f"evidence {evidence.get(effect.name, 0.0):.1f} does not outweigh its coefficients"
-        rejected.append(Rejected(effect.name, reason))
+        if effect.name in why:
+            rejected.append(Rejected(effect.name, why[effect.name]))
+        elif effect.name not in chosen.gains:
+            rejected.append(Rejected(effect.name, _why(effect.name, chosen.rounds)))
     return tuple(rejected)
 
 
-def _verdict(before: SensorFit, after: SensorFit, fitting: Rows, floor: float, reasons: list[str]) -> Verdict:
+def _why(name: str, rounds: Sequence[Round[tuple[str, ...]]]) -> str:
+    for one in reversed(rounds):
+        tried = next((each for each in one.tried if each.name == name), None)
+        if tried is not None:
+            return tried_reason(tried, one.taken)
+    return "not looked at: as many effects as may be were taken"
+
+
+def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tuple[str, ...]]:
     held_out = ~fitting
-    record = before.chain.record
+    record, errors = after.chain.record, claim.residual
     beyond = float(np.max(np.abs(record.rate[held_out]))) > 1.05 * float(np.max(np.abs(record.rate[fitting])))
-    was = max(before.rms(held_out) ** 2 - floor**2, 0.0)
-    left = max(after.rms(held_out) ** 2 - floor**2, 0.0)
-    near = after.rms(held_out) <= _NEAR * floor
-    if not near:
-        text = f"what is left on the held-out part is {after.rms(held_out) / floor:.3g} × the noise floor"
-        if beyond:
-            text += "; its rates lie beyond those of the fitting part, which cannot tell what happens there"
-        reasons.append(text)
-    if not after.chain.effects:
-        return Verdict.ADEQUATE if near else Verdict.UNEXPLAINED
-    return Verdict.EXPLAINED if near or left <= _EXPLAINED * was else Verdict.UNEXPLAINED
+    outside = "the rates held out lie beyond those of the fitting part, which cannot tell what happens there"
+    if not claim.effects:
+        if errors.after <= _NEAR * errors.floor:
+            return Verdict.ADEQUATE, ()
+        return Verdict.UNEXPLAINED, ("; ".join((*promises.at_floor(claim), *((outside,) if beyond else ()))),)
+    against = promises.broken(claim)
+    if not against:
+        return Verdict.EXPLAINED, ()
+    against = (*against, *((outside,) if beyond else ()))
+    if not promises.holds_in_part(claim):
+        return Verdict.UNEXPLAINED, against
+    titles = " and ".join(name.replace("_", " ") for name in claim.effects)
+    said = f"something acts like {titles}: {errors.share:.1%} of the power above the noise floor goes"
+    return Verdict.PARTLY, (said, *against)
 
 
 def _score(fitted: SensorFit, rows: Rows, floor: float) -> Fit:

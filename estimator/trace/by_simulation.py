@@ -4,17 +4,18 @@ Where the motion is known well and pushed by little else than its drive (circuit
 effects that an observer, corrected at every sample, hides in its innovation.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.observer import Observer
 from estimator.refinement import Refined
-from estimator.trace.engine import Dissent, Rules, choose
+from estimator.trace.engine import Dissent, Round, Rules, choose, tried_reason
 from estimator.trace.free_run_model import (
     FreeRun,
     FreeRunModel,
+    Promises,
     candidates,
     coefficient_names,
     fitted,
@@ -68,7 +69,7 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     promises = chosen.rounds[min(len(chosen.steps), RULES.most - 1)].look  # of the last round that had a choice
     for name in model.names:
         if name not in effects and name not in rejected:
-            rejected[name] = f"evidence {promises[name].gain:.1f} does not outweigh its coefficients"
+            rejected[name] = _why(name, promises[name].gain, chosen.rounds)
     alike = _alike(model, chosen.fit, known)
     progress("refinement", 0, 2)
     whole = slice(skip, None)
@@ -79,6 +80,25 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     return SimulationTrace(
         tuple(chosen.gains), chosen.gains, before.observer, after.observer, before.fit, after.fit, rejected, alike
     )
+
+
+def without(problem: Problem, found: SimulationTrace, names: Collection[str], skip: int) -> SimulationTrace:
+    """What was found on the record of `problem` less these effects, the rest fitted anew."""
+    kept = {name: gain for name, gain in found.evidence.items() if name not in names}
+    observer, after = found.observer_before, found.before
+    if kept:
+        less = fitted(problem, (*problem.effects, *kept), found.after, slice(skip, None))
+        observer, after = less.observer, less.fit
+    return replace(found, effects=tuple(kept), evidence=kept, observer=observer, after=after)
+
+
+def _why(name: str, promised: float, rounds: Sequence[Round[Promises]]) -> str:
+    """Why a candidate was not taken, by the last round that fitted it, else by what it promised."""
+    for one in reversed(rounds):
+        tried = next((each for each in one.tried if each.name == name), None)
+        if tried is not None:
+            return tried_reason(tried, one.taken)
+    return f"evidence {promised:.1f} does not outweigh its coefficients"
 
 
 def _alike(model: FreeRunModel, found: FreeRun, known: Sequence[str]) -> tuple[tuple[str, str, float], ...]:

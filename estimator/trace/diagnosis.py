@@ -12,6 +12,7 @@ class Verdict(Enum):
 
     ADEQUATE = "adequate"
     EXPLAINED = "explained"
+    PARTLY = "partly explained"
     UNEXPLAINED = "unexplained"
 
 
@@ -121,7 +122,9 @@ class Diagnosis:
     """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest.
 
     reasons: why the verdict is what it is; angle_moved: how far in rad, at most, the angle moves when all that brings
-    the residual down is carried, None where nothing does.
+    the residual down is carried, None where nothing does; share: of the residual's power above the noise floor, on the
+    part held out, what the effects account for, None where none are named; left: what the residual still holds with
+    the effects, where something is left.
     """
 
     verdict: Verdict
@@ -138,3 +141,5 @@ class Diagnosis:
     split: int
     reasons: tuple[str, ...]
     angle_moved: float | None = None
+    share: float | None = None
+    left: tuple[Finding, ...] = ()

@@ -224,6 +224,22 @@ def pruned(model: Reducible[Fit], chosen: Chosen[Fit, Look]) -> Chosen[Fit, Look
     return replace(chosen, gains=kept, fit=fit)
 
 
+def tried_reason(tried: Tried, taken: str | None) -> str:
+    """Why a candidate that was carried was not taken, with what it gained; taken: who was."""
+    if tried.score is None:
+        return tried.reason
+    if tried.outcome is Outcome.TOO_DEAR:
+        return f"{gained(tried.score.gain)}: no more than chance"
+    if tried.outcome is Outcome.BEATEN:
+        return f"{gained(tried.score.gain)}; {(taken or 'another').replace('_', ' ')} explains more for its price"
+    return f"{gained(tried.score.gain)}; {tried.reason}"
+
+
+def gained(gain: float) -> str:
+    """A gain in words."""
+    return f"carried, it gains {gain:.4g} in twice the log-likelihood"
+
+
 _Verdicts = dict[str, tuple[Outcome, str]]
 
 

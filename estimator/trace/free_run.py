@@ -4,7 +4,7 @@ Without a rate that wanders and a control that corrects, such a record is one lo
 start make of it.  A free run sees there what an observer, corrected at every sample, would take up.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +17,17 @@ from estimator.refinement import Refined, refine
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.simulation import simulate
-from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
+from estimator.trace import promises
+from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
 from estimator.trace.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
+from estimator.trace.engine import gained
 from estimator.trace.examination import Examination, examine
+from estimator.trace.free_run_model import estimates_of
 from estimator.trace.problem import Problem
+from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.record import Record
 
 _FIRST = 50  # outputs that set the state of a free run and are not scored
-_LEFT = 0.1  # of the power above the noise, what may be left where a record counts as explained
 _NEAR = 3.0  # ratio to the noise up to which a model that nothing was added to counts as adequate
 
 
@@ -35,23 +38,18 @@ def trace_free_run(
     progress: Callable[[str, int, int], None],
 ) -> Diagnosis:
     """As `estimator.trace.tracing.trace`, by the free run."""
-    device = problem.device
-    found = trace_by_simulation(problem.part(slice(0, split)), _FIRST, progress)
+    part = problem.part(slice(0, split))
+    selected = trace_by_simulation(part, _FIRST, progress)
     later = problem.record.part(slice(split, len(problem.record)))
-    errors = [
-        free_run_error(seen, fit, later, _FIRST)
-        for seen, fit in ((found.observer_before, found.before), (found.observer, found.after))
-    ]
-    held_out = [float(np.sqrt(np.nanmean(error**2))) for error in errors]
-    verdict = verdict_of(held_out[0], held_out[1], device.noise[0], found.effects)
+    found, claim, why = _promised(part, selected, later)
+    errors, device = claim.residual, problem.device
+    verdict, against = _judged(claim)
     carried = {**problem.effects, **{name: _coefficients(name, found, device) for name in found.effects}}
     before = _examined(problem, found.before, split)
     after = _examined(problem.carrying(carried), found.after, split) if found.effects else before
-    named = found.effects if verdict is Verdict.EXPLAINED else ()
-    was = f", was {held_out[0]:.3g} V" if found.effects else ""
-    reasons = (
-        f"a free run of the part held out is {held_out[1]:.3g} V rms off{was}; the noise is {device.noise[0]:.3g} V",
-    )
+    named = found.effects if verdict in (Verdict.EXPLAINED, Verdict.PARTLY) else ()
+    if not named:
+        why |= {name: f"{gained(found.evidence[name])} and leaves the rest" for name in found.effects}
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, found, device) for name in named),
@@ -60,24 +58,93 @@ def trace_free_run(
             for name, other, correlation in found.alike
             if name in named
         ),
-        rejected=(
-            *(Rejected(name, reason) for name, reason in found.rejected.items()),
-            *(
-                Rejected(name, "explains part of the residual and leaves the rest")
-                for name in found.effects
-                if not named
-            ),
-        ),
+        rejected=tuple(Rejected(name, reason) for name, reason in (why | dict(found.rejected)).items()),
         findings=before.findings,
         before=replace(before.fitted, simulation_rmse=_rmse(found.before)),
         after=replace(after.fitted, simulation_rmse=_rmse(found.after)),
-        held_out_before=replace(before.held_out, simulation_rmse=held_out[0]),
-        held_out_after=replace(after.held_out, simulation_rmse=held_out[1]),
+        held_out_before=replace(before.held_out, simulation_rmse=errors.before),
+        held_out_after=replace(after.held_out, simulation_rmse=errors.after),
         residual_before=before.residual,
         residual_after=after.residual,
         split=split,
-        reasons=reasons,
+        reasons=(_summary(verdict, named, errors), *against),
+        share=errors.share if named else None,
+        left=after.findings if verdict is Verdict.PARTLY else (),
     )
+
+
+def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[SimulationTrace, Claim, dict[str, str]]:
+    """What was found, less effects that a guard of their own speaks against, and, where something is left, less those
+    that explain little beside the largest; the claim; and why the others went.
+    """
+    why: dict[str, str] = {}
+    while True:
+        claim = _claim(part, found, later)
+        weak = {
+            name: reason
+            for name, given in claim.effects.items()
+            if (reason := promises.wrong_sign(name, given) or promises.may_be_nothing(name, given))
+        }
+        if weak:
+            least = min(weak, key=lambda name: found.evidence[name])
+            why[least] = weak[least]
+            found = without(part, found, (least,), _FIRST)
+            continue
+        small = promises.minor(found.evidence)
+        if not small or not promises.broken(claim):
+            return found, claim, why
+        why |= {name: f"{gained(found.evidence[name])} and leaves the rest" for name in small}
+        found = without(part, found, small, _FIRST)
+
+
+def _claim(part: Problem, found: SimulationTrace, later: Record) -> Claim:
+    runs = ((found.observer_before, found.before), (found.observer, found.after))
+    before, after = (float(np.sqrt(np.nanmean(free_run_error(seen, fit, later, _FIRST) ** 2))) for seen, fit in runs)
+    noise = part.device.noise[0]
+    estimates = estimates_of(found.observer, found.after)
+    return Claim(
+        residual=Errors(before, after, noise, later.sense.size),
+        effects={name: estimates[name] for name in found.effects},
+        constants=_constants(found),
+    )
+
+
+def _constants(found: SimulationTrace) -> tuple[Constant, ...]:
+    """Those of the base model, beside what the observer began with."""
+    declared, fit = found.observer_before, found.after
+    spread = np.sqrt(np.diagonal(declared.covariance))
+    return tuple(
+        Constant(
+            name,
+            fit.value(name),
+            *fit.interval(name),
+            float(declared.state[declared.names.index(name)]),
+            float(spread[declared.estimated.index(name)]),
+            positive=name in ("kxx", "kyy", "dxx", "dyy"),
+        )
+        for name in declared.estimated[declared.states :]
+        if name in declared.model.names and name in fit.free
+    )
+
+
+def _judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
+    """The verdict, and what keeps a record from being explained."""
+    errors = claim.residual
+    if not claim.effects:
+        return verdict_of(errors.before, errors.after, errors.floor, ()), promises.constants(claim)
+    against = promises.broken(claim)
+    if not against:
+        return Verdict.EXPLAINED, ()
+    return Verdict.PARTLY if promises.holds_in_part(claim) else Verdict.UNEXPLAINED, against
+
+
+def _summary(verdict: Verdict, named: tuple[str, ...], errors: Errors) -> str:
+    was = f", was {errors.before:.3g} V" if named else ""
+    off = f"a free run of the part held out is {errors.after:.3g} V rms off{was}; the noise is {errors.floor:.3g} V"
+    if verdict is not Verdict.PARTLY:
+        return off
+    titles = " and ".join(name.replace("_", " ") for name in named)
+    return f"something acts like {titles}: {errors.share:.1%} of the power above the noise goes; {off}"
 
 
 def free_run_error(observer: Observer, fit: Refined, record: Record, first: int) -> Array:
@@ -92,12 +159,14 @@ def free_run_error(observer: Observer, fit: Refined, record: Record, first: int)
     return np.asarray(residual)
 
 
-def verdict_of(before: float, after: float, noise: float, effects: tuple[str, ...] | list[str]) -> Verdict:
-    """The verdict by the error on the held-out part, all three in one unit."""
+def verdict_of(before: float, after: float, noise: float, effects: Collection[str]) -> Verdict:
+    """The verdict by the error on the held-out part alone, all three in one unit."""
     if not effects:
         return Verdict.ADEQUATE if before <= _NEAR * noise else Verdict.UNEXPLAINED
-    was, left = (max(error**2 - noise**2, 0.0) for error in (before, after))
-    return Verdict.EXPLAINED if after <= _NEAR * noise or left <= _LEFT * was else Verdict.UNEXPLAINED
+    errors = Errors(before, after, noise)
+    if errors.fell and errors.at_floor:
+        return Verdict.EXPLAINED
+    return Verdict.PARTLY if errors.share >= promises.PART else Verdict.UNEXPLAINED
 
 
 def _rmse(fit: Refined) -> float:

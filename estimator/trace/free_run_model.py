@@ -102,19 +102,23 @@ class FreeRunModel:
 
     def coefficients(self, fit: FreeRun) -> Mapping[str, Mapping[str, Estimate]]:
         """With intervals that allow for a residual that is not white."""
-        return {
-            effect.name: {
-                c.name: Estimate(fit.fit.value(c.name), *fit.fit.interval(c.name), c.positive)
-                for c in effect.coefficients
-            }
-            for _, effect in fit.observer.effects
-        }
+        return estimates_of(fit.observer, fit.fit)
 
     def objection(self, current: FreeRun, name: str, trial: Trial[FreeRun]) -> str | None:
         """The part without a vote must be predicted better as well."""
         if _rms(trial.fit.fit, self.later) >= _rms(current.fit, self.later):
             return "fits two thirds of the record better and the other third worse"
         return None
+
+
+def estimates_of(observer: Observer, fit: Refined) -> Mapping[str, Mapping[str, Estimate]]:
+    """The coefficients of all that a free run carries, with their intervals."""
+    return {
+        effect.name: {
+            c.name: Estimate(fit.value(c.name), *fit.interval(c.name), c.positive) for c in effect.coefficients
+        }
+        for _, effect in observer.effects
+    }
 
 
 def fitted(problem: Problem, effects: tuple[str, ...], current: Refined | None, rows: Rows) -> FreeRun:
@@ -202,11 +206,12 @@ def _observer(device: Device, settings: ObserverSettings, effects: tuple[str, ..
 
 
 def _carried_over(observer: Observer, current: Refined | None) -> Array:
-    """The observer's own guess with the values found so far in it."""
+    """The observer's own guess with the values found so far in it, of what it carries."""
     state = observer.state.copy()
     if current is not None:
         for name, value in zip(current.names, current.state, strict=True):
-            state[observer.names.index(name)] = value
+            if name in observer.names:
+                state[observer.names.index(name)] = value
     return state
 
 

@@ -28,7 +28,7 @@ def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple
     """Reasons, in words, why the residual of the fitted part is not explained; none when it is."""
     if not np.isfinite(selection.after.likelihood):
         return ("the observer does not converge on this record",)
-    patchwork = f"it takes more than {MOST} effects to bring the residual down: none of them is the cause"
+    patchwork = f"it takes more than {MOST} effects to bring the residual down: they are not its cause"
     return (*((patchwork,) if selection.patchwork else ()), *unexplained(selection.after, record, resonance_hz))
 
 

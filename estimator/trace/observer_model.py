@@ -97,18 +97,7 @@ class ObserverModel:
 
     def coefficients(self, fit: Carrying) -> Mapping[str, Mapping[str, Estimate]]:
         """With the intervals of the observer, widened by its innovations."""
-        found = {}
-        for name, given in coefficients_of(fit.fitted.observer).items():
-            _, effect = effect_for(name, self.problem.device.axes)
-            with np.errstate(invalid="ignore"):
-                covariance = covariance_of(name, fit.fitted, fit.searched.get(name, NOTHING))
-                half = _TWO_SIDED * np.sqrt(np.diagonal(covariance))
-            own = {}
-            for c, off in zip(effect.coefficients, half.tolist(), strict=True):
-                symbol = c.name.partition(":")[0]
-                own[symbol] = Estimate(given[symbol], given[symbol] - off, given[symbol] + off, c.positive)
-            found[name] = own
-        return found
+        return estimates_of(fit.fitted, fit.searched)
 
     def objection(self, current: Carrying, name: str, trial: Trial[Carrying]) -> str | None:
         """What was found on the first part of the record must predict the rest."""
@@ -132,6 +121,22 @@ class ObserverModel:
 
     def _numbers(self, name: str) -> int:
         return numbers(name, self.problem.device.axes)
+
+
+def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str, Mapping[str, Estimate]]:
+    """The coefficients of all that a model carries, with the intervals of its observer, widened by its innovations."""
+    found = {}
+    for name, given in coefficients_of(model.observer).items():
+        _, effect = effect_for(name, model.observer.device.axes)
+        with np.errstate(invalid="ignore"):
+            covariance = covariance_of(name, model, searched.get(name, NOTHING))
+            half = _TWO_SIDED * np.sqrt(np.diagonal(covariance))
+        own = {}
+        for c, off in zip(effect.coefficients, half.tolist(), strict=True):
+            symbol = c.name.partition(":")[0]
+            own[symbol] = Estimate(given[symbol], given[symbol] - off, given[symbol] + off, c.positive)
+        found[name] = own
+    return found
 
 
 def degrees(name: str, axes: int) -> int:

@@ -7,14 +7,14 @@ from then on, and the residual that is left is scanned again.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 
 from estimator.errors import ModelError
-from estimator.trace.engine import Dissent, Round, Rules, choose, pruned
+from estimator.trace.engine import Dissent, Estimate, Round, Rules, choose, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.look import Look
-from estimator.trace.observer_model import Carrying, ObserverModel
+from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import Searched, refine_parameters
 from estimator.trace.problem import Effects, Problem
 
@@ -47,6 +47,11 @@ class Selection:
     def samples(self) -> int:
         """How many samples the models were fitted to."""
         return len(self.after.estimates.innovation)
+
+    @property
+    def coefficients(self) -> Mapping[str, Mapping[str, Estimate]]:
+        """By effect, with their intervals."""
+        return estimates_of(self.after, self.searched)
 
 
 Progress = Callable[[str, int, int], None]
@@ -86,3 +91,11 @@ def select(problem: Problem, progress: Progress) -> Selection:
         searched=searched,
         patchwork=chosen.more,
     )
+
+
+def without(problem: Problem, selection: Selection, names: Collection[str]) -> Selection:
+    """What was selected on the record of `problem` less these, the rest fitted anew; parameters stay where they are."""
+    rest = {name: given for name, given in selection.effects.items() if name not in names}
+    kept = {name: gain for name, gain in selection.gain.items() if name not in names}
+    after = fit(problem.under(selection.after.settings).carrying(rest)) if kept else selection.before
+    return replace(selection, effects=coefficients_of(after.observer), after=after, gain=kept)

@@ -1,6 +1,7 @@
 """From a record to a diagnosis: which effect the model lacks, how large it is, and what the error is with it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
@@ -8,18 +9,21 @@ from scipy.stats import norm
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
 from estimator.settings import Device
+from estimator.trace import promises
 from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import kind
 from estimator.trace.certainty import covariance_of, widening
+from estimator.trace.claims import claim_of
 from estimator.trace.criterion import threshold
 from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
+from estimator.trace.engine import gained, tried_reason
 from estimator.trace.evidence import SAME
-from estimator.trace.examination import examine
+from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.selection import Selection, select
+from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
 
 _READ = 100_000  # samples in which the angle is read once for each possibility
@@ -43,23 +47,20 @@ def trace(
     require_traceable(record, device, split)
     if device.axes == 1:
         return trace_free_run(problem, split=split, progress=progress)
-    selection = select(problem.part(slice(0, split)), progress)
+    fitted_part = problem.part(slice(0, split))
+    selection = select(fitted_part, progress)
     progress("before and after", 0, 2)
     before = examine(problem, split)
     progress("before and after", 1, 2)
-    chosen = {name: given for name, given in selection.effects.items() if name not in known}
-    after = examine(problem.carrying(selection.effects), split) if chosen else before
+    found = _judged(problem, selection, before, split)
     progress("before and after", 2, 2)
-    resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    left = leftover(selection, record.part(slice(0, selection.samples)), resonance)
-    named = chosen if not left else {}
-    verdict = Verdict.UNEXPLAINED if left else Verdict.EXPLAINED if named else Verdict.ADEQUATE
+    named, after = found.named, found.after
     reader = AngleReader(problem.part(slice(0, min(split, _READ))))
     return Diagnosis(
-        verdict=verdict,
-        effects=tuple(_found(name, named, selection, reader) for name in named),
-        confusable=_confusable(named, selection, reader, progress),
-        rejected=_rejected(named, chosen, selection, device),
+        verdict=found.verdict,
+        effects=tuple(_found(name, named, found.selection, reader) for name in named),
+        confusable=_confusable(named, found.selection, reader, progress),
+        rejected=_rejected(named, selection, found.why, device),
         findings=before.findings,
         before=before.fitted,
         after=after.fitted,
@@ -68,18 +69,116 @@ def trace(
         residual_before=before.residual,
         residual_after=after.residual,
         split=split,
-        reasons=left or _reasons(named, selection, before.held_out, after.held_out),
-        angle_moved=reader.moved(known, selection.effects) if chosen else None,
+        reasons=found.reasons,
+        angle_moved=reader.moved(known, found.selection.effects) if found.selection.gain else None,
+        share=found.share,
+        left=after.findings if found.verdict is Verdict.PARTLY else (),
     )
 
 
-def _reasons(named: Effects, selection: Selection, before: Fit, after: Fit) -> tuple[str, ...]:
-    """Why the model is complete, with what is named, as sentences."""
+@dataclass(frozen=True)
+class _Judged:
+    """The verdict, and the models that it is about: what was selected less what no promise can be made of.
+
+    why: of each effect that was selected and is not named, why not; share: of the residual's power above the floor on
+    the part held out, what goes, None where nothing stood there.
+    """
+
+    verdict: Verdict
+    named: Effects
+    selection: Selection
+    after: Examination
+    why: Mapping[str, str]
+    reasons: tuple[str, ...]
+    share: float | None
+
+
+def _judged(problem: Problem, selection: Selection, before: Examination, split: int) -> _Judged:
+    """Hold what was selected to what the words promise.
+
+    An effect that a guard of its own speaks against is taken out and the rest fitted anew.  Where something is left,
+    so are those that explain little beside the largest.
+    """
+    part, known = problem.part(slice(0, split)), problem.effects
+    why: dict[str, str] = {}
+    resonance = float(np.sqrt(problem.device.target)) / (2.0 * np.pi)
+    while True:
+        selection, weak = _without_weak(part, selection, known)
+        why |= weak
+        named = {name: given for name, given in selection.effects.items() if name not in known}
+        after = examine(problem.carrying(selection.effects), split) if named else before
+        claim = claim_of(problem, selection, before, after, split)
+        left = leftover(selection, part.record.part(slice(0, selection.samples)), resonance)
+        against = promises.broken(claim) if named else ()
+        share = claim.residual.share if named and not claim.residual.nothing_above else None
+        if not against and not left:
+            verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
+            reasons = (*_reasons(named, selection, before.held_out, after.held_out, why), *promises.constants(claim))
+            return _Judged(verdict, named, selection, after, why, reasons, share)
+        gains = {name: selection.gain[name] for name in named}
+        if small := promises.minor(gains):
+            why |= {name: f"{gained(gains[name])} and leaves the rest" for name in small}
+        elif promises.holds_in_part(claim):
+            reasons = (_in_part(named, claim), *left, *against)
+            return _Judged(Verdict.PARTLY, named, selection, after, why, reasons, share)
+        elif left:
+            why |= {name: _no_explanation(gains[name], claim) for name in named}
+            shown = after if claim.residual.fell else before
+            return _Judged(Verdict.UNEXPLAINED, {}, selection, shown, why, (*left, *_turned_down(why)), None)
+        else:  # what remains is at the floor anyhow: the least of them may go
+            small = (min(gains, key=lambda name: gains[name]),)
+            why |= {name: _no_explanation(gains[name], claim) for name in small}
+        selection = without(part, selection, small)
+
+
+def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[Selection, dict[str, str]]:
+    """Less the effects that are of the wrong sign or may as well be nothing, one after another; and why."""
+    why: dict[str, str] = {}
+    while True:
+        weak = {
+            name: reason
+            for name, given in selection.coefficients.items()
+            if name not in known
+            and (reason := promises.wrong_sign(name, given) or promises.may_be_nothing(name, given))
+        }
+        if not weak:
+            return selection, why
+        least = min(weak, key=lambda name: selection.gain.get(name, 0.0))
+        why[least] = weak[least]
+        selection = without(part, selection, (least,))
+
+
+def _in_part(named: Effects, claim: promises.Claim) -> str:
+    """What is said of a part: no more than that it acts so."""
+    errors = claim.residual
+    titles = " and ".join(kind(name).replace("_", " ") for name in named)
+    them = "it" if len(named) == 1 else "them"
+    return (
+        f"something acts like {titles}: with {them} {errors.share:.1%} of the residual's power above the noise floor "
+        f"goes on the part held out, from {errors.before:.4g} to {errors.after:.4g} × the floor"
+    )
+
+
+def _no_explanation(gain: float, claim: promises.Claim) -> str:
+    if against := promises.broken(claim, promises.PARTLY):
+        return f"{gained(gain)}; {against[0]}"
+    return f"{gained(gain)} and leaves the rest"
+
+
+def _turned_down(why: Mapping[str, str]) -> tuple[str, ...]:
+    """A sentence for each effect that was selected and is not named."""
+    return tuple(f"{kind(name).replace('_', ' ')} is no explanation: {reason}" for name, reason in why.items())
+
+
+def _reasons(named: Effects, selection: Selection, before: Fit, after: Fit, why: Mapping[str, str]) -> tuple[str, ...]:
+    """Why the model is complete, with what is named, as sentences; why: of what was selected and is not."""
     was = f", and was {before.ratio:.4g} ×" if named else ""
-    looked_for = {kind(name) for name in selection.rounds[-1].look.evidence} - {kind(name) for name in named}
+    looked_for = {kind(name) for name in selection.rounds[-1].look.evidence} - {kind(name) for name in (*named, *why)}
+    other = "other " if named or why else ""
     return (
         f"the innovation of the part held out is {after.ratio:.4g} × the noise floor{was}",
-        f"none of the {len(looked_for)} {'other ' if named else ''}effects looked for explains more than chance would",
+        f"none of the {len(looked_for)} {other}effects looked for explains more than chance would",
+        *_turned_down(why),
     )
 
 
@@ -151,15 +250,21 @@ def _confusable(
     )  # fmt: skip
 
 
-def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Device) -> tuple[Rejected, ...]:
-    """Every other candidate once, with what it would have explained at best and a bound on its coefficients."""
+def _rejected(named: Effects, selection: Selection, why: Mapping[str, str], device: Device) -> tuple[Rejected, ...]:
+    """Every other candidate once, with what it would have explained at best and a bound on its coefficients.
+
+    why: of those that were selected and are not named.
+    """
     last = selection.rounds[-1]
     kinds = {kind(name) for name in named}
+    dismissed = {kind(name): reason for name, reason in why.items() if kind(name) not in kinds}
     rejected: dict[str, Rejected] = {}
     enough = threshold(len(last.look.evidence))
     alone: dict[str, float] = {}
     for name, item in selection.rounds[0].look.evidence.items():  # best first
         alone.setdefault(kind(name), item.gain)
+    for name, reason in dismissed.items():
+        rejected[name] = Rejected(name, reason, {}, alone.get(name))
     for name, item in last.look.evidence.items():
         if kind(name) in kinds or kind(name) in rejected:
             continue
@@ -171,21 +276,17 @@ def _rejected(named: Effects, chosen: Effects, selection: Selection, device: Dev
             for c, value, sd in zip(effect.coefficients, item.coefficients, item.deviation, strict=True)
             if sd > 0.0
         }
-        why = _why(name, item.significance > enough, chosen, selection)
-        rejected[kind(name)] = Rejected(kind(name), why, bound, alone.get(kind(name)))
-    for name in chosen:
-        if kind(name) not in kinds:
-            rejected[kind(name)] = Rejected(
-                kind(name), f"explains part of the residual (gain {selection.gain[name]:.4g}) and leaves the rest", {}
-            )
+        reason = _why(name, item.significance > enough, selection)
+        rejected[kind(name)] = Rejected(kind(name), reason, bound, alone.get(kind(name)))
     return tuple(rejected.values())
 
 
-def _why(name: str, serious: bool, chosen: Effects, selection: Selection) -> str:
-    tried = selection.rounds[-1].gains.get(name)
-    if tried is not None:
-        return f"carried, it gains {tried:.4g} in twice the log-likelihood: no more than chance"
-    alike = max((others.get(name, 0.0) for taken, others in selection.alike.items() if taken in chosen), default=0.0)
+def _why(name: str, serious: bool, selection: Selection) -> str:
+    for one in reversed(selection.rounds):
+        tried = next((each for each in one.tried if kind(each.name) == kind(name) and each.name != one.taken), None)
+        if tried is not None:
+            return tried_reason(tried, one.taken)
+    alike = max((others.get(name, 0.0) for others in selection.alike.values()), default=0.0)
     if alike > SAME:
         return f"looks like what was taken (likeness {alike:.5f}) and explains less"
     if serious:

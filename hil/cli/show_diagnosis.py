@@ -1,6 +1,6 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -13,16 +13,17 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hil.records.diagnosis import Diagnosis, Fit
+    from hil.records.diagnosis import Diagnosis, Finding, Fit
 
-_STYLE = {"adequate": "green", "explained": "green", "unexplained": "red"}
+_STYLE = {"adequate": "green", "explained": "green", "partly explained": "yellow", "unexplained": "red"}
+_COMPLETE = ("adequate", "explained")
 _FINDINGS = 6
 _REJECTED = 5
-UNEXPLAINED = 1
+SOMETHING_LEFT = 1
 
 
 def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
-    """Print the diagnosis and leave: exit code 0, or 1 when something is there that nothing accounts for."""
+    """Print the diagnosis and leave: exit code 0, or 1 when something is left that nothing accounts for."""
     if as_json:
         print(printable_json((folder / "diagnosis.json").read_text(encoding="utf-8")), end="")
     else:
@@ -31,7 +32,7 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
         print(printable(f"diagnosis  {folder / 'diagnosis.json'}"))
         if (folder / "report.html").exists():
             print(printable(f"report     {folder / 'report.html'}"))
-    raise typer.Exit(UNEXPLAINED if diagnosis.verdict == "unexplained" else 0)
+    raise typer.Exit(0 if diagnosis.verdict in _COMPLETE else SOMETHING_LEFT)
 
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:
@@ -51,7 +52,8 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         say(f"  {reason}")
     for effect in diagnosis.effects:
         console.print()
-        say(effect.title, style="bold", end="  ")
+        acts = "acts like: " if diagnosis.verdict == "partly explained" else ""
+        say(f"{acts}{effect.title}", style="bold", end="  ")
         say(f"[effects.{effect.name}]")
         for equation in effect.equations:
             say(f"  {plain(equation)}")
@@ -67,11 +69,11 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         moved = quantity(diagnosis.angle_moved_rad, "rad")
         console.print()
         say(f"carrying {whose} moves the angle by {moved} at most")
-    if diagnosis.findings:
-        console.print("\nwhat the residual looks like without it" if diagnosis.effects else "\nwhat the residual holds")
-        for finding in diagnosis.findings[:_FINDINGS]:
-            size = "" if finding.size_V is None else f"{quantity(finding.size_V, 'V'):>9}  "
-            say(f"  {size}{finding.text}")
+    if diagnosis.share is not None and diagnosis.verdict == "partly explained":
+        say(f"\naccounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
+    _say_findings(say, "what is left looks like", diagnosis.left)
+    heading = "what the residual looks like without it" if diagnosis.effects else "what the residual holds"
+    _say_findings(say, heading, diagnosis.findings)
     for pair in diagnosis.confusable:
         alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
         told = f"to tell them apart: {pair.separate_by}" if pair.separate_by else "no experiment tells them apart"
@@ -85,6 +87,16 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             say(f"  {one.name}: {one.reason}")
         if len(diagnosis.rejected) > _REJECTED:
             say(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report")
+
+
+def _say_findings(say: Callable[..., None], heading: str, findings: "tuple[Finding, ...]") -> None:
+    from hil.report.numbers import quantity
+
+    if findings:
+        say(f"\n{heading}")
+    for finding in findings[:_FINDINGS]:
+        size = "" if finding.size_V is None else f"{quantity(finding.size_V, 'V'):>9}  "
+        say(f"  {size}{finding.text}")
 
 
 def _say(console: "Console", text: str, *, style: str | None = None, end: str = "\n") -> None:

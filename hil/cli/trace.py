@@ -47,7 +47,7 @@ def trace(
 
     Looks at what the observer of a bench file leaves of a record, tries the effects of the catalogue on one part of
     it, and judges them on the other, which the choice never saw. Writes diagnosis.json and report.html. Exit code 0:
-    nothing is missing, or what is missing has been found; 1: something is missing and nothing accounts for it.
+    nothing is missing, or what is missing has been found; 1: something is missing, and nothing accounts for all of it.
 
     Examples:
 

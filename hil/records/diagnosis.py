@@ -109,7 +109,7 @@ class Diagnosis(_Model):
     """The answer of a trace: before and after are of the part of the record that was fitted."""
 
     version: Literal[1] = 1
-    verdict: Literal["adequate", "explained", "unexplained"]
+    verdict: Literal["adequate", "explained", "partly explained", "unexplained"]
     effects: tuple[Effect, ...]
     confusable: tuple[Confusable, ...]
     before: Fit
@@ -118,6 +118,13 @@ class Diagnosis(_Model):
     rejected: tuple[Rejected, ...]
     findings: tuple[Finding, ...] = Field(description="Largest first")
     reasons: tuple[str, ...] = Field(description="Why the verdict is what it is, a sentence each")
+    share: float | None = Field(
+        default=None,
+        description="Of the residual's power above the noise floor on the part held out, what the effects account for",
+    )
+    left: tuple[Finding, ...] = Field(
+        default=(), description="What the residual still holds with the effects, largest first, where some is left"
+    )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, by all that brings the residual down"
@@ -150,6 +157,8 @@ def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
         reasons=found.reasons,
         equations=tuple(equation for effect in found.effects for equation in effect.equation),
         angle_moved_rad=_finite(found.angle_moved),
+        share=_finite(found.share),
+        left=tuple(_finding(finding) for finding in found.left),
         record=record,
         bench=bench,
         samples=len(found.residual_before.innovation),

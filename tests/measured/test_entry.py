@@ -54,8 +54,10 @@ def test_rows_of_a_record_replace_its_old_ones(tmp_path):
         (1.1, 1.1, [], Verdict.ADEQUATE),
         (9.0, 9.0, [], Verdict.UNEXPLAINED),
         (9.0, 1.1, ["a"], Verdict.EXPLAINED),
-        (90.0, 20.0, ["a"], Verdict.EXPLAINED),
-        (90.0, 40.0, ["a"], Verdict.UNEXPLAINED),
+        (9.0, 1.2, ["a"], Verdict.PARTLY),
+        (90.0, 20.0, ["a"], Verdict.PARTLY),
+        (90.0, 70.0, ["a"], Verdict.UNEXPLAINED),
+        (0.9, 1.0, ["a"], Verdict.UNEXPLAINED),
     ],
 )
 def test_verdict_by_what_is_left(before, after, effects, verdict):

@@ -71,6 +71,37 @@ def test_what_only_the_held_out_part_shows_is_unexplained():
     assert "beyond those of the fitting part" in found.reasons[0]
 
 
+def test_an_output_that_folds_back_does_not_saturate():
+    """Flat at 3.2 V over the rates that are fitted; beyond them, held out, it reads 3.8 V, and then folds back."""
+
+    def folded(f):
+        size = np.minimum(2.0 * np.abs(f), 3.2)
+        size = np.where(np.abs(f) > 1.7, 3.8, size)
+        return np.sign(f) * np.where(np.abs(f) > 1.9, 1.0, size)
+
+    fraction = np.concatenate([np.linspace(-1.65, 1.65, 34)] * 2 + [np.linspace(-2.0, 2.0, 41)])
+    volts = folded(fraction) + 1e-4 * np.random.default_rng(4).standard_normal(len(fraction))
+    record, fitting = SensorRecord(fraction * DECLARED.rate, volts), np.arange(len(fraction)) < 68
+    found = trace_sensor(record, DECLARED, 1e-4, fitting)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert not found.effects
+    limits = [one.reason for one in found.rejected if "saturation" in one.name]
+    assert any("saturation ends at 3.2 V, and the part held out reads 3.8 V" in reason for reason in limits)
+    assert any("beyond those of the fitting part" in reason for reason in found.reasons)
+
+
+def test_a_curve_of_which_something_is_left_is_explained_in_part():
+    """A cubic curve and ripples that nothing in the catalogue has."""
+    record, fitting = table(lambda f: 0.1 + 2.0 * (f - 0.05 * f**3) + 1e-3 * np.sin(40.0 * f))
+    found = trace_sensor(record, DECLARED, 1e-4, fitting)
+    assert found.verdict is Verdict.PARTLY
+    assert [effect.name for effect in found.effects] == ["cubic"]
+    assert found.share is not None
+    assert 0.9 < found.share < 1.0
+    assert found.reasons[0].startswith("something acts like cubic")
+    assert "× the noise floor" in found.reasons[1]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "system", "coefficients"),

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from estimator.residual.spectrum import density
 from estimator.settings import Device, ObserverSettings
 from estimator.trace import diagnosis as traced
 from estimator.trace.record import Record
 from hil.addition import additions
+from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.report.diagnosis import write_report
@@ -134,7 +136,7 @@ def test_only_what_explains_is_added() -> None:
     assert addition.coefficients["k3x"][0] == 1e13
     assert addition.coefficients["k3x"][1] == "95 %: ± 1e+11 1/(m²·s²)"
     assert addition.coefficients["k3y"][1] == "95 %: 1e+12 to unbounded 1"
-    for verdict in (traced.Verdict.UNEXPLAINED, traced.Verdict.ADEQUATE):
+    for verdict in (traced.Verdict.UNEXPLAINED, traced.Verdict.ADEQUATE, traced.Verdict.PARTLY):
         assert additions(to_model(answer(verdict=verdict), record="ride", bench="S-test")) == []
 
 
@@ -165,6 +167,61 @@ def test_a_page_without_an_effect_has_no_after(tmp_path: Path, verdict: traced.V
     assert "What the model lacks" not in page
     assert "held out, before" not in page
     assert '<h2 id="error">Error</h2>' in page
+
+
+def partly() -> traced.Diagnosis:
+    """The effect accounts for most; a line is left."""
+    line = traced.Finding("line", "a line at 311 Hz", 2e-5, 21.0)
+    return replace(answer(verdict=traced.Verdict.PARTLY), share=0.936, left=(line,))
+
+
+def test_a_part_has_its_share_and_what_is_left(tmp_path: Path) -> None:
+    model = to_model(partly(), record="ride", bench="S-test")
+    save_diagnosis(tmp_path / "d.json", model)
+    said = json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))
+    assert (said["verdict"], said["share"]) == ("partly explained", 0.936)
+    assert [one["text"] for one in said["left"]] == ["a line at 311 Hz"]
+    assert load_diagnosis(tmp_path / "d.json") == model
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code"),
+    [
+        (traced.Verdict.ADEQUATE, 0),
+        (traced.Verdict.EXPLAINED, 0),
+        (traced.Verdict.PARTLY, 1),
+        (traced.Verdict.UNEXPLAINED, 1),
+    ],
+)
+def test_the_exit_code_says_whether_something_is_left(tmp_path: Path, verdict: traced.Verdict, code: int) -> None:
+    with pytest.raises(typer.Exit) as end:
+        finish(tmp_path, to_model(answer(verdict=verdict), record="ride", bench="S-test"), as_json=False)
+    assert end.value.exit_code == code
+
+
+def test_a_terminal_says_what_a_part_acts_like_and_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    print_diagnosis(to_model(partly(), record="ride", bench="S-test"))
+    out = capsys.readouterr().out
+    for words in (
+        "partly explained", "acts like: Cubic stiffness of each axis", "accounts for 93.6% of the power",
+        "what is left looks like\n", "a line at 311 Hz", "what the residual looks like without it\n",
+    ):  # fmt: skip
+        assert words in out, words
+    print_diagnosis(to_model(answer(), record="ride", bench="S-test"))
+    out = capsys.readouterr().out
+    assert "acts like" not in out
+    assert "accounts for" not in out
+    assert "what is left" not in out
+
+
+@pytest.mark.slow
+def test_the_page_of_a_part_is_not_green(tmp_path: Path) -> None:
+    page = written(tmp_path, partly())
+    assert 'class="verdict open"><strong>Partly explained.' in page
+    for words in ("Something acts like: cubic stiffness", "93.6 % of its power above the floor", "What is left"):
+        assert words in page, words
+    assert "a line at 311" in page.lower()
+    assert "The model lacks" not in page
 
 
 @pytest.mark.slow

@@ -17,10 +17,16 @@ from hil.report.diagnosis.material import Material
 from hil.report.numbering import Figures
 from hil.report.numbers import count, quantity, significant
 
-_WORDS = {"adequate": ("good", "Adequate"), "explained": ("good", "Explained"), "unexplained": ("bad", "Unexplained")}
+_WORDS = {
+    "adequate": ("good", "Adequate"),
+    "explained": ("good", "Explained"),
+    "partly explained": ("open", "Partly explained"),
+    "unexplained": ("bad", "Unexplained"),
+}
 _SAYS = {
     "adequate": "Nothing stands in the residual that the model would have to explain",
     "explained": "The model lacked an effect, and with it the rest of the record is foretold",
+    "partly explained": "Something is missing that acts like effects of the catalogue, and something else besides",
     "unexplained": "Something stands in the residual, and nothing in the catalogue accounts for it",
 }
 
@@ -80,18 +86,20 @@ def page_of(
     """
     tone, word = _WORDS[diagnosis.verdict]
     why = (markup.paragraph(_sentence(reason)) for reason in diagnosis.reasons)
+    partly = diagnosis.verdict == "partly explained"
     error = "Error before and after" if diagnosis.effects else "Error"
     sections = [
         markup.section("why", "Why", *why),
         markup.section(
             "effect",
-            _missing(diagnosis),
+            "What the missing part acts like" if partly else _missing(diagnosis),
             equations_of(diagnosis, declarable=declarable),
             tables.coefficients(diagnosis),
             pictures.effect,
         ),
         markup.section("error", error, tables.fits(diagnosis), pictures.error),
-        markup.section("residual", "What the residual holds", tables.findings(diagnosis), pictures.residual),
+        markup.section("left", "What is left", tables.findings(diagnosis.left)),
+        markup.section("residual", _held(diagnosis), tables.findings(diagnosis.findings), pictures.residual),
         markup.section("alike", "What this record cannot tell apart", tables.confusable(diagnosis)),
         markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
         markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
@@ -113,10 +121,16 @@ def headline(diagnosis: Diagnosis) -> str:
         return _SAYS[diagnosis.verdict]
     titles = [effect.title[0].lower() + effect.title[1:].rstrip(".") for effect in diagnosis.effects]
     before, after = diagnosis.held_out.before.ratio, diagnosis.held_out.after.ratio
-    said = f"The model lacks: {_listed(titles)}"
+    partly = diagnosis.verdict == "partly explained"
+    said = f"Something acts like: {_listed(titles)}" if partly else f"The model lacks: {_listed(titles)}"
     if before is not None and after is not None:
         them = "it" if len(titles) == 1 else "them"
-        said += f"; with {them} the residual falls from {significant(before)} to {significant(after)} × the noise floor"
+        falls = "falls" if after < before else "goes"
+        said += (
+            f"; with {them} the residual {falls} from {significant(before)} to {significant(after)} × the noise floor"
+        )
+    if partly and diagnosis.share is not None:
+        said += f", {significant(100.0 * diagnosis.share)} % of its power above the floor"
     if diagnosis.confusable:
         others = sorted({pair.with_.replace("_", " ") for pair in diagnosis.confusable})
         said += f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be told from {_listed(others)}"
@@ -126,6 +140,10 @@ def headline(diagnosis: Diagnosis) -> str:
 def _listed(words: Sequence[str]) -> str:
     *others, last = words
     return f"{', '.join(others)} and {last}" if others else last
+
+
+def _held(diagnosis: Diagnosis) -> str:
+    return "What the residual holds without them" if diagnosis.left else "What the residual holds"
 
 
 def _missing(diagnosis: Diagnosis) -> str:

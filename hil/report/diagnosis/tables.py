@@ -1,8 +1,9 @@
 """The tables of the page of a trace."""
 
 import math
+from collections.abc import Sequence
 
-from hil.records.diagnosis import Coefficient, Diagnosis
+from hil.records.diagnosis import Coefficient, Diagnosis, Finding
 from hil.report.markup import table
 from hil.report.names import shown_unit
 from hil.report.numbers import count, plus_minus, quantity, significant
@@ -51,8 +52,8 @@ def coefficients(diagnosis: Diagnosis) -> str:
     return table(caption, head, [row[: len(head)] for row in rows], (1, 2)) if rows else ""
 
 
-def findings(diagnosis: Diagnosis) -> str:
-    """What the residual of the model as it was holds."""
+def findings(found: Sequence[Finding]) -> str:
+    """What a residual holds."""
     rows = [
         (
             finding.text,
@@ -60,7 +61,7 @@ def findings(diagnosis: Diagnosis) -> str:
             "" if finding.significance is None else significant(finding.significance, 2),
             ", ".join(_plain(name) for name in finding.points_at[:3]) + (" …" if len(finding.points_at) > 3 else ""),
         )
-        for finding in diagnosis.findings
+        for finding in found
     ]
     caption = "Largest first; σ: how surprising, all the places looked at allowed for"
     return table(caption, ("in the residual", "rms", "σ", "points at"), rows, (1, 2)) if rows else ""

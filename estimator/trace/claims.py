@@ -1,0 +1,143 @@
+"""The claim of a trace of two axes: what its models say, and what the part held out says of it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.observer import Observer
+from estimator.scaling import Array
+from estimator.settings import Gain
+from estimator.trace.certainty import widening
+from estimator.trace.diagnosis import Fit
+from estimator.trace.engine import Estimate
+from estimator.trace.examination import Examination
+from estimator.trace.fitting import Fitted, log_likelihood
+from estimator.trace.problem import Problem
+from estimator.trace.promises import Claim, Constant, Errors, Level, Vote
+from estimator.trace.selection import Selection
+
+_TWO_SIDED = 1.959963984540054
+
+
+def claim_of(problem: Problem, selection: Selection, before: Examination, after: Examination, split: int) -> Claim:
+    """What is to be said of the whole record of `problem`, of which all from `split` on is held out."""
+    known = problem.effects
+    effects = {name: given for name, given in selection.coefficients.items() if name not in known}
+    later = len(problem.record) - split
+    residual = residual_of(before.held_out, after.held_out, later * problem.device.axes)
+    was, now = (
+        log_likelihood(one.estimates.innovation[split:], one.estimates.innovation_deviation[split:])
+        for one in (before, after)
+    )
+    return Claim(
+        residual=replace(residual, gain=now - was),
+        effects=effects,
+        constants=(*constants_of(problem, selection.after), *_rate(problem, after, split)),
+        levels=_levels(problem, selection, effects, split),
+        votes=_votes(problem, before, after, split),
+    )
+
+
+def residual_of(before: Fit, after: Fit, samples: float) -> Errors:
+    """Innovations of the part held out in multiples of the floor, per axis the lower of the two that were seen: a model
+    that raises all of the spectrum does not raise its own measure.
+    """
+    floor = np.minimum(before.noise_floor, after.noise_floor)
+    was, left = (
+        float(np.sqrt(np.mean((np.array(fit.innovation_rms) / np.maximum(floor, np.finfo(float).tiny)) ** 2)))
+        for fit in (before, after)
+    )
+    return Errors(was, left, 1.0, samples)
+
+
+def constants_of(problem: Problem, model: Fitted) -> tuple[Constant, ...]:
+    """Those of the base model but for the rate, which moves."""
+    declared = Observer(problem.device, replace(problem.settings, gain=Gain.EKF, effects={}))
+    prior = np.sqrt(np.diagonal(declared.covariance))
+    observer = model.observer
+    with np.errstate(invalid="ignore"):
+        sure = widening(model) * np.sqrt(np.diagonal(observer.covariance))
+    found = []
+    for name in declared.estimated[declared.states :]:
+        if name == "rate" or name not in observer.estimated:
+            continue
+        value = float(observer.state[observer.names.index(name)])
+        half = _TWO_SIDED * float(sure[observer.estimated.index(name)])
+        guess = float(declared.state[declared.names.index(name)])
+        spread = float(prior[declared.estimated.index(name)])
+        found.append(Constant(name, value, value - half, value + half, guess, spread, positive=_diagonal(name)))
+    return tuple(found)
+
+
+def _diagonal(name: str) -> bool:
+    """Whether it is the stiffness or the damping of an axis by itself."""
+    return name in ("kxx", "kyy", "dxx", "dyy")
+
+
+def _rate(problem: Problem, after: Examination, split: int) -> tuple[Constant, ...]:
+    """The rate where it was estimated farthest from its guess, beside how far it may have walked by then."""
+    if "rate" not in after.estimates.names:
+        return ()
+    later = after.estimates.index >= split
+    estimates = after.estimates
+    rate, sure = estimates.of("rate")[later], estimates.deviation[later, estimates.names.index("rate")]
+    guess = problem.settings.initial.get("rate", 0.0)
+    beyond = np.abs(rate - guess) - _TWO_SIDED * sure
+    if not np.any(np.isfinite(beyond)):
+        return ()
+    at = int(np.nanargmax(beyond))
+    walked = problem.settings.process_noise.rate**2 * problem.span
+    deviation = float(np.sqrt(problem.settings.spread.rate**2 + walked))
+    value, half = float(rate[at]), _TWO_SIDED * float(sure[at])
+    return (Constant("rate", value, value - half, value + half, guess, deviation),)
+
+
+def _levels(
+    problem: Problem, selection: Selection, effects: Mapping[str, Mapping[str, Estimate]], split: int
+) -> tuple[Level, ...]:
+    """Of a sense chain that saturates, where all that goes over the level is lost."""
+    found = []
+    for name, coefficients in effects.items():
+        if name.partition(":")[0] != "sense_clipping":
+            continue
+        for axis, share in enumerate(coefficients.values()):
+            if not share.low <= 1.0 <= share.high:
+                continue
+            most = abs(problem.device.sense_gain[axis]) * selection.effects[name]["level"]
+            seen: Array = problem.record.sense[split:, axis]
+            noise = max(problem.device.noise[axis], 0.0)
+            found.append(
+                Level(name.partition(":")[0], -most, most, float(np.nanmin(seen)), float(np.nanmax(seen)), noise)
+            )
+    return tuple(found)
+
+
+def _votes(problem: Problem, before: Examination, after: Examination, split: int) -> tuple[Vote, ...]:
+    """Angle and rate against the record's own reference for the rate.
+
+    To be expected are what the observer takes its estimate to be off by, and the noise of the reference, which its
+    steps from sample to sample tell.  An angle that is off has been so in one draw.  An estimate of the rate also
+    lags, by any model; it only must not become worse: with e the error before and δ by what an effect moves the
+    estimate, |e + δ| < |e| says that more than half of δ is in −e.
+    """
+    reference = problem.record.channels.get("rate")
+    if reference is None or after.held_out.rate_error_rms is None or before.held_out.rate_error_rms is None:
+        return ()
+    later = reference[split:]
+    step = float(np.mean(problem.record.step[split:]))
+    span = float(np.sum(problem.record.step[split:]))
+    noise = float(np.nanstd(np.diff(later))) / np.sqrt(2.0)
+    estimates = after.estimates
+    sure = estimates.deviation[estimates.index >= split, estimates.names.index("rate")]
+    rate = float(np.sqrt(np.nanmean(sure**2) + noise**2))
+    draws = max(span / problem.settings.memory, 1.0)
+    was = before.held_out.rate_error_rms
+    errors = Errors(was, after.held_out.rate_error_rms, max(rate, was), draws)
+    votes = [Vote("error of the rate", "rad/s", errors)]
+    if before.held_out.angle_error_rms is not None and after.held_out.angle_error_rms is not None:
+        walk = noise * step * np.sqrt(len(later))
+        angle = float(np.sqrt(np.nanmean(estimates.angle_deviation[split:] ** 2) + walk**2))
+        errors = Errors(before.held_out.angle_error_rms, after.held_out.angle_error_rms, angle, 1.0)
+        votes.append(Vote("error of the angle", "rad", errors))
+    return tuple(votes)

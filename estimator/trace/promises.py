@@ -1,0 +1,249 @@
+"""What "explained" promises, and the guards that hold a diagnosis to it.
+
+A guard looks at a claim, which is what a trace is about to say and what the part of the record that the choice never
+saw makes of it, and tells in a sentence what stands against it.  All families of models stand before the same guards:
+two axes, the free run, the rate sensor.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from scipy.stats import f as f_distribution
+
+from estimator.trace.engine import Estimate, unphysical
+
+FLOOR = 1.1
+"""Times the noise floor: a residual up to this counts as being at the floor, where chance does not ask for more."""
+
+DECLARED = 4.0
+"""Standard deviations of what the bench declares in which a constant of the model must lie: one of a device that is as
+declared lies outside once in 16,000 times."""
+
+PART = 0.5
+"""Share of the power above the floor that must go before anything is said to explain a part: more goes than stays."""
+
+MINOR = 0.1
+"""Of the largest gain: effects that explain less than this beside it are not named where something is left, since they
+may be made of what is left."""
+
+_CHANCE = 0.01  # of a residual at the floor to lie above what is allowed, where few samples tell it
+_NEVER = 6.0  # standard deviations of the noise that no sample of a record of 10⁸ exceeds
+_GAINS = frozenset({"drive_gain", "sense_gain"})  # relative to what is declared: below −1 the sign is another
+
+
+@dataclass(frozen=True)
+class Errors:
+    """rms of an error before and after, on the part held out, and what a complete model would leave, in one unit.
+
+    samples: independent ones behind the rms; floor_samples: behind the floor; gain: of twice the log-likelihood of
+    these samples, coefficients as they are, where it can be told: it sees what the rms of a long record does not.
+    """
+
+    before: float
+    after: float
+    floor: float
+    samples: float = math.inf
+    floor_samples: float = math.inf
+    gain: float | None = None
+
+    @property
+    def fell(self) -> bool:
+        """Whether it is less than before; what is no number did not fall.
+
+        Coefficients that were found elsewhere and would gain g, were they right, lose g where nothing of the kind is
+        there: 0 is the middle.
+        """
+        return self.after < self.before if self.gain is None else self.gain > 0.0
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether it is no more than `FLOOR` times the floor, or than chance makes of the floor."""
+        if not math.isfinite(self.after):
+            return False
+        few = max(min(self.samples, 1e9), 1.0), max(min(self.floor_samples, 1e9), 1.0)
+        return self.after <= self.floor * max(FLOOR, math.sqrt(float(f_distribution.isf(_CHANCE, *few))))
+
+    @property
+    def nothing_above(self) -> bool:
+        """Whether nothing stood above the floor before."""
+        return self.before <= self.floor
+
+    @property
+    def share(self) -> float:
+        """Of the power above the floor, how much went: 1 all, below 0 where it rose; 0 where there was none."""
+        was, left = (error**2 - self.floor**2 for error in (self.before, self.after))
+        return 1.0 - max(left, 0.0) / was if was > 0.0 and math.isfinite(left) else 0.0
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant of the model as found, with its 95 % interval, beside the value that is declared and its standard
+    deviation; positive: whether physics asks for it.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    declared: float
+    deviation: float
+    positive: bool = False
+
+
+@dataclass(frozen=True)
+class Level:
+    """A range [V] that an effect says its channel cannot leave, the extremes of the part held out, and the noise."""
+
+    effect: str
+    low: float
+    high: float
+    lowest: float
+    highest: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Vote:
+    """An error against something measured beside the record: what it is in words, and its size before and after."""
+
+    what: str
+    unit: str
+    errors: Errors
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What is about to be said: the effects with their coefficients by name, and all that may speak against it."""
+
+    residual: Errors
+    effects: Mapping[str, Mapping[str, Estimate]]
+    constants: tuple[Constant, ...] = ()
+    levels: tuple[Level, ...] = ()
+    votes: tuple[Vote, ...] = ()
+
+
+def fell(claim: Claim) -> tuple[str, ...]:
+    """What is explained is gone: the residual of data that the choice never saw is smaller than before."""
+    errors = claim.residual
+    if errors.fell:
+        return ()
+    if errors.gain is not None and errors.after <= FLOOR * errors.before:
+        worse = f"{errors.gain:.4g}".replace("-", "−")
+        return (f"the part held out is not predicted better: {worse} in twice the log-likelihood",)
+    return (f"on the part held out the residual rose from {_times(errors.before, errors)} to {_over(errors)}",)
+
+
+def at_floor(claim: Claim) -> tuple[str, ...]:
+    """What is explained leaves nothing: that residual is the noise."""
+    return () if claim.residual.at_floor else (f"what is left of the part held out is {_over(claim.residual)}",)
+
+
+def signs(claim: Claim) -> tuple[str, ...]:
+    """Friction that drives is no friction, and a gain of the other sign is another polarity."""
+    return tuple(why for name in claim.effects if (why := wrong_sign(name, claim.effects[name])))
+
+
+def beyond_zero(claim: Claim) -> tuple[str, ...]:
+    """What may as well be nothing is not there: some coefficient of each effect is other than zero at 95 %."""
+    return tuple(why for name in claim.effects if (why := may_be_nothing(name, claim.effects[name])))
+
+
+def constants(claim: Claim) -> tuple[str, ...]:
+    """A model that only fits with constants that the device cannot have fits something else."""
+    return tuple(why for constant in claim.constants if (why := _conflict(constant)))
+
+
+def levels(claim: Claim) -> tuple[str, ...]:
+    """What is said to be impossible must not have been seen."""
+    return tuple(said for one in claim.levels if (said := contradicted(one)))
+
+
+def votes(claim: Claim) -> tuple[str, ...]:
+    """What mends the residual and not the quantity that the device is there to measure has mended the wrong thing."""
+    return tuple(
+        f"the reference speaks against it: on the part held out the {vote.what} was {vote.errors.before:.3g} "
+        f"{vote.unit} rms and is {vote.errors.after:.3g}"
+        for vote in claim.votes
+        if not vote.errors.at_floor and not vote.errors.share >= PART
+    )
+
+
+GUARDS: tuple[Callable[[Claim], tuple[str, ...]], ...] = (
+    fell, at_floor, signs, beyond_zero, constants, levels, votes,
+)  # fmt: skip
+"""All that must hold of what is explained."""
+
+PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (fell, signs, beyond_zero, levels, votes)
+"""Of what is explained in part: something may be left, and a constant may have taken up some of it."""
+
+
+def broken(claim: Claim, guards: tuple[Callable[[Claim], tuple[str, ...]], ...] = GUARDS) -> tuple[str, ...]:
+    """What stands against a claim, a sentence each; nothing where it holds."""
+    return tuple(sentence for guard in guards for sentence in guard(claim))
+
+
+def holds_in_part(claim: Claim) -> bool:
+    """Whether the effects account for most of what stood above the floor, and nothing but what is left is against."""
+    return bool(claim.effects) and claim.residual.share >= PART and not broken(claim, PARTLY)
+
+
+def minor(gains: Mapping[str, float]) -> tuple[str, ...]:
+    """Those that are not among the dominant ones."""
+    most = max(gains.values(), default=0.0)
+    return tuple(name for name, gain in gains.items() if gain < MINOR * most)
+
+
+def wrong_sign(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
+    """Why an effect with these coefficients is none of its name, None where it may be."""
+    if symbol := unphysical({name: coefficients}):
+        return f"{_plain(name)} fits only with a negative {symbol}, which would be something else"
+    if name.partition(":")[0] in _GAINS:
+        for symbol, estimate in coefficients.items():
+            if estimate.high < -1.0:
+                return f"{_plain(name)} fits only with {symbol} = {estimate.value:.3g}: a gain of the other sign"
+    return None
+
+
+def may_be_nothing(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
+    """Why an effect with these coefficients may as well be absent, None where it is there."""
+    if not coefficients or any(one.low > 0.0 or one.high < 0.0 for one in coefficients.values()):
+        return None
+    return f"{_plain(name)} may as well be nothing: the 95 % intervals of its coefficients hold zero"
+
+
+def contradicted(level: Level) -> str | None:
+    """Why a range is none, None where all that was seen lies in it."""
+    margin = _NEVER * level.noise
+    for end, seen, outside in (
+        (level.high, level.highest, level.highest > level.high + margin),
+        (level.low, level.lowest, level.lowest < level.low - margin),
+    ):
+        if outside:
+            return f"{_plain(level.effect)} ends at {end:.4g} V, and the part held out reads {seen:.4g} V"
+    return None
+
+
+def _conflict(constant: Constant) -> str | None:
+    if constant.positive and constant.high < 0.0:
+        return f"{constant.name} comes out negative, {constant.value:.4g}: such a device would move by itself"
+    reach = DECLARED * constant.deviation
+    if constant.high < constant.declared - reach or constant.low > constant.declared + reach:
+        off = abs(constant.value - constant.declared) / constant.deviation if constant.deviation > 0.0 else math.inf
+        return (
+            f"{constant.name} comes out at {constant.value:.4g}, {off:.3g} standard deviations from the declared "
+            f"{constant.declared:.4g}: correct the bench file, or something else takes its place"
+        )
+    return None
+
+
+def _over(errors: Errors) -> str:
+    return f"{_times(errors.after, errors)} × the noise floor"
+
+
+def _times(value: float, errors: Errors) -> str:
+    return f"{value / errors.floor:.4g}" if errors.floor > 0.0 else "many"
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")

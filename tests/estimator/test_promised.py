@@ -1,0 +1,312 @@
+"""How a trace keeps its promises (docs/reference/trace.md): what is taken out, what is said in part."""
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimator.observer import Observer
+from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.trace import claims, free_run, tracing
+from estimator.trace.diagnosis import Fit, Verdict
+from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
+from estimator.trace.problem import Problem
+from estimator.trace.promises import Claim, Constant, Errors, Vote
+from estimator.trace.record import Record
+
+SURE, NOTHING = Estimate(0.05, 0.04, 0.06), Estimate(-1.9, -7.0, 3.0)
+DEVICE = Device(
+    sample_rate=4000.0,
+    stiffness=(1.6e6, 1.62e6, 0.0),
+    damping=(1.0, 1.2, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, 900.0),
+    noise=(1e-4, 1e-4),
+)
+N, SPLIT = 1000, 600
+RECORD = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1 / 4000.0))
+PROBLEM = Problem(RECORD, DEVICE, ObserverSettings())
+
+
+@dataclass(frozen=True)
+class Selected:
+    """As much of a selection as a verdict needs."""
+
+    coefficients: dict
+    gain: dict
+    patchwork: bool = False
+    samples: int = 600
+    alike: dict = field(default_factory=dict)
+    rounds: tuple = (SimpleNamespace(look=SimpleNamespace(evidence={})),)
+
+    @property
+    def effects(self):
+        return {name: {"c": 1.0} for name in self.coefficients}
+
+
+@pytest.fixture
+def judged(monkeypatch):
+    """The verdict of a selection, where the residual is as given for each set of effects, with what is left."""
+
+    def run(coefficients, gain, residuals, left=None, **claimed):
+        left = left or {}
+
+        def key(selection):
+            return tuple(selection.coefficients)
+
+        def less(part, selection, names):
+            def keep(given):
+                return {name: value for name, value in given.items() if name not in names}
+
+            return replace(selection, coefficients=keep(selection.coefficients), gain=keep(selection.gain))
+
+        def claim(problem, selection, before, after, split):
+            return Claim(residuals[key(selection)], selection.coefficients, **claimed)
+
+        fit = Fit((1.0, 1.0), (1.0, 1.0), 1.0, 0.5)
+        seen = SimpleNamespace(held_out=fit, findings=())
+        monkeypatch.setattr(tracing, "examine", lambda problem, split: seen)
+        monkeypatch.setattr(tracing, "without", less)
+        monkeypatch.setattr(tracing, "claim_of", claim)
+        monkeypatch.setattr(tracing, "leftover", lambda selection, record, resonance: left.get(key(selection), ()))
+        return tracing._judged(PROBLEM, Selected(coefficients, gain), seen, SPLIT)
+
+    return run
+
+
+def errors(before, after, gain=100.0):
+    return Errors(before, after, 1.0, 1e5, gain=gain)
+
+
+def test_what_keeps_its_promises_is_explained(judged):
+    found = judged({"drive_gain": {"hx": SURE}}, {"drive_gain": 500.0}, {("drive_gain",): errors(3.0, 1.0)})
+    assert (found.verdict, set(found.named), found.share) == (Verdict.EXPLAINED, {"drive_gain"}, 1.0)
+
+
+def test_one_that_may_be_nothing_goes_and_the_rest_is_judged_anew(judged):
+    """Non-reciprocal stiffness, −1.9 within −7 and 3, beside the drive gain that made it superfluous."""
+    found = judged(
+        {"nonreciprocal_stiffness": {"n": NOTHING}, "drive_gain": {"hx": SURE}},
+        {"nonreciprocal_stiffness": 900.0, "drive_gain": 500.0},
+        {("drive_gain",): errors(3.0, 1.0)},
+    )
+    assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"drive_gain"})
+    assert "may as well be nothing" in found.why["nonreciprocal_stiffness"]
+
+
+def test_friction_that_drives_is_not_named(judged):
+    wrong = {"dry_friction": {"fx": Estimate(-2.0, -3.0, -1.0, positive=True)}}
+    found = judged(wrong, {"dry_friction": 900.0}, {(): errors(3.0, 3.0)}, left={(): ("a line is left",)})
+    assert (found.verdict, found.named) == (Verdict.UNEXPLAINED, {})
+    assert found.reasons[0] == "a line is left"
+    assert any("negative fx" in reason for reason in found.reasons)
+
+
+def test_what_the_part_held_out_does_not_bear_out_is_not_there(judged):
+    found = judged(
+        {"sense_gain": {"gy": SURE}},
+        {"sense_gain": 53.6},
+        {("sense_gain",): errors(0.9995, 0.9996, gain=-4.4), (): errors(0.9995, 0.9995, gain=0.0)},
+    )
+    assert (found.verdict, found.named) == (Verdict.ADEQUATE, {})
+    assert any("gains 53.6" in reason and "not predicted better" in reason for reason in found.reasons)
+
+
+def test_most_of_it_is_explained_in_part_by_what_dominates(judged):
+    """A hardening spring that gains 191,500 and a drag that gains 646, more than three effects wanted."""
+    found = judged(
+        {"cubic_stiffness": {"k3x": SURE}, "drag": {"dqx": SURE}},
+        {"cubic_stiffness": 191_500.0, "drag": 646.0},
+        {("cubic_stiffness", "drag"): errors(12.0, 2.0), ("cubic_stiffness",): errors(12.0, 2.1)},
+        left={("cubic_stiffness", "drag"): ("patchwork",), ("cubic_stiffness",): ("a line is left",)},
+    )
+    assert (found.verdict, set(found.named)) == (Verdict.PARTLY, {"cubic_stiffness"})
+    assert found.share == pytest.approx(1.0 - (2.1**2 - 1.0) / (144.0 - 1.0))
+    assert found.reasons[0].startswith("something acts like cubic stiffness: with it 97.6%")
+    assert "a line is left" in found.reasons
+    assert any("2.1 × the noise floor" in reason for reason in found.reasons)
+
+
+def test_a_residual_that_rose_is_no_part_of_an_explanation(judged):
+    found = judged(
+        {"drag": {"dqx": SURE}},
+        {"drag": 900.0},
+        {("drag",): errors(1.8, 12.0, gain=-1e5)},
+        left={("drag",): ("a line is left",)},
+    )
+    assert (found.verdict, found.named, found.share) == (Verdict.UNEXPLAINED, {}, None)
+    assert any("rose from 1.8 to 12 ×" in reason for reason in found.reasons)
+
+
+def test_the_reference_has_a_veto(judged):
+    votes = (Vote("error of the angle", "rad", Errors(0.22, 0.24, 0.003, 1.0)),)
+    found = judged(
+        {"sense_cross_coupling": {"ex": SURE}},
+        {"sense_cross_coupling": 900.0},
+        {("sense_cross_coupling",): errors(3.0, 1.0), (): errors(3.0, 3.0)},
+        left={(): ("a line is left",)},
+        votes=votes,
+    )
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert any("the reference speaks against it" in reason for reason in found.reasons)
+
+
+def test_a_constant_that_the_device_cannot_have_is_told(judged):
+    odd = (Constant("kxx", 1.3, 1.29, 1.31, declared=1.0, deviation=0.05),)
+    found = judged({"drag": {"dqx": SURE}}, {"drag": 900.0}, {("drag",): errors(3.0, 1.0)}, constants=odd)
+    assert found.verdict is Verdict.PARTLY
+    assert any("kxx" in reason and "6 standard deviations" in reason for reason in found.reasons)
+
+
+# -- the claim of two axes -------------------------------------------------------------------------------------------
+
+
+def test_constants_stand_beside_what_the_bench_declares() -> None:
+    settings = ObserverSettings(spread=Spread(stiffness=0.01, damping=0.6, offset=0.05), gain=Gain.STATIONARY)
+    model = Observer(DEVICE, replace(settings, gain=Gain.EKF, initial={"kxx": 1.7e6, "dyy": -0.4}))
+    model.p[:] = np.diag(np.diag(model.p) * 1e-4)
+    model.c[:] = model.p
+    still = SimpleNamespace(innovation=2e-4 * np.ones((9, 2)), innovation_deviation=1e-4 * np.ones((9, 2)))
+    fitted = SimpleNamespace(observer=model, estimates=still)
+    found = {one.name: one for one in claims.constants_of(Problem(RECORD, DEVICE, settings), fitted)}
+    assert set(found) == {"kxx", "kyy", "kxy", "dxx", "dyy", "dxy", "phi_x", "phi_y"}
+    assert found["kxx"].declared == pytest.approx(1.6e6)
+    assert found["kxx"].deviation == pytest.approx(0.01 * 1.61e6)
+    assert found["kxx"].value == pytest.approx(1.7e6)
+    # Innovations twice as large as predicted: twice the deviation.
+    assert found["kxx"].high - found["kxx"].value == pytest.approx(1.96 * 2.0 * 0.01 * 0.01 * 1.61e6, rel=1e-3)
+    assert found["dyy"].deviation == pytest.approx(0.6 * 1.1)
+    assert found["phi_x"].deviation == pytest.approx(0.05)
+    assert {name for name, one in found.items() if one.positive} == {"kxx", "kyy", "dxx", "dyy"}
+
+
+def test_the_floor_is_the_lower_of_the_two() -> None:
+    """A model that raises the whole spectrum of one axis does not raise its own measure."""
+    before, after = Fit((1.0, 2.0), (1.0, 1.0), 1.6, 0.0), Fit((4.0, 1.0), (4.0, 1.0), 1.0, 0.5)
+    residual = claims.residual_of(before, after, 800.0)
+    assert residual.before == pytest.approx(np.sqrt(2.5))
+    assert residual.after == pytest.approx(np.sqrt(8.5))
+    assert not residual.fell
+
+
+def examined(rate, angle_error, rate_error, deviation=0.01, angle_deviation=0.002):
+    index = np.arange(N)
+    names = ("x", "rate")
+    state = np.stack([np.zeros(N), rate], axis=1)
+    sure = np.full((N, 2), deviation)
+
+    class Seen(SimpleNamespace):
+        def of(self, name):
+            return self.state[:, self.names.index(name)]
+
+    estimates = Seen(names=names, index=index, state=state, deviation=sure, angle_deviation=np.full(N, angle_deviation))
+    fit = Fit((1.0, 1.0), (1.0, 1.0), 1.0, 0.5, angle_error_rms=angle_error, rate_error_rms=rate_error)
+    return SimpleNamespace(estimates=estimates, held_out=fit)
+
+
+def test_a_reference_votes_on_rate_and_angle() -> None:
+    random = np.random.default_rng(2)
+    channels = {"rate": 0.1 + 0.02 * random.standard_normal(N)}
+    problem = replace(PROBLEM, record=replace(RECORD, channels=channels), settings=ObserverSettings(memory=0.01))
+    calm = np.zeros(N)
+    before, after = examined(calm, 0.041, 0.03), examined(calm, 0.038, 0.05)
+    rate, angle = claims._votes(problem, before, after, SPLIT)
+    assert (rate.errors.before, rate.errors.after) == (0.03, 0.05)
+    assert rate.errors.floor == pytest.approx(0.03)  # what it was: more than is to be expected
+    assert rate.errors.samples == pytest.approx(400 / 4000.0 / 0.01)
+    assert not rate.errors.at_floor
+    assert (angle.errors.before, angle.errors.after, angle.errors.samples) == (0.041, 0.038, 1.0)
+    assert angle.errors.floor == pytest.approx(np.hypot(0.002, 0.02 / 4000.0 * 20.0), rel=0.1)
+    quiet = claims._votes(problem, examined(calm, 0.041, 0.001), after, SPLIT)[0]
+    assert quiet.errors.floor == pytest.approx(np.hypot(0.01, 0.02), rel=0.1)  # its own, and the reference's noise
+    assert claims._votes(PROBLEM, before, after, SPLIT) == ()
+
+
+def test_a_rate_may_walk_as_far_as_is_declared() -> None:
+    settings = ObserverSettings(spread=Spread(rate=0.3), process_noise=ProcessNoise(rate=0.8))
+    rate = np.zeros(N)
+    rate[100], rate[700] = 9.0, -5.0  # only the part held out counts
+    (found,) = claims._rate(replace(PROBLEM, settings=settings), examined(rate, 0.0, 0.0), SPLIT)
+    assert (found.name, found.value, found.declared) == ("rate", -5.0, 0.0)
+    assert found.deviation == pytest.approx(np.hypot(0.3, 0.8 * np.sqrt(N / 4000.0)))
+    assert found.high == pytest.approx(-5.0 + 1.96 * 0.01, abs=1e-4)
+
+
+@pytest.mark.parametrize(("share", "said"), [(Estimate(1.0, 0.9, 1.1), 1), (Estimate(0.5, 0.4, 0.6), 0)])
+def test_a_level_is_in_volts_where_all_beyond_is_lost(share: Estimate, said: int) -> None:
+    sense = np.zeros((N, 2))
+    sense[10], sense[900] = 5.0, (0.08, -0.09)
+    effects = {"sense_clipping": {"clx": share}}
+    selection = SimpleNamespace(effects={"sense_clipping": {"level": 1e-4}})
+    found = claims._levels(replace(PROBLEM, record=replace(RECORD, sense=sense)), selection, effects, SPLIT)
+    assert len(found) == said
+    for level in found:
+        assert (level.low, level.high) == (pytest.approx(-0.089), pytest.approx(0.089))
+        assert (level.lowest, level.highest, level.noise) == (0.0, 0.08, 1e-4)
+
+
+# -- free runs -------------------------------------------------------------------------------------------------------
+
+
+SOFT = Constant("kxx", 46.0, 45.0, 47.0, declared=1191.0, deviation=119.0)
+
+
+@pytest.mark.parametrize(
+    ("claim", "verdict"),
+    [
+        (Claim(Errors(9.0, 1.05, 1.0, 1e4), {"a": {"c": SURE}}), Verdict.EXPLAINED),
+        (Claim(Errors(9.0, 2.0, 1.0, 1e4), {"a": {"c": SURE}}), Verdict.PARTLY),
+        (Claim(Errors(9.0, 8.0, 1.0, 1e4), {"a": {"c": SURE}}), Verdict.UNEXPLAINED),
+        (Claim(Errors(1.8, 12.0, 1.0, 1e4), {"a": {"c": SURE}}), Verdict.UNEXPLAINED),
+        (Claim(Errors(9.0, 1.0, 1.0, 1e4), {"a": {"c": SURE}}, (SOFT,)), Verdict.PARTLY),
+        (Claim(Errors(2.0, 2.0, 1.0, 1e4), {}), Verdict.ADEQUATE),
+        (Claim(Errors(4.0, 4.0, 1.0, 1e4), {}), Verdict.UNEXPLAINED),
+    ],
+)  # fmt: skip
+def test_a_free_run_stands_before_the_same_guards(claim: Claim, verdict: Verdict) -> None:
+    assert free_run._judged(claim)[0] is verdict
+
+
+def test_a_free_run_loses_what_may_be_nothing_and_what_is_minor(monkeypatch: pytest.MonkeyPatch) -> None:
+    def less(part, found, names, skip):
+        kept = {name: gain for name, gain in found.evidence.items() if name not in names}
+        return SimpleNamespace(evidence=kept, effects=tuple(kept))
+
+    estimates = {"cubic_stiffness": SURE, "drag": NOTHING, "sense_cubic": SURE}
+    monkeypatch.setattr(free_run, "without", less)
+    monkeypatch.setattr(
+        free_run,
+        "_claim",
+        lambda part, found, later: Claim(
+            Errors(30.0, 3.0, 1.0, 1e4), {name: {"c": estimates[name]} for name in found.effects}
+        ),
+    )
+    evidence = {"cubic_stiffness": 26_193.0, "drag": 3_611.0, "sense_cubic": 110.0}
+    start = SimpleNamespace(evidence=evidence, effects=tuple(evidence))
+    found, claim, why = free_run._promised(PROBLEM, start, RECORD)
+    assert found.effects == ("cubic_stiffness",)
+    assert "may as well be nothing" in why["drag"]
+    assert "gains 110" in why["sense_cubic"]
+    assert set(claim.effects) == {"cubic_stiffness"}
+
+
+# -- what is turned down ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outcome", "reason", "says"),
+    [
+        (Outcome.TOO_DEAR, "gains 45e3, and 9e9 would be needed", "no more than chance"),
+        (Outcome.OBJECTED, "it does not predict the rest better", "it does not predict the rest better"),
+        (Outcome.BEATEN, "another explains more", "drive gain explains more for its price"),
+        (Outcome.AFTER, "follows drag, which is worse", "follows drag, which is worse"),
+    ],
+)
+def test_a_candidate_that_was_carried_is_told_with_what_it_gained(outcome: Outcome, reason: str, says: str) -> None:
+    said = tried_reason(Tried("a", outcome, reason, Score(0.0, 45_000.0, 1.0, 9.0), {}), "drive_gain")
+    assert said == f"carried, it gains 4.5e+04 in twice the log-likelihood{': ' if 'chance' in says else '; '}{says}"
+
+
+def test_a_candidate_without_a_model_is_told_by_its_reason() -> None:
+    assert tried_reason(Tried("a", Outcome.IMPOSSIBLE, "no run with it", None, {}), None) == "no run with it"

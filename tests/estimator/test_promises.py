@@ -1,0 +1,148 @@
+"""What "explained" promises (docs/reference/trace.md): a claim that holds, and each promise broken by itself."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.trace import promises
+from estimator.trace.engine import Estimate
+from estimator.trace.promises import Claim, Constant, Errors, Level, Vote
+
+SURE = Estimate(0.05, 0.04, 0.06)
+HOLDS = Claim(
+    residual=Errors(before=3.0, after=1.0, floor=1.0, samples=1e5, gain=900.0),
+    effects={"drive_gain": {"hx": SURE, "hy": Estimate(0.001, -0.002, 0.004)}},
+    constants=(Constant("dxx", 1.1, 1.0, 1.2, declared=1.0, deviation=0.5, positive=True),),
+    levels=(Level("sense_clipping", -1.0, 1.0, lowest=-0.99, highest=1.002, noise=1e-3),),
+    votes=(Vote("error of the angle", "rad", Errors(0.2, 0.01, 0.01, samples=1.0)),),
+)
+
+
+def guards_against(claim: Claim) -> set[str]:
+    return {guard.__name__ for guard in promises.GUARDS if guard(claim)}
+
+
+def test_what_holds_has_nothing_against_it() -> None:
+    assert promises.broken(HOLDS) == ()
+    assert promises.holds_in_part(HOLDS)
+
+
+@pytest.mark.parametrize(
+    ("guard", "part"),
+    [
+        ("fell", {"residual": Errors(3.0, 1.0, 1.0, 1e5, gain=-0.1)}),
+        ("at_floor", {"residual": Errors(3.0, 1.11, 1.0, 1e5, gain=900.0)}),
+        ("signs", {"effects": {"dry_friction": {"fx": Estimate(-2.0, -3.0, -1.0, positive=True)}}}),
+        ("signs", {"effects": {"drive_gain": {"hx": Estimate(-2.0, -2.1, -1.9)}}}),
+        ("beyond_zero", {"effects": {"dry_friction": {"fx": Estimate(0.5, -0.1, 1.1, positive=True)}}}),
+        ("beyond_zero", {"effects": {"drag": {"dqx": Estimate(0.5, math.nan, math.nan)}}}),
+        ("constants", {"constants": (Constant("kxx", 1.22, 1.21, 1.23, declared=1.0, deviation=0.05),)}),
+        ("constants", {"constants": (Constant("kxx", 0.78, 0.77, 0.79, declared=1.0, deviation=0.05),)}),
+        ("constants", {"constants": (Constant("dxx", -0.9, -1.0, -0.8, declared=0.9, deviation=0.6, positive=True),)}),
+        ("levels", {"levels": (Level("saturation", 0.2, 5.2, lowest=0.2, highest=5.8, noise=1e-3),)}),
+        ("levels", {"levels": (Level("saturation", 0.2, 5.2, lowest=0.1, highest=5.2, noise=1e-3),)}),
+        ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.22, 0.24, 0.003, samples=1.0)),)}),
+        ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.041, 0.038, 0.003, samples=1.0)),)}),
+        ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.041, math.nan, 0.003, samples=1.0)),)}),
+    ],
+)
+def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: dict) -> None:
+    claim = replace(HOLDS, **part)
+    assert guards_against(claim) == {guard}
+    (sentence,) = promises.broken(claim)
+    assert sentence
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"residual": Errors(3.0, 1.09, 1.0, 1e5, gain=0.1)},
+        {"effects": {"dry_friction": {"fx": Estimate(-0.1, -0.3, 0.1, positive=True), "fy": SURE}}},
+        {"effects": {"drive_gain": {"hx": Estimate(-0.95, -0.99, -0.91)}}},
+        {"effects": {"drag": {"dqx": Estimate(-0.05, -0.06, -0.04)}}},  # not declared positive
+        {"constants": (Constant("kxx", 1.19, 1.18, 1.20, declared=1.0, deviation=0.05),)},
+        {"constants": (Constant("kxx", 1.3, 1.1, 1.5, declared=1.0, deviation=0.05),)},  # may as well lie within
+        {"constants": (Constant("kxy", -0.1, -0.11, -0.09, declared=0.0, deviation=0.05),)},
+        {"constants": (Constant("kxx", math.nan, math.nan, math.nan, declared=1.0, deviation=0.05),)},
+        {"levels": (Level("saturation", 0.2, 5.2, lowest=0.195, highest=5.205, noise=1e-3),)},
+        {"votes": (Vote("error of the angle", "rad", Errors(0.0061, 0.0062, 0.003, samples=1.0)),)},  # to be expected
+        {"votes": (Vote("error of the angle", "rad", Errors(0.040, 0.020, 0.003, samples=1.0)),)},
+        {"votes": ()},
+    ],
+)
+def test_what_is_within_the_promise_is_let_through(part: dict) -> None:
+    assert guards_against(replace(HOLDS, **part)) == set()
+
+
+def test_a_residual_without_a_likelihood_falls_by_its_rms() -> None:
+    assert Errors(1.8, 1.79, 1.0).fell
+    assert not Errors(1.8, 1.8, 1.0).fell
+    assert not Errors(1.8, math.nan, 1.0).fell
+    claim = replace(HOLDS, residual=Errors(1.8, 12.0, 1.0, 1e5))
+    assert guards_against(claim) == {"fell", "at_floor"}
+    assert "rose from 1.8 to 12 ×" in promises.fell(claim)[0]
+
+
+def test_the_floor_is_allowed_a_tenth_more_or_what_chance_makes_of_few_samples() -> None:
+    """By draws of the residual: of complete models one in a hundred is turned away where samples are few."""
+    assert Errors(9.0, 1.1, 1.0, 1e6).at_floor
+    assert not Errors(9.0, 1.101, 1.0, 1e6).at_floor
+    assert not Errors(9.0, 1.101, 1.0).at_floor
+    random = np.random.default_rng(5)
+    left = np.sqrt(np.mean(random.standard_normal((20_000, 30)) ** 2, axis=1))
+    floor = np.sqrt(np.mean(random.standard_normal((20_000, 45)) ** 2, axis=1))
+    turned_away = [not Errors(9.0, a, b, 30, 45).at_floor for a, b in zip(left[:4000], floor[:4000], strict=True)]
+    assert np.mean(turned_away) == pytest.approx(0.01, abs=0.005)
+    exact = [not Errors(9.0, a, 1.0, 30).at_floor for a in left[:4000]]
+    assert np.mean(exact) == pytest.approx(0.01, abs=0.005)
+
+
+def test_the_middle_between_right_and_chance_is_no_gain() -> None:
+    """Coefficients c found elsewhere, where the truth is c and where it is 0: as often below 0 as above."""
+    random = np.random.default_rng(7)
+    c, signal = 3.0, np.ones(50) / math.sqrt(50.0)
+    gains: dict[float, list[float]] = {0.0: [], c: []}
+    for truth, found in gains.items():
+        for noise in random.standard_normal((4000, 50)):
+            seen = truth * signal + noise
+            found.append(float(np.sum(seen**2) - np.sum((seen - c * signal) ** 2)))
+    wrong = np.mean(np.array(gains[0.0]) > 0.0), np.mean(np.array(gains[c]) <= 0.0)
+    assert wrong[0] == pytest.approx(wrong[1], abs=0.02)
+    assert Errors(1.0, 1.0, 1.0, gain=1e-3).fell
+    assert not Errors(2.0, 1.0, 1.0, gain=0.0).fell
+
+
+def test_the_share_is_of_the_power_above_the_floor() -> None:
+    assert Errors(3.0, math.sqrt(3.0), 1.0).share == pytest.approx(0.75)
+    assert Errors(3.0, 0.9, 1.0).share == 1.0
+    assert Errors(2.0, 3.0, 1.0).share == pytest.approx(1.0 - 8.0 / 3.0)
+    assert Errors(0.9, 0.8, 1.0).share == 0.0
+    assert Errors(0.9, 0.8, 1.0).nothing_above
+    assert not Errors(1.1, 0.8, 1.0).nothing_above
+    assert Errors(3.0, math.nan, 1.0).share == 0.0
+
+
+@pytest.mark.parametrize(
+    ("claim", "holds"),
+    [
+        (replace(HOLDS, residual=Errors(3.0, 2.2, 1.0, 1e5)), True),  # 1 − 3.84/8 = 0.52
+        (replace(HOLDS, residual=Errors(3.0, 2.3, 1.0, 1e5)), False),  # 0.46
+        (replace(HOLDS, residual=Errors(3.0, 2.0, 1.0, 1e5, gain=-5.0)), False),
+        (replace(HOLDS, effects={}), False),
+        (replace(HOLDS, effects={"drag": {"dqx": Estimate(0.1, -0.1, 0.3)}}), False),
+        (replace(HOLDS, effects={"dry_friction": {"fx": Estimate(-2.0, -3.0, -1.0, positive=True)}}), False),
+        (replace(HOLDS, levels=(Level("saturation", 0.2, 5.2, 0.2, 5.8, 1e-3),)), False),
+        (replace(HOLDS, votes=(Vote("error of the angle", "rad", Errors(0.2, 0.2, 0.01, 1.0)),)), False),
+        (replace(HOLDS, constants=(Constant("kxx", 1.3, 1.29, 1.31, 1.0, 0.05),)), True),  # told beside it
+    ],
+)
+def test_a_part_is_explained_by_most_of_it(claim: Claim, holds: bool) -> None:
+    assert promises.holds_in_part(claim) is holds
+
+
+def test_the_dominant_effects_are_named() -> None:
+    assert promises.minor({"cubic_stiffness": 191_500.0, "drag": 646.0, "sense_gain": 30_000.0}) == ("drag",)
+    assert promises.minor({"a": 5.0}) == ()
+    assert promises.minor({}) == ()
