@@ -222,6 +222,22 @@ def test_what_accounted_for_one_stop_does_not_for_the_next(armed: Armed) -> None
     assert "never late" in armed.ends(TRIPPED)
 
 
+def test_what_the_board_had_missed_before_it_was_armed_accounts_for_nothing() -> None:
+    """Its counts are since its start; the host's since ARM (rule 6), the first as any later."""
+    with connected() as ends:
+        armed = Armed(*ends)
+        armed.lossy()
+        armed.to_arm = status(State.ARMED, SafeReason.NONE, tick=TICK, lost_seq=7)
+        armed.board.arm()
+        assert "no frame was lost" in armed.ends(TRIPPED._replace(lost_seq=7))
+    with connected() as ends:
+        armed = Armed(*ends)
+        armed.board.arm()
+        armed.to_arm = status(State.ARMED, SafeReason.NONE, tick=TICK, lost_seq=7)
+        assert armed.attend(TRIPPED._replace(lost_seq=7)) is not None
+        assert "no frame was lost" in armed.ends(TRIPPED._replace(lost_seq=7))
+
+
 def test_it_is_armed_again_so_many_times_at_most(armed: Armed) -> None:
     for _ in range(REARM):
         armed.late()

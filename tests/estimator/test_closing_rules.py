@@ -1,0 +1,235 @@
+"""The closing scan's rules that need no observer: docs/decisions/closing-scan.md, and the closed forms of how far the
+angle is off. The scans themselves are in test_completeness.py.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+from estimator.completeness.answer import Lacking, Outcome
+from estimator.completeness.closing import _is_of_the_rate, closing_scan, information_of, require_scannable, together
+from estimator.completeness.lacking import HARMLESS, angle_of, in_words, price, signed, tries
+from estimator.completeness.stretch import Stretch
+from estimator.completeness.turning import Turning
+from estimator.errors import ModelError
+from estimator.trace.diagnosis import Interval
+from estimator.trace.record import Record
+from estimator.trace.scan import Scan
+from tests.estimator.test_scan import DEVICE, SETTINGS
+
+RATE_HZ = DEVICE.sample_rate
+SINGLE = replace(
+    DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=DEVICE.sense_gain[:1],
+    noise=DEVICE.noise[:1],
+)  # fmt: skip
+CYCLE = RATE_HZ * 2.0 * math.pi / math.sqrt(DEVICE.target)
+"""Samples in a cycle of the resonance."""
+ENOUGH = max(2000, math.ceil(100.0 * CYCLE))
+
+
+def record(samples: int = ENOUGH) -> Record:
+    """Both channels swing, driven."""
+    swing = np.sin(np.arange(samples)[:, None] + np.array([0.0, 1.0]))
+    return Record(swing, swing[:, :, None], np.full(samples, 1.0 / RATE_HZ))
+
+
+def stretch(found: Record) -> Stretch:
+    return Stretch(found, 0.0)
+
+
+def refused(*found: Record, device=DEVICE) -> str:
+    with pytest.raises(ModelError) as told:
+        require_scannable([stretch(one) for one in found], device)
+    return str(told.value)
+
+
+def test_a_record_of_enough_cycles_and_samples_can_be_scanned() -> None:
+    require_scannable([stretch(record())], DEVICE)
+    require_scannable([stretch(record()), stretch(record(50))], DEVICE)  # the first one decides
+
+
+def test_what_says_nothing_of_a_model_is_refused_with_its_reason() -> None:
+    assert "are too few" in refused(record(ENOUGH // 2))
+    assert "a single sample is too few" in refused()
+    slow = replace(record(), step=np.full(ENOUGH, 0.1 / RATE_HZ))  # as many samples, a tenth of the cycles
+    assert "cycles of the resonance, are too few" in refused(slow)
+    quick = replace(record(1000), step=np.full(1000, 1.0))
+    assert "1000 samples" in refused(quick)
+    assert "a single axis has no angle" in refused(record(), device=SINGLE)
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+def test_a_dead_channel_is_told(channel: int) -> None:
+    sense = record().sense.copy()
+    sense[:, channel] = 0.0
+    assert "a sense channel is dead" in refused(replace(record(), sense=sense))
+    assert "a sense channel is dead" in refused(record(), replace(record(), sense=sense))  # in any stretch
+    drive = record().drive.copy()
+    drive[7, channel] = np.nan
+    assert "is dead" in refused(replace(record(), drive=drive))
+
+
+def test_half_of_the_samples_may_be_lost_and_no_more() -> None:
+    def lost(every: int) -> Record:
+        sense = record().sense.copy()
+        sense[::every] = np.nan
+        return replace(record(), sense=sense)
+
+    require_scannable([stretch(lost(3))], DEVICE)
+    sense = lost(3).sense.copy()
+    sense[1::3] = np.nan
+    assert refused(replace(record(), sense=sense)).startswith("67% of the samples are lost")
+
+
+def test_a_run_that_cannot_be_judged_is_unknown_with_its_reason_and_size() -> None:
+    short = [stretch(record(10)), stretch(record(30))]
+    found = closing_scan(short, DEVICE, SETTINGS, None, scored_s=(0.0, 1.0))
+    assert (found.outcome, found.samples, found.seconds) == (Outcome.UNKNOWN, 40, pytest.approx(40 / RATE_HZ))
+    assert found.reason.startswith("not scanned: 10 samples")
+
+
+# ------------------------------------------------------------------------------------------- what it does to the angle
+
+
+def test_the_angle_is_off_by_what_the_coefficients_move_it_at_its_worst() -> None:
+    """Against SciPy: the 95 % interval of a normal combination of two coefficients that go with each other."""
+    moves = np.array([[0.0, 0.0], [1.0, -2.0], [-3.0, 1.0]])
+    values, covariance = np.array([0.4, 0.1]), np.array([[4e-3, 1e-3], [1e-3, 9e-3]])
+    found = angle_of(moves, values, covariance)
+    drawn = multivariate_normal(values, covariance, seed=1).rvs(400_000) @ moves[2]
+    assert found.value == pytest.approx(1.1)  # −3 × 0.4 + 0.1, whichever way
+    low, high = norm.interval(0.95, 1.1, drawn.std())
+    assert (found.low, found.high, found.unit) == (pytest.approx(low, rel=0.01), pytest.approx(high, rel=0.01), "rad")
+
+
+def test_the_interval_of_a_size_does_not_go_below_nothing() -> None:
+    assert angle_of(np.array([[1.0]]), np.array([-0.01]), np.array([[1.0]])).low == 0.0
+
+
+def turning() -> Turning:
+    sensitivity = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
+    return Turning({"a": slice(0, 1), "b": slice(1, 3)}, np.array([5.0, 9.0]), sensitivity, np.zeros(2), np.zeros(2))
+
+
+def test_effects_that_are_there_add_up_shifts_as_they_are_and_deviations_as_squares() -> None:
+    moved = turning().with_shift("a", np.array([0.5]), np.array([[0.04]]))
+    np.testing.assert_allclose(moved.shift, [0.0, 0.5])
+    np.testing.assert_allclose(moved.deviation, [0.0, 0.2])
+    covariance = np.array([[0.01, 0.002], [0.002, 0.04]])
+    more = moved.with_shift("b", np.array([-0.1, 0.2]), covariance)
+    np.testing.assert_allclose(more.shift, [0.0, 0.5 - 0.2 + 0.6])
+    spread = 2.0**2 * 0.01 + 3.0**2 * 0.04 + 2.0 * 2.0 * 3.0 * 0.002
+    np.testing.assert_allclose(more.deviation, [0.0, math.sqrt(0.2**2 + spread)])
+    np.testing.assert_array_equal(more.of("b"), turning().sensitivity[:, 1:])
+
+
+# ----------------------------------------------------------------------------------------------------------- judging
+
+
+def test_a_line_is_one_of_half_as_many_as_there_are_samples() -> None:
+    assert tries({"omega": 1.0}, 1000) == 500
+    assert tries({"omega": 1.0}, 1) == 1
+    assert tries({"cycles": 1.0}, 1000) == 1
+
+
+def test_two_numbers_cost_twice_as_much_and_a_longer_record_more() -> None:
+    """Schwarz: twice the log-likelihood is worth ln n for each number."""
+    one, two = price("cubic_stiffness", DEVICE, record()), price("drive_gain", DEVICE, record())
+    per_number = math.log(2 * ENOUGH)
+    for found in (one, two):
+        assert found / per_number == pytest.approx(round(found / per_number))
+    longer = price("drive_gain", DEVICE, record(10 * ENOUGH))
+    assert longer - two == pytest.approx(two / per_number * math.log(10.0))
+
+
+@pytest.mark.parametrize(
+    ("share", "power", "rates"),
+    [(1.02, 0.5, True), (0.98, 0.5, True), (1.02, 2.0, False), (1.2, 0.5, False), (0.8, 0.5, False)],
+)
+def test_a_weak_line_beside_the_resonance_is_what_a_rate_leaves(share: float, power: float, rates: bool) -> None:
+    """It must hold a hundredth of the power to be a line."""
+    seen = scan_of(innovation=np.zeros((1000, 2)))
+    line = {"omega": share * math.sqrt(DEVICE.target)}
+    assert _is_of_the_rate(line, power * 0.01 * 2000, DEVICE, seen) is rates
+
+
+def test_what_has_no_frequency_is_no_line() -> None:
+    assert not _is_of_the_rate({}, 0.0, DEVICE, scan_of(innovation=np.zeros((1000, 2))))
+
+
+def scan_of(**known: np.ndarray) -> Scan:
+    """Two coefficients of the drive gain, one of another effect; nothing else is looked at."""
+    usual = {
+        "normal": np.arange(18.0).reshape(2, 3, 3),
+        "score": np.arange(6.0).reshape(2, 3),
+        "plausible": np.array([0.05, 0.06, 2.0]),
+        "innovation": np.ones((4, 2)),
+        "deviation": np.ones((4, 2)),
+        "course": np.zeros((3, 3)),
+    }
+    return Scan({"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}, observer=None, **(usual | known))  # type: ignore[arg-type]
+
+
+def test_stretches_are_judged_as_one_record() -> None:
+    first, second = scan_of(), scan_of(innovation=2.0 * np.ones((6, 2)), deviation=np.ones((6, 2)))
+    both = together([first, second])
+    assert both.normal.shape == (4, 3, 3)
+    np.testing.assert_array_equal(both.normal.sum(axis=0), 2.0 * first.normal.sum(axis=0))
+    np.testing.assert_array_equal(both.score.sum(axis=0), 2.0 * first.score.sum(axis=0))
+    assert both.ratio == pytest.approx(math.sqrt((4 + 6 * 4) / 10))
+    assert len(both.course) == 6
+
+
+def test_what_was_watched_goes_to_the_budget_with_its_symbols_sizes_and_sensitivities() -> None:
+    """The sensitivity has effects that were carried meanwhile, and stand in another place."""
+    columns = {"sense_gain": slice(0, 1), "other": slice(1, 2), "drive_gain": slice(2, 4)}
+    sensitivity = np.array([[0.0] * 4, [1.0, 2.0, 3.0, 4.0]])
+    moved = Turning(columns, np.array([0.0, 1.0]), sensitivity, np.array([0.0, 0.3]), np.array([0.0, 0.4]))
+    loud = scan_of(innovation=3.0 * np.ones((4, 2)))
+    found = information_of(loud, moved, DEVICE)
+    assert [(c.effect, c.symbol, c.plausible) for c in found.coefficients] == [
+        ("drive_gain", "hx", 0.05), ("drive_gain", "hy", 0.06), ("sense_gain", "gy", 2.0)
+    ]  # fmt: skip
+    np.testing.assert_array_equal(found.sensitivity, [[0.0] * 3, [3.0, 4.0, 1.0]])
+    np.testing.assert_array_equal(found.normal, loud.normal[0] + loud.normal[1])
+    np.testing.assert_array_equal(found.score, loud.score[0] + loud.score[1])
+    assert found.widening == 3.0
+    assert information_of(scan_of(innovation=0.5 * np.ones((4, 2))), moved, DEVICE).widening == 1.0
+    np.testing.assert_allclose(found.found, [0.0, 0.5])
+
+
+# ------------------------------------------------------------------------------------------------------------ in words
+
+
+def lacking(effect: str, angle: float, alike: tuple[str, ...] = ()) -> Lacking:
+    size = {"hx": Interval(-0.02, -0.021, -0.019, "1"), "tx": Interval(3e-6, 2e-6, 4e-6, "s")}
+    return Lacking(effect, effect, size, 100.0, Interval(angle, 0.0, 2 * angle, "rad"), alike)
+
+
+def test_what_is_lacking_is_named_with_size_and_angle() -> None:
+    words = in_words([lacking("drive_gain", 0.31, ("sense_gain",))], [lacking("clipping", 0.01)], [], 30)
+    first, second = words.split("; the angle may be off by 0.31 rad; ")
+    assert first == "lacks drive_gain (or sense_gain): hx −0.02 ± 0.001, tx +3e−06 ± 1e-06 s"
+    assert second.startswith("lacks clipping: hx")
+
+
+def test_what_is_harmless_is_told_as_such() -> None:
+    words = in_words([], [lacking("clipping", 0.01)], [], 30)
+    assert words.startswith("nothing that matters is lacking: lacks clipping: ")
+    assert pytest.approx(1.0 / 3.0) == HARMLESS
+
+
+def test_what_no_effect_explains_is_told() -> None:
+    alone = in_words([], [], ["a line at 50 Hz", "low frequencies"], 30)
+    assert alone == "the residual is explained by no effect known: a line at 50 Hz, low frequencies"
+    beside = in_words([], [lacking("clipping", 0.01)], ["a line at 50 Hz"], 30)
+    assert beside.startswith("beside what is harmless, the residual is explained by no effect known: a line at 50 Hz; ")
+    assert "lacks clipping" in beside
+
+
+def test_nothing_at_all_says_how_much_was_looked_for() -> None:
+    assert in_words([], [], [], 30) == "none of the 30 effects looked for explains more than chance would"
+    assert (signed(0.02), signed(-0.02)) == ("+0.02", "−0.02")
