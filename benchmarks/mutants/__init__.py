@@ -2,11 +2,12 @@
 
 A change that no test notices, a survivor, is either no change of what is promised, or a promise that is not tested.
 
-    python -m benchmarks.mutants [MODULE …] [--sample 20] [--seed 1] [--tests FILE …] [--line N …]
+    python -m benchmarks.mutants [MODULE …] [--sample 20] [--seed 1] [--line N …] [--tests FILE …] [--slow]
 
 MODULE is one of those in `benchmarks.mutants.belong`, or any other with `--tests`. The module is changed in memory, for
 the tests and for every process that they start; no file is touched. The tests are those of the module that are neither
-`slow` nor `realtime`. A trial that takes much longer than the tests without a change counts as noticed.
+`slow` nor `realtime`, with `--slow` these too. A trial that takes much longer than the tests without a change counts as
+noticed.
 """
 
 from typing import NamedTuple
@@ -45,9 +46,10 @@ def survivors(
     sample: int = SAMPLE,
     seed: int = SEED,
     lines: frozenset[int] = frozenset(),
+    slow: bool = False,
 ) -> Found:
     """Try a sample of the changes to a module, or all of those on `lines`, and say each that no test notices."""
-    trials = Trials(module, tests)
+    trials = Trials(module, tests, slow=slow)
     chosen = trials.chosen(sample, seed, lines)
     say(f"{module}: {len(chosen)} of {trials.possible} changes, {trials.seconds:.1f} s of tests each")
     left = 0

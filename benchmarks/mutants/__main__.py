@@ -19,6 +19,7 @@ def main() -> int:
     parser.add_argument("--sample", type=int, default=mutants.SAMPLE, help=f"changes, default {mutants.SAMPLE}")
     parser.add_argument("--seed", type=int, default=mutants.SEED, help=f"of the sample, default {mutants.SEED}")
     parser.add_argument("--line", type=int, nargs="+", default=[], help="every change on these lines, no sample")
+    parser.add_argument("--slow", action="store_true", help="those marked slow and realtime, too")
     options = parser.parse_args()
     left = 0
     for module in options.module or TESTS:
@@ -32,6 +33,7 @@ def main() -> int:
             sample=options.sample,
             seed=options.seed,
             lines=frozenset(options.line),
+            slow=options.slow,
         )
         left += found.left
     return int(left > 0)

@@ -1,4 +1,8 @@
-"""Which tests belong to which module: those that say what it promises, and take seconds."""
+"""Which tests belong to which module: those that say what it promises, and take seconds.
+
+`hil.loop.supervision` is not here: what it promises is about processes that die, and its tests take real time. Name
+them with `--tests` and `--slow`.
+"""
 
 _STOPS = ["tests/loop/test_armed.py", "tests/verdict/test_safety.py"]
 _KEYED = ["tests/wire/test_sessions.py", "tests/wire/test_keyed.py::test_the_counter_ends_and_does_not_wrap"]
@@ -49,7 +53,6 @@ TESTS: dict[str, list[str]] = {
     "hil.loop.signs": ["tests/loop/test_signs.py"],
     "hil.loop.stopping": ["tests/loop/test_stopping.py"],
     "hil.loop.stops": _STOPS,
-    "hil.loop.supervision": ["tests/cli/test_processes.py"],
     "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": _BLOCKS,
     "hil.records.check": ["tests/records/test_check_rules.py"],

@@ -33,11 +33,11 @@ class Trials:
         seconds: what the tests take without a change, in which they have to pass.
     """
 
-    def __init__(self, module: str, tests: list[str]) -> None:
+    def __init__(self, module: str, tests: list[str], *, slow: bool = False) -> None:
         spec = importlib.util.find_spec(module)
         if spec is None or spec.origin is None:
             raise SystemExit(f"no module {module}")
-        self._module, self._tests = module, tests
+        self._module, self._tests = module, tests if slow else ["-m", "not slow and not realtime", *tests]
         self._all = mutants(Path(spec.origin).read_text(encoding="utf-8"))
         self.path = Path(spec.origin).relative_to(Path.cwd())
         self.possible = len(self._all)
@@ -107,7 +107,7 @@ class Trials:
             hook.install()
             import pytest
 
-            options = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not realtime", "--no-header"]
+            options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header"]
             code = int(pytest.main([*options, *self._tests]))
         except BaseException as error:  # of a change that breaks the import of the tests' own plugin, too
             print(f"{type(error).__name__}: {error}")

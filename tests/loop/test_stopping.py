@@ -204,15 +204,18 @@ def test_a_tick_that_cannot_be_does_not_hide_a_drive(ends: tuple[Endpoint, Far],
         assert stop(host).confirmed
 
 
-def test_a_board_that_does_not_answer_and_drives_on_is_told_as_such(ends: tuple[Endpoint, Far]) -> None:
+@pytest.mark.parametrize("drive", [(30, -7), (30, 0), (0, -7)])
+def test_a_board_that_does_not_answer_and_drives_on_is_told_as_such(
+    ends: tuple[Endpoint, Far], drive: tuple[int, int]
+) -> None:
     host, far = ends
 
     def drives(message: Message) -> list[Message]:
         far.tick += 1
-        return [rows((30, -7))]
+        return [rows(drive)]
 
     far.answer = drives
-    assert stop(host).why.endswith("and SENSE still shows a drive, codes 30 and -7")
+    assert stop(host).why.endswith(f"and SENSE still shows a drive, codes {drive[0]} and {drive[1]}")
     assert far.count(Safe) <= 8  # however much it says
 
 
