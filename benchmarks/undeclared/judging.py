@@ -52,9 +52,12 @@ class Judgement:
 
     @property
     def right(self) -> bool:
-        """The best answer of its category: the class named first; nothing named where nothing is to be named."""
-        best = {"clean": "adequate", "never": "adequate", "outside": "unexplained"}.get(self.category)
-        return self.first_class if best is None else self.verdict == best
+        """The best answer of its category: the class named first; nothing named where nothing is to be named, or what
+        acts like it, with what is left.
+        """
+        nothing = ("adequate",)
+        best = {"clean": nothing, "never": nothing, "outside": ("unexplained", "partly explained")}.get(self.category)
+        return self.first_class if best is None else self.verdict in best
 
     @property
     def surplus(self) -> int:

@@ -92,7 +92,7 @@ def _draw(path: Path, confusion: Mapping[str, Mapping[str, int]], right: Set[tup
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    verdicts = ["adequate", "unexplained", "refused"]
+    verdicts = ["adequate", "partly explained", "unexplained", "refused"]
     rows = sorted(confusion, key=lambda row: (row == NOTHING, row))
     named = {column for counts in confusion.values() for column in counts}
     columns = [row for row in rows if row in named]

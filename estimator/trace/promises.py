@@ -54,6 +54,8 @@ class Errors:
         Coefficients that were found elsewhere and would gain g, were they right, lose g where nothing of the kind is
         there: 0 is the middle.
         """
+        if not math.isfinite(self.after):
+            return False
         return self.after < self.before if self.gain is None else self.gain > 0.0
 
     @property

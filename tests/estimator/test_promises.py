@@ -80,6 +80,7 @@ def test_a_residual_without_a_likelihood_falls_by_its_rms() -> None:
     assert Errors(1.8, 1.79, 1.0).fell
     assert not Errors(1.8, 1.8, 1.0).fell
     assert not Errors(1.8, math.nan, 1.0).fell
+    assert not Errors(1.8, math.nan, 1.0, gain=1e6).fell  # samples that are no numbers have no likelihood
     claim = replace(HOLDS, residual=Errors(1.8, 12.0, 1.0, 1e5))
     assert guards_against(claim) == {"fell", "at_floor"}
     assert "rose from 1.8 to 12 ×" in promises.fell(claim)[0]

@@ -67,7 +67,7 @@ def test_limits_of_the_rate_sensors(tmp_path):
         assert row.before == pytest.approx(before, abs=1e-3)
         assert row.after < after
         assert {"saturation", "soft_saturation"} & set(row.effects)
-        assert row.verdict == "explained"
+        assert row.verdict == "partly explained"
     assert rows["crh02 ±400 °/s"].verdict == "unexplained"
 
 

@@ -87,6 +87,8 @@ def test_a_wrong_name_is_misnamed_unless_something_is_confusable_with_it() -> No
         said("explained", ("cubic_stiffness", {}), confusable=[("cubic_stiffness", "dry_friction", None)]),
     )
     silent = judge(truth("outside", BACKLASH), said("unexplained", ("cubic_stiffness", {})))
+    reserved = judge(truth("outside", BACKLASH), said("partly explained", ("cubic_stiffness", {})))
+    assert (reserved.right, reserved.misnamed, reserved.column) == (True, False, "partly explained")
     assert [j.misnamed for j in (wrong, careful, silent)] == [True, False, False]
     assert silent.column == "unexplained"
     assert summarise([wrong, careful, silent])["outside"] == {
