@@ -65,8 +65,9 @@ def separate(
 
 
 def separable(diagnosis: Diagnosis) -> list[Confusable]:
-    """Pairs that an experiment would tell apart."""
-    return [pair for pair in diagnosis.confusable if pair.separate_by is not None]
+    """Pairs that an experiment would tell apart which a run can make; a clock or a weight is compared by hand."""
+    possible = {experiment.words for experiment in EXPERIMENTS}
+    return [pair for pair in diagnosis.confusable if pair.separate_by in possible]
 
 
 def named(words: str) -> Experiment:

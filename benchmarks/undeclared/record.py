@@ -81,14 +81,14 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
     scenario, bench, table = drawn.scenario, drawn.bench, drawn.table
     loop = close_loop(scenario, bench, samples, seed=order.seed, every=1000)
     place.mkdir(parents=True, exist_ok=True)
-    _write_capture(place / "capture.arrow", loop, scenario, table.get("temperature"))
+    write_capture(place / "capture.arrow", loop, scenario, table.get("temperature"))
     write_text(place / "bench.toml", template(values_of(bench), "The data sheet."))
     # Last: a record without it is made again.
     write_text(place / "truth.json", json.dumps(_truth(order, drawn, loop), indent=1))
     return place
 
 
-def _write_capture(path: Path, loop: ClosedLoop, scenario: Scenario, temperature: dict[str, float] | None) -> None:
+def write_capture(path: Path, loop: ClosedLoop, scenario: Scenario, temperature: dict[str, float] | None) -> None:
     """The record as the loop would have written it; with a thermometer, which the wire does not know, as an import."""
     rate = scenario.board.sample_rate_Hz
     sense_V = 2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits

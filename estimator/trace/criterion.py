@@ -9,6 +9,13 @@ CHANCE = 1e-4
 """Of naming anything on a record to which nothing is to be added."""
 
 
+ODDS = 20.0
+"""Of two accounts of a record: what is less sure than that is not told apart."""
+
+TIE = 2.0 * math.log(ODDS)
+"""The same as a difference of twice the log-likelihood."""
+
+
 def threshold(candidates: int) -> float:
     """Significance (log10 of a probability) that chance reaches for none of so many candidates."""
     return float(-np.log10(CHANCE / max(candidates, 1)))

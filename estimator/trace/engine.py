@@ -142,11 +142,14 @@ class Rules:
 
 @dataclass(frozen=True)
 class Step(Generic[Fit]):
-    """An effect that was taken, with the model that carries it and its score, and the model before."""
+    """An effect that was taken, with the model that carries it and its score, the model before, and the others that
+    were carried in the round.
+    """
 
     name: str
     trial: Trial[Fit]
     before: Fit
+    beside: Mapping[str, Trial[Fit]]
 
 
 @dataclass(frozen=True)
@@ -188,7 +191,8 @@ def choose(
         rounds.append(Round(look, _tried(model, trials, verdicts), taken))
         progress(min(len(rounds), rules.most), rules.most)
         if taken is not None:
-            steps.append(Step(taken, trials[taken], current))
+            beside = {name: trial for name, trial in trials.items() if name != taken}
+            steps.append(Step(taken, trials[taken], current, beside))
             current = trials[taken].fit
         elif not again:
             break

@@ -30,6 +30,13 @@ class Evidence:
     deviation: Array
 
     @property
+    def error(self) -> float:
+        """Standard deviation of the gain, as far as it is the scan's own: what scatters by more than noise is not
+        linear in the coefficients, and a gain of c²/σ² moves by 2c/σ for each σ that c is off.
+        """
+        return 2.0 * float(np.sqrt(max(self.scatter - 1.0, 0.0) * max(self.gain, 0.0)))
+
+    @property
     def significance(self) -> float:
         """log10 of the probability that chance makes as much, the gain taken down by the scatter; large is sure."""
         return float(-chi2.logsf(self.gain / max(self.scatter, 1.0), max(self.degrees, 1)) / np.log(10.0))

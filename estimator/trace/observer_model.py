@@ -19,6 +19,7 @@ from estimator.trace.width import hopeful, worth_refining
 
 _LEARNT = 2.0 / 3.0  # of the record: what an effect explains of it must be borne out by the rest
 _PROPORTION = 0.25
+_SCREENED = 20_000  # samples on which those that the scan expects least of are compared first
 _RIVALS = 30  # candidates among which one that later ones may have made superfluous was chosen
 _TWO_SIDED = float(norm.ppf(0.975))
 
@@ -52,15 +53,27 @@ class ObserverModel:
         return replace(look, evidence=left) if barred else look
 
     def hopeful(self, look: Look, tried: Mapping[str, Trial[Carrying]], number: int) -> Sequence[str]:
-        """The leaders of the scan; in the first round more, where the best of them leaves something."""
-        if not tried:
-            return hopeful(look, (), number, 0.0, lambda: 0.0)
-        best = tried[leader(tried)]
+        """The leaders of the scan and whoever may be no worse; all kinds, where the best of them leaves something."""
 
         def left() -> float:
-            return max((item.gain for item in best.fit.look.serious), default=0.0)
+            return max((item.gain for item in tried[leader(tried)].fit.look.serious), default=0.0)
 
-        return hopeful(look, tried, number, best.score.gain, left)
+        def screened(names: list[str]) -> list[str]:
+            return self._ahead(tried[leader(tried)].fit, leader(tried), names, look)
+
+        return hopeful(look, {name: trial.score.gain for name, trial in tried.items()}, left, screened)
+
+    def _ahead(self, best: Carrying, carried: str, names: list[str], look: Look) -> list[str]:
+        """Of these, the ones that explain more of a short part of the record than the best so far."""
+        part = self.problem.part(slice(0, _SCREENED))
+        effects = {name: dict(given) for name, given in best.fitted.settings.effects.items()}
+        reached = fit(part.carrying(effects), passes=1).likelihood
+        del effects[carried]
+
+        def alone(name: str) -> float:
+            return fit(part.carrying({**effects, name: look.watched[name]}), passes=1).likelihood
+
+        return [name for name in names if alone(name) > reached]
 
     def fit(
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]

@@ -17,6 +17,7 @@ from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import Searched, refine_parameters
 from estimator.trace.problem import Effects, Problem
+from estimator.trace.rivals import Rival, rivals
 
 MOST = 3
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
@@ -30,13 +31,14 @@ _COMPARED = 150_000  # samples on which candidates are compared
 @dataclass(frozen=True)
 class Selection:
     """Effects in the order in which they were taken, with their coefficients; the rounds; who looked like each that was
-    taken, there; models before and after; what each gained; how surely the parameters that were searched for are known;
-    whether there are as many as may be and still something is left.
+    taken, there, and who came as near once carried; models before and after; what each gained; how surely the
+    parameters that were searched for are known; whether there are as many as may be and still something is left.
     """
 
     effects: Effects
     rounds: tuple[Round[Look], ...]
     alike: Mapping[str, Mapping[str, float]]
+    rivals: Mapping[str, Mapping[str, Rival]]
     before: Fitted
     after: Fitted
     gain: Mapping[str, float]
@@ -85,6 +87,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
         effects=coefficients_of(last.observer),
         rounds=chosen.rounds,
         alike={one.taken: one.look.alike(one.taken) for one in chosen.rounds if one.taken is not None},
+        rivals={step.name: rivals(step) for step in chosen.steps},
         before=before,
         after=last,
         gain=chosen.gains,

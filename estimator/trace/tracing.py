@@ -8,10 +8,10 @@ from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
-from estimator.settings import Device
+from estimator.settings import Device, ObserverSettings
 from estimator.trace import promises
 from estimator.trace.angle import AngleReader
-from estimator.trace.candidates import kind
+from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import covariance_of, widening
 from estimator.trace.claims import claim_of
 from estimator.trace.criterion import threshold
@@ -20,11 +20,13 @@ from estimator.trace.engine import gained, tried_reason
 from estimator.trace.evidence import SAME
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
+from estimator.trace.fitting import constants_of
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
+from estimator.trace.symmetries import Constants, equivalents
 
 _READ = 100_000  # samples in which the angle is read once for each possibility
 _TWO_SIDED = float(norm.ppf(0.975))
@@ -43,7 +45,7 @@ def trace(
 
     Raises ModelError for a record that cannot be traced, with what to record instead.
     """
-    record, device, known = problem.record, problem.device, problem.effects
+    record, device, settings, known = problem.record, problem.device, problem.settings, problem.effects
     require_traceable(record, device, split)
     if device.axes == 1:
         return trace_free_run(problem, split=split, progress=progress)
@@ -56,10 +58,11 @@ def trace(
     progress("before and after", 2, 2)
     named, after = found.named, found.after
     reader = AngleReader(problem.part(slice(0, min(split, _READ))))
+    alike = _confusable(named, found.selection, reader, progress)
     return Diagnosis(
         verdict=found.verdict,
         effects=tuple(_found(name, named, found.selection, reader) for name in named),
-        confusable=_confusable(named, found.selection, reader, progress),
+        confusable=_with_equivalents(alike, named, found.selection, device, settings),
         rejected=_rejected(named, selection, found.why, device),
         findings=before.findings,
         before=before.fitted,
@@ -227,27 +230,57 @@ def _confusable(
     reader: AngleReader,
     progress: Callable[[str, int, int], None],
 ) -> tuple[Confusable, ...]:
-    """Who looks like a named effect on this record, what would tell them apart, and what hangs on it."""
-    pairs = [
-        (step, step.taken, other, likeness)
-        for step in selection.rounds
-        if step.taken is not None and step.taken in named
-        for other, likeness in selection.alike[step.taken].items()
-        if likeness > SAME and kind(other) != kind(step.taken)
-    ]
-    pairs = [
-        (step, name, other, likeness)
-        for index, (step, name, other, likeness) in enumerate(pairs)
-        if kind(other) not in {kind(before) for _, taken, before, _ in pairs[:index] if taken == name}
-    ]
-    advice = separations([(name, other) for _, name, other, _ in pairs], selection, reader.problem, progress)
+    """Who looks like a named effect on this record or explains as much, what would tell them apart, and what hangs on
+    it: of each kind the one that is most alike.
+    """
+    pairs: dict[tuple[str, str], tuple[str, str, float, Parameters]] = {}
+    for step in selection.rounds:
+        if step.taken is None or step.taken not in named:
+            continue
+        alike, near = selection.alike[step.taken], selection.rivals[step.taken]
+        for other in (*near, *(other for other, likeness in alike.items() if likeness > SAME)):
+            if kind(other) != kind(step.taken):
+                given = near[other].parameters if other in near else step.look.watched[other]
+                pairs.setdefault((step.taken, kind(other)), (step.taken, other, alike.get(other, float("nan")), given))
+    advice = separations([(name, other) for name, other, *_ in pairs.values()], selection, reader.problem, progress)
     return tuple(
         Confusable(
             _short(name, named), kind(other), likeness, *told,
-            angle_apart=reader.mistaken(selection.effects, name, other, step.look.watched[other]),
+            angle_apart=reader.mistaken(selection.effects, name, other, given),
         )
-        for (step, name, other, likeness), told in zip(pairs, advice, strict=True)
+        for (name, other, likeness, given), told in zip(pairs.values(), advice, strict=True)
     )  # fmt: skip
+
+
+def _with_equivalents(
+    alike: tuple[Confusable, ...], named: Effects, selection: Selection, device: Device, settings: ObserverSettings
+) -> tuple[Confusable, ...]:
+    """And what the named effects may be as well because the equations are the same: no experiment tells those apart."""
+    intervals = {kind(name): _intervals(name, selection, device) for name in named}
+    nonreciprocal = intervals.get("nonreciprocal_stiffness", {}).get("kn") or _of_nonreciprocal(selection)
+    pairs = {(pair.effect, pair.other): pair for pair in alike}
+    for same in equivalents(intervals, _constants(selection, device, settings), nonreciprocal):
+        whose = next(_short(name, named) for name in named if kind(name) == same.effect)
+        pairs[whose, same.other] = Confusable(whose, same.other, 1.0, same.separate_by, None, same.angle)
+    return tuple(pairs.values())
+
+
+def _of_nonreciprocal(selection: Selection) -> Interval | None:
+    item = selection.rounds[-1].look.evidence.get("nonreciprocal_stiffness")
+    if item is None:
+        return None
+    (value,), (deviation,) = item.coefficients.tolist(), item.deviation.tolist()
+    return _interval(value, deviation, "1/s²")
+
+
+def _constants(selection: Selection, device: Device, settings: ObserverSettings) -> Constants:
+    """As found; as declared where the observer does not estimate them."""
+    found = constants_of(selection.after.observer)
+    names = ("xx", "yy", "xy")
+    kxx, kyy, kxy = (found.get(f"k{name}", k) for name, k in zip(names, device.stiffness, strict=True))
+    dxx, dyy, dxy = (found.get(f"d{name}", d) for name, d in zip(names, device.damping, strict=True))
+    spread = settings.spread.stiffness * device.target
+    return Constants((kxx, kyy, kxy), (dxx, dyy, dxy), device.stiffness, spread)
 
 
 def _rejected(named: Effects, selection: Selection, why: Mapping[str, str], device: Device) -> tuple[Rejected, ...]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping
 
 from estimator.trace.candidates import Parameters, kind
+from estimator.trace.criterion import TIE
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
 from estimator.trace.look import Look
@@ -11,23 +12,47 @@ from estimator.trace.scan import Scan
 _SAME = 0.97  # likeness above which a candidate is tried for itself beside the best
 _SERIOUS = 0.5  # of the best gain: a candidate with that much is tried as well
 _NEAR = 0.9  # of the best gain: parameters are improved before the choice
-_TRIED = 5
+_TRIED = 5  # leaders that are carried before anything is known of the scan
+_SURE = 2.0  # standard deviations of the scan's own error: 95 %
 _LEFT = 0.01  # of the best gain: less is a matter for a second effect
-_WIDER = 8  # tried beside, where the best does not explain everything
+_WIDER = 8  # kinds tried at a time, where the best does not explain everything
 
 
-def hopeful(look: Look, tried: Collection[str], number: int, gained: float, left: Callable[[], float]) -> list[str]:
-    """Whom to carry in round `number`, beside those that were tried in it; nobody when that is enough.
+def hopeful(
+    look: Look,
+    gains: Mapping[str, float],
+    left: Callable[[], float],
+    screened: Callable[[list[str]], list[str]],
+) -> list[str]:
+    """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
-    gained: by the best that was tried; left: the gain that a scan behind it still promises.
+    First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by; and
+    where the best leaves something, every kind once.  gains: of those that were tried; left: the gain that a scan
+    behind the best of them still promises; screened: those that a short part of the record speaks for.
     """
     leaders = shortlist(look.seen, look.serious)
-    if not tried:
+    if not gains:
         return leaders
-    if number > 0 or set(tried) - set(leaders):
+    near = within_reach(look.serious, leaders, max(gains[name] for name in gains if name in leaders))
+    if names := [name for name in near if name not in gains]:
+        return names
+    if set(gains) - {*leaders, *near} or left() <= _LEFT * max(gains.values()):
         return []
-    # Where the best leaves something, would another have explained that, too?
-    return second_thoughts(look.evidence, tried) if left() > _LEFT * gained else []
+    # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
+    others = second_thoughts(look.evidence, gains)
+    return others[:_WIDER] + screened(others[_WIDER:])
+
+
+def within_reach(serious: list[Evidence], tried: Collection[str], gained: float) -> list[str]:
+    """The best of each kind that was not tried and that may be no worse than one that gained so much: where the linear
+    scan is rough, as far from the truth and while the observer settles, many; where it is exact, those that tie.
+    """
+    names: list[str] = []
+    for item in serious:
+        new = all(kind(item.name) != kind(name) for name in (*names, *tried))
+        if new and item.gain + _SURE * item.error > gained - TIE:
+            names.append(item.name)
+    return names
 
 
 def shortlist(seen: Scan, serious: list[Evidence]) -> list[str]:
@@ -48,12 +73,12 @@ def shortlist(seen: Scan, serious: list[Evidence]) -> list[str]:
 
 
 def second_thoughts(found: Mapping[str, Evidence], tried: Collection[str]) -> list[str]:
-    """The best of each kind that was not tried, sure or not: far from the truth, the scan is a rough guide."""
+    """The best of each kind that was not tried, sure or not, the most promising first."""
     names: list[str] = []
     for item in found.values():
         if all(kind(item.name) != kind(name) for name in (*names, *tried)):
             names.append(item.name)
-    return names[:_WIDER]
+    return names
 
 
 def worth_refining(

@@ -113,7 +113,7 @@ def _separated(done: "Traced", bench: "Bench", board: str, out: Path, fraction: 
     from hil.separate import separable, separate
 
     if not separable(done.diagnosis):
-        say("no experiment to make: nothing on this record is alike that an experiment would tell apart")
+        say("no experiment to make: nothing on this record is alike that a run on the board would tell apart")
         return done
     with watching("experiment") as watch:
         made = separate(

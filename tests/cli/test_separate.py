@@ -44,6 +44,8 @@ def test_every_experiment_is_a_bench_file(experiment: Experiment) -> None:
 
 def test_only_what_an_experiment_would_tell_apart_is_tried() -> None:
     assert separable(alike(None)) == []
+    assert separable(alike("weigh the proof mass")) == []
+    assert len(separable(alike(EXPERIMENTS[0].words))) == 1
     with pytest.raises(InputError, match="make it by hand"):
         named("wait for rain")
 

@@ -1,0 +1,280 @@
+"""Causes that no record can tell from what was named, since the equations are the same in other words.
+
+With V = S x the voltages of a plane gyro follow
+
+    ẍ = G u − D ẋ − K x + 2 Ω C ẋ + Ω̇ C x − Ω² C² x,    C = [[0, 1], [−1, 0]]
+
+Three changes leave every voltage as it is: other coordinates, x = A x' (S → S A, and A⁻¹ · A of K, D and C, A⁻¹ G);
+another unit of time, t = a t' (K → a² K, G → a² G, D → a D, C → a C); all paths late together.  Time that runs
+backwards turns the signs of D and C.  Each equivalent below is one of these, and has one measurement that no voltage of
+such a record replaces (docs/explanation.md).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.scaling import Array
+from estimator.trace.diagnosis import Interval
+
+Intervals = Mapping[str, Mapping[str, Interval]]
+"""By effect, by coefficient."""
+
+_TENTH = 0.1  # of a coefficient: what departs from a symmetry by less may be a second, smaller cause
+_DECLARED = 3.0  # standard deviations of what the bench file declares
+_CORIOLIS = np.array([[0.0, 1.0], [-1.0, 0.0]])
+_AXES = "xy"
+
+REFERENCE_CLOCK = "compare the sampling clock with a reference clock"
+KNOWN_WEIGHT = "weigh the proof mass"
+KNOWN_MOTION = "move the proof mass by a known distance"
+GRAVITY_SIGN = "tilt that axis: gravity tells the sign of its sense"
+GRAVITY_FRAME = "tilt it about a known axis: gravity tells the frame of its sense"
+GRAVITY_SIZE = "tilt each axis by the same angle: gravity is in proportion to its mass"
+VARYING_RATE = "turn the gyro at a varying rate"
+RING_DOWN = "switch the drive off: a ring-down decays"
+TIMED_RATE = "turn the gyro at a rate that is known in time"
+
+
+@dataclass(frozen=True)
+class System:
+    """The equations above: stiffness, damping, drive and coriolis (2, 2) per unit mass, sense (2, 2); by how many
+    seconds sense, drive and rate are late.  The rate is that of the record: what it is multiplied by stands in C.
+    """
+
+    stiffness: Array
+    damping: Array
+    drive: Array
+    sense: Array
+    coriolis: Array
+    late: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Constants:
+    """What a trace found of the base model, SI, in the order xx, yy, xy; declared: the stiffness of the bench file with
+    its standard deviation, 1/s².
+    """
+
+    stiffness: tuple[float, float, float]
+    damping: tuple[float, float, float]
+    declared: tuple[float, float, float]
+    spread: float
+
+
+@dataclass(frozen=True)
+class Equivalent:
+    """`other` in place of `effect`, with the size it then has; the measurement that tells which; how far in rad the
+    angle moves, None where nothing is known of that; the equations with it.
+    """
+
+    effect: str
+    other: str
+    size: float
+    separate_by: str
+    angle: float | None
+    system: System
+
+
+def displaced(system: System, by: Array) -> System:
+    """The same voltages in coordinates x' with x = `by` x' (2, 2)."""
+    back = np.linalg.inv(by)
+    return replace(
+        system,
+        stiffness=back @ system.stiffness @ by,
+        damping=back @ system.damping @ by,
+        coriolis=back @ system.coriolis @ by,
+        drive=back @ system.drive,
+        sense=system.sense @ by,
+    )
+
+
+def retimed(system: System, unit: float) -> System:
+    """The same voltages by a clock whose second has `unit` seconds of the one before."""
+    return replace(
+        system,
+        stiffness=unit**2 * system.stiffness,
+        drive=unit**2 * system.drive,
+        damping=unit * system.damping,
+        coriolis=unit * system.coriolis,
+        late=tuple(late / unit for late in system.late),
+    )
+
+
+def reversed_in_time(system: System) -> System:
+    """The same voltages in reverse order."""
+    return replace(system, damping=-system.damping, coriolis=-system.coriolis)
+
+
+def shifted(system: System, by: float) -> System:
+    """The same voltages with every path later by so many seconds but the voltages themselves, which are less late."""
+    sense, drive, rate = system.late
+    return replace(system, late=(sense - by, drive + by, rate + by))
+
+
+def unequal(system: System, axis: int, mass: float) -> System:
+    """The system with `mass` times the mass on one axis, and the forces as they were."""
+    less = np.eye(2)
+    less[axis, axis] = 1.0 / mass
+    return replace(
+        system,
+        stiffness=less @ system.stiffness,
+        damping=less @ system.damping,
+        coriolis=less @ system.coriolis,
+        drive=less @ system.drive,
+    )
+
+
+def system_with(named: Intervals, constants: Constants) -> System:
+    """The system as it was found: the base model with those of the named effects that are linear."""
+
+    def of(effect: str, symbol: str) -> float:
+        return named[effect][symbol].value if effect in named else 0.0
+
+    kxx, kyy, kxy = constants.stiffness
+    dxx, dyy, dxy = constants.damping
+    kn = of("nonreciprocal_stiffness", "kn")
+    drive = [
+        [1.0 + of("drive_gain", "hx"), of("drive_misalignment", "mx")],
+        [of("drive_misalignment", "my"), 1.0 + of("drive_gain", "hy")],
+    ]
+    sense = [
+        [1.0, of("sense_cross_coupling", "ex")],
+        [of("sense_cross_coupling", "ey"), 1.0 + of("sense_gain", "gy")],
+    ]
+    late = (_mean(named["sense_delay"]) if "sense_delay" in named else 0.0, 0.0, 0.0)
+    if "drive_delay" in named:
+        late = (late[0], _mean(named["drive_delay"]), 0.0)
+    return System(
+        np.array([[kxx, kxy + kn], [kxy - kn, kyy]]),
+        np.array([[dxx, dxy], [dxy, dyy]]),
+        np.array(drive),
+        np.array(sense),
+        _CORIOLIS,
+        late,
+    )
+
+
+def equivalents(named: Intervals, constants: Constants, nonreciprocal: Interval | None) -> tuple[Equivalent, ...]:
+    """All that `named` may be as well; nonreciprocal: what the record says of such a stiffness, named or not."""
+    system = system_with(named, constants)
+    found = [
+        *_of_drive_gain(named, system, constants),
+        *_of_polarity(named, system),
+        *_of_frames(named, system),
+        *_of_masses(named, system, nonreciprocal),
+        *_of_delays(named, system),
+    ]
+    dxx, dyy, dxy = constants.damping
+    if named and dxx + dyy < 0.0 and dxx * dyy > dxy**2:
+        found.append(Equivalent(next(iter(named)), "time_reversal", -1.0, RING_DOWN, None, reversed_in_time(system)))
+    return tuple(found)
+
+
+def _of_drive_gain(named: Intervals, system: System, constants: Constants) -> Iterator[Equivalent]:
+    """A drive gain common to both axes: scale of time, of mass, of sense."""
+    if "drive_gain" not in named or not _same(named["drive_gain"]["hx"], named["drive_gain"]["hy"]):
+        return
+    gain = 1.0 + _mean(named["drive_gain"])
+    if gain <= 0.0:
+        return
+    unit = 1.0 / float(np.sqrt(gain))
+    timed = retimed(system, unit)
+    apart = [timed.stiffness[i, i] - constants.declared[i] for i in range(2)]
+    if all(abs(off) < _DECLARED * constants.spread for off in apart):
+        yield Equivalent("drive_gain", "clock_rate", 1.0 / unit - 1.0, REFERENCE_CLOCK, 0.0, timed)
+    yield Equivalent("drive_gain", "mass_scale", 1.0 / gain - 1.0, KNOWN_WEIGHT, 0.0, system)
+    scaled = displaced(system, gain * np.eye(2))
+    yield Equivalent("drive_gain", "sense_scale", gain - 1.0, KNOWN_MOTION, 0.0, scaled)
+
+
+def _of_polarity(named: Intervals, system: System) -> Iterator[Equivalent]:
+    """An axis that is driven or sensed with the wrong sign: the other of the two, with coupling and rate turned."""
+    for effect, symbols in (("drive_gain", ("hx", "hy")), ("sense_gain", ("", "gy"))):
+        given = named.get(effect, {})
+        flipped = [symbol in given and given[symbol].high < -1.0 for symbol in symbols]
+        if not any(flipped):
+            continue
+        mirrored = displaced(system, np.diag(np.where(flipped, -1.0, 1.0)))
+        own, other = ("drive", "sense") if effect == "drive_gain" else ("sense", "drive")
+        angle = 0.0 if all(flipped) else None
+        yield Equivalent(effect, f"{own}_polarity", -2.0, GRAVITY_SIGN, 0.0, system)
+        yield Equivalent(effect, f"{other}_polarity", -2.0, GRAVITY_SIGN, angle, mirrored)
+
+
+def _of_frames(named: Intervals, system: System) -> Iterator[Equivalent]:
+    """A drive that is turned against the sense: either may be the one that is."""
+    for effect, symbols, other in (
+        ("drive_misalignment", ("mx", "my"), "sense_cross_coupling"),
+        ("sense_cross_coupling", ("ex", "ey"), "drive_misalignment"),
+    ):
+        if effect not in named or not _opposite(*(named[effect][symbol] for symbol in symbols)):
+            continue
+        tangent = 0.5 * (named[effect][symbols[0]].value - named[effect][symbols[1]].value)
+        turn = (np.eye(2) + tangent * _CORIOLIS) / np.sqrt(1.0 + tangent**2)
+        turned = displaced(system, turn if effect == "drive_misalignment" else turn.T)
+        yield Equivalent(effect, other, tangent, GRAVITY_FRAME, abs(float(np.arctan(tangent))), turned)
+
+
+def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
+    """Another mass on one axis: the gains of its drive and its sense by the same share, the rate by that share; or, in
+    coordinates that are not scaled, a drive gain and a stiffness that is not symmetric (and a Coriolis force that is
+    not: exact but for 2 Ω times the share).
+    """
+    drive, sense = named.get("drive_gain"), named.get("sense_gain")
+    if drive is None:
+        return
+    if sense is not None and _nothing(drive["hx"], drive["hy"]) and _same(drive["hy"], sense["gy"]):
+        mass = (1.0 + sense["gy"].value) ** -2
+        even = displaced(system, np.diag([1.0, 1.0 / (1.0 + sense["gy"].value)]))
+        yield Equivalent("sense_gain", "unequal_masses", mass - 1.0, GRAVITY_SIZE, None, even)
+        return
+    if sense is not None or nonreciprocal is None:
+        return
+    for axis, (own, beside) in enumerate((("hx", "hy"), ("hy", "hx"))):
+        gain = 1.0 + drive[own].value
+        if not _nothing(drive[beside], drive[own]) or gain <= 0.0:
+            continue
+        share = 0.5 * (system.stiffness[0, 1] + system.stiffness[1, 0]) * (1.0 - gain) / (1.0 + gain)
+        expected = share if axis == 1 else -share
+        if nonreciprocal.low <= expected <= nonreciprocal.high or _near(nonreciprocal.value, expected):
+            coriolis = np.diag([gain, 1.0] if axis == 0 else [1.0, gain]) @ system.coriolis
+            heavier = replace(system, coriolis=coriolis)
+            yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, None, heavier)
+
+
+def _of_delays(named: Intervals, system: System) -> Iterator[Equivalent]:
+    """Both channels late by as much: of the sense or of the drive, with the rate as late."""
+    for effect, symbols, other in (
+        ("sense_delay", ("tsx", "tsy"), "drive_delay"),
+        ("drive_delay", ("tux", "tuy"), "sense_delay"),
+    ):
+        if effect in named and _same(*(named[effect][symbol] for symbol in symbols)):
+            late = _mean(named[effect])
+            moved = shifted(system, late if effect == "sense_delay" else -late)
+            yield Equivalent(effect, other, late, TIMED_RATE, None, moved)
+
+
+def _mean(given: Mapping[str, Interval]) -> float:
+    return float(np.mean([interval.value for interval in given.values()]))
+
+
+def _same(one: Interval, other: Interval) -> bool:
+    """Whether two coefficients may be one and the same."""
+    halves = float(np.hypot(one.high - one.value, other.high - other.value))
+    return abs(one.value - other.value) <= halves or _near(one.value, other.value)
+
+
+def _opposite(one: Interval, other: Interval) -> bool:
+    return _same(one, Interval(-other.value, -other.high, -other.low, other.unit))
+
+
+def _nothing(one: Interval, beside: Interval) -> bool:
+    """Whether a coefficient may be zero, or is small beside the other, which is not."""
+    is_something = beside.low > 0.0 or beside.high < 0.0
+    return is_something and (one.low <= 0.0 <= one.high or abs(one.value) <= _TENTH * abs(beside.value))
+
+
+def _near(one: float, other: float) -> bool:
+    return abs(one - other) <= _TENTH * max(abs(one), abs(other))

@@ -1,0 +1,104 @@
+"""Look-alikes by likelihood: what comes within odds of 20 to 1 of the effect that was taken, once both are carried."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimator.trace.engine import Score, Step, Trial
+from estimator.trace.rivals import dispersion, leads, rivals
+from estimator.trace.scan import PARTS
+
+N = 32_000
+TIE = 2.0 * math.log(20.0)
+
+
+def fitted(innovation, deviation=1.0, effects=None):
+    estimates = SimpleNamespace(innovation=innovation, innovation_deviation=np.full_like(innovation, deviation))
+    return SimpleNamespace(
+        estimates=estimates,
+        settings=SimpleNamespace(effects=effects or {}),
+        observer=SimpleNamespace(device=SimpleNamespace(axes=2)),
+    )
+
+
+def noise(seed: int, colour: float = 0.0):
+    """Of unit power; colour: correlation from sample to sample."""
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal((N, 2))
+    for k in range(1, N if colour else 1):
+        white[k] = colour * white[k - 1] + math.sqrt(1.0 - colour**2) * white[k]
+    return white
+
+
+def apart(series, lead: float, where=slice(None)):
+    """The innovations of a model that is behind by `lead` in twice the log-likelihood, there."""
+    slow = np.zeros_like(series)
+    at = np.arange(N)[where]
+    slow[where, 0] = 1.0 + 0.5 * np.sin(at / 900.0)
+    slow[where] -= series[where] * np.sum(slow * series) / np.sum(series[where] ** 2)  # so that no chance is in it
+    return series + slow * math.sqrt(lead / np.sum(slow**2))
+
+
+def step(lead: float, *, price=0.0, other="sense_gain", series=None, where=slice(None)):
+    own = noise(1) if series is None else series
+    given = {"base_vibration:2": {"omega": 7.0}, "sense_gain": {}, "drive_gain:1": {}}
+    models = fitted(own), fitted(apart(own, lead, where), effects=given)
+    scores = Score(1000.0, 500.0, 10.0, 20.0), Score(1000.0 - lead, 500.0 - lead, 10.0 + price, 20.0)
+    trials = [Trial(SimpleNamespace(fitted=model), score) for model, score in zip(models, scores, strict=True)]
+    return Step("drive_gain", trials[0], None, {other: trials[1]})
+
+
+def test_the_lead_is_the_difference_of_the_likelihoods() -> None:
+    one, two = noise(2), noise(3)
+    sd, other = 1.3, 0.7
+    direct = [-np.sum((v / s) ** 2 + 2.0 * np.log(s)) for v, s in ((one, sd), (two, other))]
+    parts = leads(fitted(one, sd), fitted(two, other))
+    assert parts.shape == (PARTS,)
+    assert float(np.sum(parts)) == pytest.approx(direct[0] - direct[1])
+
+
+@pytest.mark.parametrize(
+    ("lead", "listed"), [(0.5 * TIE, True), (0.95 * TIE, True), (1.6 * TIE, False), (500.0, False)]
+)
+def test_what_comes_within_odds_of_twenty_is_a_look_alike(lead: float, listed: bool) -> None:
+    found = rivals(step(lead))
+    assert set(found) == ({"sense_gain"} if listed else set())
+    if listed:
+        assert found["sense_gain"].deficit == pytest.approx(lead, abs=0.5 * TIE)
+
+
+def test_the_price_counts() -> None:
+    assert rivals(step(0.5 * TIE, price=2.0 * TIE)) == {}
+    assert set(rivals(step(3.0 * TIE, price=-2.5 * TIE))) == {"sense_gain"}
+
+
+def test_another_of_the_same_kind_is_none_and_parameters_are_kept() -> None:
+    assert rivals(step(1.0, other="drive_gain:1")) == {}
+    assert rivals(step(1.0, other="base_vibration:2"))["base_vibration:2"].parameters == {"omega": 7.0}
+
+
+def test_what_the_start_alone_tells_does_not_count() -> None:
+    begin, later = slice(0, N // PARTS), slice(N // 2, N // 2 + N // PARTS)
+    assert set(rivals(step(300.0, where=begin))) == {"sense_gain"}
+    assert rivals(step(300.0, where=later)) == {}
+
+
+def test_innovations_that_are_not_white_make_the_bound_wider() -> None:
+    # Noise of correlation r is (1 + r)/(1 − r) times as strong where it is slow, and so is what it makes of a lead.
+    def mean(colour: float) -> float:
+        spread = []
+        for seed in range(4, 10):
+            own = noise(seed, colour)
+            spread.append(dispersion(fitted(own), fitted(own + 0.01 * np.sin(np.arange(N) / 900.0)[:, None])))
+        return float(np.mean(spread))
+
+    assert mean(0.0) == pytest.approx(1.0, rel=0.35)
+    assert mean(0.8) == pytest.approx(9.0, rel=0.35)
+    assert set(rivals(step(3.0 * TIE, series=noise(20, 0.8)))) == {"sense_gain"}
+
+
+def test_equal_models_do_not_divide_by_nothing() -> None:
+    own = noise(1)
+    assert dispersion(fitted(own), fitted(own.copy())) == 1.0

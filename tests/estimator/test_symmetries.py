@@ -1,0 +1,216 @@
+"""Look-alikes by symmetry: the equations with the other cause, solved by SciPy, give the same voltages."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from estimator.trace.diagnosis import Interval
+from estimator.trace.symmetries import (
+    Constants,
+    System,
+    equivalents,
+    reversed_in_time,
+    system_with,
+)
+
+CONSTANTS = Constants((1.02, 0.98, 0.03), (4e-3, 5e-3, 5e-4), (1.0, 1.0, 0.0), 0.05)
+T = np.linspace(0.0, 60.0, 241)
+CORIOLIS = np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+
+def push(t):
+    """A drive about the resonance, nothing before 0."""
+    rise = -math.expm1(-t) if t > 0.0 else 0.0
+    return rise * np.array([math.sin(0.97 * t) + 0.3 * math.sin(1.7 * t), math.cos(1.03 * t) + 0.2 * math.sin(0.6 * t)])
+
+
+def rate(t):
+    return 0.02 + 0.01 * math.sin(0.2 * t)
+
+
+def rate_change(t):
+    return 0.002 * math.cos(0.2 * t)
+
+
+def voltages(system: System, at, start=((0.0, 0.0), (0.0, 0.0)), unit=1.0, turning=1.0):
+    """V at the instants `at` of the record, of a system whose second has `unit` seconds of the record's; start: V and
+    its slope at the first; turning: times the rate.
+    """
+    sense, drive, late = (each * unit for each in system.late)
+
+    def flow(own, state):
+        x, v = state[:2], state[2:]
+        t = own * unit
+        w, change = turning * rate(t - late), turning * rate_change(t - late) * unit
+        force = system.drive @ push(t - drive)
+        c = system.coriolis
+        a = force - system.damping @ v - system.stiffness @ x + 2 * w * c @ v + change * c @ x - w**2 * c @ c @ x
+        return np.concatenate([v, a])
+
+    back = np.linalg.inv(system.sense)
+    begin = np.concatenate([back @ start[0], unit * back @ start[1]])
+    own = (at - sense) / unit
+    found = solve_ivp(flow, (min(own[0], at[0] / unit), own[-1]), begin, "DOP853", own, rtol=1e-10, atol=1e-12)
+    return (system.sense @ found.y[:2]).T, (system.sense @ found.y[2:]).T / unit
+
+
+def is_(value: float, half: float = 1e-5) -> Interval:
+    return Interval(value, value - half, value + half, "1")
+
+
+DRIVE_GAIN = {"drive_gain": {"hx": is_(0.03), "hy": is_(0.03)}}
+FLIPPED = {"drive_gain": {"hx": is_(-2.02), "hy": is_(0.0)}}
+SENSE_FLIPPED = {"sense_gain": {"gy": is_(-1.97)}}
+DRIVE_TURNED = {"drive_misalignment": {"mx": is_(0.05), "my": is_(-0.05)}}
+SENSE_TURNED = {"sense_cross_coupling": {"ex": is_(-0.05), "ey": is_(0.05)}}
+SHARE = 1.03**-0.5 - 1.0
+HEAVIER = {"sense_gain": {"gy": is_(SHARE)}, "drive_gain": {"hx": is_(0.0), "hy": is_(SHARE)}}
+SENSE_LATE = {"sense_delay": {"tsx": is_(0.04), "tsy": is_(0.04)}}
+DRIVE_LATE = {"drive_delay": {"tux": is_(0.04), "tuy": is_(0.04)}}
+
+ALL = [
+    (DRIVE_GAIN, {"clock_rate", "mass_scale", "sense_scale"}),
+    (FLIPPED, {"drive_polarity", "sense_polarity"}),
+    (SENSE_FLIPPED, {"drive_polarity", "sense_polarity"}),
+    (DRIVE_TURNED, {"sense_cross_coupling"}),
+    (SENSE_TURNED, {"drive_misalignment"}),
+    (HEAVIER, {"unequal_masses"}),
+    (SENSE_LATE, {"drive_delay"}),
+    (DRIVE_LATE, {"sense_delay"}),
+]
+
+
+def of(named, constants=CONSTANTS, nonreciprocal=None):
+    return {one.other: one for one in equivalents(named, constants, nonreciprocal)}
+
+
+@pytest.mark.parametrize(("named", "others"), ALL, ids=lambda given: "+".join(sorted(given)))
+def test_the_other_cause_gives_the_same_voltages(named, others) -> None:
+    found = of(named)
+    assert set(found) == others
+    seen, _ = voltages(system_with(named, CONSTANTS), T)
+    base, _ = voltages(system_with({}, CONSTANTS), T)
+    assert np.max(np.abs(seen - base)) > 1e-2 * np.max(np.abs(base))  # or anything would do
+    for other, one in found.items():
+        unit = 1.0 / (1.0 + one.size) if other == "clock_rate" else 1.0
+        again, _ = voltages(one.system, T, unit=unit)
+        assert np.max(np.abs(again - seen)) < 1e-7 * np.max(np.abs(seen)), other
+
+
+def test_the_other_cause_is_what_its_name_says() -> None:
+    one, flip = np.eye(2), np.diag([-1.0, 1.0])
+    clock = of(DRIVE_GAIN)["clock_rate"]
+    assert clock.size == pytest.approx(math.sqrt(1.03) - 1.0)
+    assert clock.system.drive == pytest.approx(one)
+    assert clock.system.sense == pytest.approx(one)
+    assert clock.system.stiffness[0, 0] == pytest.approx(1.02 / 1.03)
+    scale = of(DRIVE_GAIN)["sense_scale"]
+    assert scale.system.sense == pytest.approx(1.03 * one)
+    assert scale.system.drive == pytest.approx(one)
+    assert scale.system.stiffness == pytest.approx(system_with({}, CONSTANTS).stiffness)
+    sense = of(FLIPPED)["sense_polarity"]
+    assert sense.system.sense == pytest.approx(flip)
+    assert sense.system.drive == pytest.approx(np.diag([1.02, 1.0]))
+    assert sense.system.coriolis == pytest.approx(-CORIOLIS)
+    drive = of(SENSE_FLIPPED)["drive_polarity"]
+    assert drive.system.drive == pytest.approx(np.diag([1.0, -1.0]))
+    assert drive.system.sense == pytest.approx(np.diag([1.0, 0.97]))
+    turned = of(DRIVE_TURNED)["sense_cross_coupling"]
+    assert turned.system.sense @ turned.system.sense.T == pytest.approx(one)
+    assert turned.system.sense[0, 1] == pytest.approx(math.sin(math.atan(0.05)))
+    assert turned.system.drive == pytest.approx(math.hypot(1.0, 0.05) * one)
+    assert turned.angle == pytest.approx(math.atan(0.05))
+    assert turned.system.stiffness == pytest.approx(turned.system.stiffness.T)
+    turned = of(SENSE_TURNED)["drive_misalignment"]
+    assert turned.system.sense == pytest.approx(math.hypot(1.0, 0.05) * one)
+    assert turned.system.drive[0, 1] == pytest.approx(math.sin(math.atan(-0.05)))
+    assert of(SENSE_LATE)["drive_delay"].system.late == pytest.approx((0.0, 0.04, 0.04))
+    assert of(DRIVE_LATE)["sense_delay"].system.late == pytest.approx((0.04, 0.0, -0.04))
+
+
+def heavier(mass: float, stiffness: float) -> System:
+    """M ẍ + D ẋ + K x = u + 2 Ω C ẋ with `mass` on y, by its own inverse; stiffness: kxy, so that K is symmetric."""
+    inverse = np.diag([1.0, 1.0 / mass])
+    k = np.array([[1.02, stiffness], [stiffness, 0.98 * mass]])
+    d = np.array([[4e-3, 5e-4], [5e-4, 5e-3 * mass]])
+    return System(inverse @ k, inverse @ d, inverse, np.eye(2), inverse @ CORIOLIS)
+
+
+def test_unequal_masses_are_two_gains_of_one_axis() -> None:
+    one = of(HEAVIER)["unequal_masses"]
+    assert one.size == pytest.approx(0.03)
+    made = heavier(1.03, 0.03 / (1.0 + SHARE))
+    assert one.system.drive == pytest.approx(made.drive)
+    assert one.system.sense == pytest.approx(np.eye(2))
+    assert one.system.stiffness == pytest.approx(made.stiffness)
+    assert one.system.coriolis == pytest.approx(math.sqrt(1.03) * made.coriolis)  # of a rate √m times as large
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_unequal_masses_are_a_drive_gain_of_one_axis_and_a_stiffness_that_is_not_symmetric(axis: int) -> None:
+    mass, kxy = 1.03, 0.03
+    kn = 0.5 * kxy * (1.0 - 1.0 / mass) * (1.0 if axis == 1 else -1.0)
+    gains = [is_(0.0), is_(0.0)]
+    gains[axis] = is_(1.0 / mass - 1.0)
+    named = {"drive_gain": {"hx": gains[0], "hy": gains[1]}, "nonreciprocal_stiffness": {"kn": is_(kn)}}
+    symmetric = replace(CONSTANTS, stiffness=(1.02, 0.98, 0.5 * kxy * (1.0 + 1.0 / mass)))
+    found = of(named, symmetric, is_(kn))
+    assert set(found) == {"unequal_masses"}
+    assert found["unequal_masses"].size == pytest.approx(0.03)
+    assert found["unequal_masses"].separate_by == "turn the gyro at a varying rate"
+    inverse = np.eye(2)
+    inverse[axis, axis] = 1.0 / mass
+    true = system_with({}, CONSTANTS)
+    force = np.array([[1.02, kxy], [kxy, 0.98]])
+    force[axis, axis] *= mass
+    made = System(inverse @ force, true.damping, inverse, np.eye(2), inverse @ CORIOLIS)
+    seen, _ = voltages(system_with(named, symmetric), T, turning=0.0)
+    again, _ = voltages(made, T, turning=0.0)
+    assert np.max(np.abs(again - seen)) < 1e-7 * np.max(np.abs(seen))
+    assert found["unequal_masses"].system.coriolis == pytest.approx(made.coriolis)
+    # A record that says there is no such stiffness tells the two apart.
+    assert of({"drive_gain": named["drive_gain"]}, symmetric, is_(0.0)) == {}
+    assert of({"drive_gain": named["drive_gain"]}, symmetric, is_(-kn)) == {}
+
+
+def test_a_record_that_runs_backwards_has_a_damping_that_drives() -> None:
+    constants = replace(CONSTANTS, damping=(-4e-3, -5e-3, -5e-4))
+    (found,) = equivalents({"sense_cubic": {"a3x": is_(0.1)}}, constants, None)
+    assert (found.effect, found.other) == ("sense_cubic", "time_reversal")
+    system = system_with({}, constants)
+    seen, slope = voltages(system, T, start=(np.array([1.0, 0.0]), np.array([0.0, 0.3])))
+    back = reversed_in_time(system)
+    end = T[-1]
+
+    def flow(t, state):
+        x, v = state[:2], state[2:]
+        w, change, c = rate(end - t), -rate_change(end - t), back.coriolis
+        force = back.drive @ push(end - t)
+        a = force - back.damping @ v - back.stiffness @ x + 2 * w * c @ v + change * c @ x - w**2 * c @ c @ x
+        return np.concatenate([v, a])
+
+    begin = np.concatenate([seen[-1], -slope[-1]])
+    again = solve_ivp(flow, (0.0, end), begin, "DOP853", T, rtol=1e-10, atol=1e-12).y[:2].T
+    assert np.max(np.abs(again[::-1] - seen)) < 1e-7 * np.max(np.abs(seen))
+    assert np.all(np.linalg.eigvalsh(found.system.damping) > 0.0)
+    assert "time_reversal" not in of({"sense_cubic": {"a3x": is_(0.1)}})
+
+
+def test_what_is_on_no_symmetry_has_no_equivalent() -> None:
+    assert of({}) == {}
+    assert of({"cubic_stiffness": {"k3x": is_(1.0), "k3y": is_(1.0)}}) == {}
+    assert of({"drive_gain": {"hx": is_(0.03), "hy": is_(0.02)}}, nonreciprocal=None) == {}
+    assert of({"drive_misalignment": {"mx": is_(0.05), "my": is_(0.05)}}) == {}
+    assert of({"sense_cross_coupling": {"ex": is_(0.05), "ey": is_(0.0)}}) == {}
+    assert of({"sense_delay": {"tsx": is_(0.04), "tsy": is_(0.0)}}) == {}
+    assert of({"drive_gain": {"hx": is_(-0.9, 0.05), "hy": is_(0.0)}}) == {}
+
+
+def test_a_clock_that_declared_stiffness_excludes_is_not_listed() -> None:
+    sure = replace(CONSTANTS, declared=(1.02, 0.98, 0.03), spread=0.003)
+    assert set(of(DRIVE_GAIN, sure)) == {"mass_scale", "sense_scale"}
+    slower = replace(sure, declared=(1.02 / 1.03, 0.98 / 1.03, 0.03))
+    assert "clock_rate" in of(DRIVE_GAIN, slower)

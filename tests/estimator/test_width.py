@@ -1,0 +1,83 @@
+"""How many candidates are carried: the leaders, whoever the scan may be wrong about, every kind where much is left."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimator.trace.criterion import TIE
+from estimator.trace.evidence import Evidence
+from estimator.trace.look import Look
+from estimator.trace.width import hopeful, shortlist, within_reach
+
+KINDS = [f"kind{n}" for n in range(30)]
+
+
+def item(name: str, gain: float, scatter: float = 1.0) -> Evidence:
+    return Evidence(name, gain, 1, scatter, np.zeros(1), np.ones(1))
+
+
+def look(*items: Evidence) -> Look:
+    """What a scan shows whose candidates have nothing in common."""
+    n = len(items)
+    seen = SimpleNamespace(
+        columns={one.name: slice(k, k + 1) for k, one in enumerate(items)},
+        normal=np.eye(n)[None],
+        score=np.sqrt([[one.gain for one in items]]),
+    )
+    return Look({}, seen, {one.name: one for one in items})
+
+
+def asked(view: Look, tried, left=0.0, keeps=()):
+    return hopeful(view, tried, lambda: left, lambda names: [name for name in names if name in keeps])
+
+
+def test_the_error_of_a_gain_is_what_its_coefficient_scatters_by() -> None:
+    # The coefficient c of a signature of length s is off by its scatter in units of 1/s; the gain is c² s².
+    rng = np.random.default_rng(1)
+    length, c, scatter = 50.0, 2.0, 9.0
+    found = c + np.sqrt(scatter - 1.0) / length * rng.standard_normal(200_000)
+    assert item("a", (c * length) ** 2, scatter).error == pytest.approx(np.std((found * length) ** 2), rel=0.02)
+    assert item("a", 100.0, 0.8).error == 0.0
+
+
+def test_where_the_scan_is_exact_only_those_that_tie_follow_the_leaders() -> None:
+    gains = [1000.0, 999.0, 998.0, 997.0, 996.0, 1000.0 - 0.9 * TIE, 1000.0 - 1.1 * TIE]
+    view = look(*(item(*pair) for pair in zip(KINDS, gains, strict=False)))
+    leaders = asked(view, {})
+    assert leaders == KINDS[:5]
+    tried = dict(zip(KINDS, gains[:5], strict=False))
+    assert asked(view, tried) == ["kind5"]
+    assert asked(view, tried | {"kind5": 994.0}) == []
+
+
+def test_where_the_scan_is_rough_whoever_it_may_be_wrong_about_follows() -> None:
+    # One is 8 % behind the best of the leaders, as on a record whose start upsets the scan, but scatters by 137.
+    leaders = [item("a", 160_600.0, 1.3), *(item(name, 155_000.0) for name in "bcde")]
+    rough, sure = item("rough", 148_900.0, 137.5), item("sure", 149_000.0, 1.5)
+    view = look(*leaders, sure, rough)
+    tried = {one.name: one.gain for one in leaders}
+    assert asked(view, tried) == ["rough"]
+    assert asked(view, tried | {"a": 180_000.0}) == []  # so far ahead that no error of the scan makes up for it
+
+
+def test_of_a_kind_one_follows() -> None:
+    serious = [item("a:1", 99.0), item("b:1", 98.0), item("b:2", 98.0), item("c", 97.0)]
+    assert within_reach(serious, ["a:2"], 100.0) == ["b:1", "c"]
+    assert within_reach(serious, [], 100.0) == ["a:1", "b:1", "c"]
+
+
+def test_every_kind_is_carried_once_where_the_best_leaves_something() -> None:
+    view = look(item(KINDS[0], 1000.0), *(item(name, 40.0 - n) for n, name in enumerate(KINDS[1:20])))
+    leaders = shortlist(view.seen, view.serious)
+    tried = dict.fromkeys(leaders, 1000.0)
+    assert asked(view, tried, left=9.9) == []
+    others = [name for name in KINDS[:20] if name not in leaders]
+    assert asked(view, tried, left=10.1) == others[:8]
+    # Of the rest, those that a short part of the record speaks for; and nobody is asked twice.
+    assert asked(view, tried, left=10.1, keeps={KINDS[19], KINDS[3]}) == [*others[:8], KINDS[19]]
+    assert asked(view, tried | dict.fromkeys(others[:8], 1.0), left=500.0) == []
+
+
+def test_nobody_is_carried_where_nothing_is_serious() -> None:
+    assert asked(look(item("a", 5.0), item("b", 4.0)), {}) == []
