@@ -55,13 +55,13 @@ class ObserverModel:
     def hopeful(self, look: Look, tried: Mapping[str, Trial[Carrying]], number: int) -> Sequence[str]:
         """The leaders of the scan and whoever may be no worse; all kinds, where the best of them leaves something."""
 
-        def left() -> float:
-            return max((item.gain for item in tried[leader(tried)].fit.look.serious), default=0.0)
+        def behind() -> Look:
+            return tried[leader(tried)].fit.look
 
         def screened(names: list[str]) -> list[str]:
             return self._ahead(tried[leader(tried)].fit, leader(tried), names, look)
 
-        return hopeful(look, {name: trial.score.gain for name, trial in tried.items()}, left, screened)
+        return hopeful(look, {name: trial.score.gain for name, trial in tried.items()}, behind, screened)
 
     def _ahead(self, best: Carrying, carried: str, names: list[str], look: Look) -> list[str]:
         """Of these, the ones that explain more of a short part of the record than the best so far."""

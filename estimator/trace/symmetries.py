@@ -59,7 +59,7 @@ class Constants:
 
     stiffness: tuple[float, float, float]
     damping: tuple[float, float, float]
-    declared: tuple[float, float, float]
+    declared: tuple[float, ...]
     spread: float
 
 
@@ -98,7 +98,7 @@ def retimed(system: System, unit: float) -> System:
         drive=unit**2 * system.drive,
         damping=unit * system.damping,
         coriolis=unit * system.coriolis,
-        late=tuple(late / unit for late in system.late),
+        late=(system.late[0] / unit, system.late[1] / unit, system.late[2] / unit),
     )
 
 

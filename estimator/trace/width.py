@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Mapping
 
 from estimator.trace.candidates import Parameters, kind
-from estimator.trace.criterion import TIE
+from estimator.trace.criterion import TIE, surprise
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
 from estimator.trace.look import Look
@@ -14,21 +14,23 @@ _SERIOUS = 0.5  # of the best gain: a candidate with that much is tried as well
 _NEAR = 0.9  # of the best gain: parameters are improved before the choice
 _TRIED = 5  # leaders that are carried before anything is known of the scan
 _SURE = 2.0  # standard deviations of the scan's own error: 95 %
+_POWER = 0.05  # of what was predicted, above it: as much as a record that is explained may leave
 _LEFT = 0.01  # of the best gain: less is a matter for a second effect
+_DEGREES = 2  # coefficients of most effects, one for each axis
 _WIDER = 8  # kinds tried at a time, where the best does not explain everything
 
 
 def hopeful(
     look: Look,
     gains: Mapping[str, float],
-    left: Callable[[], float],
+    behind: Callable[[], Look],
     screened: Callable[[list[str]], list[str]],
 ) -> list[str]:
     """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
     First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by; and
-    where the best leaves something, every kind once.  gains: of those that were tried; left: the gain that a scan
-    behind the best of them still promises; screened: those that a short part of the record speaks for.
+    where the best leaves something, every kind once.  gains: of those that were tried; behind: what is seen behind the
+    best of them; screened: those that a short part of the record speaks for.
     """
     leaders = shortlist(look.seen, look.serious)
     if not gains:
@@ -36,11 +38,20 @@ def hopeful(
     near = within_reach(look.serious, leaders, max(gains[name] for name in gains if name in leaders))
     if names := [name for name in near if name not in gains]:
         return names
-    if set(gains) - {*leaders, *near} or left() <= _LEFT * max(gains.values()):
+    if set(gains) - {*leaders, *near} or is_small(behind(), max(gains.values())):
         return []
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
     others = second_thoughts(look.evidence, gains)
     return others[:_WIDER] + screened(others[_WIDER:])
+
+
+def is_small(left: Look, gained: float) -> bool:
+    """Whether what is seen behind a candidate that gained so much is as large as predicted, and holds no more than a
+    second effect or chance: steadily or not, since what is rough is not small.
+    """
+    promised = max((item.gain for item in left.evidence.values()), default=0.0)
+    matters = max(_LEFT * gained, surprise(_DEGREES, len(left.evidence)))
+    return left.seen.ratio**2 < 1.0 + _POWER and promised <= matters
 
 
 def within_reach(serious: list[Evidence], tried: Collection[str], gained: float) -> list[str]:

@@ -28,8 +28,9 @@ def look(*items: Evidence) -> Look:
     return Look({}, seen, {one.name: one for one in items})
 
 
-def asked(view: Look, tried, left=0.0, keeps=()):
-    return hopeful(view, tried, lambda: left, lambda names: [name for name in names if name in keeps])
+def asked(view: Look, tried, left=0.0, ratio=1.0, keeps=()):
+    behind = Look({}, SimpleNamespace(ratio=ratio), {"any": item("any", left, 50.0)})
+    return hopeful(view, tried, lambda: behind, lambda names: [name for name in names if name in keeps])
 
 
 def test_the_error_of_a_gain_is_what_its_coefficient_scatters_by() -> None:
@@ -67,15 +68,34 @@ def test_of_a_kind_one_follows() -> None:
     assert within_reach(serious, [], 100.0) == ["a:1", "b:1", "c"]
 
 
-def test_every_kind_is_carried_once_where_the_best_leaves_something() -> None:
-    view = look(item(KINDS[0], 1000.0), *(item(name, 40.0 - n) for n, name in enumerate(KINDS[1:20])))
+def crowd(gain: float) -> Look:
+    return look(item(KINDS[0], gain), *(item(name, 40.0 - n) for n, name in enumerate(KINDS[1:20])))
+
+
+@pytest.mark.parametrize(
+    ("gain", "left", "ratio", "small"),
+    [
+        (1000.0, 15.0, 1.0, True),  # chance
+        (1000.0, 25.0, 1.0, False),
+        (10_000.0, 99.0, 1.0, True),  # a matter for a second effect
+        (10_000.0, 101.0, 1.0, False),
+        (10_000.0, 0.0, 1.02, True),
+        (10_000.0, 0.0, 1.03, False),  # more power than predicted, and nothing that the scan has a name for
+    ],
+)
+def test_every_kind_is_carried_once_where_the_best_leaves_something(gain, left, ratio, small) -> None:
+    view = crowd(gain)
     leaders = shortlist(view.seen, view.serious)
-    tried = dict.fromkeys(leaders, 1000.0)
-    assert asked(view, tried, left=9.9) == []
     others = [name for name in KINDS[:20] if name not in leaders]
-    assert asked(view, tried, left=10.1) == others[:8]
-    # Of the rest, those that a short part of the record speaks for; and nobody is asked twice.
-    assert asked(view, tried, left=10.1, keeps={KINDS[19], KINDS[3]}) == [*others[:8], KINDS[19]]
+    assert asked(view, dict.fromkeys(leaders, gain), left, ratio) == ([] if small else others[:8])
+
+
+def test_beyond_the_first_eight_a_short_part_of_the_record_speaks_and_nobody_is_asked_twice() -> None:
+    view = crowd(1000.0)
+    leaders = shortlist(view.seen, view.serious)
+    others = [name for name in KINDS[:20] if name not in leaders]
+    tried = dict.fromkeys(leaders, 1000.0)
+    assert asked(view, tried, left=500.0, keeps={KINDS[19], others[0]}) == [*others[:8], KINDS[19]]
     assert asked(view, tried | dict.fromkeys(others[:8], 1.0), left=500.0) == []
 
 
