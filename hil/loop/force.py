@@ -127,9 +127,7 @@ class ForceLoop(Loop):
         nu_x, nu_y = self._nu.tolist()
         s_x, s_y = self._s.tolist()
         x_volts, y_volts = self._volts
-        self._innovation.put(
-            tick, nu_x * x_volts, nu_y * y_volts, _root(s_x) * abs(x_volts), _root(s_y) * abs(y_volts)
-        )
+        self._innovation.put(tick, nu_x * x_volts, nu_y * y_volts, _root(s_x) * abs(x_volts), _root(s_y) * abs(y_volts))
         since = tick - first
         if since % self._every == self._every - 1:
             state, deviation = self._observer.reading()

@@ -4,8 +4,9 @@ import errno
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from hil.errors import InputError
@@ -20,7 +21,7 @@ def replacing(path: Path) -> Iterator[Path]:
     A reader sees the old file or the new one, never a part of one. Raises OSError with the name of `path`.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _uninterrupted(lambda: path.parent.mkdir(parents=True, exist_ok=True))
         descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
     except OSError as error:
         raise _named(error, path) from None
@@ -29,8 +30,8 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(descriptor)
         yield temporary
         _settle(temporary)
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
+        _uninterrupted(lambda: temporary.chmod(0o666 & ~_umask()))
+        _uninterrupted(lambda: temporary.replace(path))
     except OSError as error:
         raise _named(error, path) from None
     finally:
@@ -45,6 +46,16 @@ def read_json(path: Path) -> bytes:
     if len(text) > _MOST_BYTES:
         raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
     return text
+
+
+def _uninterrupted(act: Callable[[], object]) -> None:
+    """Do it, again while a signal interrupts it. Python itself repeats open, write and fsync (PEP 475), not those that
+    only the disk of a network or of another process interrupts.
+    """
+    while True:
+        with suppress(InterruptedError):
+            act()
+            return
 
 
 def _settle(path: Path) -> None:
@@ -73,7 +84,7 @@ def make_run_folder(out: Path, name: str) -> Path:
     for attempt in range(1000):
         folder = out / (f"{stamp}-{name}" + (f"-{attempt + 1}" if attempt else ""))
         try:
-            folder.mkdir(parents=True)
+            _uninterrupted(partial(folder.mkdir, parents=True))
         except FileExistsError:
             continue
         except OSError as error:

@@ -28,7 +28,8 @@ from hil.ring import Ring
 _DRAIN_EVERY_S = 0.02
 _RING_ROWS = 1 << 16
 _NO_ROWS: Mapping[str, int] = {}
-_STUCK_S = 2.0  # without taking a row of those that wait; on a busy machine it is the last to run
+_STUCK_S = 2.0  # without taking a row of those that wait, though it had a processor or slept …
+_STARVED_S = 10.0  # … and at all: on a busy machine it is the last to run
 _CLOSING_S = 20.0  # for the files to be closed, once it has been told to
 
 
@@ -156,6 +157,7 @@ class _Watch:
         self._rings = rings
         self._read = dict.fromkeys(rings, 0)
         self._moved_s = dict.fromkeys(rings, time.monotonic())
+        self._queued_s = dict.fromkeys(rings, self._queued())
 
     def trouble(self) -> str:
         """Why nothing is recorded any more, "" if all is well."""
@@ -164,12 +166,21 @@ class _Watch:
             return _ended(code, self._child.stderr.read())
         now_s = time.monotonic()
         for stem, ring in self._rings.items():
-            read = ring.read
+            read, still_s = ring.read, now_s - self._moved_s[stem]
             if read != self._read[stem] or not ring.waiting:
-                self._read[stem], self._moved_s[stem] = read, now_s
-            elif now_s - self._moved_s[stem] > _STUCK_S:
-                return f"the recorder is stuck: it has written nothing of {stem} for {_STUCK_S:g} s"
+                self._read[stem], self._moved_s[stem], self._queued_s[stem] = read, now_s, self._queued()
+            elif still_s > _STARVED_S or (
+                still_s > _STUCK_S and still_s - (self._queued() - self._queued_s[stem]) > _STUCK_S
+            ):
+                return f"the recorder is stuck: it has written nothing of {stem} for {still_s:.1f} s"
         return ""
+
+    def _queued(self) -> float:
+        """For how long, s, the child has been ready to run and had no processor; 0 where the kernel does not tell."""
+        try:
+            return 1e-9 * int(Path(f"/proc/{self._child.pid}/schedstat").read_text().split()[1])
+        except (OSError, IndexError):
+            return 0.0
 
 
 def _ended(code: int, complaint: bytes) -> str:

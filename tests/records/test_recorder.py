@@ -5,11 +5,15 @@ import select
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from hil.records import recorder
+from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import board_layout, read_capture
 from hil.records.recorder import record_apart, record_here
 from hil.records.timing import read_timing, timing_layout
@@ -127,3 +131,60 @@ def test_a_folder_that_is_not_there_is_told_at_the_start(tmp_path):
     with pytest.raises(OSError, match="the recorder did not start"):
         record_apart(tmp_path / "gone", LAYOUTS)
     assert not rings_left()
+
+
+class _Waiting:
+    """A ring from which nobody takes the rows that wait in it."""
+
+    read, waiting = 7, True
+
+
+@pytest.mark.parametrize(("queued", "told"), [(0.0, 2.0), (0.5, 4.0), (1.0, 10.0)])
+def test_a_busy_machine_is_not_a_stuck_recorder(monkeypatch, queued, told):
+    """docs/safety.md, host 9: time without a processor is not counted, up to ten seconds."""
+    now = 100.0
+    monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(recorder._Watch, "_queued", lambda _: queued * now)
+    watch = recorder._Watch(SimpleNamespace(poll=lambda: None), {"capture": _Waiting()})
+    assert watch.trouble() == ""  # notes how far it is
+    now = 100.0 + told - 0.1
+    assert watch.trouble() == ""
+    now = 100.0 + told + 0.1
+    assert watch.trouble() == f"the recorder is stuck: it has written nothing of capture for {told + 0.1:.1f} s"
+
+
+def test_time_without_a_processor_is_what_the_kernel_says():
+    """Two that always want one processor have it for half of the time each."""
+    place = min(os.sched_getaffinity(0))
+    spin = [sys.executable, "-c", f"import os; os.sched_setaffinity(0, {{{place}}})\nwhile True: pass"]
+    with subprocess.Popen(spin) as child, subprocess.Popen(spin) as other:
+        try:
+            watch = recorder._Watch(child, {})
+            begun, before_s = time.monotonic(), watch._queued()
+            while watch._queued() - before_s < 0.2:
+                assert time.monotonic() - begun < 20.0
+                time.sleep(0.05)
+            assert watch._queued() - before_s <= time.monotonic() - begun
+        finally:
+            child.kill()
+            other.kill()
+
+
+def test_what_a_signal_interrupts_is_done_again(monkeypatch, tmp_path):
+    """mkdir, chmod and rename, which Python does not repeat by itself."""
+    for name in ("mkdir", "chmod", "replace"):
+        real, calls = getattr(os, name), []
+
+        def interrupted(*arguments, real=real, calls=calls, **more):
+            calls.append(str(arguments[0]))
+            if calls.count(calls[-1]) == 1:
+                raise InterruptedError(4, "Interrupted system call")
+            return real(*arguments, **more)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(os, name, interrupted)
+            folder = make_run_folder(tmp_path / name, "run")
+            write_text(folder / "some.txt", "some")
+        assert calls
+        assert (folder / "some.txt").read_text() == "some"
+        assert [path.name for path in folder.iterdir()] == ["some.txt"]
