@@ -26,7 +26,8 @@ from device_emulator.line import Line
 from estimator.observer import Observer
 from hil.bench import override
 from hil.declared import controller_settings_of, device_of, observer_settings_of
-from hil.loop.worker import configure, make_loop
+from hil.loop.preflight import configure
+from hil.loop.worker import make_loop
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink

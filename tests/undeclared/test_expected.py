@@ -39,7 +39,7 @@ def test_the_observer_finds_what_is_expected(name: str, tmp_path: Path) -> None:
     carried = {one: {**corners, **what.parameters} for one in what.names}
     bench = override(bench, {"effects": carried}, name)
     observer = Observer(device_of(bench), observer_settings_of(bench))
-    _, sense, drive, _ = samples_of(capture)
+    _, sense, drive, _, _ = samples_of(capture)
     innovation = observer.run(sense, drive, temperature=capture.temp_C).innovation[SAMPLES // 2 :]
     assert np.sqrt(np.mean(innovation**2)) < 1.15 * truth["noise_V"]  # fading memory and steps of the rate cost some
     deviations = np.sqrt(np.diagonal(observer.covariance))
