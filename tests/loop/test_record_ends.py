@@ -29,6 +29,7 @@ def last_drive_s(board: Board) -> float:
     return time.monotonic() - board.driven[-1][0] if board.driven else float("inf")
 
 
+@pytest.mark.realtime
 def test_a_recorder_that_is_killed_ends_the_run_within_a_second(tmp_path: Path) -> None:
     with served(Board()) as board, Host(tmp_path / "host", bench(), board.url) as host:
         host.await_record(600)
@@ -49,6 +50,7 @@ def test_a_recorder_that_is_killed_ends_the_run_within_a_second(tmp_path: Path) 
         assert not host.capture.complete
 
 
+@pytest.mark.realtime
 def test_a_recorder_that_stands_still_ends_the_run(tmp_path: Path) -> None:
     """Nothing is lost by it: what waits in memory is written once it goes on."""
     with served(Board()) as board, Host(tmp_path / "host", bench(), board.url) as host:
