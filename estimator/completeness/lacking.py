@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
 
 from estimator.completeness.answer import Lacking
 from estimator.completeness.turning import Turning
@@ -15,18 +14,18 @@ from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.trace.candidates import Parameters, kind
-from estimator.trace.certainty import widening
+from estimator.trace.certainty import TWO_SIDED, covariance_of
 from estimator.trace.criterion import schwarz, surprise
 from estimator.trace.diagnosis import Interval
 from estimator.trace.evidence import SAME, Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
-from estimator.trace.observer_model import carries_over, numbers
+from estimator.trace.observer_model import carries_over, estimates_of, numbers
+from estimator.trace.parameters import NOTHING
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan
 from estimator.trace.width import second_thoughts, shortlist
 
-_TWO_SIDED = float(norm.ppf(0.975))
 _TRIED = 3
 _BESIDE = 1  # tried beside them, of another kind
 _COMPARED = 10_000  # samples on which candidates are compared, at least
@@ -105,18 +104,17 @@ def leading(
     if gains[best] < _ENOUGH and not carries_over(compared, without, models[best], best):
         return None
     model = models[best]
-    rows = [model.observer.estimated.index(c.name) for c in effect.coefficients]
-    covariance = model.observer.covariance[np.ix_(rows, rows)] * widening(model) ** 2
+    covariance = covariance_of(best, model, NOTHING)
     given = coefficients_of(model.observer)[best]
-    values = np.array([given[c.name.partition(":")[0]] for c in effect.coefficients])
-    half = _TWO_SIDED * np.sqrt(np.diagonal(covariance))
+    found = estimates_of(model, {})[best]
+    values = np.array([one.value for one in found.values()])
     alike = likeness(seen, best, values)
     lacking = Lacking(
         effect=kind(best),
         title=effect.title,
         coefficients={
-            c.name.partition(":")[0]: Interval(float(value), float(value - off), float(value + off), c.unit)
-            for c, value, off in zip(effect.coefficients, values, half, strict=True)
+            symbol: Interval(one.value, one.low, one.high, c.unit)
+            for c, (symbol, one) in zip(effect.coefficients, found.items(), strict=True)
         },
         evidence=gains[best],
         angle=angle_of(turning.of(best), values, covariance),
@@ -141,6 +139,6 @@ def angle_of(moves: Array, values: Array, covariance: Array) -> Interval:
     """
     shift = moves @ values
     at = int(np.argmax(np.abs(shift)))
-    half = _TWO_SIDED * float(np.sqrt(moves[at] @ covariance @ moves[at]))
+    half = TWO_SIDED * float(np.sqrt(moves[at] @ covariance @ moves[at]))
     size = float(abs(shift[at]))
     return Interval(size, max(size - half, 0.0), size + half, "rad")

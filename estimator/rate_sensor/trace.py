@@ -22,7 +22,7 @@ from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.trace import promises
 from estimator.trace.diagnosis import Confusable, Fit, Found, Interval, Rejected, Verdict
-from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, gained, tried_reason
+from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, leaves_the_rest, why_not
 from estimator.trace.promises import Claim, Errors, Level
 
 _ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
@@ -102,7 +102,7 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
     )
     named = verdict in (Verdict.EXPLAINED, Verdict.PARTLY)
     if not named:
-        rejected += tuple(Rejected(name, f"{gained(gain)} and leaves the rest") for name, gain in gains.items())
+        rejected += tuple(Rejected(name, leaves_the_rest(gain)) for name, gain in gains.items())
     held_out = ~fitting
     return SensorDiagnosis(
         verdict,
@@ -187,7 +187,7 @@ def _promised(
         }
         gone |= {one.effect: said for one in claim.levels if (said := promises.contradicted(one))}
         if not gone and promises.broken(claim):
-            gone = {name: f"{gained(gains[name])} and leaves the rest" for name in promises.minor(gains)}
+            gone = {name: leaves_the_rest(gains[name]) for name in promises.minor(gains)}
         if not gone:
             return _Promised(current, gains, claim, why)
         why |= gone
@@ -241,11 +241,7 @@ def _rejected(
 
 
 def _why(name: str, rounds: Sequence[Round[tuple[str, ...]]]) -> str:
-    for one in reversed(rounds):
-        tried = next((each for each in one.tried if each.name == name), None)
-        if tried is not None:
-            return tried_reason(tried, one.taken)
-    return "not looked at: as many effects as may be were taken"
+    return why_not(rounds, name.__eq__) or "not looked at: as many effects as may be were taken"
 
 
 def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tuple[str, ...]]:
@@ -263,8 +259,7 @@ def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tu
     against = (*against, *((outside,) if beyond else ()))
     if not promises.holds_in_part(claim):
         return Verdict.UNEXPLAINED, against
-    titles = " and ".join(name.replace("_", " ") for name in claim.effects)
-    said = f"something acts like {titles}: {errors.share:.1%} of the power above the noise floor goes"
+    said = f"{promises.acts_like(claim.effects)}: {errors.share:.1%} of the power above the noise floor goes"
     return Verdict.PARTLY, (said, *against)
 
 

@@ -11,11 +11,10 @@ import numpy as np
 
 from estimator.observer import Observer
 from estimator.scaling import Array
+from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.fitting import coefficients_of, fit, run
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import hold, settling
-
-_TWO_SIDED = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class AngleReader:
         usual = self.angle(effects)
         total = 0.0
         for size, axis in zip(np.sqrt(np.maximum(sizes, 0.0)), axes.T, strict=True):
-            moved = self.angle(_shifted(effects, name, _TWO_SIDED * size * axis * scale))
+            moved = self.angle(_shifted(effects, name, TWO_SIDED * size * axis * scale))
             total += float(np.max(np.abs(moved - usual))) ** 2
         return float(np.sqrt(total))
 

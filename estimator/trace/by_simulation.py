@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.observer import Observer
 from estimator.refinement import Refined
-from estimator.trace.engine import Dissent, Round, Rules, choose, tried_reason
+from estimator.trace.engine import Dissent, Round, Rules, choose, why_not
 from estimator.trace.free_run_model import (
     FreeRun,
     FreeRunModel,
@@ -94,11 +94,7 @@ def without(problem: Problem, found: SimulationTrace, names: Collection[str], sk
 
 def _why(name: str, promised: float, rounds: Sequence[Round[Promises]]) -> str:
     """Why a candidate was not taken, by the last round that fitted it, else by what it promised."""
-    for one in reversed(rounds):
-        tried = next((each for each in one.tried if each.name == name), None)
-        if tried is not None:
-            return tried_reason(tried, one.taken)
-    return f"evidence {promised:.1f} does not outweigh its coefficients"
+    return why_not(rounds, name.__eq__) or f"evidence {promised:.1f} does not outweigh its coefficients"
 
 
 def _alike(model: FreeRunModel, found: FreeRun, known: Sequence[str]) -> tuple[tuple[str, str, float], ...]:

@@ -7,6 +7,9 @@ from estimator.scaling import Array
 from estimator.trace.fitting import Fitted
 from estimator.trace.parameters import Searched
 
+TWO_SIDED = 1.959963984540054
+"""Standard deviations to either side of a normal distribution's mean that hold 95 %."""
+
 
 def widening(model: Fitted) -> float:
     """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger."""

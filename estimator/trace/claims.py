@@ -8,16 +8,15 @@ import numpy as np
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Gain
-from estimator.trace.certainty import widening
+from estimator.trace.candidates import kind
+from estimator.trace.certainty import TWO_SIDED, widening
 from estimator.trace.diagnosis import Fit
 from estimator.trace.engine import Estimate
 from estimator.trace.examination import Examination
 from estimator.trace.fitting import Fitted, log_likelihood
 from estimator.trace.problem import Problem
-from estimator.trace.promises import Claim, Constant, Errors, Level, Vote
+from estimator.trace.promises import Claim, Constant, Errors, Level, Vote, is_positive
 from estimator.trace.selection import Selection
-
-_TWO_SIDED = 1.959963984540054
 
 
 def claim_of(problem: Problem, selection: Selection, before: Examination, after: Examination, split: int) -> Claim:
@@ -63,16 +62,11 @@ def constants_of(problem: Problem, model: Fitted) -> tuple[Constant, ...]:
         if name == "rate" or name not in observer.estimated:
             continue
         value = float(observer.state[observer.names.index(name)])
-        half = _TWO_SIDED * float(sure[observer.estimated.index(name)])
+        half = TWO_SIDED * float(sure[observer.estimated.index(name)])
         guess = float(declared.state[declared.names.index(name)])
         spread = float(prior[declared.estimated.index(name)])
-        found.append(Constant(name, value, value - half, value + half, guess, spread, positive=_diagonal(name)))
+        found.append(Constant(name, value, value - half, value + half, guess, spread, positive=is_positive(name)))
     return tuple(found)
-
-
-def _diagonal(name: str) -> bool:
-    """Whether it is the stiffness or the damping of an axis by itself."""
-    return name in ("kxx", "kyy", "dxx", "dyy")
 
 
 def _rate(problem: Problem, after: Examination, split: int) -> tuple[Constant, ...]:
@@ -83,13 +77,13 @@ def _rate(problem: Problem, after: Examination, split: int) -> tuple[Constant, .
     estimates = after.estimates
     rate, sure = estimates.of("rate")[later], estimates.deviation[later, estimates.names.index("rate")]
     guess = problem.settings.initial.get("rate", 0.0)
-    beyond = np.abs(rate - guess) - _TWO_SIDED * sure
+    beyond = np.abs(rate - guess) - TWO_SIDED * sure
     if not np.any(np.isfinite(beyond)):
         return ()
     at = int(np.nanargmax(beyond))
     walked = problem.settings.process_noise.rate**2 * problem.span
     deviation = float(np.sqrt(problem.settings.spread.rate**2 + walked))
-    value, half = float(rate[at]), _TWO_SIDED * float(sure[at])
+    value, half = float(rate[at]), TWO_SIDED * float(sure[at])
     return (Constant("rate", value, value - half, value + half, guess, deviation),)
 
 
@@ -99,7 +93,7 @@ def _levels(
     """Of a sense chain that saturates, where all that goes over the level is lost."""
     found = []
     for name, coefficients in effects.items():
-        if name.partition(":")[0] != "sense_clipping":
+        if kind(name) != "sense_clipping":
             continue
         for axis, share in enumerate(coefficients.values()):
             if not share.low <= 1.0 <= share.high:
@@ -107,9 +101,7 @@ def _levels(
             most = abs(problem.device.sense_gain[axis]) * selection.effects[name]["level"]
             seen: Array = problem.record.sense[split:, axis]
             noise = max(problem.device.noise[axis], 0.0)
-            found.append(
-                Level(name.partition(":")[0], -most, most, float(np.nanmin(seen)), float(np.nanmax(seen)), noise)
-            )
+            found.append(Level(kind(name), -most, most, float(np.nanmin(seen)), float(np.nanmax(seen)), noise))
     return tuple(found)
 
 

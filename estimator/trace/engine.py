@@ -239,6 +239,20 @@ def tried_reason(tried: Tried, taken: str | None) -> str:
     return f"{gained(tried.score.gain)}; {tried.reason}"
 
 
+def why_not(rounds: Sequence[Round[Look]], meant: Callable[[str], bool]) -> str | None:
+    """Why a candidate was not taken, by the last round that carried it; None where none did."""
+    for one in reversed(rounds):
+        for each in one.tried:
+            if meant(each.name) and each.name != one.taken:
+                return tried_reason(each, one.taken)
+    return None
+
+
+def leaves_the_rest(gain: float) -> str:
+    """Why an effect with such a gain explains nothing by itself."""
+    return f"{gained(gain)} and leaves the rest"
+
+
 def gained(gain: float) -> str:
     """A gain in words."""
     return f"carried, it gains {gain:.4g} in twice the log-likelihood"

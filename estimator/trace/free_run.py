@@ -20,7 +20,7 @@ from estimator.simulation import simulate
 from estimator.trace import promises
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
 from estimator.trace.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
-from estimator.trace.engine import gained
+from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
 from estimator.trace.free_run_model import estimates_of
 from estimator.trace.problem import Problem
@@ -49,7 +49,7 @@ def trace_free_run(
     after = _examined(problem.carrying(carried), found.after, split) if found.effects else before
     named = found.effects if verdict in (Verdict.EXPLAINED, Verdict.PARTLY) else ()
     if not named:
-        why |= {name: f"{gained(found.evidence[name])} and leaves the rest" for name in found.effects}
+        why |= {name: leaves_the_rest(found.evidence[name]) for name in found.effects}
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, found, device) for name in named),
@@ -80,12 +80,7 @@ def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[Sim
     why: dict[str, str] = {}
     while True:
         claim = _claim(part, found, later)
-        weak = {
-            name: reason
-            for name, given in claim.effects.items()
-            if (reason := promises.wrong_sign(name, given) or promises.may_be_nothing(name, given))
-        }
-        if weak:
+        if weak := promises.weak(claim.effects):
             least = min(weak, key=lambda name: found.evidence[name])
             why[least] = weak[least]
             found = without(part, found, (least,), _FIRST)
@@ -93,7 +88,7 @@ def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[Sim
         small = promises.minor(found.evidence)
         if not small or not promises.broken(claim):
             return found, claim, why
-        why |= {name: f"{gained(found.evidence[name])} and leaves the rest" for name in small}
+        why |= {name: leaves_the_rest(found.evidence[name]) for name in small}
         found = without(part, found, small, _FIRST)
 
 
@@ -120,7 +115,7 @@ def _constants(found: SimulationTrace) -> tuple[Constant, ...]:
             *fit.interval(name),
             float(declared.state[declared.names.index(name)]),
             float(spread[declared.estimated.index(name)]),
-            positive=name in ("kxx", "kyy", "dxx", "dyy"),
+            positive=promises.is_positive(name),
         )
         for name in declared.estimated[declared.states :]
         if name in declared.model.names and name in fit.free
@@ -143,8 +138,7 @@ def _summary(verdict: Verdict, named: tuple[str, ...], errors: Errors) -> str:
     off = f"a free run of the part held out is {errors.after:.3g} V rms off{was}; the noise is {errors.floor:.3g} V"
     if verdict is not Verdict.PARTLY:
         return off
-    titles = " and ".join(name.replace("_", " ") for name in named)
-    return f"something acts like {titles}: {errors.share:.1%} of the power above the noise goes; {off}"
+    return f"{promises.acts_like(named)}: {errors.share:.1%} of the power above the noise goes; {off}"
 
 
 def free_run_error(observer: Observer, fit: Refined, record: Record, first: int) -> Array:

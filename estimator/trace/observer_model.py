@@ -5,10 +5,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
-from estimator.trace.certainty import covariance_of
+from estimator.trace.certainty import TWO_SIDED, covariance_of
 from estimator.trace.criterion import schwarz, surprise
 from estimator.trace.engine import Estimate, Score, Trial, leader
 from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
@@ -21,7 +20,6 @@ _LEARNT = 2.0 / 3.0  # of the record: what an effect explains of it must be born
 _PROPORTION = 0.25
 _SCREENED = 20_000  # samples on which those that the scan expects least of are compared first
 _RIVALS = 30  # candidates among which one that later ones may have made superfluous was chosen
-_TWO_SIDED = float(norm.ppf(0.975))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +141,7 @@ def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str
         _, effect = effect_for(name, model.observer.device.axes)
         with np.errstate(invalid="ignore"):
             covariance = covariance_of(name, model, searched.get(name, NOTHING))
-            half = _TWO_SIDED * np.sqrt(np.diagonal(covariance))
+            half = TWO_SIDED * np.sqrt(np.diagonal(covariance))
         own = {}
         for c, off in zip(effect.coefficients, half.tolist(), strict=True):
             symbol = c.name.partition(":")[0]

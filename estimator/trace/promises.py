@@ -6,11 +6,12 @@ two axes, the free run, the rate sensor.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from scipy.stats import f as f_distribution
 
+from estimator.trace.candidates import kind
 from estimator.trace.engine import Estimate, unphysical
 
 FLOOR = 1.1
@@ -196,11 +197,30 @@ def minor(gains: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(name for name, gain in gains.items() if gain < MINOR * most)
 
 
+def weak(effects: Mapping[str, Mapping[str, Estimate]]) -> dict[str, str]:
+    """Those that a guard of their own speaks against, and why: of the wrong sign, or they may as well be nothing."""
+    return {
+        name: reason
+        for name, given in effects.items()
+        if (reason := wrong_sign(name, given) or may_be_nothing(name, given))
+    }
+
+
+def is_positive(constant: str) -> bool:
+    """Whether physics asks a constant of the model to be: the stiffness or the damping of an axis by itself is."""
+    return constant in ("kxx", "kyy", "dxx", "dyy")
+
+
+def acts_like(names: Iterable[str]) -> str:
+    """What is said of a part, no more than that."""
+    return f"something acts like {' and '.join(_plain(kind(name)) for name in names)}"
+
+
 def wrong_sign(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
     """Why an effect with these coefficients is none of its name, None where it may be."""
     if symbol := unphysical({name: coefficients}):
         return f"{_plain(name)} fits only with a negative {symbol}, which would be something else"
-    if name.partition(":")[0] in _GAINS:
+    if kind(name) in _GAINS:
         for symbol, estimate in coefficients.items():
             if estimate.high < -1.0:
                 return f"{_plain(name)} fits only with {symbol} = {estimate.value:.3g}: a gain of the other sign"

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
@@ -12,11 +11,11 @@ from estimator.settings import Device, ObserverSettings
 from estimator.trace import promises
 from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
-from estimator.trace.certainty import covariance_of, widening
+from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
 from estimator.trace.claims import claim_of
 from estimator.trace.criterion import threshold
 from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
-from estimator.trace.engine import gained, tried_reason
+from estimator.trace.engine import gained, leaves_the_rest, why_not
 from estimator.trace.evidence import SAME
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
@@ -29,7 +28,6 @@ from estimator.trace.separation import separations
 from estimator.trace.symmetries import Constants, equivalents
 
 _READ = 100_000  # samples in which the angle is read once for each possibility
-_TWO_SIDED = float(norm.ppf(0.975))
 
 
 def trace(
@@ -120,7 +118,7 @@ def _judged(problem: Problem, selection: Selection, before: Examination, split: 
             return _Judged(verdict, named, selection, after, why, reasons, share)
         gains = {name: selection.gain[name] for name in named}
         if small := promises.minor(gains):
-            why |= {name: f"{gained(gains[name])} and leaves the rest" for name in small}
+            why |= {name: leaves_the_rest(gains[name]) for name in small}
         elif promises.holds_in_part(claim):
             reasons = (_in_part(named, claim), *left, *against)
             return _Judged(Verdict.PARTLY, named, selection, after, why, reasons, share)
@@ -138,12 +136,7 @@ def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[
     """Less the effects that are of the wrong sign or may as well be nothing, one after another; and why."""
     why: dict[str, str] = {}
     while True:
-        weak = {
-            name: reason
-            for name, given in selection.coefficients.items()
-            if name not in known
-            and (reason := promises.wrong_sign(name, given) or promises.may_be_nothing(name, given))
-        }
+        weak = promises.weak({name: given for name, given in selection.coefficients.items() if name not in known})
         if not weak:
             return selection, why
         least = min(weak, key=lambda name: selection.gain.get(name, 0.0))
@@ -154,10 +147,9 @@ def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[
 def _in_part(named: Effects, claim: promises.Claim) -> str:
     """What is said of a part: no more than that it acts so."""
     errors = claim.residual
-    titles = " and ".join(kind(name).replace("_", " ") for name in named)
     them = "it" if len(named) == 1 else "them"
     return (
-        f"something acts like {titles}: with {them} {errors.share:.1%} of the residual's power above the noise floor "
+        f"{promises.acts_like(named)}: with {them} {errors.share:.1%} of the residual's power above the noise floor "
         f"goes on the part held out, from {errors.before:.4g} to {errors.after:.4g} × the floor"
     )
 
@@ -165,7 +157,7 @@ def _in_part(named: Effects, claim: promises.Claim) -> str:
 def _no_explanation(gain: float, claim: promises.Claim) -> str:
     if against := promises.broken(claim, promises.PARTLY):
         return f"{gained(gain)}; {against[0]}"
-    return f"{gained(gain)} and leaves the rest"
+    return leaves_the_rest(gain)
 
 
 def _turned_down(why: Mapping[str, str]) -> tuple[str, ...]:
@@ -208,12 +200,11 @@ def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Int
     """Coefficients and searched parameters with their 95 % intervals; a coefficient moves with the parameters."""
     model, searched = selection.after, selection.searched[name]
     _, effect = effect_for(name, device.axes)
-    given = selection.effects[name]
-    covariance = covariance_of(name, model, searched)
-    intervals = {}
-    for i, c in enumerate(effect.coefficients):
-        symbol = c.name.partition(":")[0]
-        intervals[symbol] = _interval(given[symbol], float(np.sqrt(covariance[i, i])), c.unit)
+    given, found = selection.effects[name], selection.coefficients[name]
+    intervals = {
+        symbol: Interval(one.value, one.low, one.high, c.unit)
+        for c, (symbol, one) in zip(effect.coefficients, found.items(), strict=True)
+    }
     for p in effect.parameters:
         if p.name in searched.names:
             intervals[p.name] = _interval(given[p.name], widening(model) * searched.deviation(p.name), p.unit)
@@ -221,7 +212,7 @@ def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Int
 
 
 def _interval(value: float, deviation: float, unit: str) -> Interval:
-    return Interval(value, value - _TWO_SIDED * deviation, value + _TWO_SIDED * deviation, unit)
+    return Interval(value, value - TWO_SIDED * deviation, value + TWO_SIDED * deviation, unit)
 
 
 def _confusable(
@@ -303,9 +294,7 @@ def _rejected(named: Effects, selection: Selection, why: Mapping[str, str], devi
             continue
         _, effect = effect_for(name, device.axes)
         bound = {
-            c.name.partition(":")[0]: Interval(
-                float(value), float(value - _TWO_SIDED * sd), float(value + _TWO_SIDED * sd), c.unit
-            )
+            c.name.partition(":")[0]: _interval(float(value), float(sd), c.unit)
             for c, value, sd in zip(effect.coefficients, item.coefficients, item.deviation, strict=True)
             if sd > 0.0
         }
@@ -315,10 +304,8 @@ def _rejected(named: Effects, selection: Selection, why: Mapping[str, str], devi
 
 
 def _why(name: str, serious: bool, selection: Selection) -> str:
-    for one in reversed(selection.rounds):
-        tried = next((each for each in one.tried if kind(each.name) == kind(name) and each.name != one.taken), None)
-        if tried is not None:
-            return tried_reason(tried, one.taken)
+    if reason := why_not(selection.rounds, lambda other: kind(other) == kind(name)):
+        return reason
     alike = max((others.get(name, 0.0) for others in selection.alike.values()), default=0.0)
     if alike > SAME:
         return f"looks like what was taken (likeness {alike:.5f}) and explains less"
