@@ -43,11 +43,12 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     Limits without a record to hold against them are not judged.
     """
     stopped, refused = str(outcome.get("stopped", "")), tuple(outcome.get("refused", ()))
+    ended_early = bool(stopped) or not result.complete
     bench_file = shlex.quote(str(folder.bench_path))
     parts = {
         "safety": judge_safety(outcome),
         "machine": judge_machine(result, bench, refused, bench_file),
-        "model": judge_model(folder, result, bench),
+        "model": judge_model(folder, result, bench, ended_early=ended_early),
         "angle": judge_angle(folder, result, bench),
     }
     if parts["machine"].against:
@@ -59,12 +60,10 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     at = int(parts["safety"].against)
     reasons = told[:at] + ([stopped] if stopped and not any(stopped in line for line in told) else []) + told[at:]
     remarks = (*stops_survived(outcome), *refused, *mishaps(result, outcome.get("counters", {})))
-    return Judgement(
-        _verdict(parts, stopped or not result.complete), parts, tuple(reasons), remarks, _next(parts, folder)
-    )
+    return Judgement(_verdict(parts, ended_early), parts, tuple(reasons), remarks, _next(parts, folder))
 
 
-def _verdict(parts: Mapping[str, Part], ended_early: object) -> RunVerdict:
+def _verdict(parts: Mapping[str, Part], ended_early: bool) -> RunVerdict:
     if parts["safety"].outcome == "unsafe":
         return "unsafe"
     if ended_early:

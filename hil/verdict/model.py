@@ -8,9 +8,20 @@ from hil.records.runfolder import RunFolder
 from hil.records.sensing import sense_faults
 
 
-def judge_model(folder: RunFolder, result: Result, bench: Bench) -> Part:
-    """The closing scan's answer, the innovation beside its floor, and what the codes say of the sense chain."""
+def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early: bool = False) -> Part:
+    """The closing scan's answer, the innovation beside its floor, and what the codes say of the sense chain.
+
+    A run that did not end early and was over before anything was scored has failed.
+    """
     limits, scan, reasons = bench.limits, result.scan, []
+    innovation, settle_s = folder.innovation, bench.loop.settle_s
+    scored = innovation is not None and len(innovation.since(settle_s)) > 0
+    if innovation is not None and not scored and not ended_early:
+        return Part(
+            outcome="failed",
+            reason=f"nothing was scored: the record ends before [loop] settle_s = {settle_s:g} s; record for longer, "
+            "or lower it",
+        )
     if scan is not None and scan.complete is False:
         reasons.append(scan.reason)
     if result.innovation_rms is not None and result.noise_floor:
@@ -20,7 +31,7 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench) -> Part:
                 f"innovation {ratio:.3g} × the noise floor, [limits] innovation_ratio is "
                 f"{limits.innovation_ratio:g}: the model lacks something"
             )
-    elif folder.innovation is not None and len(folder.innovation.since(bench.loop.settle_s)):
+    elif scored:
         reasons.append("the innovation is not finite: the observer diverged; check the signs and gains in [device]")
     if folder.capture is not None:
         reasons += sense_faults(folder.capture, bench.device.sense.noise_V)

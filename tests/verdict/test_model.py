@@ -71,12 +71,16 @@ def test_an_innovation_that_is_not_finite_is_held_against_the_model(tmp_path: Pa
     assert part.next is None  # a trace of it would say nothing
 
 
-def test_where_nothing_was_scored_there_is_nothing_to_hold_against_it(tmp_path: Path) -> None:
+def test_a_run_of_which_nothing_was_scored_is_not_good(tmp_path: Path) -> None:
     short = result(True).model_copy(update={"innovation_rms": None})
     nobody = RunFolder(tmp_path)
     assert judge_model(nobody, short, gyro.bench()).outcome == "complete"
     unsettled = gyro.bench(duration_s=10.0, loop={"settle_s": 5.0})
-    assert judge_model(folder(tmp_path), short, unsettled).outcome == "complete"
+    part = judge_model(folder(tmp_path), short, unsettled)
+    assert (part.outcome, part.against) == ("failed", True)
+    assert "the record ends before [loop] settle_s = 5 s" in part.reason
+    interrupted = judge_model(folder(tmp_path), short, unsettled, ended_early=True)
+    assert interrupted.outcome == "complete"  # that it ended early says enough
 
 
 def test_the_innovation_is_held_against_its_limit_and_no_lower(tmp_path: Path) -> None:
