@@ -79,13 +79,17 @@ def assert_one_plain_line(code: int, lines: list[str]) -> None:
     assert len(line) < 1000
 
 
-@pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("content", CONTENTS)
+# A process each: the reader is that of the scenario within the process.
+COSTLY = ("emulate", "scenario on a pty")
+TRIED = [
+    (verb, content) for verb in VERBS for content in (("deep lists", "binary", "empty") if verb in COSTLY else CONTENTS)
+]
+
+
+@pytest.mark.parametrize(("verb", "content"), TRIED)
 def test_a_file_that_is_none(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], verb: str, content: str
 ) -> None:
-    if verb in ("emulate", "scenario on a pty") and content not in ("deep lists", "binary", "empty"):
-        pytest.skip("a process each: the reader is that of the scenario within the process")
     monkeypatch.chdir(place)
     (place / "file.toml").write_bytes(CONTENTS[content])
     for made in ("out.csv", "out.arrow"):

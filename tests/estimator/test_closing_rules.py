@@ -4,6 +4,7 @@ angle is off. The scans themselves are in test_completeness.py.
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,9 +161,9 @@ def test_what_has_no_frequency_is_no_line() -> None:
     assert not _is_of_the_rate({}, 0.0, DEVICE, scan_of(innovation=np.zeros((1000, 2))))
 
 
-def scan_of(**known: np.ndarray) -> Scan:
+def scan_of(**known: Any) -> Scan:
     """Two coefficients of the drive gain, one of another effect; nothing else is looked at."""
-    usual = {
+    usual: dict[str, Any] = {
         "normal": np.arange(18.0).reshape(2, 3, 3),
         "score": np.arange(6.0).reshape(2, 3),
         "plausible": np.array([0.05, 0.06, 2.0]),
@@ -170,7 +171,7 @@ def scan_of(**known: np.ndarray) -> Scan:
         "deviation": np.ones((4, 2)),
         "course": np.zeros((3, 3)),
     }
-    return Scan({"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}, observer=None, **(usual | known))  # type: ignore[arg-type]
+    return Scan({"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}, observer=None, **(usual | known))
 
 
 def test_stretches_are_judged_as_one_record() -> None:
