@@ -20,7 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -192,20 +192,20 @@ def _readable(capture: Path) -> bool:
         return False
 
 
-def _result(runs: Path) -> dict[str, object]:
+def _result(runs: Path) -> dict[str, Any]:
     for path in runs.glob("*/result.json"):
-        found: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         return found
     return {}
 
 
-def _told(victim: str, code: int, result: dict[str, object], said: str) -> bool:
+def _told(victim: str, code: int, result: dict[str, Any], said: str) -> bool:
     """Whether whoever is left says what happened, without a traceback; a host that was killed cannot."""
     if "Traceback" in said:
         return False
     if victim == "host":
         return code == -signal.SIGKILL
-    reasons = " ".join(result.get("reasons", ()))  # type: ignore[call-overload]
+    reasons = " ".join(result.get("reasons", ()))
     words = {"loop": "killed by SIGKILL", "recorder": "recorder was killed", "board": "hung up"}[victim]
     return code == 1 and words in reasons and result["verdict"] in ("interrupted", "unsafe")
 

@@ -94,14 +94,14 @@ def per_row_us(bench: Bench, link: Link) -> dict[str, float]:
     observer = make_observer()
     registers = configure(link_end, identity, bench)
     clock = Clock()
-    endpoint = Timed(link_end)
+    endpoint: Any = Timed(link_end)
     samples = round(SECONDS * identity.tick_rate_Hz)
     with ExitStack() as stack:
         tracks = {}
         for stem, layout in run_layouts(observer, bench, identity).items():
             tracks[stem] = stack.enter_context(Ring.create(f"{uuid.uuid4()}", layout.dtype, samples))
             tracks[stem].unlink()
-        loop = GainLoop(endpoint, identity, bench, observer, tracks, registers)  # type: ignore[arg-type]
+        loop = GainLoop(endpoint, identity, bench, observer, tracks, registers)
         clock.wrap(link, "receive", "waking and reading")
         clock.wrap(link, "send", "writing")
         clock.wrap(endpoint, "poll", "decoding")

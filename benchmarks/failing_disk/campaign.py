@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from benchmarks.failing_disk.disk import FAULTS, HARMLESS, REMOVES, Disk, Fault
 from hil import examples
@@ -176,7 +176,7 @@ class Campaign:
         return f"{State(status.state).name} {SafeReason(status.reason).name} {status.tick}"
 
 
-def _wrong_end(code: int, said: str, result: dict[str, object], fault: str, at: int) -> Iterator[str]:
+def _wrong_end(code: int, said: str, result: dict[str, Any], fault: str, at: int) -> Iterator[str]:
     """What a run that met `fault` ("" for none) should not have ended with."""
     if "Traceback" in said:
         last = [line for line in said.splitlines() if line.strip()][-1]
@@ -189,7 +189,7 @@ def _wrong_end(code: int, said: str, result: dict[str, object], fault: str, at: 
     if not sound and code not in (0, 1, 2):
         yield f"exit code {code}"
     lines = [line for line in said.splitlines() if line.startswith("hil: ")]
-    reasons = [str(reason) for reason in result.get("reasons", ())]  # type: ignore[attr-defined]
+    reasons = [str(reason) for reason in result.get("reasons", ())]
     if len(lines) > 1:
         yield f"{len(lines)} lines"
     if not sound:
@@ -201,8 +201,8 @@ def _wrong_end(code: int, said: str, result: dict[str, object], fault: str, at: 
             yield f"{words!r} is not told"
 
 
-def _safety(result: dict[str, object]) -> str:
-    parts: dict[str, dict[str, str]] = result.get("parts", {})  # type: ignore[assignment]
+def _safety(result: dict[str, Any]) -> str:
+    parts: dict[str, dict[str, str]] = result.get("parts", {})
     return parts.get("safety", {}).get("outcome", "")
 
 
@@ -280,10 +280,10 @@ def _has_rows(runs: Path) -> bool:
     return False
 
 
-def _result(runs: Path) -> dict[str, object]:
+def _result(runs: Path) -> dict[str, Any]:
     for folder in _folders(runs):
         if (path := folder / "result.json").exists():
-            found: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+            found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
             return found
     return {}
 

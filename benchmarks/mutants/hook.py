@@ -3,6 +3,7 @@
 GYROHIL_MUTANT is the module's name, GYROHIL_MUTANT_SOURCE the file that holds what it is to be.
 """
 
+import importlib.abc
 import importlib.machinery
 import os
 import sys
@@ -19,10 +20,9 @@ class _Changed(importlib.machinery.SourceFileLoader):
         return compile(Path(os.environ["GYROHIL_MUTANT_SOURCE"]).read_bytes(), self.path, "exec")
 
 
-class _Finder:
-    @staticmethod
+class _Finder(importlib.abc.MetaPathFinder):
     def find_spec(
-        fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         """Of the module that is being tried; None for all others."""
         if fullname != os.environ.get("GYROHIL_MUTANT"):
@@ -35,4 +35,4 @@ class _Finder:
 
 def install() -> None:
     """From now on, in this process."""
-    sys.meta_path.insert(0, _Finder)  # type: ignore[arg-type]
+    sys.meta_path.insert(0, _Finder())
