@@ -75,10 +75,11 @@ def drives_of(record: Capture, device: Device) -> Drives | None:
     first, last = record.ends
     if last - first + 1 == len(record):
         return None
-    length = min(_LEARNT // _STRETCHES, len(record))
-    starts = np.unique(np.linspace(0, len(record) - length, _STRETCHES).astype(int))
     if len(record) <= _LEARNT:
-        starts, length = np.array([0]), len(record)
+        length, starts = len(record), np.array([0])
+    else:
+        length = _LEARNT // _STRETCHES
+        starts = np.linspace(0, len(record) - length, _STRETCHES).astype(int)
     parts = [_spread_out(record.part(int(start), int(start) + length)) for start in starts]
     between = np.full((1, record.axes), np.nan), np.zeros((1, record.axes)), np.zeros(1, bool)
     sense, drive, known = (
@@ -121,7 +122,7 @@ def pieces_of_samples(record: Capture, drives: Drives | None = None) -> Iterator
         stop = start + len(piece)
         # With the rows around, from which the drive over a gap is guessed.
         earlier = max(start - ROWS_BEFORE, 0)
-        later = min(stop + int(record.header.get("latency_ticks", 0)), len(record))
+        later = min(stop + record.latency_ticks, len(record))
         around = record.part(earlier, later)
         samples = samples_of(around, drives)
         new = slice(

@@ -87,7 +87,6 @@ class ArmedBoard:
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
         ticks = round(registers.get("WATCHDOG_TICKS", bench.link.watchdog_s * identity.tick_rate_Hz))
         self._asked_ns = 0
-        self._told_ns = 0
         self._safe_sent = False
         self.slice_s = min(SLICE_S, 0.25 * self._silence_s)
         self.account = Account(endpoint, ticks, self._block, self._rate_Hz, identity.latency_ticks)

@@ -121,8 +121,7 @@ class ForceLoop(Loop):
             counters.clipped += bool(flags & SenseFlags.CLIPPED)
             counters.saturated += bool(flags & SenseFlags.SATURATED)
         self._capture.put(tick, vx, vy, ux, uy, flags)
-        stale = self._pause is not None and tick <= self._pause.safe  # from before the board was armed again
-        if not stale and (wrong := self._shown.saw(tick, ux, uy, flags)):
+        if not self._stale(tick) and (wrong := self._shown.saw(tick, ux, uy, flags)):
             raise ProtocolError(f"{self._name}: {wrong}; correct its firmware")
         nu_x, nu_y = self._nu.tolist()
         s_x, s_y = self._s.tolist()

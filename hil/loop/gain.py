@@ -105,9 +105,9 @@ class GainLoop(Loop):
         sense = block.message
         assert isinstance(sense, Sense)
         codes, received_ns = sense.codes, self._endpoint.received_ns
-        stale = self._pause is not None and block.tick <= self._pause.safe
+        stale = self._stale(block.tick)
         self._bridge(block.tick)
-        if not stale:  # else of matrices from before the board was armed again, which are forgotten
+        if not stale:  # else of matrices that are forgotten
             self._require_sent(sense.matrix_id)
         if self._waiting and block.tick - first >= self._acquired:
             self._waiting, self._closed = False, True
@@ -115,7 +115,7 @@ class GainLoop(Loop):
         self._step_target(block.tick - first)
         si = codes * self._scale
         estimates = self._observer.run(si[:, :2], si[:, 2:], every=self._stride)
-        if not stale:  # else from before the board was armed again, when it began anew
+        if not stale:  # else from before it began anew
             self._foresight.follow(block.tick, codes)
         estimated_ns = time.monotonic_ns()
         last = block.tick + len(codes) - 1
