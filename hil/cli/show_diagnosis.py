@@ -1,6 +1,6 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -70,10 +70,11 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         console.print()
         say(f"carrying {whose} moves the angle by {moved} at most")
     if diagnosis.share is not None and diagnosis.verdict == "partly explained":
-        say(f"\naccounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
-    _say_findings(say, "what is left looks like", diagnosis.left)
+        console.print()
+        say(f"accounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
+    _say_findings(console, "what is left looks like", diagnosis.left)
     heading = "what the residual looks like without it" if diagnosis.effects else "what the residual holds"
-    _say_findings(say, heading, diagnosis.findings)
+    _say_findings(console, heading, diagnosis.findings)
     for pair in diagnosis.confusable:
         alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
         told = f"to tell them apart: {pair.separate_by}" if pair.separate_by else "no experiment tells them apart"
@@ -89,14 +90,15 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             say(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report")
 
 
-def _say_findings(say: Callable[..., None], heading: str, findings: "tuple[Finding, ...]") -> None:
+def _say_findings(console: "Console", heading: str, findings: "tuple[Finding, ...]") -> None:
     from hil.report.numbers import quantity
 
     if findings:
-        say(f"\n{heading}")
+        console.print()
+        _say(console, heading)
     for finding in findings[:_FINDINGS]:
         size = "" if finding.size_V is None else f"{quantity(finding.size_V, 'V'):>9}  "
-        say(f"  {size}{finding.text}")
+        _say(console, f"  {size}{finding.text}")
 
 
 def _say(console: "Console", text: str, *, style: str | None = None, end: str = "\n") -> None:
