@@ -18,11 +18,12 @@ from estimator.trace.candidates import Parameters, kind, watch_list
 from estimator.trace.criterion import threshold
 from estimator.trace.evidence import evidence
 from estimator.trace.fitting import Fitted, coefficients_of, fit
-from estimator.trace.judgement import RATE_POWER, unexplained
+from estimator.trace.judgement import unexplained
 from estimator.trace.look import fresh, scanned_with
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
+from estimator.trace.thresholds import THRESHOLDS
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
@@ -157,7 +158,7 @@ def watched_of(record: Record, device: Device, base: Fitted) -> dict[str, Parame
 def _is_of_the_rate(parameters: Parameters, gain: float, device: Device, seen: Scan) -> bool:
     """Whether a line is what a rate leaves that moves otherwise than by a random walk: weak, beside the resonance."""
     beside = abs(parameters.get("omega", 0.0) / float(np.sqrt(device.target)) - 1.0) < _BESIDE
-    return beside and gain < RATE_POWER * seen.innovation.size
+    return beside and gain < THRESHOLDS.judgement.rate_power * seen.innovation.size
 
 
 def _is_watched(kind: str, label: str) -> bool:

@@ -17,13 +17,14 @@ from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, covariance_of
 from estimator.trace.criterion import schwarz, surprise
 from estimator.trace.diagnosis import Interval
-from estimator.trace.evidence import SAME, Evidence, likeness
+from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.observer_model import carries_over, estimates_of, numbers
 from estimator.trace.parameters import NOTHING
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import Scan
+from estimator.trace.thresholds import THRESHOLDS
 from estimator.trace.width import second_thoughts, shortlist
 
 _TRIED = 3
@@ -118,7 +119,11 @@ def leading(
         },
         evidence=gains[best],
         angle=angle_of(turning.of(best), values, covariance),
-        alike=tuple(dict.fromkeys(kind(o) for o, value in alike.items() if value > SAME and kind(o) != kind(best))),
+        alike=tuple(
+            dict.fromkeys(
+                kind(o) for o, value in alike.items() if value > THRESHOLDS.scan.same and kind(o) != kind(best)
+            )
+        ),
     )
     return Taken(best, lacking, values, np.asarray(covariance), given)
 

@@ -24,15 +24,11 @@ from estimator.trace import promises
 from estimator.trace.diagnosis import Confusable, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, leaves_the_rest, why_not
 from estimator.trace.promises import Claim, Errors, Level
+from estimator.trace.thresholds import THRESHOLDS
 
-_ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
-_NEAR = 3.0  # ratio to the noise floor up to which a model counts as adequate
-_EXCITED = 0.05  # of an effect's signature, what must be left when the line is taken out
-_LAGS = 20
-_CURVE = 4  # steady rates that a curve needs
+_SET = THRESHOLDS.rate_sensor
 
-
-RULES = Rules(most=6, dissent=Dissent.CUTS)
+RULES = Rules(most=_SET.most, dissent=Dissent.CUTS)
 
 
 @dataclass(frozen=True)
@@ -72,7 +68,7 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
     """
     if not fitting.any() or fitting.all():
         raise ModelError("every row is in one part; keep some rows to fit and some to score")
-    if float(np.ptp(record.rate[fitting])) < 1e-3 * declared.rate:
+    if float(np.ptp(record.rate[fitting])) < _SET.range_share * declared.rate:
         raise ModelError("the rate never changes in the fitting part; turn the sensor, at several rates")
     floor, freedom = noise_floor(record, fitting, noise)
     before = straight_line(record, declared, fitting)
@@ -138,10 +134,10 @@ def noise_floor(record: SensorRecord, rows: Rows, noise: float) -> tuple[float, 
 
 
 def steady_rates(record: SensorRecord, declared: Range, rows: Rows) -> int:
-    """How many different rates the record rests at: classes of 2 % of the range that hold 1 % of the samples."""
-    classes = np.round(record.rate[rows] / (0.02 * declared.rate))
+    """How many different rates the record rests at: narrow classes of the range that hold enough of the samples."""
+    classes = np.round(record.rate[rows] / (_SET.rest_width * declared.rate))
     _, counts = np.unique(classes, return_counts=True)
-    return int(np.sum(counts >= 0.01 * np.sum(rows)))
+    return int(np.sum(counts >= _SET.rest_share * np.sum(rows)))
 
 
 def excited(current: SensorFit, effect: Effect, rows: Rows) -> bool:
@@ -151,15 +147,15 @@ def excited(current: SensorFit, effect: Effect, rows: Rows) -> bool:
     is there.
     """
     curve = effect.stage in (Stage.CHARACTERISTIC, Stage.LIMIT) or effect.name == "hysteresis"
-    if curve and steady_rates(current.chain.record, current.chain.declared, rows) < _CURVE:
+    if curve and steady_rates(current.chain.record, current.chain.declared, rows) < _SET.curve:
         return False
     chain = Chain((*current.chain.effects, effect), current.chain.record, current.chain.declared)
     start = effect.starts(chain.record, chain.declared)[-1]
-    size = np.where(np.array(start) == 0.0, 0.01 * chain.scales[-len(start) :], start)
+    size = np.where(np.array(start) == 0.0, _SET.first_size * chain.scales[-len(start) :], start)
     change = (chain.volts(np.concatenate([current.parameters, size])) + current.residual - chain.record.voltage)[rows]
     basis = np.linalg.qr(current.chain.jacobian(current.parameters)[rows] * current.chain.scales)[0]
     left = change - basis @ (basis.T @ change)
-    return float(np.linalg.norm(left)) > _EXCITED * float(np.linalg.norm(change))
+    return float(np.linalg.norm(left)) > _SET.excited * float(np.linalg.norm(change))
 
 
 @dataclass(frozen=True)
@@ -247,10 +243,10 @@ def _why(name: str, rounds: Sequence[Round[tuple[str, ...]]]) -> str:
 def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tuple[str, ...]]:
     held_out = ~fitting
     record, errors = after.chain.record, claim.residual
-    beyond = float(np.max(np.abs(record.rate[held_out]))) > 1.05 * float(np.max(np.abs(record.rate[fitting])))
+    beyond = float(np.max(np.abs(record.rate[held_out]))) > _SET.beyond * float(np.max(np.abs(record.rate[fitting])))
     outside = "the rates held out lie beyond those of the fitting part, which cannot tell what happens there"
     if not claim.effects:
-        if errors.after <= _NEAR * errors.floor:
+        if errors.after <= _SET.adequate * errors.floor:
             return Verdict.ADEQUATE, ()
         return Verdict.UNEXPLAINED, ("; ".join((*promises.at_floor(claim), *((outside,) if beyond else ()))),)
     against = promises.broken(claim)
@@ -265,7 +261,7 @@ def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tu
 
 def _score(fitted: SensorFit, rows: Rows, floor: float) -> Fit:
     rms = fitted.rms(rows)
-    lags = min(_LAGS, int(np.sum(rows)) // 4)
+    lags = min(_SET.lags, int(np.sum(rows)) // 4)
     whiteness = portmanteau(fitted.residual[rows], lags).p if lags > 0 and rms > 0.0 else 1.0
     return Fit((rms,), (floor,), rms / floor, whiteness, simulation_rmse=rms)
 
@@ -290,7 +286,7 @@ def _confusable(after: SensorFit, candidates: tuple[Effect, ...], rows: Rows) ->
             other = _signature(without, candidate, rows)
             size = float(np.linalg.norm(own) * np.linalg.norm(other))
             alike = abs(float(own @ other)) / size if size > 0.0 else 0.0
-            if alike > _ALIKE:
+            if alike > _SET.alike:
                 advice = effect.look_alikes.get(candidate.name)
                 pairs.append(Confusable(effect.name, candidate.name, alike, advice, None))
     return tuple(pairs)

@@ -15,13 +15,11 @@ from estimator.residual.whiteness import Whiteness, cumulative_periodogram, port
 from estimator.scaling import Array
 from estimator.trace.diagnosis import Finding, Fit, Residual
 from estimator.trace.record import Record
+from estimator.trace.thresholds import THRESHOLDS
 
-LEVEL = 0.01
-"""Chance that a white innovation gives any finding at all."""
+_SET = THRESHOLDS.residual
 
 _FAMILIES = 7  # floor, portmanteau, cumulative periodogram, bands, lines, dependence on motion, dependence on drive
-_ALONE = 1e-3  # resonances from a multiple beyond which a single line may as well have nothing to do with it
-_ENOUGH = 200_000  # samples, for what is regressed sample by sample
 _SMALLEST_POWER = -300.0  # of ten, as a chance is told
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TINY_FLOOR = np.finfo(float).tiny
@@ -33,7 +31,7 @@ def analyse(
     """Noise floor, whiteness, lines and dependences of innovation (n, axes) V, predicted with deviation (n, axes) V.
 
     estimates: of the same n samples of `record`, the state at least twice a cycle.  Findings come largest first; white
-    noise gives any of them with a chance of at most `LEVEL`.
+    noise gives any of them with a chance of at most `residual.false_alarm`.
 
     Raises ModelError for states too far apart to tell the phase of the motion.
     """
@@ -44,7 +42,7 @@ def analyse(
     repeats = repeated_noise(record.sense, record.drive[:, :, 0])
     floor = noise_floor(spectrum, deviation, sample_rate, resonance_hz, repeats)
     white = portmanteau(levelled, sensible_lags(len(levelled), cycle))
-    share = LEVEL / _FAMILIES
+    share = _SET.false_alarm / _FAMILIES
     fit = fit_of(innovation, floor, white)
     found = [
         *_of_level(fit, floor, deviation, len(innovation), share),
@@ -122,11 +120,11 @@ def _of_lines(around: tuple[Band, ...], single: tuple[Line, ...], resonance: flo
         text = f"around {_multiple(band.order)} ({band.frequency:.6g} Hz)"
         if here:
             text += f"; {_count(len(here))}, strongest at {here[0].frequency:.7g} Hz"
-            if abs(here[0].offset) > 1e-4 * resonance:
+            if abs(here[0].offset) > _SET.shown_offset * resonance:
                 text += f", {_signed(here[0].offset, 3)} Hz beside it"
         size = max([band.rms, *(line.rms for line in here)])
         points_at = suspects(f"line at {band.order}")
-        if len(here) == 1 and abs(here[0].offset) > _ALONE * resonance:
+        if len(here) == 1 and abs(here[0].offset) > _SET.beside_multiple * resonance:
             points_at += suspects("line elsewhere")
         found.append(Finding("line", text, size, deviations(log_p), points_at))
     for line in single:
@@ -139,7 +137,7 @@ def _of_lines(around: tuple[Band, ...], single: tuple[Line, ...], resonance: flo
 
 def _of_motion(series: Array, estimates: Estimates, record: Record, cycle: float, share: float) -> list[Finding]:
     """In step with the vibration: the part that is always there, and what it grows and turns with."""
-    if len(series) < 128 * cycle or not np.any(estimates.of("x")):
+    if len(series) < _SET.blocks * _SET.block_cycles * cycle or not np.any(estimates.of("x")):
         return []
     seen = demodulation.demodulate(series, demodulation.motion(estimates, len(series), cycle), cycle)
     regressors: dict[str, Array] = {"amplitude": seen.amplitude}
@@ -181,7 +179,7 @@ def _of_drive(series: Array, estimates: Estimates, record: Record, share: float)
     """Sample by sample, what the drive of the interval just past adds, with the motion itself taken out."""
     if len(estimates.index) < len(series):
         return []
-    rows = slice(max(len(series) - _ENOUGH, 0), None)
+    rows = slice(max(len(series) - _SET.regressed, 0), None)
     series, drive = series[rows], np.asarray(record.drive[rows, :, 0])
     states = [name for name in ("x", "vx", "y", "vy") if name in estimates.names]
     axes = "xy"[: series.shape[1]]

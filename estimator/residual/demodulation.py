@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from estimator.errors import ModelError
 from estimator.observer import Estimates
 from estimator.scaling import Array
+from estimator.trace.thresholds import THRESHOLDS
 
-_CYCLES = 4.0  # to a block: short against the turning of the pattern, long against the vibration
-_FEWEST_BLOCKS = 32
+_SET = THRESHOLDS.residual
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,9 @@ def demodulate(series: Array, moving: Motion, samples_per_cycle: float) -> Demod
 
     Raises ModelError for a record of fewer than 32 blocks of four cycles.
     """
-    length = max(round(_CYCLES * samples_per_cycle), 1)
-    if len(series) < _FEWEST_BLOCKS * length:
-        cycles = round(_FEWEST_BLOCKS * _CYCLES)
+    length = max(round(_SET.block_cycles * samples_per_cycle), 1)
+    if len(series) < _SET.blocks * length:
+        cycles = round(_SET.blocks * _SET.block_cycles)
         raise ModelError(f"fewer than {cycles} cycles of the resonance are too few to see what the residual depends on")
     filled = np.nan_to_num(series)
     carrier = 2.0 * np.conj(moving.phasor)

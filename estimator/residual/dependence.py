@@ -8,11 +8,13 @@ from scipy.linalg import qr
 from scipy.stats import t as student
 
 from estimator.scaling import Array
+from estimator.trace.thresholds import THRESHOLDS
+
+_SET = THRESHOLDS.residual
 
 CONSTANT = "always"
 """Name of the regressor that is 1 throughout."""
 
-_SAME = 1e-6  # a regressor that varies by less than this of its size, or is that near to the others, tells nothing
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ def _design(regressors: dict[str, Array], rows: int) -> tuple[list[str], Array]:
     names, columns = [], []
     for name, values in regressors.items():
         spread = float(np.std(values))
-        if spread > _SAME * float(np.max(np.abs(values), initial=0.0)) and np.isfinite(spread):
+        if spread > _SET.varies * float(np.max(np.abs(values), initial=0.0)) and np.isfinite(spread):
             names.append(name)
             columns.append((values - np.mean(values)) / spread)
     if not names:
@@ -81,5 +83,5 @@ def _design(regressors: dict[str, Array], rows: int) -> tuple[list[str], Array]:
     matrix = np.column_stack(columns)
     _, triangle, order = qr(matrix, mode="economic", pivoting=True)
     size = np.abs(np.diag(triangle))
-    kept = sorted(order[size > 1e-3 * size[0]])
+    kept = sorted(order[size > _SET.dependent * size[0]])
     return [names[i] for i in kept], np.column_stack([np.ones(rows), matrix[:, kept]])

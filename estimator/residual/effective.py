@@ -3,8 +3,7 @@
 import numpy as np
 
 from estimator.scaling import Array
-
-_FEWEST = 4.0
+from estimator.trace.thresholds import THRESHOLDS
 
 
 def effective_samples(residual: Array) -> float:
@@ -16,4 +15,5 @@ def effective_samples(residual: Array) -> float:
     spectrum = np.fft.rfft(centred, 2 * len(centred))
     correlation = np.fft.irfft(np.abs(spectrum) ** 2)[: len(centred)] / power
     first = int(np.argmax(correlation <= 0.0)) or len(correlation)
-    return float(np.clip(len(residual) / (1.0 + 2.0 * np.sum(correlation[1:first])), _FEWEST, len(residual)))
+    worth = len(residual) / (1.0 + 2.0 * np.sum(correlation[1:first]))
+    return float(np.clip(worth, THRESHOLDS.residual.fewest_independent, len(residual)))

@@ -12,14 +12,9 @@ from numpy.typing import NDArray
 
 from estimator.residual.spectrum import ORDERS, Periodogram, folded
 from estimator.scaling import Array
+from estimator.trace.thresholds import THRESHOLDS
 
-_FEWEST_BINS = 64
-_AWAY = 0.125  # resonances to stay away from a multiple
-_PERIODIC = 1e-4  # of the drive's rms: a period that comes back is the same to this …
-_NEAR = 1e-3  # … and a stretch of so many samples, where one is looked for, to this
-_PATTERN = 32
-_CANDIDATES = 8
-_LENGTH = 256  # samples at least that two stretches are compared over
+_SET = THRESHOLDS.floor
 
 
 @dataclass(frozen=True)
@@ -43,7 +38,7 @@ def noise_floor(
         return Floor(repeats, 0.0, "repeats of the drive")
     quiet = quiet_bins(spectrum.frequency, sample_rate, resonance)
     count = int(np.sum(quiet))
-    if count < _FEWEST_BINS:
+    if count < _SET.bins:
         return Floor(np.nanmedian(predicted, axis=0), 0.0, "the declared noise")
     median = np.median(spectrum.density[quiet], axis=0) / math.log(2.0)
     # Of the median of exponentials, n bins of a Hann window being as good as n/1.94 independent ones.
@@ -58,9 +53,9 @@ def quiet_bins(frequency: Array, sample_rate: float, resonance: float) -> NDArra
     """
     away: NDArray[np.bool_] = np.ones(len(frequency), dtype=bool)
     for order in range(ORDERS + 1):
-        away &= np.abs(frequency - folded(order * resonance, sample_rate)) > _AWAY * resonance
-    upper: NDArray[np.bool_] = away & (frequency > max(sample_rate / 4.0, 1.5 * resonance))
-    return upper if np.sum(upper) >= _FEWEST_BINS else away
+        away &= np.abs(frequency - folded(order * resonance, sample_rate)) > _SET.away * resonance
+    upper: NDArray[np.bool_] = away & (frequency > max(sample_rate / _SET.upper, _SET.above * resonance))
+    return upper if np.sum(upper) >= _SET.bins else away
 
 
 def repeated_noise(sense: Array, drive: Array) -> Array | None:
@@ -72,7 +67,7 @@ def repeated_noise(sense: Array, drive: Array) -> Array | None:
     period = _period(drive)
     if period is None:
         return None
-    period *= math.ceil(_LENGTH / period)  # the quieter half of shorter stretches would be quiet by chance
+    period *= math.ceil(_SET.compared / period)  # the quieter half of shorter stretches would be quiet by chance
     difference = sense[period:] - sense[:-period]
     pairs = len(difference) // period
     if pairs < 1:
@@ -86,17 +81,17 @@ def _period(drive: Array) -> int | None:
     """Samples after which the drive comes back exactly, for the rest of the record; None where it does not."""
     n = len(drive)
     size = float(np.sqrt(np.mean(drive**2)))
-    if size == 0.0 or n < 2 * _PATTERN:
+    if size == 0.0 or n < 2 * _SET.pattern:
         return None
     # Where does a stretch around the largest drive of the second half come back before?
     late = n // 2 + int(np.argmax(np.abs(drive[n // 2 :, 0])))
-    start = min(late, n - _PATTERN)
+    start = min(late, n - _SET.pattern)
     places = np.arange(start)
-    for offset in range(_PATTERN):
-        near = np.all(np.abs(drive[places + offset] - drive[start + offset]) < _NEAR * size, axis=1)
+    for offset in range(_SET.pattern):
+        near = np.all(np.abs(drive[places + offset] - drive[start + offset]) < _SET.similar * size, axis=1)
         places = places[near]
-    for place in places[::-1][:_CANDIDATES]:
+    for place in places[::-1][:_SET.places]:
         lag = start - int(place)
-        if np.mean((drive[lag:] - drive[:-lag]) ** 2) < (_PERIODIC * size) ** 2:
+        if np.mean((drive[lag:] - drive[:-lag]) ** 2) < (_SET.periodic * size) ** 2:
             return lag
     return None

@@ -11,15 +11,12 @@ from scipy.special import betainc, betaln
 
 from estimator.residual.significance import of_many
 from estimator.scaling import Array
+from estimator.trace.thresholds import THRESHOLDS
 
-ORDERS = 5  # multiples of the resonance that are looked at, beside 0
-_BAND = 1.0 / 16.0  # half width, in resonances, of "around a multiple": modulation and rotation broaden lines
-_SIDEBAND = 1.0 / 8.0  # resonances from a multiple within which a line counts as its sideband
-_FLOOR_BINS = 512  # the local floor is the median of at least so many bins …
-_FLOOR_WIDTH = 0.5  # … and of at least so many resonances, four times a band
+_SET = THRESHOLDS.spectrum
+
+ORDERS = _SET.orders  # multiples of the resonance that are looked at, beside 0
 _CORRELATED = 1.94  # by how much a Hann window's bins correlate: 1 + 2 (4/9 + 1/36)
-_LOBE = 3  # bins to either side that a line of a Hann window fills
-_MOST = 24  # lines looked for
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ def periodogram(series: Array, sample_rate: float, resonance: float) -> Periodog
 def _local_floor(power: Array, frequency: Array, resonance: float) -> tuple[Array, float]:
     """Median of blocks over ln 2, which a line within moves little, joined by straight lines; degrees of freedom."""
     bins = len(frequency)
-    width = max(_FLOOR_BINS, math.ceil(_FLOOR_WIDTH * resonance / (frequency[1] - frequency[0])))
+    width = max(_SET.floor_bins, math.ceil(_SET.floor_width * resonance / (frequency[1] - frequency[0])))
     edges = np.linspace(0, bins, max(bins // width, 1) + 1).astype(int)
     blocks = [slice(start, stop) for start, stop in pairwise(edges)]
     middles = np.array([np.mean(frequency[block]) for block in blocks])
@@ -118,7 +115,7 @@ def bands(spectrum: Periodogram, sample_rate: float, resonance: float) -> tuple[
     axes = spectrum.density.shape[1]
     for order in range(ORDERS + 1):
         centre = folded(order * resonance, sample_rate)
-        inside = np.abs(spectrum.frequency - centre) <= _BAND * resonance
+        inside = np.abs(spectrum.frequency - centre) <= _SET.band * resonance
         count = int(np.sum(inside))
         if count < 1:
             continue
@@ -136,7 +133,7 @@ def lines(spectrum: Periodogram, sample_rate: float, resonance: float, level: fl
     axes = spectrum.density.shape[1]
     free = np.ones(len(ordinates), dtype=bool)
     found: list[Line] = []
-    while len(found) < _MOST:
+    while len(found) < _SET.lines:
         peak = int(np.argmax(np.where(free, ordinates, -1.0)))
         log_p = of_many(_log_tail(float(ordinates[peak]), axes, spectrum.degrees), len(ordinates))
         if not free[peak] or log_p > math.log(level):
@@ -145,7 +142,7 @@ def lines(spectrum: Periodogram, sample_rate: float, resonance: float, level: fl
         claimed = slice(start, stop)
         excess = np.sum(spectrum.density[claimed] - spectrum.floor[claimed]) * spectrum.spacing
         frequency = _between_bins(spectrum, peak)
-        if np.any(free[max(peak - _LOBE, 0) : peak + _LOBE + 1]) and _apart(frequency, found, spectrum.spacing):
+        if np.any(free[max(peak - _SET.lobe, 0) : peak + _SET.lobe + 1]) and _apart(frequency, found, spectrum.spacing):
             order, offset = _order(frequency, sample_rate, resonance)
             found.append(Line(frequency, math.sqrt(max(float(excess), 0.0)), log_p, order, offset))
         free[claimed] = False
@@ -153,13 +150,13 @@ def lines(spectrum: Periodogram, sample_rate: float, resonance: float, level: fl
 
 
 def _apart(frequency: float, found: list[Line], spacing: float) -> bool:
-    return all(abs(frequency - line.frequency) > 2 * _LOBE * spacing for line in found)
+    return all(abs(frequency - line.frequency) > 2 * _SET.lobe * spacing for line in found)
 
 
 def _extent(ordinates: Array, peak: int, axes: int) -> tuple[int, int]:
     """Bins of a line: its lobe, and on while its skirts stand clear of the floor."""
-    clear = 6.0 * axes
-    start, stop = max(peak - _LOBE, 0), min(peak + _LOBE + 1, len(ordinates))
+    clear = _SET.skirts * axes
+    start, stop = max(peak - _SET.lobe, 0), min(peak + _SET.lobe + 1, len(ordinates))
     while start > 0 and ordinates[start - 1] > clear:
         start -= 1
     while stop < len(ordinates) and ordinates[stop] > clear:
@@ -181,7 +178,7 @@ def _order(frequency: float, sample_rate: float, resonance: float) -> tuple[int 
     multiples = [folded(order * resonance, sample_rate) for order in range(ORDERS + 1)]
     nearest = int(np.argmin([abs(frequency - multiple) for multiple in multiples]))
     offset = frequency - multiples[nearest]
-    return (nearest, offset) if abs(offset) <= _SIDEBAND * resonance else (None, offset)
+    return (nearest, offset) if abs(offset) <= _SET.sideband * resonance else (None, offset)
 
 
 def _log_tail(ordinate: float, axes: int, degrees: float) -> float:

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.stats import chi2, kstwo, kstwobign
 
 from estimator.scaling import Array
+from estimator.trace.thresholds import THRESHOLDS
 
-_FEWEST, _SHARE = 10, 8
-_MANY = 20_000  # ordinates, beyond which the limiting distribution does as well
+_SET = THRESHOLDS.residual
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Whiteness:
 
 def sensible_lags(samples: int, samples_per_cycle: float) -> int:
     """Two cycles of the resonance, at least ten lags, at most an eighth of the record."""
-    return max(1, min(max(_FEWEST, math.ceil(2.0 * samples_per_cycle)), samples // _SHARE))
+    return max(1, min(max(_SET.lags, math.ceil(_SET.lag_cycles * samples_per_cycle)), samples // _SET.lag_share))
 
 
 def portmanteau(series: Array, lags: int) -> Whiteness:
@@ -61,7 +61,7 @@ def cumulative_periodogram(series: Array) -> Whiteness:
     count = len(share)
     rank = np.arange(1, count + 1)
     distance = float(max(np.max(rank / count - share), np.max(share - (rank - 1) / count)))
-    if count < _MANY:
+    if count < _SET.limiting:
         p = float(kstwo.sf(distance, count))
     else:
         root = math.sqrt(count)

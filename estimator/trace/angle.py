@@ -15,6 +15,7 @@ from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.fitting import coefficients_of, fit, run
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import hold, settling
+from estimator.trace.thresholds import THRESHOLDS
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class AngleReader:
         observer = Observer(problem.device, problem.settings, problem.controller)
         hold(observer)
         read = run(observer, problem.record).angle
-        return np.asarray(read[min(settling(problem.settings, problem.device), len(read) // 4) :])
+        return np.asarray(read[min(settling(problem.settings, problem.device), len(read) // THRESHOLDS.start.most) :])
 
     def moved(self, effects: Effects, others: Effects) -> float:
         """How far in rad, at most, the angle moves when the others are carried in place of these."""

@@ -23,11 +23,12 @@ from estimator.trace.free_run_model import (
     promises_of,
 )
 from estimator.trace.problem import Problem
+from estimator.trace.thresholds import THRESHOLDS
 
-RULES = Rules(most=6, dissent=Dissent.NEXT)
+_SET = THRESHOLDS.free_runs
 
-_COMPARED = 24_000  # samples on which candidates are compared
-_ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
+RULES = Rules(most=_SET.most, dissent=Dissent.NEXT)
+
 
 Progress = Callable[[str, int, int], None]
 
@@ -58,7 +59,7 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     one, or every third block of a free response, which may have died away by then.  Raises ModelError for a record on
     which the base model has no free run.
     """
-    part = problem.part(slice(0, _COMPARED))
+    part = problem.part(slice(0, _SET.compared))
     choice, later = parts_of(part.record, skip)
     known = tuple(problem.effects)
     model = FreeRunModel(part, choice, later, candidates(problem.device, problem.settings))
@@ -114,6 +115,6 @@ def _alike(model: FreeRunModel, found: FreeRun, known: Sequence[str]) -> tuple[t
             if own.shape[1] == 0 or rest.shape[1] == 0:
                 continue
             correlation = float(np.linalg.norm(np.linalg.qr(own)[0].T @ np.linalg.qr(rest)[0], 2))
-            if correlation > _ALIKE:
+            if correlation > _SET.alike:
                 pairs.append((name, candidate, correlation))
     return tuple(pairs)

@@ -14,21 +14,9 @@ from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.trace.record import Record
+from estimator.trace.thresholds import THRESHOLDS
 
-_LINES = 5
-_LINE_CHANCE = 1e-3
-_PERIODS = 10  # in the record at least; what comes back less often is a drift
-_PEAKS = 3
-_DAMPING_RATIO = 0.005  # of a mode, where its response does not tell
-_LEAST, _MOST = 1e-4, 0.3  # damping ratio that a response may tell
-_BESIDE = 8  # bins to either side of a peak that belong to it
-_REWEIGHTED = 5
-_SATURATION = (0.04, 0.12, 0.3, 0.55, 0.75, 0.92)  # of the largest drive
-_DEAD_BAND = (0.02, 0.06, 0.15, 0.5)  # of the drive's rms
-_CLIPPING = (0.6, 0.75, 0.9, 0.98)  # of the largest sensed displacement
-_CORNERS = (0.001, 0.005, 0.025)  # of a high-pass, of ω0
-_REST = 0.01  # of A ω0: about as slow, friction turns over
-_SEGMENT = 4096
+_SET = THRESHOLDS.candidates
 
 Parameters = dict[str, float]
 
@@ -52,10 +40,10 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
         if not effect.parameters:
             watched[effect.name] = {}
     omega0 = float(np.sqrt(device.target))
-    for label, corner in enumerate(_CORNERS, start=1):
+    for label, corner in enumerate(_SET.corners, start=1):
         watched[f"sense_high_pass:{label}"] = dict.fromkeys(("leak_x", "leak_y"), corner * omega0)
     for name in ("dry_friction", "dry_friction_asymmetric"):
-        watched[name] = {"v0": _REST * device.amplitude * omega0}
+        watched[name] = {"v0": _SET.rest * device.amplitude * omega0}
     watched |= _of_lines(record, device, innovation / deviation)
     watched |= _of_thresholds(record, device)
     watched |= _of_modes(record, innovation / deviation)
@@ -71,10 +59,10 @@ def _has_signals(signals: tuple[object, ...], record: Record) -> bool:
 def _of_lines(record: Record, device: Device, whitened: Array) -> dict[str, Parameters]:
     sample_rate = 1.0 / float(np.mean(record.step))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _LINE_CHANCE)
+    found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _SET.line_chance)
     span = float(np.sum(record.step))
-    steady = [line for line in found if line.frequency * span > _PERIODS]
-    strongest = sorted(steady, key=lambda line: -line.rms)[:_LINES]
+    steady = [line for line in found if line.frequency * span > _SET.periods]
+    strongest = sorted(steady, key=lambda line: -line.rms)[:_SET.lines]
     watched = {}
     for label, line in enumerate(strongest, start=1):
         for name in ("interference", "base_vibration"):
@@ -87,12 +75,12 @@ def _of_thresholds(record: Record, device: Device) -> dict[str, Parameters]:
     drive = np.abs(record.drive[:, :, 0]) * device.drive_gain
     if np.any(drive):
         largest, usual = float(np.max(drive)), float(np.sqrt(np.mean(drive**2)))
-        for label, share in enumerate(_SATURATION, start=1):
+        for label, share in enumerate(_SET.saturation, start=1):
             watched[f"drive_saturation:{label}"] = {"limit": share * largest}
-        for label, share in enumerate(_DEAD_BAND, start=1):
+        for label, share in enumerate(_SET.dead_band, start=1):
             watched[f"drive_dead_band:{label}"] = {"band": share * usual}
     reach = np.nanmax(np.abs(record.sense / np.abs(device.sense_gain)))
-    for label, share in enumerate(_CLIPPING, start=1):
+    for label, share in enumerate(_SET.clipping, start=1):
         watched[f"sense_clipping:{label}"] = {"level": share * float(reach)}
     return watched
 
@@ -103,7 +91,7 @@ def _of_modes(record: Record, whitened: Array) -> dict[str, Parameters]:
     if not np.any(drive):
         return {}
     sample_rate = 1.0 / float(np.mean(record.step))
-    length = min(_SEGMENT, len(record) // 8)
+    length = min(_SET.segment, len(record) // _SET.segments)
     filled = np.nan_to_num(whitened)
     coherence: Array = np.zeros(length // 2 + 1)
     frequency, responses = np.zeros_like(coherence), []
@@ -116,10 +104,10 @@ def _of_modes(record: Record, whitened: Array) -> dict[str, Parameters]:
     watched: dict[str, Parameters] = {}
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
-    for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[:_PEAKS], start=1):
-        near = slice(max(peak - _BESIDE, 1), peak + _BESIDE + 1)
+    for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[:_SET.modes], start=1):
+        near = slice(max(peak - _SET.beside_peak, 1), peak + _SET.beside_peak + 1)
         seen = resonance(2.0 * np.pi * frequency[near], [response[near] for response in responses])
-        supposed = [(2.0 * np.pi * float(frequency[peak]), _DAMPING_RATIO)]
+        supposed = [(2.0 * np.pi * float(frequency[peak]), _SET.damping_ratio)]
         for which, (omega, zeta) in enumerate(supposed if seen is None else [seen, *supposed], start=1):
             watched[f"parasitic_mode:{label}{which}"] = {"omega": omega, "zeta": zeta}
     return watched
@@ -136,7 +124,7 @@ def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[fl
     w = omega / unit
     weight = np.ones(len(w))
     stiffness = damping = 0.0
-    for _ in range(_REWEIGHTED):
+    for _ in range(_SET.reweighted):
         rows, targets = [], []
         for axis, response in enumerate(responses):
             own = np.zeros((len(w), 2 + len(responses)), dtype=complex)
@@ -152,4 +140,5 @@ def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[fl
     if stiffness <= 0.0 or not w[0] < np.sqrt(stiffness) < w[-1]:
         return None
     zeta = damping / (2.0 * np.sqrt(stiffness))
-    return (unit * float(np.sqrt(stiffness)), zeta) if _LEAST < zeta < _MOST else None
+    possible = _SET.least_damping_ratio < zeta < _SET.most_damping_ratio
+    return (unit * float(np.sqrt(stiffness)), zeta) if possible else None

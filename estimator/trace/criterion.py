@@ -5,25 +5,22 @@ import math
 import numpy as np
 from scipy.stats import chi2
 
-CHANCE = 1e-4
-"""Of naming anything on a record to which nothing is to be added."""
+from estimator.trace.thresholds import THRESHOLDS
 
+_SET = THRESHOLDS.criterion
 
-ODDS = 20.0
-"""Of two accounts of a record: what is less sure than that is not told apart."""
-
-TIE = 2.0 * math.log(ODDS)
+TIE = 2.0 * math.log(_SET.odds)
 """The same as a difference of twice the log-likelihood."""
 
 
 def threshold(candidates: int) -> float:
     """Significance (log10 of a probability) that chance reaches for none of so many candidates."""
-    return float(-np.log10(CHANCE / max(candidates, 1)))
+    return float(-np.log10(_SET.chance / max(candidates, 1)))
 
 
 def surprise(degrees: int, candidates: int) -> float:
     """Gain that chance gives the best of so many candidates, each with so many coefficients."""
-    return float(chi2.isf(CHANCE / max(candidates, 1), degrees))
+    return float(chi2.isf(_SET.chance / max(candidates, 1), degrees))
 
 
 def schwarz(numbers: int, samples: float) -> float:

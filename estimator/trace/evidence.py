@@ -7,11 +7,9 @@ from scipy.stats import chi2
 
 from estimator.scaling import Array
 from estimator.trace.scan import Scan
+from estimator.trace.thresholds import THRESHOLDS
 
-SAME = 0.9992
-"""Likeness of signatures above which a record cannot tell two effects apart (PHYSICS.md §4)."""
-
-_BLIND = 1e-9  # of the largest information: below it the record says nothing of a coefficient
+_SET = THRESHOLDS.scan
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Evidence:
 def solve(normal: Array, score: Array) -> tuple[Array, int]:
     """Least-squares coefficients of N c = b, and how many directions the record says something of."""
     values, vectors = np.linalg.eigh(normal)
-    seen = values > _BLIND * max(float(values[-1]), 1e-300)
+    seen = values > _SET.blind * max(float(values[-1]), 1e-300)
     shares = vectors[:, seen].T @ score / values[seen]
     return np.asarray(vectors[:, seen] @ shares), int(seen.sum())
 
@@ -64,7 +62,7 @@ def evidence(scan: Scan) -> dict[str, Evidence]:
             shift, rank = solve(part_normal, part_left)
             misfit += float(part_left @ shift)
             freedom += rank
-        information = np.maximum(np.diag(np.linalg.pinv(normal, rcond=_BLIND, hermitian=True)), 0.0)
+        information = np.maximum(np.diag(np.linalg.pinv(normal, rcond=_SET.blind, hermitian=True)), 0.0)
         found.append(
             Evidence(
                 name,

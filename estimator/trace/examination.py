@@ -13,8 +13,9 @@ from estimator.trace.prediction import free_run_error
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.start import hold, settling
+from estimator.trace.thresholds import THRESHOLDS
 
-_MOST_STATES = 200_000
+_SET = THRESHOLDS.scoring
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,11 @@ def examine(problem: Problem, split: int) -> Examination:
     observer = Observer(device, settings, problem.controller)
     hold(observer)
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
-    every = 1 if len(record) <= _MOST_STATES else max(int(cycle / 4.0), 1)
+    every = 1 if len(record) <= _SET.states else max(int(cycle / _SET.states_a_cycle), 1)
     split = split // every * every
     estimates = run(observer, record, every=every)
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    settled = min(settling(settings, device), split // 4) // every * every
+    settled = min(settling(settings, device), split // THRESHOLDS.start.most) // every * every
     begin, end = slice(settled, split), slice(split, len(record) // every * every)
     parts = []
     for rows in (begin, end):

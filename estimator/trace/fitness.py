@@ -8,16 +8,9 @@ from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.trace.record import Record
+from estimator.trace.thresholds import THRESHOLDS
 
-_FEWEST_SAMPLES = 150
-_FEWEST_CYCLES = 5.0  # of a free response, which is over when it is over …
-_FEWEST_DRIVEN = 100.0  # … and of a driven gyro's, which can be made longer; a single axis may be anything
-_MOVES = 3.0  # times the declared noise: below this a channel shows nothing but noise
-_LOST = 0.5  # share of samples that may be missing
-_FLAT = 20  # samples that lie exactly at the end of the scale …
-_FLATTER = 5.0  # … and so many times more than lie just below it: a top that was cut off
-_CLIPPED = 1e-3  # share of such samples that is still borne
-_FEWEST_PER_CYCLE = 4.0
+_SET = THRESHOLDS.fitness
 
 
 def require_traceable(record: Record, device: Device, split: int) -> None:
@@ -37,18 +30,18 @@ def require_traceable(record: Record, device: Device, split: int) -> None:
 
 def _require_numbers(record: Record) -> None:
     lost = 1.0 - float(np.mean(np.all(np.isfinite(record.sense), axis=1))) if len(record) else 0.0
-    if lost > _LOST:
+    if lost > _SET.lost_share:
         raise ModelError(f"{lost:.0%} of the samples are lost; mend the link and record again")
 
 
 def _require_length(record: Record, device: Device, split: int) -> None:
-    fewest = 0.0 if device.axes == 1 else _FEWEST_DRIVEN if np.any(record.drive) else _FEWEST_CYCLES
+    fewest = 0.0 if device.axes == 1 else _SET.fewest_driven_cycles if np.any(record.drive) else _SET.fewest_free_cycles
     frequency = math.sqrt(max(device.target, 0.0)) / (2.0 * math.pi)
-    needed = max(fewest / frequency if frequency else 0.0, _FEWEST_SAMPLES * float(np.mean(record.step)))
+    needed = max(fewest / frequency if frequency else 0.0, _SET.fewest_samples * float(np.mean(record.step)))
     share = min(split, len(record) - split) / max(len(record), 1)
     for part, steps in (("fitted", record.step[:split]), ("held out", record.step[split:])):
         cycles = float(np.sum(steps)) * frequency
-        if cycles < fewest or len(steps) < _FEWEST_SAMPLES:
+        if cycles < fewest or len(steps) < _SET.fewest_samples:
             longer = f"record {1.01 * needed / share:.2g} s or longer" if share else "hold less of it out"
             raise ModelError(
                 f"too short: the part to be {part} has {len(steps)} samples, {cycles:.3g} cycles of the resonance; "
@@ -60,22 +53,23 @@ def _require_samples_per_cycle(record: Record, device: Device) -> None:
     """By the declared resonance, and by the strongest line of the record itself."""
     rate = 1.0 / float(np.median(record.step))
     resonance = math.sqrt(max(device.target, 0.0)) / (2.0 * math.pi)
-    seen = _strongest(record.sense, rate) if len(record) >= _FEWEST_SAMPLES else 0.0
+    seen = _strongest(record.sense, rate) if len(record) >= _SET.fewest_samples else 0.0
     for frequency, whose in ((resonance, "the declared resonance"), (seen, "the record's strongest line")):
-        if frequency * _FEWEST_PER_CYCLE > rate * (1.0 + 1e-9):
+        if frequency * _SET.samples_a_cycle > rate * (1.0 + 1e-9):
             raise ModelError(
                 f"sampled too slowly: {rate / frequency:.3g} samples a cycle of {frequency:.4g} Hz, {whose}; "
-                f"record at {_FEWEST_PER_CYCLE * frequency:.3g} Hz or faster, best at 20 samples a cycle"
+                f"record at {_SET.samples_a_cycle * frequency:.3g} Hz or faster, best at 20 samples a cycle"
             )
 
 
 def _strongest(sense: Array, rate: float) -> float:
-    """Frequency [Hz] of the largest line over all channels, 0 where none holds a tenth of the power."""
+    """Frequency [Hz] of the largest line over all channels, 0 where none holds much of the power."""
     centred = np.nan_to_num(sense - np.nanmean(sense, axis=0)) * np.hanning(len(sense))[:, None]
     power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
     peak = int(np.argmax(power))
-    lobe = float(np.sum(power[max(peak - 2, 0) : peak + 3]))
-    return peak * rate / len(sense) if lobe > 0.1 * float(np.sum(power)) else 0.0
+    bins = _SET.line_bins
+    lobe = float(np.sum(power[max(peak - bins, 0) : peak + bins + 1]))
+    return peak * rate / len(sense) if lobe > _SET.line_share * float(np.sum(power)) else 0.0
 
 
 def _require_whole_tops(series: Array, name: str) -> None:
@@ -85,9 +79,10 @@ def _require_whole_tops(series: Array, name: str) -> None:
     cut = 0
     for values in (series, -series):
         _, counts = np.unique(values, return_counts=True)
-        if len(counts) > 1 and counts[-1] > _FLAT and counts[-1] > _FLATTER * float(np.mean(counts[-6:-1])):
+        beside = counts[-1 - _SET.beside_end : -1]
+        if len(beside) and counts[-1] > max(_SET.end_samples, _SET.end_excess * float(np.mean(beside))):
             cut += int(counts[-1])
-    if cut > _CLIPPED * len(series):
+    if cut > _SET.clipped_share * len(series):
         raise ModelError(
             f"{name} is clipped: {cut / len(series):.2%} of the samples lie at the end of the scale; "
             "record with a smaller amplitude, a lower gain or a wider converter"
@@ -97,7 +92,7 @@ def _require_whole_tops(series: Array, name: str) -> None:
 def _require_excitation(record: Record, device: Device) -> None:
     moved = np.nanstd(record.sense, axis=0)
     noise = np.array(device.noise)
-    if np.all(moved < _MOVES * noise):
+    if np.all(moved < _SET.moves * noise):
         raise ModelError(
             f"nothing moves: {np.max(moved):.3g} V rms where the declared noise is {np.max(noise):.3g} V; "
             "record with the drive on, or ring the mass down"

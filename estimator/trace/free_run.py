@@ -26,9 +26,9 @@ from estimator.trace.free_run_model import estimates_of
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.record import Record
+from estimator.trace.thresholds import THRESHOLDS
 
-_FIRST = 50  # outputs that set the state of a free run and are not scored
-_NEAR = 3.0  # ratio to the noise up to which a model that nothing was added to counts as adequate
+_SET = THRESHOLDS.free_runs
 
 
 def trace_free_run(
@@ -39,7 +39,7 @@ def trace_free_run(
 ) -> Diagnosis:
     """As `estimator.trace.tracing.trace`, by the free run."""
     part = problem.part(slice(0, split))
-    selected = trace_by_simulation(part, _FIRST, progress)
+    selected = trace_by_simulation(part, _SET.scored_from, progress)
     later = problem.record.part(slice(split, len(problem.record)))
     found, claim, why = _promised(part, selected, later)
     errors, device = claim.residual, problem.device
@@ -83,18 +83,19 @@ def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[Sim
         if weak := promises.weak(claim.effects):
             least = min(weak, key=lambda name: found.evidence[name])
             why[least] = weak[least]
-            found = without(part, found, (least,), _FIRST)
+            found = without(part, found, (least,), _SET.scored_from)
             continue
         small = promises.minor(found.evidence)
         if not small or not promises.broken(claim):
             return found, claim, why
         why |= {name: leaves_the_rest(found.evidence[name]) for name in small}
-        found = without(part, found, small, _FIRST)
+        found = without(part, found, small, _SET.scored_from)
 
 
 def _claim(part: Problem, found: SimulationTrace, later: Record) -> Claim:
     runs = ((found.observer_before, found.before), (found.observer, found.after))
-    before, after = (float(np.sqrt(np.nanmean(free_run_error(seen, fit, later, _FIRST) ** 2))) for seen, fit in runs)
+    errors = (free_run_error(seen, fit, later, _SET.scored_from) for seen, fit in runs)
+    before, after = (float(np.sqrt(np.nanmean(error**2))) for error in errors)
     noise = part.device.noise[0]
     estimates = estimates_of(found.observer, found.after)
     return Claim(
@@ -156,11 +157,11 @@ def free_run_error(observer: Observer, fit: Refined, record: Record, first: int)
 def verdict_of(before: float, after: float, noise: float, effects: Collection[str]) -> Verdict:
     """The verdict by the error on the held-out part alone, all three in one unit."""
     if not effects:
-        return Verdict.ADEQUATE if before <= _NEAR * noise else Verdict.UNEXPLAINED
+        return Verdict.ADEQUATE if before <= _SET.adequate * noise else Verdict.UNEXPLAINED
     errors = Errors(before, after, noise)
     if errors.fell and errors.at_floor:
         return Verdict.EXPLAINED
-    return Verdict.PARTLY if errors.share >= promises.PART else Verdict.UNEXPLAINED
+    return Verdict.PARTLY if errors.share >= THRESHOLDS.promises.part else Verdict.UNEXPLAINED
 
 
 def _rmse(fit: Refined) -> float:

@@ -23,13 +23,9 @@ from estimator.trace.criterion import extended
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
+from estimator.trace.thresholds import THRESHOLDS
 
-_TRIED = 3  # candidates that are fitted in earnest, a round
-_CHOICE = 2.0 / 3.0  # of the samples on which candidates compete: the rest, which comes after, must agree
-_VISIBLE = 0.03  # of a signature, what must be left beside the parameters so far
-_BLOCK = 16  # samples
-_ON_THE_WAY = 12  # free runs of a fit that only leads to the next
-_FIRST = 64  # samples of a free response that are fitted first
+_SET = THRESHOLDS.free_runs
 
 Rows = slice | NDArray[np.bool_]
 
@@ -76,7 +72,7 @@ class FreeRunModel:
     def hopeful(self, look: Promises, tried: Mapping[str, Trial[FreeRun]], number: int) -> Sequence[str]:
         """Those whose promise outweighs its price, the best few."""
         worth = (name for name, promise in look.items() if promise.gain > promise.price)
-        return sorted(worth, key=lambda name: look[name].price - look[name].gain)[:_TRIED]
+        return sorted(worth, key=lambda name: look[name].price - look[name].gain)[:_SET.tried]
 
     def fit(
         self, current: FreeRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[FreeRun]]
@@ -137,9 +133,9 @@ def fitted(problem: Problem, effects: tuple[str, ...], current: Refined | None, 
 def parts_of(part: Record, skip: int) -> tuple[Rows, Rows]:
     """The rows on which candidates compete, and those that must agree."""
     if np.any(part.drive):
-        edge = int(_CHOICE * len(part))
+        edge = int(_SET.choice * len(part))
         return slice(skip, edge), slice(edge, len(part))
-    agreeing = np.asarray(np.arange(len(part)) // _BLOCK % 3 == 2)
+    agreeing = np.asarray(np.arange(len(part)) // _SET.block % 3 == 2)
     return ~agreeing, agreeing
 
 
@@ -183,7 +179,7 @@ def promises_of(
         effect = next(effect for _, effect in observer.effects if effect.name == name)
         own = derivative[:, [observer.names.index(c.name) for c in effect.coefficients]]
         rest = own - basis @ (basis.T @ own)
-        visible = np.linalg.norm(rest, axis=0) > _VISIBLE * np.linalg.norm(own, axis=0)
+        visible = np.linalg.norm(rest, axis=0) > _SET.visible * np.linalg.norm(own, axis=0)
         price = extended(own.shape[1], samples, len(left))
         if not visible.any():
             found[name] = Promise(0.0, price, rest[:, visible])
@@ -226,18 +222,18 @@ def _followed(observer: Observer, record: Record, start: Array, afresh: bool) ->
         constants = slice(observer.states, None)
         if np.all(np.isfinite(scratch.state)):
             start[constants] = scratch.state[constants]
-    length = _FIRST
+    length = _SET.beginning
     while length < len(record):
         beginning = record.part(slice(0, length))
-        if afresh and length == _FIRST:
+        if afresh and length == _SET.beginning:
             motion = observer.names[: observer.states]
             start = refine(
                 observer, beginning.sense, beginning.drive, start=start, free=motion, step=beginning.step
             ).state
         start = refine(
-            observer, beginning.sense, beginning.drive, start=start, step=beginning.step, runs=_ON_THE_WAY
+            observer, beginning.sense, beginning.drive, start=start, step=beginning.step, runs=_SET.on_the_way
         ).state
-        length *= 3
+        length *= _SET.longer
     return start
 
 

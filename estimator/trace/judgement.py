@@ -12,16 +12,9 @@ from estimator.scaling import Array
 from estimator.trace.fitting import Fitted
 from estimator.trace.record import Record
 from estimator.trace.selection import MOST, Selection
+from estimator.trace.thresholds import THRESHOLDS
 
-_START = 8  # cycles until a start from the declared guess is over
-_LEVEL = 0.05  # of the predicted power, above it
-_PREDICTABLE = 0.02  # of the power, from the innovations before
-_LAGS = 4  # cycles
-_JUMP = 3.0  # times the usual power: what lies around a jump of the rate counts less from there on
-_LINE_CHANCE = 1e-6
-_LINE_POWER = 1e-3  # of the power
-RATE_POWER = 1e-2
-"""The same beside the resonance, where a rate that moves otherwise than by a random walk leaves some."""
+_SET = THRESHOLDS.judgement
 
 
 def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple[str, ...]:
@@ -36,18 +29,18 @@ def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str
     """What in the residual of a model is larger than can be left to chance, in words."""
     sample_rate = 1.0 / float(np.mean(record.step))
     cycle = max(int(sample_rate / resonance_hz), 1)
-    series = steadied(model, _START * cycle, cycle)
+    series = steadied(model, _SET.start * cycle, cycle)
     reasons = []
-    excess = power_over_prediction(model, series, record, _START * cycle, sample_rate, resonance_hz) - 1.0
-    if excess > _LEVEL:
+    excess = power_over_prediction(model, series, record, _SET.start * cycle, sample_rate, resonance_hz) - 1.0
+    if excess > _SET.level:
         reasons.append(f"the innovation is {np.sqrt(excess + 1.0):.3g} × what its prediction and the noise floor allow")
-    share = predictable_share(series, _LAGS * cycle)
-    if share > _PREDICTABLE:
+    share = predictable_share(series, _SET.lags * cycle)
+    if share > _SET.predictable:
         how_much = f"{share:.1%}" if share < 1.0 else "nearly all"
         reasons.append(f"{how_much} of the innovation can be predicted from those before")
     spectrum = periodogram(series, sample_rate, resonance_hz)
-    for line in lines(spectrum, sample_rate, resonance_hz, _LINE_CHANCE):
-        allowed = RATE_POWER if line.order == 1 else _LINE_POWER
+    for line in lines(spectrum, sample_rate, resonance_hz, _SET.line_chance):
+        allowed = _SET.rate_power if line.order == 1 else _SET.line_power
         if line.rms**2 > allowed * float(np.sum(np.nanmean(series**2, axis=0))):
             reasons.append(f"a line is left at {line.frequency:.6g} Hz")
             break
@@ -59,7 +52,7 @@ def steadied(model: Fitted, first: int, cycle: int) -> Array:
     normalised = np.nan_to_num(model.estimates.innovation / model.estimates.innovation_deviation)[first:]
     power = np.convolve(np.mean(normalised**2, axis=1), np.ones(cycle) / cycle, "same")
     usual = float(np.median(power))
-    share = np.sqrt(np.minimum(1.0, _JUMP * usual / np.maximum(power, np.finfo(float).tiny)))
+    share = np.sqrt(np.minimum(1.0, _SET.jump * usual / np.maximum(power, np.finfo(float).tiny)))
     return np.asarray(normalised * share[:, None])
 
 
@@ -73,7 +66,7 @@ def power_over_prediction(
     predicted = model.estimates.innovation_deviation[first:] ** 2
     noise = np.array(model.observer.device.noise) ** 2
     # The floor is the noise's, the rest of the prediction the estimate's own uncertainty.
-    allowed = np.mean(1.0 + (np.minimum(floor, 4.0) - 1.0) * noise / predicted, axis=0)
+    allowed = np.mean(1.0 + (np.minimum(floor, _SET.most_floor) - 1.0) * noise / predicted, axis=0)
     return float(np.mean(np.mean(series**2, axis=0) / np.maximum(allowed, np.finfo(float).tiny)))
 
 

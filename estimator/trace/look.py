@@ -13,9 +13,9 @@ from estimator.trace.evidence import Evidence, evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.scan import Scan, scan
+from estimator.trace.thresholds import THRESHOLDS
 
-_LOCKED = 0.03  # of the amplitude: an innovation larger than that makes the linear scan unsure
-_APART = 30.0  # rad over the record: closer than that two frequencies are one
+_SET = THRESHOLDS.scan
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> O
     """
     amplitude = np.abs(device.sense_gain) * device.amplitude
     lost = float(np.sqrt(np.nanmean((model.estimates.innovation / amplitude) ** 2)))
-    if lost < _LOCKED:
+    if lost < _SET.locked:
         return replace(model.settings, gain=Gain.EKF)
     return replace(settings, gain=Gain.FADING, effects=coefficients_of(model.observer))
 
@@ -67,7 +67,7 @@ def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> d
     def is_new(name: str, given: Parameters) -> bool:
         if "omega" not in given:
             return kind(name) not in carried
-        return all(abs(given["omega"] - other) > _APART / span for other in frequencies)
+        return all(abs(given["omega"] - other) > _SET.apart / span for other in frequencies)
 
     new = {name: given for name, given in watched.items() if is_new(name, given)}
     return {_relabelled(name, effects, watched): given for name, given in new.items()}

@@ -14,12 +14,10 @@ from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, par
 from estimator.trace.look import Look, look_at
 from estimator.trace.parameters import NOTHING, Searched, refine_parameters
 from estimator.trace.problem import Problem
+from estimator.trace.thresholds import THRESHOLDS
 from estimator.trace.width import hopeful, worth_refining
 
-_LEARNT = 2.0 / 3.0  # of the record: what an effect explains of it must be borne out by the rest
-_PROPORTION = 0.25
-_SCREENED = 20_000  # samples on which those that the scan expects least of are compared first
-_RIVALS = 30  # candidates among which one that later ones may have made superfluous was chosen
+_SET = THRESHOLDS.choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ class ObserverModel:
 
     def _ahead(self, best: Carrying, carried: str, names: list[str], look: Look) -> list[str]:
         """Of these, the ones that explain more of a short part of the record than the best so far."""
-        part = self.problem.part(slice(0, _SCREENED))
+        part = self.problem.part(slice(0, _SET.screened))
         effects = {name: dict(given) for name, given in best.fitted.settings.effects.items()}
         reached = fit(part.carrying(effects), passes=1).likelihood
         del effects[carried]
@@ -123,7 +121,7 @@ class ObserverModel:
         less = fit(self.problem.under(model.settings).carrying(rest), passes=1)
         price = schwarz(self._numbers(name), model.estimates.innovation.size)
         loss = model.likelihood - less.likelihood
-        score = Score(model.likelihood, loss, price, surprise(self._degrees(name), _RIVALS))
+        score = Score(model.likelihood, loss, price, surprise(self._degrees(name), _SET.rivals))
         searched = {other: found for other, found in current.searched.items() if other != name}
         return Carrying(self.problem, less, searched), score
 
@@ -165,9 +163,9 @@ def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bo
     """Whether the effect that `model` has beside what `base` carries, its coefficients found on the first part of the
     record, predicts the rest better: by its share of the gain, or at least by more than chance would.
     """
-    seen = round(_LEARNT * len(problem.record))
+    seen = round(_SET.learnt * len(problem.record))
     effects = coefficients_of(base.observer)
     added = {name: parameters_of(model, name)}
     without, carried = (foresight(problem.carrying({**effects, **more}), seen) for more in ({}, added))
-    share = _PROPORTION * (1.0 - _LEARNT) * (model.likelihood - base.likelihood)
+    share = _SET.borne_out * (1.0 - _SET.learnt) * (model.likelihood - base.likelihood)
     return carried - without > min(share, surprise(degrees(name, problem.device.axes), 1))

@@ -13,16 +13,9 @@ from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.problem import Problem
+from estimator.trace.thresholds import THRESHOLDS
 
-_ROUNDS = 12
-_TOGETHER = 8
-_SHARE = 0.1  # first step of a threshold, a corner or a damping ratio
-_BIN = 0.5  # first step of a frequency, over the record's length
-_NEAR = 0.2  # standard deviations from the top of the parabola: near enough
-_FINE = 3.0  # standard deviations of a step over which the likelihood is a parabola
-_HOPE = 4.0  # times what the parameters so far have gained may still be gained by the others …
-_START = 300.0  # … and what a start from a wide spread may take off a likelihood
-_SEEN = 0.5  # of twice the log-likelihood: less says nothing
+_SET = THRESHOLDS.parameters
 
 
 @dataclass(frozen=True)
@@ -67,14 +60,14 @@ def refine_parameters(
     hill = Hill(problem, model, name, names)
     start = np.array([given[which] for which in names])
     alone = names == ("omega",)
-    width = np.full(1, _BIN / problem.span) if alone else _SHARE * start
+    width = np.full(1, _SET.first_turn / problem.span) if alone else _SET.first_share * start
     if before is not None and before.names:
         known = np.sqrt(np.diagonal(before.covariance))
-        width = np.where(known > 0.0, np.minimum(width, _FINE * known), width)
+        width = np.where(known > 0.0, np.minimum(width, _SET.fine * known), width)
     top, deviation = start, np.zeros(len(names))
     for i in range(len(names)):
         top, deviation[i] = hill.climb(top, i, float(width[i]))
-        if model.likelihood + _HOPE * (hill.highest - hill.at(start)) + _START < to_beat:
+        if model.likelihood + _SET.hope * (hill.highest - hill.at(start)) + _SET.rough_start < to_beat:
             return hill.fitted(top), Searched(
                 names, np.diag(deviation**2), np.zeros((len(effect.coefficients), len(names)))
             )
@@ -128,32 +121,33 @@ class Hill:
         """
         deviation = 0.0
         along = np.eye(len(place))[index]
-        for _ in range(_ROUNDS):
-            width = min(width, 0.5 * float(place[index]))
+        for _ in range(_SET.rounds):
+            width = min(width, _SET.widest * float(place[index]))
             low, here, high = (self.at(place + side * width * along) for side in (-1.0, 0.0, 1.0))
             if not np.isfinite(low) or not np.isfinite(high):
-                width *= 0.25
+                width *= _SET.retreat
                 continue
             curvature = 2.0 * here - low - high
-            if max(low, high) > here + _SEEN:
+            if max(low, high) > here + _SET.seen:
                 place = place + (width if high > low else -width) * along
-                width *= 2.0
+                width *= _SET.growth
                 continue
-            if curvature < _SEEN:
-                if width >= 0.5 * place[index]:
+            if curvature < _SET.seen:
+                if width >= _SET.widest * place[index]:
                     break
-                width *= 3.0
+                width *= _SET.flat_growth
                 continue
             deviation = width * float(np.sqrt(2.0 / curvature))
             shift = 0.5 * width * (high - low) / curvature
-            narrow = width < 2.0 * _FINE * deviation
-            if abs(shift) < _NEAR * deviation and narrow:
+            narrow = width < 2.0 * _SET.fine * deviation
+            if abs(shift) < _SET.near * deviation and narrow:
                 break
             gained, promised = self.at(place + shift * along) - here, (shift / deviation) ** 2
             if gained > 0.0:
                 place = place + shift * along
             # Where the top is as high as the parabola promised, it is one; elsewhere it is come nearer to first.
-            width = min(_FINE * deviation, 0.5 * width) if narrow or gained > 0.5 * promised else 0.3 * width
+            fits = narrow or gained > _SET.kept * promised
+            width = min(_SET.fine * deviation, 0.5 * width) if fits else _SET.approach * width
         return place, deviation
 
     def together(self, place: Array, deviation: Array) -> tuple[Array, Array]:
@@ -161,7 +155,7 @@ class Hill:
         n = len(place)
         steps = np.diag(deviation)
         covariance = steps**2
-        for _ in range(_TOGETHER):
+        for _ in range(_SET.together):
             here = self.at(place)
             up = np.array([self.at(place + step) for step in steps])
             down = np.array([self.at(place - step) for step in steps])
@@ -180,7 +174,7 @@ class Hill:
             while not np.all(place + shift > 0.0):
                 shift = shift / 2.0
             gained = self.at(place + shift) - here
-            if gained <= _SEEN:
+            if gained <= _SET.seen:
                 break
             place = place + shift
         return place, covariance

@@ -14,30 +14,29 @@ from estimator.settings import Gain
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.start import hold, settling
+from estimator.trace.thresholds import THRESHOLDS
 
-FREE = 20  # cycles without measurement
-_FOLLOWED = 3  # times as many cycles in between
-_UNSEEN = 1e12  # times the variance of the noise: such a measurement changes nothing
+_SET = THRESHOLDS.scoring
 
 
 def free_run_error(problem: Problem) -> Array:
-    """What free runs of `FREE` cycles were off by at their samples, (n, axes) V; NaN where the record was followed."""
+    """What free runs were off by at their samples, (n, axes) V; NaN where the record was followed."""
     record, device, settings = problem.record, problem.device, problem.settings
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
-    free = round(FREE * cycle)
+    free = round(_SET.free_cycles * cycle)
     fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
     observer = Observer(device, replace(settings, gain=fading), problem.controller)
     hold(observer)
     seen = observer.record["noise"].copy()
     errors = np.full((len(record), device.axes), np.nan)
-    begin = max(min(settling(settings, device), len(record) // 8), 1)
+    begin = max(min(settling(settings, device), len(record) // _SET.settled), 1)
     run(observer, record.part(slice(0, begin)))
     while begin + free <= len(record):
         rows = slice(begin, begin + free)
-        observer.record["noise"] = seen * _UNSEEN
+        observer.record["noise"] = seen * _SET.unseen
         errors[rows] = run(observer, record.part(rows)).innovation
         observer.record["noise"] = seen
-        begin = rows.stop + _FOLLOWED * free
+        begin = rows.stop + _SET.followed * free
         if begin + free <= len(record):
             run(observer, record.part(slice(rows.stop, begin)))
     return errors

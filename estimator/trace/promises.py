@@ -13,23 +13,10 @@ from scipy.stats import f as f_distribution
 
 from estimator.trace.candidates import kind
 from estimator.trace.engine import Estimate, unphysical
+from estimator.trace.thresholds import THRESHOLDS
 
-FLOOR = 1.1
-"""Times the noise floor: a residual up to this counts as being at the floor, where chance does not ask for more."""
+_SET = THRESHOLDS.promises
 
-DECLARED = 4.0
-"""Standard deviations of what the bench declares in which a constant of the model must lie: one of a device that is as
-declared lies outside once in 16,000 times."""
-
-PART = 0.5
-"""Share of the power above the floor that must go before anything is said to explain a part: more goes than stays."""
-
-MINOR = 0.1
-"""Of the largest gain: effects that explain less than this beside it are not named where something is left, since they
-may be made of what is left."""
-
-_CHANCE = 0.01  # of a residual at the floor to lie above what is allowed, where few samples tell it
-_NEVER = 6.0  # standard deviations of the noise that no sample of a record of 10⁸ exceeds
 _GAINS = frozenset({"drive_gain", "sense_gain"})  # relative to what is declared: below −1 the sign is another
 
 
@@ -61,11 +48,11 @@ class Errors:
 
     @property
     def at_floor(self) -> bool:
-        """Whether it is no more than `FLOOR` times the floor, or than chance makes of the floor."""
+        """Whether it is no more than `promises.floor` times the floor, or than chance makes of the floor."""
         if not math.isfinite(self.after):
             return False
         few = max(min(self.samples, 1e9), 1.0), max(min(self.floor_samples, 1e9), 1.0)
-        return self.after <= self.floor * max(FLOOR, math.sqrt(float(f_distribution.isf(_CHANCE, *few))))
+        return self.after <= self.floor * max(_SET.floor, math.sqrt(float(f_distribution.isf(_SET.floor_chance, *few))))
 
     @property
     def nothing_above(self) -> bool:
@@ -131,7 +118,7 @@ def fell(claim: Claim) -> tuple[str, ...]:
     errors = claim.residual
     if errors.fell:
         return ()
-    if errors.gain is not None and errors.after <= FLOOR * errors.before:
+    if errors.gain is not None and errors.after <= _SET.floor * errors.before:
         worse = f"{errors.gain:.4g}".replace("-", "−")
         return (f"the part held out is not predicted better: {worse} in twice the log-likelihood",)
     return (f"on the part held out the residual rose from {_times(errors.before, errors)} to {_over(errors)}",)
@@ -168,7 +155,7 @@ def votes(claim: Claim) -> tuple[str, ...]:
         f"the reference speaks against it: on the part held out the {vote.what} was {vote.errors.before:.3g} "
         f"{vote.unit} rms and is {vote.errors.after:.3g}"
         for vote in claim.votes
-        if not vote.errors.at_floor and not vote.errors.share >= PART
+        if not vote.errors.at_floor and not vote.errors.share >= _SET.part
     )
 
 
@@ -188,13 +175,13 @@ def broken(claim: Claim, guards: tuple[Callable[[Claim], tuple[str, ...]], ...] 
 
 def holds_in_part(claim: Claim) -> bool:
     """Whether the effects account for most of what stood above the floor, and nothing but what is left is against."""
-    return bool(claim.effects) and claim.residual.share >= PART and not broken(claim, PARTLY)
+    return bool(claim.effects) and claim.residual.share >= _SET.part and not broken(claim, PARTLY)
 
 
 def minor(gains: Mapping[str, float]) -> tuple[str, ...]:
     """Those that are not among the dominant ones."""
     most = max(gains.values(), default=0.0)
-    return tuple(name for name, gain in gains.items() if gain < MINOR * most)
+    return tuple(name for name, gain in gains.items() if gain < _SET.minor * most)
 
 
 def weak(effects: Mapping[str, Mapping[str, Estimate]]) -> dict[str, str]:
@@ -236,7 +223,7 @@ def may_be_nothing(name: str, coefficients: Mapping[str, Estimate]) -> str | Non
 
 def contradicted(level: Level) -> str | None:
     """Why a range is none, None where all that was seen lies in it."""
-    margin = _NEVER * level.noise
+    margin = _SET.never * level.noise
     for end, seen, outside in (
         (level.high, level.highest, level.highest > level.high + margin),
         (level.low, level.lowest, level.lowest < level.low - margin),
@@ -249,7 +236,7 @@ def contradicted(level: Level) -> str | None:
 def _conflict(constant: Constant) -> str | None:
     if constant.positive and constant.high < 0.0:
         return f"{constant.name} comes out negative, {constant.value:.4g}: such a device would move by itself"
-    reach = DECLARED * constant.deviation
+    reach = _SET.declared * constant.deviation
     if constant.high < constant.declared - reach or constant.low > constant.declared + reach:
         off = abs(constant.value - constant.declared) / constant.deviation if constant.deviation > 0.0 else math.inf
         return (

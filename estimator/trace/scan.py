@@ -18,10 +18,12 @@ from estimator.settings import Gain
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.start import begin_about
+from estimator.trace.thresholds import THRESHOLDS
 
-PARTS = 32
-COURSE = 16  # instants of a part at which the angle's sensitivity is kept
-_JUMP = 4.0  # times the usual innovation: what lies around a jump of the rate counts less from there on
+_SET = THRESHOLDS.scan
+
+PARTS = _SET.parts
+COURSE = _SET.course  # instants of a part at which the angle's sensitivity is kept
 Watched = Mapping[str, Mapping[str, float]]
 
 
@@ -83,7 +85,7 @@ def scan(
     width = first + BLOCK - first % BLOCK  # with a column for the innovation
     turned, course = np.zeros(first), np.zeros((PARTS * COURSE, first))
     edges = np.linspace(0, len(record), PARTS + 1).astype(int)
-    level = _JUMP
+    level = _SET.jump
     if settings.gain is Gain.EKF and vector:
         observer.record["twin"] = 1  # a plain EKF's two covariances are one: carried twice, they run in the registers
     quick = vector and bool(scans_plainly(observer.record, observer.active, observer.x[: len(observer.x) - first]))
@@ -109,7 +111,7 @@ def scan(
             own = rows[begin:end]
             surprise = own["nu"][:, : device.axes] ** 2 / own["s"][:, : device.axes]
         if not np.isnan(surprise).all():
-            level = _JUMP * max(1.0, float(np.nanmedian(surprise)) / 0.455)
+            level = _SET.jump * max(1.0, float(np.nanmedian(surprise)) / 0.455)
     factors = observer.factors[len(observer.names) - first :]
     volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
     return Scan(

@@ -18,14 +18,16 @@ from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import Searched, refine_parameters
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.rivals import Rival, rivals
+from estimator.trace.thresholds import THRESHOLDS
 
-MOST = 3
+_SET = THRESHOLDS.choice
+
+MOST = _SET.most
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
 
 RULES = Rules(MOST, Dissent.ENDS, signs=False)
 """Signs are not asked for yet: figures are those of the campaign."""
 
-_COMPARED = 150_000  # samples on which candidates are compared
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ Progress = Callable[[str, int, int], None]
 
 def select(problem: Problem, progress: Progress) -> Selection:
     """Choose effects on the record of `problem`, the part to be fitted, beside those that it carries already."""
-    compared = problem.part(slice(0, _COMPARED))
+    compared = problem.part(slice(0, _SET.compared))
     start = Carrying(compared, fit(compared))
     if not math.isfinite(start.fitted.likelihood):
         raise ModelError(

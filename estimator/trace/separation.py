@@ -10,19 +10,14 @@ from estimator.kernel.experiment import experiment_block
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
-from estimator.trace.evidence import SAME, likeness
+from estimator.trace.evidence import likeness
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.selection import Selection
+from estimator.trace.thresholds import THRESHOLDS
 
-_CYCLES = 400
-_FIRM = 0.1  # gain of both holds, in ω0
-_VIRTUAL = 2e-3  # of ω0
-_TURNED = 1e-3  # of ω0: rate of the table
-_STEP = 0.02  # of the target stiffness
-_DITHER = 3e-3  # of k A
-_SWING = 0.3
+_SET = THRESHOLDS.separation
 
 
 @dataclass(frozen=True)
@@ -39,15 +34,15 @@ class Experiment:
 
 
 EXPERIMENTS = (
-    Experiment("virtual_rotation", "impose a virtual rotation", virtual=_VIRTUAL),
-    Experiment("amplitude", "modulate the amplitude by 30 %", virtual=_VIRTUAL, modulation=_SWING),
-    Experiment("dither", "dither the drive off the resonance", virtual=_VIRTUAL, dither=_DITHER),
-    Experiment("stiffness", "step the target stiffness by 2 %", virtual=_VIRTUAL, stiffness=_STEP),
-    Experiment("rate", "turn the gyro at a varying rate", virtual=_VIRTUAL, turning=_TURNED),
+    Experiment("virtual_rotation", "impose a virtual rotation", virtual=_SET.virtual),
+    Experiment("amplitude", "modulate the amplitude by 30 %", virtual=_SET.virtual, modulation=_SET.swing),
+    Experiment("dither", "dither the drive off the resonance", virtual=_SET.virtual, dither=_SET.dither),
+    Experiment("stiffness", "step the target stiffness by 2 %", virtual=_SET.virtual, stiffness=_SET.step),
+    Experiment("rate", "turn the gyro at a varying rate", virtual=_SET.virtual, turning=_SET.turned),
     Experiment(
         "all",
         "modulate the amplitude, dither, step the target stiffness and turn the gyro",
-        virtual=_VIRTUAL, modulation=_SWING, dither=_DITHER, turning=_TURNED, stiffness=_STEP,
+        virtual=_SET.virtual, modulation=_SET.swing, dither=_SET.dither, turning=_SET.turned, stiffness=_SET.step,
     ),
 )  # fmt: skip
 
@@ -83,10 +78,11 @@ def separations(
 
 def _advice(name: str, other: str, alike: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Advice:
     values = {experiment.name: alike[experiment.name][name][other] for experiment in EXPERIMENTS}
-    able = [experiment for experiment in EXPERIMENTS if values[experiment.name] < SAME]
+    able = [experiment for experiment in EXPERIMENTS if values[experiment.name] < THRESHOLDS.scan.same]
     if not able:
         return None, None
-    single = min(able, key=lambda experiment: values[experiment.name] + (0.001 if experiment.name == "all" else 0.0))
+    dearer = {"all": _SET.dearer}
+    single = min(able, key=lambda experiment: values[experiment.name] + dearer.get(experiment.name, 0.0))
     return single.words, values[single.name]
 
 
@@ -101,25 +97,25 @@ def loop_record(
     scale = device.amplitude * device.target / device.drive_gain
     law = ControllerSettings(
         latency=latency,
-        force_quantum=1e-6 * scale,
-        force_limit=10.0 * scale,
-        sense_quantum=min(device.noise) / 10.0,
-        energy_gain=_FIRM,
-        quadrature_gain=_FIRM,
+        force_quantum=_SET.force_quantum * scale,
+        force_limit=_SET.force_limit * scale,
+        sense_quantum=_SET.sense_quantum * min(device.noise),
+        energy_gain=_SET.firm,
+        quadrature_gain=_SET.firm,
         virtual_rotation=experiment.virtual * omega0,
         dither=experiment.dither * scale,
         modulation=experiment.modulation,
-        modulation_rate=omega0 / 200.0,
+        modulation_rate=omega0 / _SET.modulation,
     )
     loop = Observer(device, replace(settings, gain=Gain.EKF, effects={}), law)
-    samples = int(_CYCLES * 2.0 * math.pi / loop.h)
+    samples = int(_SET.cycles * 2.0 * math.pi / loop.h)
     t = np.arange(samples) * loop.h
     truth = loop.x.copy()
     truth[:4] = loop.x[:4] = 1.0, 0.0, 0.0, 0.0
     random = np.random.default_rng(0)
     added = noise * random.standard_normal((samples, 2)) * np.sqrt(loop.record["noise"][0])
-    rates = experiment.turning * np.sin(t / 150.0)
-    stiffness = 1.0 + experiment.stiffness * np.sign(np.sin(t / 120.0))
+    rates = experiment.turning * np.sin(t / _SET.turning)
+    stiffness = 1.0 + experiment.stiffness * np.sign(np.sin(t / _SET.stepping))
     sensed, drive = np.zeros((samples, 2)), np.zeros((samples, 2))
     experiment_block(
         loop.record, loop.active, loop.walk, loop.prior, loop.spread, loop.guess, loop.table,

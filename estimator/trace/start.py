@@ -2,8 +2,9 @@
 
 from estimator.observer import Observer
 from estimator.settings import Device, ObserverSettings
+from estimator.trace.thresholds import THRESHOLDS
 
-_WIDER = 10.0  # times the standard deviations that a pass ended with is the spread of the next
+_SET = THRESHOLDS.start
 
 
 def begin_about(observer: Observer, previous: Observer) -> None:
@@ -15,7 +16,7 @@ def begin_about(observer: Observer, previous: Observer) -> None:
     block = slice(states, None)
     wide = observer.p[block, block]
     common = len(previous.p) - states
-    wide[:common, :common] = previous.p[block, block] * _WIDER**2
+    wide[:common, :common] = previous.p[block, block] * _SET.wider**2
     if "rate" in observer.model.names:
         rate = observer.estimated.index("rate") - states
         own = observer.p[states + rate, states + rate]
@@ -38,4 +39,4 @@ def hold(observer: Observer) -> None:
 
 def settling(settings: ObserverSettings, device: Device) -> int:
     """Samples after which a start from the declared guess is over."""
-    return int(3.0 * min(settings.memory, 1.0) * device.sample_rate)
+    return int(_SET.memories * min(settings.memory, _SET.longest_memory) * device.sample_rate)

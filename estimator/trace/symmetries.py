@@ -17,12 +17,13 @@ import numpy as np
 
 from estimator.scaling import Array
 from estimator.trace.diagnosis import Interval
+from estimator.trace.thresholds import THRESHOLDS
+
+_SET = THRESHOLDS.symmetries
 
 Intervals = Mapping[str, Mapping[str, Interval]]
 """By effect, by coefficient."""
 
-_TENTH = 0.1  # of a coefficient: what departs from a symmetry by less may be a second, smaller cause
-_DECLARED = 3.0  # standard deviations of what the bench file declares
 _CORIOLIS = np.array([[0.0, 1.0], [-1.0, 0.0]])
 _AXES = "xy"
 
@@ -182,7 +183,7 @@ def _of_drive_gain(named: Intervals, system: System, constants: Constants) -> It
     unit = 1.0 / float(np.sqrt(gain))
     timed = retimed(system, unit)
     apart = [timed.stiffness[i, i] - constants.declared[i] for i in range(2)]
-    if all(abs(off) < _DECLARED * constants.spread for off in apart):
+    if all(abs(off) < _SET.declared * constants.spread for off in apart):
         yield Equivalent("drive_gain", "clock_rate", 1.0 / unit - 1.0, REFERENCE_CLOCK, 0.0, timed)
     yield Equivalent("drive_gain", "mass_scale", 1.0 / gain - 1.0, KNOWN_WEIGHT, 0.0, system)
     scaled = displaced(system, gain * np.eye(2))
@@ -273,8 +274,8 @@ def _opposite(one: Interval, other: Interval) -> bool:
 def _nothing(one: Interval, beside: Interval) -> bool:
     """Whether a coefficient may be zero, or is small beside the other, which is not."""
     is_something = beside.low > 0.0 or beside.high < 0.0
-    return is_something and (one.low <= 0.0 <= one.high or abs(one.value) <= _TENTH * abs(beside.value))
+    return is_something and (one.low <= 0.0 <= one.high or abs(one.value) <= _SET.broken * abs(beside.value))
 
 
 def _near(one: float, other: float) -> bool:
-    return abs(one - other) <= _TENTH * max(abs(one), abs(other))
+    return abs(one - other) <= _SET.broken * max(abs(one), abs(other))

@@ -16,7 +16,6 @@ from estimator.trace.claims import claim_of
 from estimator.trace.criterion import threshold
 from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import gained, leaves_the_rest, why_not
-from estimator.trace.evidence import SAME
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
 from estimator.trace.fitting import constants_of
@@ -26,8 +25,7 @@ from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
 from estimator.trace.symmetries import Constants, equivalents
-
-_READ = 100_000  # samples in which the angle is read once for each possibility
+from estimator.trace.thresholds import THRESHOLDS
 
 
 def trace(
@@ -55,7 +53,7 @@ def trace(
     found = _judged(problem, selection, before, split)
     progress("before and after", 2, 2)
     named, after = found.named, found.after
-    reader = AngleReader(problem.part(slice(0, min(split, _READ))))
+    reader = AngleReader(problem.part(slice(0, min(split, THRESHOLDS.scoring.read))))
     alike = _confusable(named, found.selection, reader, progress)
     return Diagnosis(
         verdict=found.verdict,
@@ -229,7 +227,7 @@ def _confusable(
         if step.taken is None or step.taken not in named:
             continue
         alike, near = selection.alike[step.taken], selection.rivals[step.taken]
-        for other in (*near, *(other for other, likeness in alike.items() if likeness > SAME)):
+        for other in (*near, *(other for other, likeness in alike.items() if likeness > THRESHOLDS.scan.same)):
             if kind(other) != kind(step.taken):
                 given = near[other].parameters if other in near else step.look.watched[other]
                 pairs.setdefault((step.taken, kind(other)), (step.taken, other, alike.get(other, float("nan")), given))
@@ -307,10 +305,10 @@ def _why(name: str, serious: bool, selection: Selection) -> str:
     if reason := why_not(selection.rounds, lambda other: kind(other) == kind(name)):
         return reason
     alike = max((others.get(name, 0.0) for others in selection.alike.values()), default=0.0)
-    if alike > SAME:
+    if alike > THRESHOLDS.scan.same:
         return f"looks like what was taken (likeness {alike:.5f}) and explains less"
     if serious:
         return "what it would explain is not the same from part to part of the record"
-    if alike > 0.9:
+    if alike > THRESHOLDS.choice.shadowed:
         return f"nothing is left for it (likeness {alike:.3f} to what was taken)"
     return "explains no more than chance would"

@@ -8,16 +8,9 @@ from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
 from estimator.trace.look import Look
 from estimator.trace.scan import Scan
+from estimator.trace.thresholds import THRESHOLDS
 
-_SAME = 0.97  # likeness above which a candidate is tried for itself beside the best
-_SERIOUS = 0.5  # of the best gain: a candidate with that much is tried as well
-_NEAR = 0.9  # of the best gain: parameters are improved before the choice
-_TRIED = 5  # leaders that are carried before anything is known of the scan
-_SURE = 2.0  # standard deviations of the scan's own error: 95 %
-_POWER = 0.05  # of what was predicted, above it: as much as a record that is explained may leave
-_LEFT = 0.01  # of the best gain: less is a matter for a second effect
-_DEGREES = 2  # coefficients of most effects, one for each axis
-_WIDER = 8  # kinds tried at a time, where the best does not explain everything
+_SET = THRESHOLDS.width
 
 
 def hopeful(
@@ -42,7 +35,7 @@ def hopeful(
         return []
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
     others = second_thoughts(look.evidence, gains)
-    return others[:_WIDER] + screened(others[_WIDER:])
+    return others[:_SET.batch] + screened(others[_SET.batch:])
 
 
 def is_small(left: Look, gained: float) -> bool:
@@ -50,8 +43,8 @@ def is_small(left: Look, gained: float) -> bool:
     second effect or chance: steadily or not, since what is rough is not small.
     """
     promised = max((item.gain for item in left.evidence.values()), default=0.0)
-    matters = max(_LEFT * gained, surprise(_DEGREES, len(left.evidence)))
-    return left.seen.ratio**2 < 1.0 + _POWER and promised <= matters
+    matters = max(_SET.left * gained, surprise(_SET.degrees, len(left.evidence)))
+    return left.seen.ratio**2 < 1.0 + _SET.power and promised <= matters
 
 
 def within_reach(serious: list[Evidence], tried: Collection[str], gained: float) -> list[str]:
@@ -61,7 +54,7 @@ def within_reach(serious: list[Evidence], tried: Collection[str], gained: float)
     names: list[str] = []
     for item in serious:
         new = all(kind(item.name) != kind(name) for name in (*names, *tried))
-        if new and item.gain + _SURE * item.error > gained - TIE:
+        if new and item.gain + _SET.scan_deviations * item.error > gained - TIE:
             names.append(item.name)
     return names
 
@@ -78,9 +71,9 @@ def shortlist(seen: Scan, serious: list[Evidence]) -> list[str]:
     for item in (*steady[:2], *serious[1:]):
         if item.name in names:
             continue
-        if item in steady[:2] or alike[item.name] > _SAME or item.gain > _SERIOUS * best.gain:
+        if item in steady[:2] or alike[item.name] > _SET.alike or item.gain > _SET.as_good * best.gain:
             names.append(item.name)
-    return names[:_TRIED]
+    return names[:_SET.leaders]
 
 
 def second_thoughts(found: Mapping[str, Evidence], tried: Collection[str]) -> list[str]:
@@ -99,7 +92,7 @@ def worth_refining(
     better.
     """
     leading = max(reached, *(fitted.likelihood - base.likelihood for fitted in models.values()))
-    near = [name for name, fitted in models.items() if fitted.likelihood - base.likelihood > _NEAR * leading]
+    near = [name for name, fitted in models.items() if fitted.likelihood - base.likelihood > _SET.refined * leading]
     near.sort(key=lambda name: -models[name].likelihood)
     taken: list[str] = []
     for name in near:

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from estimator.trace import diagnosis as traced
+from estimator.trace.thresholds import THRESHOLDS, values
 from hil.errors import InputError
 from hil.records.atomic import read_json, write_text
 
@@ -133,6 +134,9 @@ class Diagnosis(_Model):
     bench: str = Field(description="[device] name of the bench file")
     samples: Count
     split: Count = Field(description="Samples that were fitted; the rest was held out")
+    thresholds: dict[str, dict[str, int | float | tuple[float, ...]]] = Field(
+        default_factory=dict, description="What tracing went by, group by group, as in docs/reference/thresholds.md"
+    )
 
 
 def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
@@ -163,6 +167,7 @@ def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
         bench=bench,
         samples=len(found.residual_before.innovation),
         split=found.split,
+        thresholds=values(THRESHOLDS),
     )
 
 

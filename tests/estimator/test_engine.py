@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import pytest
 
-from estimator.trace.criterion import CHANCE, extended, schwarz, surprise, threshold
+from estimator.trace.criterion import extended, schwarz, surprise, threshold
 from estimator.trace.engine import Chosen, Dissent, Estimate, Outcome, Rules, Score, choose, leader, pruned, unphysical
+from estimator.trace.thresholds import THRESHOLDS
 
 
 @dataclass(frozen=True)
@@ -299,5 +300,5 @@ def test_prices_are_those_of_the_papers():
     assert extended(3, 1000.0, 20) == pytest.approx(3.0 * math.log(1000.0) + 2.0 * math.log(20.0))
     # By chance alone the largest of m χ² of two degrees exceeds x with m exp(−x/2), where that is small.
     assert surprise(2, 40) == pytest.approx(-2.0 * math.log(1e-4 / 40))
-    assert 10.0 ** -threshold(40) * 40 == pytest.approx(CHANCE)
-    assert pytest.approx(1e-4) == CHANCE
+    assert 10.0 ** -threshold(40) * 40 == pytest.approx(1e-4)
+    assert THRESHOLDS.criterion.chance == 1e-4

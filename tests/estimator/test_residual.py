@@ -11,12 +11,13 @@ from estimator.effects.catalogue import names
 from estimator.errors import ModelError
 from estimator.observer import Estimates
 from estimator.residual import dependence, floor, spectrum, whiteness
-from estimator.residual.analysis import LEVEL, analyse
+from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.residual.significance import deviations, of_many
 from estimator.residual.suspects import SUSPECTS
 from estimator.trace.diagnosis import Finding
 from estimator.trace.record import Record
+from estimator.trace.thresholds import THRESHOLDS
 
 RATE, RESONANCE, NOISE = 4000.0, 200.0, 9e-5
 
@@ -69,7 +70,7 @@ def only(found: tuple[Finding, ...], kind: str) -> list[Finding]:
 def test_white_noise_raises_no_more_alarms_than_stated(axes: int) -> None:
     seeds = 100
     alarms = sum(bool(findings(white(6000, axes, seed), seed)) for seed in range(seeds))
-    assert alarms <= stats.binom.ppf(0.9999, seeds, LEVEL)
+    assert alarms <= stats.binom.ppf(0.9999, seeds, THRESHOLDS.residual.false_alarm)
 
 
 @pytest.mark.slow

@@ -1,0 +1,379 @@
+"""Every number in tracing that someone has set: its value, its unit and why it is that.
+
+What follows from mathematics (quantiles, what a Hann window does) or from a declaration is no threshold and stands
+where it is used.  The page docs/reference/thresholds.md is made of these declarations; what changes at half and at
+double of each stands in docs/results/thresholds.md.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple, TypeVar
+
+T = TypeVar("T")
+
+
+def _set(value: T, unit: str, reason: str) -> T:
+    # A field in the guise of its value, so that a checker sees the type of the value.
+    made: T = field(default=value, metadata={"unit": unit, "reason": reason})
+    return made
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """Whether a record can be traced at all."""
+
+    fewest_samples: int = _set(150, "samples", "Fewer cannot be divided into a part to choose by and one to score on.")
+    fewest_free_cycles: float = _set(5.0, "cycles", "A free response cannot be made longer.")
+    fewest_driven_cycles: float = _set(
+        100.0, "cycles", "A driven gyro can run longer, and its envelope is to be seen to move."
+    )
+    moves: float = _set(3.0, "× the declared noise", "A channel below this shows nothing but noise.")
+    lost_share: float = _set(0.5, "share of the samples", "With more lost, the gaps and not the device are fitted.")
+    end_samples: int = _set(20, "samples", "At exactly the end of the scale: fewer repeat a peak by chance.")
+    end_excess: float = _set(
+        5.0, "× the samples just below the end", "A sine has a few times more samples at its top than beside it."
+    )
+    beside_end: int = _set(5, "values of the converter", "These are what the count at the end is compared with.")
+    clipped_share: float = _set(1e-3, "share of the samples", "So few move no coefficient by its interval.")
+    samples_a_cycle: float = _set(4.0, "samples", "Below this the third harmonic folds onto the resonance.")
+    line_share: float = _set(
+        0.1, "share of the power", "A line with less is not what the record is of, and does not ask for a faster one."
+    )
+    line_bins: int = _set(2, "bins to either side", "The lobe of a Hann window.")
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What is watched for, and at which frequencies and thresholds."""
+
+    lines: int = _set(5, "lines", "Beyond the strongest few the next round sees them, once those are carried.")
+    line_chance: float = _set(1e-3, "probability", "Watching one line too many costs time only.")
+    periods: float = _set(10.0, "periods in the record", "What comes back less often is a drift and no line.")
+    modes: int = _set(3, "peaks of the coherence", "Others show once the strongest are carried.")
+    damping_ratio: float = _set(0.005, "ζ", "A start for modes of silicon where the response does not tell.")
+    least_damping_ratio: float = _set(1e-4, "ζ", "A response that tells less is narrower than its own bins.")
+    most_damping_ratio: float = _set(0.3, "ζ", "A response that tells more has no peak.")
+    beside_peak: int = _set(8, "bins to either side", "So many bins of the response belong to the peak of one mode.")
+    reweighted: int = _set(5, "rounds", "The denominator's weights change no more after that.")
+    saturation: tuple[float, ...] = _set(
+        (0.04, 0.12, 0.3, 0.55, 0.75, 0.92), "of the largest drive", "From one to the next, a climb reaches the limit."
+    )
+    dead_band: tuple[float, ...] = _set((0.02, 0.06, 0.15, 0.5), "of the drive's rms", "The same for a dead band.")
+    clipping: tuple[float, ...] = _set(
+        (0.6, 0.75, 0.9, 0.98), "of the largest sensed displacement", "The same for a level of the sense."
+    )
+    corners: tuple[float, ...] = _set(
+        (0.001, 0.005, 0.025), "of ω0", "A high-pass is watched at three corners: its transient hangs on them."
+    )
+    rest: float = _set(0.01, "of A ω0", "About so slow is the mass where friction turns over.")
+    segment: int = _set(4096, "samples", "Resolves modes a thousandth of the sampling rate apart.")
+    segments: int = _set(8, "segments in the record at least", "A coherence of fewer segments is one by itself.")
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """What chance gains, and what is told apart."""
+
+    chance: float = _set(1e-4, "probability", "Of naming anything on a record to which nothing is to be added.")
+    odds: float = _set(20.0, "to 1", "Of two accounts of a record: what is less sure than that is not told apart.")
+
+
+@dataclass(frozen=True)
+class Start:
+    """How a pass over a record begins."""
+
+    wider: float = _set(
+        10.0, "× the standard deviations of the pass before", "What is counted twice is one part in a hundred."
+    )
+    memories: float = _set(3.0, "memories of the observer", "A start from the guess has decayed to a twentieth.")
+    longest_memory: float = _set(1.0, "s", "An observer of longer memory has settled its motion by then.")
+    most: int = _set(4, "1 / share of the record", "A short record is not scored by its last part alone.")
+
+
+@dataclass(frozen=True)
+class Scanning:
+    """The one pass that watches all candidates."""
+
+    parts: int = _set(32, "parts of the record", "Enough to tell scatter from part to part within a quarter.")
+    course: int = _set(16, "instants a part", "The angle's sensitivity is drawn and bounded by so many points.")
+    jump: float = _set(4.0, "× the usual innovation", "What lies around a jump of the rate counts less from there on.")
+    same: float = _set(
+        0.9992, "likeness of signatures", "Above it the record does not tell two effects apart (PHYSICS.md §4)."
+    )
+    blind: float = _set(1e-9, "of the largest information", "Below it rounding decides what a coefficient is.")
+    locked: float = _set(
+        0.03, "of the amplitude", "With a larger innovation, the motion gets away from a filter that forgets nothing."
+    )
+    apart: float = _set(30.0, "rad over the record", "Closer than five turns, two frequencies are one.")
+
+
+@dataclass(frozen=True)
+class Width:
+    """How many candidates an observer each is spent on."""
+
+    alike: float = _set(0.97, "likeness of signatures", "Above it a candidate is carried beside the best.")
+    as_good: float = _set(0.5, "of the best gain", "A candidate with that much is carried beside the best.")
+    refined: float = _set(0.9, "of the best gain", "Whoever comes so near is improved before the choice.")
+    leaders: int = _set(5, "candidates", "Carried before anything is known of how rough the scan is.")
+    scan_deviations: float = _set(2.0, "standard deviations of the scan's own error", "Of those behind, 95 % are seen.")
+    power: float = _set(0.05, "of the predicted power, above it", "As much as an explained record may leave.")
+    left: float = _set(0.01, "of the best gain", "Less is a matter for a second effect.")
+    degrees: int = _set(2, "coefficients", "Most effects have one for each axis.")
+    batch: int = _set(8, "kinds", "Tried at a time where the best does not explain everything.")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The choice of effects for two axes."""
+
+    most: int = _set(3, "effects", "With more the model is a patchwork, and none of them is the cause.")
+    compared: int = _set(150_000, "samples", "Candidates are compared on so many: more costs minutes.")
+    screened: int = _set(20_000, "samples", "Those that the scan expects least of are compared on so many first.")
+    learnt: float = _set(2.0 / 3.0, "of the record", "What is found on it must be borne out by the rest.")
+    borne_out: float = _set(
+        0.25, "of its share of the gain", "Flicker and missing codes lose there; a cause that is not linear gains less."
+    )
+    rivals: int = _set(30, "candidates", "Among so many one that later ones may have made superfluous was chosen.")
+    shadowed: float = _set(0.9, "likeness to what was taken", "From there on nothing is said to be left for it.")
+
+
+@dataclass(frozen=True)
+class ParameterSearch:
+    """The climb of a frequency, a corner or a threshold."""
+
+    rounds: int = _set(12, "steps", "A climb that has not ended by then follows a ridge without a top.")
+    together: int = _set(8, "steps of Newton's method", "The same for all parameters at once.")
+    first_share: float = _set(0.1, "of the parameter", "First step of a threshold, a corner or a damping ratio.")
+    first_turn: float = _set(0.5, "rad over the record", "First step of a frequency: within the lobe of its line.")
+    near: float = _set(0.2, "standard deviations", "A top that is nearer moves no interval.")
+    fine: float = _set(3.0, "standard deviations", "Over such a step the likelihood is a parabola.")
+    hope: float = _set(4.0, "× the gain so far", "So much may the other parameters still add.")
+    rough_start: float = _set(
+        300.0, "of twice the log-likelihood", "A start from a wide spread may take that off a likelihood."
+    )
+    seen: float = _set(0.5, "of twice the log-likelihood", "Less says nothing.")
+    widest: float = _set(0.5, "of the parameter", "A longer step could make it negative.")
+    retreat: float = _set(0.25, "× the step", "Where a step ends outside what the model can follow.")
+    growth: float = _set(2.0, "× the step", "While the likelihood rises.")
+    flat_growth: float = _set(3.0, "× the step", "Where the likelihood says nothing over it.")
+    approach: float = _set(0.3, "× the step", "Where the top is not as high as its parabola promised.")
+    kept: float = _set(0.5, "of the promised gain", "With so much of it, the parabola is right.")
+
+
+@dataclass(frozen=True)
+class Promises:
+    """What the words of a diagnosis promise."""
+
+    floor: float = _set(
+        1.1, "× the noise floor", "The floor is known to 1 %, and a rate that jumps leaves more."
+    )
+    declared: float = _set(
+        4.0, "standard deviations of what is declared", "A device as declared lies outside once in 16,000 times."
+    )
+    part: float = _set(0.5, "of the power above the floor", "What is said to explain a part takes more than it leaves.")
+    minor: float = _set(0.1, "of the largest gain", "Where something is left, what explains less may be made of that.")
+    floor_chance: float = _set(
+        0.01, "probability", "Of a residual at the floor to lie above what is allowed, where few samples tell."
+    )
+    never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether what is left is of a size that matters."""
+
+    start: int = _set(8, "cycles", "A start from the declared guess is over by then.")
+    level: float = _set(0.05, "of the predicted power, above it", "Clean records leave less.")
+    predictable: float = _set(0.02, "of the power", "Clean records show less that follows from the innovations before.")
+    lags: int = _set(4, "cycles", "So far back the innovations may tell of the next.")
+    jump: float = _set(3.0, "× the usual power", "What lies around a jump of the rate counts less from there on.")
+    line_chance: float = _set(1e-6, "probability", "Long records show lines of no size; their size is asked next.")
+    line_power: float = _set(1e-3, "of the power", "A smaller line moves the angle by less than its own noise.")
+    rate_power: float = _set(
+        1e-2, "of the power", "The same beside the resonance, where a rate that jumps leaves some."
+    )
+    most_floor: float = _set(4.0, "× the predicted power", "A floor above that is no noise of this device.")
+
+
+@dataclass(frozen=True)
+class FreeRuns:
+    """A single axis, by its free run."""
+
+    most: int = _set(6, "effects", "Measured mechanisms have several; a price keeps the rest out.")
+    compared: int = _set(24_000, "samples", "Candidates are compared on so many: a free run is dear.")
+    alike: float = _set(0.98, "correlation of signatures", "Above it a record does not tell two effects apart.")
+    scored_from: int = _set(50, "samples", "They set the state of the free run that is scored.")
+    adequate: float = _set(
+        3.0, "× the noise", "A free run leaves more than an innovation: a constant off by its interval adds up."
+    )
+    tried: int = _set(3, "candidates", "Fitted in earnest, a round: the promise by first order is close.")
+    choice: float = _set(2.0 / 3.0, "of the samples", "On these candidates compete; the rest must agree.")
+    visible: float = _set(0.03, "of a signature", "What must be left of it beside the parameters so far.")
+    block: int = _set(16, "samples", "Every third block of a free response must agree: the end has died away.")
+    on_the_way: int = _set(12, "free runs", "Of a fit that only leads to the next.")
+    beginning: int = _set(64, "samples", "Of a free response, what is fitted first.")
+    longer: int = _set(3, "× the beginning", "The phase of the next beginning is known to less than half a turn.")
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """How the part that was held out is scored, and how far the angle moves."""
+
+    states: int = _set(200_000, "samples", "Up to here every state is kept; beyond, some a cycle.")
+    states_a_cycle: float = _set(4.0, "states", "The phase of the motion is known from fewer than half of them.")
+    free_cycles: int = _set(20, "cycles", "As long as the bench is at most without samples; then it stops.")
+    followed: int = _set(3, "× the free cycles", "The observer has recovered by then.")
+    unseen: float = _set(1e12, "× the variance of the noise", "Such a measurement changes nothing.")
+    settled: int = _set(8, "1 / share of the record", "A free run begins there at the latest.")
+    read: int = _set(100_000, "samples", "The angle is read once for each possibility: more costs minutes.")
+
+
+@dataclass(frozen=True)
+class Separation:
+    """The experiments that would tell two effects apart, as they are played through."""
+
+    cycles: int = _set(400, "cycles", "Signatures change no more when they are played longer.")
+    firm: float = _set(0.1, "of ω0", "Gain of the holds of amplitude and quadrature: settled within tens of cycles.")
+    virtual: float = _set(2e-3, "of ω0", "The pattern turns more than once in the experiment.")
+    turned: float = _set(1e-3, "of ω0", "Rate of the table: what a common rate table makes of a common gyro.")
+    step: float = _set(0.02, "of the target stiffness", "Seen by the observer, and far from a neighbouring mode.")
+    dither: float = _set(3e-3, "of k A", "Adds a third of the drive that a Q of 100 asks for.")
+    swing: float = _set(0.3, "of the amplitude", "A cubic law changes by 2 × that, and the drive's range allows it.")
+    modulation: float = _set(200.0, "rad of the vibration, to one of the modulation", "The hold follows it.")
+    turning: float = _set(150.0, "rad of the vibration, to one of the rate", "Several periods in the experiment.")
+    stepping: float = _set(120.0, "rad of the vibration, to one of the steps", "No multiple of the other two.")
+    dearer: float = _set(1e-3, "of likeness", "All at once must tell that much more than one alone.")
+    force_quantum: float = _set(1e-6, "of k A", "Rounding is not what the experiment is about.")
+    force_limit: float = _set(10.0, "of k A", "Nor is the drive's limit.")
+    sense_quantum: float = _set(0.1, "of the noise", "Nor the converter's.")
+
+
+@dataclass(frozen=True)
+class Symmetries:
+    """When what was named obeys a symmetry of the equations."""
+
+    broken: float = _set(0.1, "of a coefficient", "What departs by less may be a second, smaller cause.")
+    declared: float = _set(
+        3.0, "standard deviations of what is declared", "A clock that asks for more contradicts the bench file."
+    )
+
+
+@dataclass(frozen=True)
+class ResidualLook:
+    """What the residual holds, in words: findings, which no verdict hangs on but by floor and lines."""
+
+    false_alarm: float = _set(0.01, "probability", "That white noise gives any finding at all.")
+    beside_multiple: float = _set(1e-3, "resonances", "From there on a line beside a multiple may be another's.")
+    shown_offset: float = _set(1e-4, "resonances", "An offset from a multiple that is said.")
+    regressed: int = _set(200_000, "samples", "Regressed sample by sample: more costs seconds and tells no more.")
+    block_cycles: float = _set(4.0, "cycles", "Short against the turning of the pattern, long against the vibration.")
+    blocks: int = _set(32, "blocks", "Fewer cannot bear out a regression on seven quantities.")
+    varies: float = _set(1e-6, "of its size", "A quantity that varies by less tells nothing.")
+    dependent: float = _set(1e-3, "of the largest pivot", "A quantity that is so near to the others is said by them.")
+    fewest_independent: float = _set(4.0, "samples", "A series is worth that at least, however it is correlated.")
+    lags: int = _set(10, "lags", "Fewer do not tell memory from chance.")
+    lag_cycles: float = _set(2.0, "cycles", "Memory of a resonance shows within them.")
+    lag_share: int = _set(8, "1 / share of the record", "Correlations over longer lags are of too few pairs.")
+    limiting: int = _set(20_000, "ordinates", "From there on the limiting distribution does as well.")
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The noise that a complete model would leave."""
+
+    bins: int = _set(64, "bins", "Fewer tell a floor to no better than a fifth.")
+    away: float = _set(0.125, "resonances", "To stay away from a multiple: modulation and rotation broaden lines.")
+    upper: float = _set(4.0, "1 / share of the sampling rate", "The floor is read from the upper half of the spectrum.")
+    above: float = _set(1.5, "resonances", "And from above the resonance's own skirts.")
+    periodic: float = _set(1e-4, "of the drive's rms", "A period that comes back is the same to this.")
+    similar: float = _set(1e-3, "of the drive's rms", "A stretch, where one is looked for, is the same to this.")
+    pattern: int = _set(32, "samples", "So long is such a stretch: no chance makes one.")
+    places: int = _set(8, "places", "Where a period may begin: the next ones are multiples of it.")
+    compared: int = _set(256, "samples", "Two periods are compared over that at least.")
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Lines of the residual and the floor around them."""
+
+    orders: int = _set(5, "multiples of the resonance", "Laws of motion up to the fifth power show there.")
+    band: float = _set(1.0 / 16.0, "resonances", "Half width of what is around a multiple: modulation broadens lines.")
+    sideband: float = _set(1.0 / 8.0, "resonances", "Within it a line counts as a multiple's sideband.")
+    floor_bins: int = _set(512, "bins", "The median of so many is sure to 5 %.")
+    floor_width: float = _set(0.5, "resonances", "Four bands: what is in one moves the median little.")
+    lobe: int = _set(3, "bins to either side", "A line of a Hann window fills them.")
+    lines: int = _set(24, "lines", "Looked for at most: a comb of more is no list of lines.")
+    skirts: float = _set(6.0, "× the floor", "A line's skirts end there.")
+
+
+@dataclass(frozen=True)
+class RateSensor:
+    """The rate sensor's chain."""
+
+    most: int = _set(6, "effects", "Of the chain's five stages, few are wrong at once.")
+    alike: float = _set(0.98, "correlation of signatures", "Above it a record does not tell two effects apart.")
+    adequate: float = _set(3.0, "× the noise floor", "Data sheets declare the noise of the sensor, not of the table.")
+    excited: float = _set(0.05, "of a signature", "What must be left when the line is taken out.")
+    lags: int = _set(20, "lags", "Memory of the chain shows within them.")
+    curve: int = _set(4, "steady rates", "A curve through three is a line and one number.")
+    range_share: float = _set(1e-3, "of the declared range", "A rate that changes by less does not change.")
+    beyond: float = _set(1.05, "× the largest fitted rate", "Rates held out beyond it were not to be learnt.")
+    rest_width: float = _set(0.02, "of the declared range", "Rates this near are one steady rate.")
+    rest_share: float = _set(0.01, "of the samples", "A rate that is passed through has fewer.")
+    first_size: float = _set(0.01, "of a coefficient's scale", "An effect whose start is zero is tried at this.")
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """All of them, by what they are for."""
+
+    fitness: Fitness = field(default_factory=Fitness)
+    candidates: Candidates = field(default_factory=Candidates)
+    criterion: Criterion = field(default_factory=Criterion)
+    start: Start = field(default_factory=Start)
+    scan: Scanning = field(default_factory=Scanning)
+    width: Width = field(default_factory=Width)
+    choice: Choice = field(default_factory=Choice)
+    parameters: ParameterSearch = field(default_factory=ParameterSearch)
+    promises: Promises = field(default_factory=Promises)
+    judgement: Judgement = field(default_factory=Judgement)
+    free_runs: FreeRuns = field(default_factory=FreeRuns)
+    scoring: Scoring = field(default_factory=Scoring)
+    separation: Separation = field(default_factory=Separation)
+    symmetries: Symmetries = field(default_factory=Symmetries)
+    residual: ResidualLook = field(default_factory=ResidualLook)
+    floor: Floor = field(default_factory=Floor)
+    spectrum: Spectrum = field(default_factory=Spectrum)
+    rate_sensor: RateSensor = field(default_factory=RateSensor)
+
+
+class Threshold(NamedTuple):
+    """One of them: `group.name`, value, unit, reason."""
+
+    name: str
+    value: float | tuple[float, ...]
+    unit: str
+    reason: str
+
+
+def each(thresholds: Thresholds) -> Iterator[Threshold]:
+    """All of them, one after another."""
+    for group in fields(thresholds):
+        members: Any = getattr(thresholds, group.name)
+        for one in fields(members):
+            said = one.metadata
+            yield Threshold(f"{group.name}.{one.name}", getattr(members, one.name), said["unit"], said["reason"])
+
+
+def values(thresholds: Thresholds) -> dict[str, dict[str, int | float | tuple[float, ...]]]:
+    """By group and name."""
+    found: dict[str, dict[str, int | float | tuple[float, ...]]] = {}
+    for one in each(thresholds):
+        group, _, name = one.name.partition(".")
+        found.setdefault(group, {})[name] = one.value
+    return found
+
+
+THRESHOLDS = Thresholds()
+"""Those that tracing goes by.  A module reads them when it is imported or later: whoever tries others puts them
+here, in a process of its own, before any other module of tracing is imported."""

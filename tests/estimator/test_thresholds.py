@@ -1,0 +1,57 @@
+"""The numbers that tracing goes by: each with its reason, published, and written into a diagnosis."""
+
+import ast
+from pathlib import Path
+
+from estimator.trace.thresholds import THRESHOLDS, each, values
+from estimator.trace.thresholds_page import page
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_threshold_says_its_unit_and_its_reason_in_one_sentence() -> None:
+    for one in each(THRESHOLDS):
+        assert one.unit, one.name
+        assert one.reason.endswith("."), one.name
+        assert ". " not in one.reason, one.name
+
+
+def test_the_reference_page_is_current() -> None:
+    assert (ROOT / "docs" / "reference" / "thresholds.md").read_text(encoding="utf-8") == page()
+
+
+def test_values_hold_every_threshold_once() -> None:
+    listed = {f"{group}.{name}": value for group, own in values(THRESHOLDS).items() for name, value in own.items()}
+    assert listed == {one.name: one.value for one in each(THRESHOLDS)}
+
+
+def test_no_module_of_tracing_has_a_tuned_number_of_its_own() -> None:
+    """A constant of a module that is a number, or several, is a threshold; but for the listed ones, each with why."""
+    facts = {
+        ("certainty", "TWO_SIDED"),  # a quantile
+        ("analysis", "_FAMILIES"),  # how many kinds of finding the module has
+        ("analysis", "_SMALLEST_POWER"),  # of a text
+        ("spectrum", "_CORRELATED"),  # of a Hann window
+    }
+    found = set()
+    modules = [*(ROOT / "estimator" / "trace").glob("*.py"), *(ROOT / "estimator" / "residual").glob("*.py")]
+    for module in [*modules, ROOT / "estimator" / "rate_sensor" / "trace.py"]:
+        for statement in ast.parse(module.read_text(encoding="utf-8")).body:
+            if isinstance(statement, ast.Assign) and any(_number(node) for node in _parts(statement.value)):
+                found |= {(module.stem, name.id) for name in statement.targets if isinstance(name, ast.Name)}
+    assert found == facts
+
+
+def _parts(value: ast.expr) -> list[ast.expr]:
+    return list(value.elts) if isinstance(value, ast.Tuple) else [value]
+
+
+def _number(value: ast.expr) -> bool:
+    match value:
+        case ast.Constant(value=int() | float()):
+            return True
+        case ast.UnaryOp(operand=operand):
+            return _number(operand)
+        case ast.BinOp(left=left, right=right):
+            return _number(left) and _number(right)
+    return False
