@@ -57,7 +57,7 @@ def evaluate(places: list[Path], options: argparse.Namespace) -> None:
     summary = summarise(judged)
     write_text(options.out, json.dumps(summary, indent=1) + "\n")
     write_page(options.page, summary, judged)
-    for category in ("single", "clean", "outside", "double", "tame", "never"):
+    for category in ("single", "clean", "outside", "double", "calm", "never"):
         print(category, json.dumps(summary[category]))
 
 

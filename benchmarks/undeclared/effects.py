@@ -2,7 +2,8 @@
 
 A size is stated without units, in the device's own scale (amplitude A, frequency ω, spring force kA), and drawn
 log-uniformly; a second coefficient (the other axis) is of the same order and either sign, unless physics says
-otherwise.  Next to each range stands where it comes from.
+otherwise, and in one draw of three there is none: the effect is on one axis alone.  Next to each range stands where it
+comes from; it goes on to `BEYOND` times as much where the device can still be held on its orbit.
 """
 
 import math
@@ -13,6 +14,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.undeclared.device import DrawnDevice
+
+BEYOND = 3.0
+"""By how much an effect may be larger than what its range has from practice."""
+
+_ONE_AXIS = 1.0 / 3.0
+_NO_CORNER = 1e-6  # resonance over a corner so far away that there is none
 
 Rng = np.random.Generator
 Tables = list[dict[str, Any]]
@@ -29,8 +36,9 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Drawable:
-    """A kind of hidden effect. `low`, `high`: range of its size; `slow`: its time
-    constants are those of a device near S-slow."""
+    """A kind of hidden effect. `low`, `high`: range of its size; `slow`: its time constants are those of a device near
+    S-slow; `ends`: its range ends where it does because beyond it would be something else.
+    """
 
     name: str
     low: float
@@ -38,10 +46,16 @@ class Drawable:
     build: Callable[[Rng, DrawnDevice, float], Hidden]
     why: str
     slow: bool = False
+    ends: bool = False
+
+    @property
+    def largest(self) -> float:
+        """Size up to which it is drawn."""
+        return self.high if self.ends else BEYOND * self.high
 
     def draw(self, rng: Rng, device: DrawnDevice) -> Hidden:
         """One draw."""
-        size = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
+        size = math.exp(rng.uniform(math.log(self.low), math.log(self.largest)))
         return self.build(rng, device, size)
 
 
@@ -50,17 +64,22 @@ def _sign(rng: Rng) -> float:
 
 
 def _pair(rng: Rng, size: float) -> tuple[float, float]:
-    """Two axes, the larger of size `size`, either sign."""
-    both = [_sign(rng) * size, _sign(rng) * size * rng.uniform(0.3, 1.0)]
+    """Two axes, the larger of size `size`, either sign, or one axis alone."""
+    both = [_sign(rng) * size, _sign(rng) * size * _other(rng)]
     rng.shuffle(both)
     return both[0], both[1]
 
 
 def _alike(rng: Rng, size: float) -> tuple[float, float]:
-    """Two axes of one sign: springs of one process harden or soften together, and losses are positive."""
-    both = [size, size * rng.uniform(0.3, 1.0)]
+    """As `_pair`, of one sign: springs of one process harden or soften together, and losses are positive."""
+    both = [size, size * _other(rng)]
     rng.shuffle(both)
     return both[0], both[1]
+
+
+def _other(rng: Rng) -> float:
+    """What the other axis has, of the first one's."""
+    return 0.0 if rng.random() < _ONE_AXIS else float(rng.uniform(0.3, 1.0))
 
 
 def _one(name: str, size: float, **coefficients: float) -> Hidden:
@@ -136,7 +155,9 @@ def _high_pass(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
 
 
 def _low_pass(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-    return Hidden([], size, {"sense": {"low_pass_Hz": [d.frequency_Hz / s for s in _alike(rng, size)]}})
+    return Hidden(
+        [], size, {"sense": {"low_pass_Hz": [d.frequency_Hz / max(s, _NO_CORNER) for s in _alike(rng, size)]}}
+    )
 
 
 def _drive_gain(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -157,7 +178,7 @@ def _line(name: str) -> Callable[[Rng, DrawnDevice, float], Hidden]:
         a, b = low[0] if below else low[1]
         frequency = d.frequency_Hz * math.exp(rng.uniform(math.log(a), math.log(b)))
         unit = abs(d.gain_V_per_m) * d.amplitude_m if name == "interference" else d.peak_mps2
-        x, y = size * unit, size * unit * rng.uniform(0.3, 1.0)
+        x, y = size * unit, size * unit * _other(rng)
         psi = rng.uniform(-math.pi, math.pi, 2)
         return _one(name, size, ax=x, ay=y, frequency=frequency, phase_x=float(psi[0]), phase_y=float(psi[1]))
 
@@ -308,10 +329,10 @@ _ALL = (
     Drawable("interference", 1e-3, 3e-2, _line("interference"), "of the amplitude's voltage: mains, clocks"),
     Drawable("base_vibration", 3e-4, 1e-2, _line("base_vibration"), "of k A: 0.05 to 1.5 m/s² at S-slow"),
     # Deeper, and the energy hold takes the missing tops for a loss and drives the mass into its stops.
-    Drawable("sense_clipping", 0.92, 0.99, _clipping, "level over the largest amplitude"),
+    Drawable("sense_clipping", 0.92, 0.99, _clipping, "level over the largest amplitude", ends=True),
     Drawable("parasitic_mode", 3e-2, 1.0, _parasitic, "γ c: share of the drive that another mode takes and shows"),
     Drawable("electrostatic_drive", 3e-3, 0.1, _electrostatic, "largest drive over four times the bias"),
-    Drawable("drive_saturation", 0.4, 0.9, _drive_saturation, "limit over the largest force needed"),
+    Drawable("drive_saturation", 0.4, 0.9, _drive_saturation, "limit over the largest force needed", ends=True),
     Drawable("drive_dead_band", 5e-3, 0.1, _dead_band, "band over the largest force needed"),
     Drawable("temperature_stiffness", 2e-5, 2e-4, _thermal("thermal_stiffness", -1.0), "1/K; silicon 6e-5", slow=True),
     Drawable("temperature_damping", 2e-3, 2e-2, _thermal("thermal_damping", None), "1/K", slow=True),
@@ -328,10 +349,10 @@ _OUTSIDE = (
     Drawable("drive_slew", 0.3, 3.0, _slew, "steepest change over that of the largest force needed"),
 )
 _NEVER = (
-    Drawable("angular_gain", 1e-2, 0.3, _angular_gain, "1 - κ; a wine-glass mode has 0.3"),
-    Drawable("constant_force", 1e-3, 3e-2, _constant_force, "of k A: 0.02 to 0.5 g at S-slow"),
-    Drawable("flicker_noise", 1e-3, 3e-2, _flicker, "corner over the resonance"),
-    Drawable("coarse_converter", 0.5, 2.0, _coarse, "step over the noise"),
+    Drawable("angular_gain", 1e-2, 0.3, _angular_gain, "1 - κ; a wine-glass mode has 0.3", ends=True),
+    Drawable("constant_force", 1e-3, 3e-2, _constant_force, "of k A: 0.02 to 0.5 g at S-slow", ends=True),
+    Drawable("flicker_noise", 1e-3, 3e-2, _flicker, "corner over the resonance", ends=True),
+    Drawable("coarse_converter", 0.5, 2.0, _coarse, "step over the noise", ends=True),
 )
 
 DRAWABLE = {drawable.name: drawable for drawable in _ALL}

@@ -8,6 +8,8 @@ from typing import Any
 from benchmarks.undeclared.expected import Expected, expected
 
 NOTHING = "(nothing)"
+AT_FLOOR = 1.1
+"""Times the noise floor that an innovation may be which is explained: what the word promises."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,8 @@ class Judgement:
     effect whether it is in the class of an effect named; first_class, first_member: the same of the effect named
     first, by class and exactly; alone: the effect named first is confusable with nothing; covered: per coefficient
     and searched parameter of the effects named exactly, whether its 95 % interval holds the truth; error: of those,
-    the estimate's deviation in half-widths; after: innovation on the held-out part over the true noise; bounded: a
+    the estimate's deviation in half-widths; after: innovation on the held-out part over the true noise; broken: it is
+    called explained and the innovation of the held-out part rose, or is above `AT_FLOOR` times its floor; bounded: a
     verdict of nothing bounds the hidden effect's coefficients, and the bounds hold; proposes: an experiment that
     would tell is named.
     """
@@ -36,6 +39,7 @@ class Judgement:
     error: Mapping[str, float]
     before: float | None
     after: float | None
+    broken: bool
     bounded: bool
     proposes: bool
     innovation_ratio: float | None
@@ -101,10 +105,17 @@ def judge(truth: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Judg
         error=error,
         before=_over(held_out.get("before"), noise),
         after=_over(held_out.get("after"), noise),
+        broken=said["verdict"] == "explained" and not _kept(held_out),
         bounded=bool(known) and all(_bounded(what, said["rejected"]) for what in known),
         proposes=any(pair["separate_by"] for pair in said["confusable"]),
         innovation_ratio=truth["innovation_ratio"],
     )
+
+
+def _kept(held_out: Mapping[str, Any]) -> bool:
+    before, after = (held_out[when] for when in ("before", "after"))
+    fell = after["innovation_rms"] < before["innovation_rms"]
+    return bool(fell and after["ratio"] is not None and after["ratio"] <= AT_FLOOR)
 
 
 def class_of(name: str, confusable: list[Mapping[str, Any]]) -> set[str]:

@@ -1,7 +1,7 @@
 """Which records there are, and what is hidden in each.
 
 A record's seed is drawn from its name alone, so a larger population keeps the records of a smaller one.  The tracer was
-developed on draws 1 and 2; figures are of a draw that it had not been tried on.
+developed on draws 1, 2 and 7; figures are of a draw that it had not been tried on.
 """
 
 import zlib
@@ -26,10 +26,10 @@ PAIRS = (
     ("interference", "nonreciprocal_stiffness"),
 )
 
-DRAW = 3
+DRAW = 11
 """The draw that figures are published of."""
 
-SHARES = {"single": 0.44, "clean": 0.21, "tame": 0.11, "outside": 0.1, "double": 0.1, "never": 0.04}
+SHARES = {"single": 0.44, "clean": 0.21, "calm": 0.11, "outside": 0.1, "double": 0.1, "never": 0.04}
 
 
 @dataclass(frozen=True)

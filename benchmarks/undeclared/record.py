@@ -52,7 +52,7 @@ def draw(order: Order, samples: int) -> Drawn:
     """The device of `order`, for a record of so many samples."""
     rng = np.random.default_rng(order.seed)
     drawables = [EFFECTS[name] for name in order.effects]
-    excited = order.category != "tame"
+    excited = order.category != "calm"
     thermal = any(drawable.slow for drawable in drawables)
     device = draw_device(rng, crest=1.3 if excited else 1.0, slow=thermal)
     duration_s = samples / device.sample_rate_Hz

@@ -14,7 +14,7 @@ CONFIDENT = 1.02
 def summarise(judged: Sequence[Judgement]) -> dict[str, Any]:
     """Counts by category, coverage, confusion."""
     of = {category: [j for j in judged if j.category == category] for category in _categories(judged)}
-    single, double, tame = of.get("single", []), of.get("double", []), of.get("tame", [])
+    single, double, calm = of.get("single", []), of.get("double", []), of.get("calm", [])
     outside, clean, never = of.get("outside", []), of.get("clean", []), of.get("never", [])
     return {
         "single": {
@@ -38,6 +38,7 @@ def summarise(judged: Sequence[Judgement]) -> dict[str, Any]:
         "outside": {
             "n": len(outside),
             "not_misnamed": sum(not j.misnamed for j in outside),
+            "not_explained": sum(j.verdict != "explained" for j in outside),
             "unexplained": sum(j.verdict == "unexplained" for j in outside),
             "adequate": sum(j.verdict == "adequate" for j in outside),
         },
@@ -47,19 +48,20 @@ def summarise(judged: Sequence[Judgement]) -> dict[str, Any]:
             "coverage": coverage(double),
             "misnamed": sum(j.misnamed for j in double),
         },
-        "tame": {
-            "n": len(tame),
-            "right": sum(j.first_class or (j.verdict == "adequate" and j.bounded) for j in tame),
-            "named_first": sum(j.first_class for j in tame),
-            "adequate_with_bound": sum(j.verdict == "adequate" and j.bounded for j in tame),
-            "adequate": sum(j.verdict == "adequate" for j in tame),
-            "experiment_proposed": sum(j.proposes for j in tame),
-            "misnamed": sum(j.misnamed for j in tame),
+        "calm": {
+            "n": len(calm),
+            "right": sum(j.first_class or (j.verdict == "adequate" and j.bounded) for j in calm),
+            "named_first": sum(j.first_class for j in calm),
+            "adequate_with_bound": sum(j.verdict == "adequate" and j.bounded for j in calm),
+            "adequate": sum(j.verdict == "adequate" for j in calm),
+            "experiment_proposed": sum(j.proposes for j in calm),
+            "misnamed": sum(j.misnamed for j in calm),
         },
         "never": {"n": len(never), "adequate": sum(j.verdict == "adequate" for j in never)},
-        "confusion": confusion(j for j in judged if j.category not in ("double", "tame")),
+        "broken": [j.name for j in judged if j.broken],
+        "confusion": confusion(j for j in judged if j.category not in ("double", "calm")),
         "confusion_double": confusion(double),
-        "confusion_tame": confusion(tame),
+        "confusion_calm": confusion(calm),
         "records": [_line(j) for j in judged],
     }
 

@@ -34,14 +34,21 @@ def interval(value: float, half: float) -> dict[str, Any]:
 
 
 def said(
-    verdict: str, *effects: tuple[str, dict[str, Any]], confusable: Any = (), rejected: Any = ()
+    verdict: str,
+    *effects: tuple[str, dict[str, Any]],
+    confusable: Any = (),
+    rejected: Any = (),
+    ratio: float | None = 1.01,
 ) -> dict[str, Any]:
     return {
         "verdict": verdict,
         "effects": [{"name": name, "coefficients": coefficients} for name, coefficients in effects],
         "confusable": [{"effect": a, "with": b, "separate_by": how} for a, b, how in confusable],
         "rejected": [{"name": name, "reason": "", "bound": bound} for name, bound in rejected],
-        "held_out": {"before": {"innovation_rms": 3e-4}, "after": {"innovation_rms": 1.01e-4}},
+        "held_out": {
+            "before": {"innovation_rms": 3e-4, "ratio": 3.0},
+            "after": {"innovation_rms": 1.01e-4, "ratio": ratio},
+        },
     }
 
 
@@ -94,9 +101,29 @@ def test_a_wrong_name_is_misnamed_unless_something_is_confusable_with_it() -> No
     assert summarise([wrong, careful, silent])["outside"] == {
         "n": 3,
         "not_misnamed": 2,
+        "not_explained": 1,
         "unexplained": 1,
         "adequate": 0,
     }
+
+
+@pytest.mark.parametrize(("verdict", "ratio", "broken"), [
+    ("explained", 1.1, False),
+    ("explained", 1.11, True),
+    ("explained", None, True),
+    ("partly explained", 1.5, False),
+    ("unexplained", 1.5, False),
+])  # fmt: skip
+def test_what_is_explained_is_at_the_floor(verdict: str, ratio: float | None, broken: bool) -> None:
+    judged = judge(truth("single", GAIN), said(verdict, ("sense_gain", {}), ratio=ratio))
+    assert judged.broken is broken
+    assert summarise([judged])["broken"] == (["single-000"] if broken else [])
+
+
+def test_what_is_explained_fell() -> None:
+    answer = said("explained", ("sense_gain", {}))
+    answer["held_out"]["before"]["innovation_rms"] = 1e-4
+    assert judge(truth("single", GAIN), answer).broken
 
 
 def test_two_effects_need_both() -> None:
@@ -118,12 +145,12 @@ def test_labels_of_several_of_a_kind_are_left_off() -> None:
 
 
 def test_nothing_to_add_is_right_with_a_bound_that_holds() -> None:
-    hidden = truth("tame", GAIN)
+    hidden = truth("calm", GAIN)
     held = judge(hidden, said("adequate", rejected=[("sense_gain", {"gy": interval(0.0, 0.03)})]))
     broken = judge(hidden, said("adequate", rejected=[("sense_gain", {"gy": interval(0.0, 0.01)})]))
     unbounded = judge(hidden, said("adequate"))
     assert [j.bounded for j in (held, broken, unbounded)] == [True, False, False]
-    counted = summarise([held, broken, unbounded])["tame"]
+    counted = summarise([held, broken, unbounded])["calm"]
     assert (counted["right"], counted["adequate"]) == (1, 3)
 
 
@@ -155,7 +182,7 @@ def test_the_page_has_every_row(tmp_path: Path) -> None:
     ]
     write_page(tmp_path, summarise(judged), judged)
     page, picture = (tmp_path / "undeclared.md").read_text(), (tmp_path / "undeclared.svg").read_text()
-    assert "| one effect: its class named first | 1 of 1 | 100.0 % | 95 % |" in page
+    assert "| one effect: its class named first | 1 of 1 | 100.0 % | 97 % |" in page
     for name in ("sense_gain", "backlash", "unexplained"):
         assert name in picture
     assert page.count("1.5, 1.5, 1.5") == 2

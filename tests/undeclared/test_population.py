@@ -3,9 +3,11 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks.undeclared.effects import DRAWABLE, EFFECTS
+from benchmarks.undeclared.device import draw_device
+from benchmarks.undeclared.effects import BEYOND, DRAWABLE, EFFECTS
 from benchmarks.undeclared.population import SHARES, kinds, population
 from benchmarks.undeclared.record import make
 from device_emulator.effects.catalogue import DECLARATIONS
@@ -23,7 +25,7 @@ def test_every_category_and_every_effect_is_there() -> None:
     orders = population(480)
     assert {order.category for order in orders} == set(SHARES)
     assert sum(order.category == "clean" for order in orders) >= 100
-    for category in ("single", "outside", "double", "tame", "never"):
+    for category in ("single", "outside", "double", "calm", "never"):
         assert {order.effects for order in orders if order.category == category} == set(kinds(category))
     assert len([order for order in orders if order.category == "single"]) >= 200
 
@@ -32,6 +34,25 @@ def test_the_first_records_are_a_fair_sample() -> None:
     first = population(480)[:60]
     for category, share in SHARES.items():
         assert sum(order.category == category for order in first) == pytest.approx(60 * share, abs=2)
+
+
+def test_effects_go_beyond_practice_and_some_are_on_one_axis_alone() -> None:
+    rng = np.random.default_rng(5)
+    device = draw_device(rng, crest=1.3, slow=False)
+    for name, symbols in (
+        ("drive_gain", ("gx", "gy")),
+        ("cubic_stiffness", ("k3x", "k3y")),
+        ("drive_delay", ("tau_x", "tau_y")),
+    ):
+        drawn = [DRAWABLE[name].draw(rng, device) for _ in range(600)]
+        sizes = np.array([one.size for one in drawn])
+        both = np.array([[one.effects[0][symbol] for symbol in symbols] for one in drawn])
+        alone = np.mean((both == 0.0).any(axis=1))
+        assert alone == pytest.approx(1.0 / 3.0, abs=0.06)  # three standard deviations of 600
+        assert DRAWABLE[name].high < sizes.max() <= BEYOND * DRAWABLE[name].high
+        assert sizes.min() >= DRAWABLE[name].low
+    clipping = [DRAWABLE["sense_clipping"].draw(rng, device).size for _ in range(100)]
+    assert max(clipping) <= 0.99  # a level: there is nothing beyond
 
 
 def test_what_is_hidden_is_known_to_the_emulator() -> None:
@@ -64,12 +85,12 @@ def test_one_order_one_record(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_tame_records_have_neither_dither_nor_modulation(tmp_path: Path) -> None:
+def test_calm_records_have_neither_dither_nor_modulation(tmp_path: Path) -> None:
     orders = population(480)
-    tame = make(next(order for order in orders if order.category == "tame"), tmp_path, 500)
+    calm = make(next(order for order in orders if order.category == "calm"), tmp_path, 500)
     excited = make(next(order for order in orders if order.category == "single"), tmp_path, 500)
-    assert load_bench(tame / "bench.toml").controller.dither_mps2 == 0.0
-    assert load_bench(tame / "bench.toml").controller.amplitude_modulation == 0.0
+    assert load_bench(calm / "bench.toml").controller.dither_mps2 == 0.0
+    assert load_bench(calm / "bench.toml").controller.amplitude_modulation == 0.0
     controller, device = load_bench(excited / "bench.toml").controller, load_bench(excited / "bench.toml").device
     k = sum(device.stiffness_per_s2[:2]) / 2
     assert controller.amplitude_modulation == 0.3
