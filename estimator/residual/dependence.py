@@ -16,7 +16,6 @@ CONSTANT = "always"
 """Name of the regressor that is 1 throughout."""
 
 
-
 @dataclass(frozen=True)
 class Dependence:
     """Of a component on a regressor: `slope` per standard deviation of the regressor, t-value, log of its chance."""

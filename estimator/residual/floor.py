@@ -90,7 +90,7 @@ def _period(drive: Array) -> int | None:
     for offset in range(_SET.pattern):
         near = np.all(np.abs(drive[places + offset] - drive[start + offset]) < _SET.similar * size, axis=1)
         places = places[near]
-    for place in places[::-1][:_SET.places]:
+    for place in places[::-1][: _SET.places]:
         lag = start - int(place)
         if np.mean((drive[lag:] - drive[:-lag]) ** 2) < (_SET.periodic * size) ** 2:
             return lag

@@ -62,7 +62,7 @@ def _of_lines(record: Record, device: Device, whitened: Array) -> dict[str, Para
     found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _SET.line_chance)
     span = float(np.sum(record.step))
     steady = [line for line in found if line.frequency * span > _SET.periods]
-    strongest = sorted(steady, key=lambda line: -line.rms)[:_SET.lines]
+    strongest = sorted(steady, key=lambda line: -line.rms)[: _SET.lines]
     watched = {}
     for label, line in enumerate(strongest, start=1):
         for name in ("interference", "base_vibration"):
@@ -104,7 +104,7 @@ def _of_modes(record: Record, whitened: Array) -> dict[str, Parameters]:
     watched: dict[str, Parameters] = {}
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
-    for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[:_SET.modes], start=1):
+    for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[: _SET.modes], start=1):
         near = slice(max(peak - _SET.beside_peak, 1), peak + _SET.beside_peak + 1)
         seen = resonance(2.0 * np.pi * frequency[near], [response[near] for response in responses])
         supposed = [(2.0 * np.pi * float(frequency[peak]), _SET.damping_ratio)]

@@ -72,7 +72,7 @@ class FreeRunModel:
     def hopeful(self, look: Promises, tried: Mapping[str, Trial[FreeRun]], number: int) -> Sequence[str]:
         """Those whose promise outweighs its price, the best few."""
         worth = (name for name, promise in look.items() if promise.gain > promise.price)
-        return sorted(worth, key=lambda name: look[name].price - look[name].gain)[:_SET.tried]
+        return sorted(worth, key=lambda name: look[name].price - look[name].gain)[: _SET.tried]
 
     def fit(
         self, current: FreeRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[FreeRun]]

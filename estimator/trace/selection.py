@@ -29,7 +29,6 @@ RULES = Rules(MOST, Dissent.ENDS, signs=False)
 """Signs are not asked for yet: figures are those of the campaign."""
 
 
-
 @dataclass(frozen=True)
 class Selection:
     """Effects in the order in which they were taken, with their coefficients; the rounds; who looked like each that was

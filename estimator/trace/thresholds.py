@@ -164,9 +164,7 @@ class ParameterSearch:
 class Promises:
     """What the words of a diagnosis promise."""
 
-    floor: float = _set(
-        1.1, "× the noise floor", "The floor is known to 1 %, and a rate that jumps leaves more."
-    )
+    floor: float = _set(1.1, "× the noise floor", "The floor is known to 1 %, and a rate that jumps leaves more.")
     declared: float = _set(
         4.0, "standard deviations of what is declared", "A device as declared lies outside once in 16,000 times."
     )

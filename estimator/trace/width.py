@@ -35,7 +35,7 @@ def hopeful(
         return []
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
     others = second_thoughts(look.evidence, gains)
-    return others[:_SET.batch] + screened(others[_SET.batch:])
+    return others[: _SET.batch] + screened(others[_SET.batch :])
 
 
 def is_small(left: Look, gained: float) -> bool:
@@ -73,7 +73,7 @@ def shortlist(seen: Scan, serious: list[Evidence]) -> list[str]:
             continue
         if item in steady[:2] or alike[item.name] > _SET.alike or item.gain > _SET.as_good * best.gain:
             names.append(item.name)
-    return names[:_SET.leaders]
+    return names[: _SET.leaders]
 
 
 def second_thoughts(found: Mapping[str, Evidence], tried: Collection[str]) -> list[str]:
