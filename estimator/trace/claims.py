@@ -14,6 +14,7 @@ from estimator.trace.diagnosis import Fit
 from estimator.trace.engine import Estimate
 from estimator.trace.examination import Examination
 from estimator.trace.fitting import Fitted, log_likelihood
+from estimator.trace.nameless import contest
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors, Level, Vote, is_positive
 from estimator.trace.selection import Selection
@@ -35,6 +36,7 @@ def claim_of(problem: Problem, selection: Selection, before: Examination, after:
         constants=(*constants_of(problem, selection.after), *_rate(problem, after, split)),
         levels=_levels(problem, selection, effects, split),
         votes=_votes(problem, before, after, split),
+        contest=contest(before.innovations, after.innovations, split),
     )
 
 

@@ -1,6 +1,7 @@
 """A model's predictions over the whole record as the bench would make them: the part that was fitted, then the rest."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from estimator.residual.analysis import analyse
 from estimator.scaling import Array
 from estimator.trace.diagnosis import Finding, Fit, Residual
 from estimator.trace.fitting import run
+from estimator.trace.nameless import Innovations
 from estimator.trace.prediction import free_run_error
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
@@ -21,7 +23,7 @@ _SET = THRESHOLDS.scoring
 @dataclass(frozen=True)
 class Examination:
     """Fit of the part up to the split and of the rest, what the residual of the first part still holds, the residual
-    of all of it, and the estimates behind (n samples).
+    of all of it, the estimates behind (n samples), and the rows of the first part once the observer has settled.
     """
 
     fitted: Fit
@@ -29,6 +31,12 @@ class Examination:
     findings: tuple[Finding, ...]
     residual: Residual
     estimates: Estimates
+    settled: slice
+
+    @cached_property
+    def innovations(self) -> Innovations:
+        """As the nameless rival sees them."""
+        return Innovations(self.estimates.innovation, self.estimates.innovation_deviation, self.settled)
 
 
 def examine(problem: Problem, split: int) -> Examination:
@@ -60,6 +68,7 @@ def examine(problem: Problem, split: int) -> Examination:
         findings,
         whole,
         estimates,
+        begin,
     )
 
 

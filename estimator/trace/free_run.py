@@ -23,6 +23,7 @@ from estimator.trace.diagnosis import Confusable, Diagnosis, Found, Interval, Re
 from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
 from estimator.trace.free_run_model import estimates_of
+from estimator.trace.nameless import Innovations, contest
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.record import Record
@@ -94,14 +95,21 @@ def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[Sim
 
 def _claim(part: Problem, found: SimulationTrace, later: Record) -> Claim:
     runs = ((found.observer_before, found.before), (found.observer, found.after))
-    errors = (free_run_error(seen, fit, later, _SET.scored_from) for seen, fit in runs)
+    errors = [free_run_error(seen, fit, later, _SET.scored_from) for seen, fit in runs]
     before, after = (float(np.sqrt(np.nanmean(error**2))) for error in errors)
+    split = len(part.record)
+    deviation = np.broadcast_to(np.array(part.device.noise), (split + len(later), part.device.axes))
+    was, now = (
+        Innovations(np.concatenate([fit.residual, error]), deviation, slice(_SET.scored_from, split))
+        for (_, fit), error in zip(runs, errors, strict=True)
+    )
     noise = part.device.noise[0]
     estimates = estimates_of(found.observer, found.after)
     return Claim(
         residual=Errors(before, after, noise, later.sense.size),
         effects={name: estimates[name] for name in found.effects},
         constants=_constants(found),
+        contest=contest(was, now, split),
     )
 
 

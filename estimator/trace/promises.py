@@ -13,6 +13,7 @@ from scipy.stats import f as f_distribution
 
 from estimator.trace.candidates import kind
 from estimator.trace.engine import Estimate, unphysical
+from estimator.trace.nameless import Contest
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.promises
@@ -111,6 +112,7 @@ class Claim:
     constants: tuple[Constant, ...] = ()
     levels: tuple[Level, ...] = ()
     votes: tuple[Vote, ...] = ()
+    contest: Contest | None = None
 
 
 def fell(claim: Claim) -> tuple[str, ...]:
@@ -119,8 +121,7 @@ def fell(claim: Claim) -> tuple[str, ...]:
     if errors.fell:
         return ()
     if errors.gain is not None and errors.after <= _SET.floor * errors.before:
-        worse = f"{errors.gain:.4g}".replace("-", "−")
-        return (f"the part held out is not predicted better: {worse} in twice the log-likelihood",)
+        return (f"the part held out is not predicted better: {_gain(errors.gain)} in twice the log-likelihood",)
     return (f"on the part held out the residual rose from {_times(errors.before, errors)} to {_over(errors)}",)
 
 
@@ -159,12 +160,25 @@ def votes(claim: Claim) -> tuple[str, ...]:
     )
 
 
+def nameless(claim: Claim) -> tuple[str, ...]:
+    """A name explains more than a force without one, which may be anything, and not by so little that the two would not
+    be told apart.
+    """
+    contest = claim.contest
+    if contest is None or not claim.effects or contest.lead > contest.bound:
+        return ()
+    return (
+        "an unknown force of free spectrum predicts the part held out as well: it gains "
+        f"{_gain(contest.nameless)} in twice the log-likelihood, what is named {_gain(contest.both)}",
+    )
+
+
 GUARDS: tuple[Callable[[Claim], tuple[str, ...]], ...] = (
-    fell, at_floor, signs, beyond_zero, constants, levels, votes,
+    fell, at_floor, signs, beyond_zero, constants, levels, votes, nameless,
 )  # fmt: skip
 """All that must hold of what is explained."""
 
-PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (fell, signs, beyond_zero, levels, votes)
+PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (fell, signs, beyond_zero, levels, votes, nameless)
 """Of what is explained in part: something may be left, and a constant may have taken up some of it."""
 
 
@@ -244,6 +258,10 @@ def _conflict(constant: Constant) -> str | None:
             f"{constant.declared:.4g}: correct the bench file, or something else takes its place"
         )
     return None
+
+
+def _gain(value: float) -> str:
+    return f"{value:.4g}".replace("-", "−")
 
 
 def _over(errors: Errors) -> str:

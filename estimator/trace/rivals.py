@@ -8,6 +8,7 @@ import numpy as np
 from estimator.scaling import Array
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.criterion import TIE
+from estimator.trace.dispersion import dispersed
 from estimator.trace.engine import Step
 from estimator.trace.fitting import Fitted, parameters_of
 from estimator.trace.observer_model import Carrying
@@ -55,18 +56,7 @@ def leads(model: Fitted, other: Fitted) -> Array:
 
 
 def dispersion(model: Fitted, other: Fitted) -> float:
-    """By how much a difference of the two likelihoods is less sure than white innovations would make it.
-
-    With e = ν'/σ' − ν/σ, what the other predicts otherwise, twice the difference is Σ e² + 2 Σ e ν/σ.  The second sum
-    is what noise makes; its variance is Σ e² with white innovations, and by parts of the record, whatever they are,
-    the sum of the squares of the parts (White, Econometrica 50(1), 1982).
-    """
-    normalised = [
-        np.nan_to_num(fitted.estimates.innovation / fitted.estimates.innovation_deviation) for fitted in (model, other)
-    ]
-    apart = normalised[1] - normalised[0]
-    size = float(np.sum(apart**2))
-    if not 0.0 < size < np.inf:
-        return 1.0
-    noise = np.sum(apart * normalised[0], axis=1)
-    return float(sum(np.sum(part) ** 2 for part in np.array_split(noise, PARTS))) / size
+    """By how much a difference of the two likelihoods is less sure than white innovations would make it."""
+    with np.errstate(invalid="ignore"):
+        one, two = (fitted.estimates.innovation / fitted.estimates.innovation_deviation for fitted in (model, other))
+    return dispersed(one, two)

@@ -257,6 +257,17 @@ class Symmetries:
 
 
 @dataclass(frozen=True)
+class NamelessForce:
+    """The unknown force of free spectrum that effects have to beat."""
+
+    order: int = _set(64, "samples", "It predicts from so many before at most; a longer memory is a root's.")
+    roots: int = _set(12, "roots", "Two for each of five multiples of the vibration, and two more.")
+    shortest: float = _set(8.0, "samples", "A root's shortest memory: what is shorter, the samples before tell.")
+    repeats: float = _set(8.0, "memories in what is fitted", "A longer memory is seen too seldom to be fitted.")
+    samples: int = _set(60_000, "samples", "Of what is fitted, the last ones that are used: two seconds' work.")
+
+
+@dataclass(frozen=True)
 class ResidualLook:
     """What the residual holds, in words: findings, which no verdict hangs on but by floor and lines."""
 
@@ -335,6 +346,7 @@ class Thresholds:
     parameters: ParameterSearch = field(default_factory=ParameterSearch)
     promises: Promises = field(default_factory=Promises)
     judgement: Judgement = field(default_factory=Judgement)
+    nameless: NamelessForce = field(default_factory=NamelessForce)
     free_runs: FreeRuns = field(default_factory=FreeRuns)
     scoring: Scoring = field(default_factory=Scoring)
     separation: Separation = field(default_factory=Separation)
