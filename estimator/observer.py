@@ -1,6 +1,7 @@
 """The observer in SI: built from what the data sheet declares, run over blocks or sample by sample."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,9 @@ from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
+
+_PORTION = 4096
+"""Samples in one call of a kernel: a tenth of a second where many effects are carried."""
 
 
 @dataclass(frozen=True)
@@ -431,11 +435,13 @@ class Observer:
         order = int(self.record["order"][0])
         longest = self.h if step is None else float(np.max(h, initial=self.h))
         self.record["order"] = taylor_order(longest) + u.shape[2] - 1
-        block.observe_block(
-            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
-            self.x, self.p, self.c, self.memory,
-            z, u, h, warmth, true, rows, states, deviations, every,
-        )  # fmt: skip
+        for rows_of, states_of, stride in _portions(n, every):
+            block.observe_block(
+                self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
+                self.x, self.p, self.c, self.memory,
+                z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of],
+                rows[rows_of], states[states_of], deviations[states_of], stride,
+            )  # fmt: skip
         self.record["order"] = order
         return Estimates(
             names=self.names,
@@ -453,3 +459,18 @@ class Observer:
             energy_ratio=rows["energy_ratio"],
             quadrature_ratio=rows["quadrature_ratio"],
         )
+
+
+def _portions(n: int, every: int) -> Iterator[tuple[slice, slice, int]]:
+    """n samples in portions, so that whoever presses Ctrl-C waits for one of them and not for the record: its samples,
+    its rows of the state, which is kept at every `every`-th, and the stride that does that within the portion.
+    """
+    stretch = max(_PORTION // every, 1) * every
+    size = min(stretch, _PORTION)
+    for first in range(0, n, stretch):
+        last = min(first + stretch, n)
+        for begin in range(first, last, size):
+            end = min(begin + size, last)
+            rows = slice(begin // every, end // every)
+            stride = min(every, end - begin) if rows.stop > rows.start else end - begin + 1
+            yield slice(begin, end), rows, stride

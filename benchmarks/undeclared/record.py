@@ -77,7 +77,11 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
     place = folder / order.name
     if (place / "truth.json").exists():
         return place
-    drawn = draw(order, samples)
+    return keep(draw(order, samples), order, place, samples)
+
+
+def keep(drawn: Drawn, order: Order, place: Path, samples: int) -> Path:
+    """Close the loop around what was drawn, and write its files into `place`, which it returns."""
     scenario, bench, table = drawn.scenario, drawn.bench, drawn.table
     loop = close_loop(scenario, bench, samples, seed=order.seed, every=1000)
     place.mkdir(parents=True, exist_ok=True)

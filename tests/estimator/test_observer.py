@@ -55,6 +55,22 @@ def test_blocks_and_decimation_change_no_estimate(record: Record) -> None:
     np.testing.assert_array_equal(whole.of("rate"), whole.state[:, 6])
 
 
+@pytest.mark.parametrize("every", [1, 7, 40, 5000, 10_000])
+@pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
+def test_the_portions_in_which_a_record_is_run_change_nothing(record: Record, every: int, gain, monkeypatch) -> None:
+    said = []
+    for portion in (1_000_000, 96):
+        monkeypatch.setattr("estimator.observer._PORTION", portion)
+        observer = observer_of(Truth(), settings=ObserverSettings(gain=gain))
+        ran = observer.run(record.sense, record.drive, every=min(every, len(record.sense)))
+        said.append((ran, observer.state, observer.covariance))
+    (one, *last), (other, *other_last) = said
+    for field in fields(one):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
+    for mine, its in zip(last, other_last, strict=True):
+        assert np.array_equal(mine, its)
+
+
 def test_single_axis_has_no_angle() -> None:
     device = replace(
         TRUTH.device(), stiffness=(1.6e6,), damping=(1.0,), sense_gain=(-890.0,), noise=(1e-4,), target_stiffness=None
