@@ -1,0 +1,125 @@
+"""Do experiments tell look-alikes apart?  Calm devices that leave several accounts, and `hil trace --live` on each.
+
+A device of the undeclared campaign is run without dither or modulation and traced.  Where the diagnosis lists
+look-alikes that an experiment of the bench would tell apart, the experiments are made on the same emulated board, as
+`--live` makes them, until none is proposed; the last diagnosis must name what was hidden, first.  Devices whose record
+tells everything, or nothing, are counted beside them.
+
+Results are kept in runs/separations, one file a device; what is there is not run again.  SEPARATIONS_DRAW is another
+draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from benchmarks.row import Row, Say
+from benchmarks.undeclared.effects import DRAWABLE
+from benchmarks.undeclared.expected import expected
+from benchmarks.undeclared.judging import class_of, plain
+from benchmarks.undeclared.population import Order
+from benchmarks.undeclared.record import draw
+from benchmarks.verdicts.campaign import toml_of
+from hil.bench import override
+from hil.loop.run import run
+from hil.records.atomic import write_text
+from hil.records.runfolder import RunFolder
+from hil.separate import separable, separate
+from hil.trace import trace
+
+DRAW = 12
+DEVICES = 30
+SAMPLES = 40_000
+KEPT = Path("runs/separations")
+KINDS = tuple(name for name, drawable in DRAWABLE.items() if not drawable.slow)
+"""A thermometer is beside the wire: its records are imports, and no experiment is made on those."""
+
+
+def rows(say: Say) -> list[Row]:
+    """As many devices as it takes to have so many experiments."""
+    wanted = int(os.environ.get("SEPARATIONS", str(DEVICES)))
+    jobs = int(os.environ.get("SEPARATIONS_JOBS", "2"))
+    orders = _orders(int(os.environ.get("SEPARATIONS_DRAW", str(DRAW))))
+    done: list[dict[str, Any]] = []
+    KEPT.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        while sum(one["experiments"] > 0 for one in done) < wanted:
+            for one in pool.map(_one, [next(orders) for _ in range(2 * jobs)]):
+                done.append(one)
+                say(f"{one['name']}: {one['before']}; {one['experiments']} experiments; {one['after']}")
+    tried = [one for one in done if one["experiments"]]
+    return [
+        Row("calm devices", len(done), "1"),
+        Row("… an experiment proposed and made", len(tried), "1"),
+        Row("… of these, at last what was hidden is named", sum(one["right"] for one in tried), f"of {len(tried)}"),
+        Row("… of these, a wrong name at last, without reserve", sum(one["wrong"] for one in tried), "1"),
+        Row("experiments, most for one device", max(one["experiments"] for one in tried), "1"),
+    ]
+
+
+def _orders(draw_number: int) -> Iterator[Order]:
+    number = 0
+    while True:
+        for name in KINDS:
+            yield Order("calm", (name,), number, draw_number)
+        number += 1
+
+
+def _one(order: Order) -> dict[str, Any]:
+    """What came of one device; from its file if it was there."""
+    kept = KEPT / f"{order.draw}-{order.name}.json"
+    if kept.exists():
+        return dict(json.loads(kept.read_text(encoding="utf-8")))
+    place = KEPT / f"{order.draw}-{order.name}"
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
+    drawn = draw(order, SAMPLES)
+    scenario = place / "device.scenario.toml"
+    write_text(scenario, toml_of(drawn.table))
+    bench = override(drawn.bench, {"loop": {"name": order.name.replace("_", "-")}}, order.name)
+    link = f"inproc:{scenario}"
+    folder = run(bench, link, place, progress=lambda _: None).folder
+    assert folder is not None
+    first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
+    made = separate(
+        first, bench, link, place, fraction=None, before_run=lambda _: None, progress=lambda _: None
+    ) if separable(first) else ()  # fmt: skip
+    last = made[-1].traced.diagnosis if made else first
+    tables, sections = drawn.hidden[0].effects, drawn.hidden[0].sections
+    names = expected(order.effects[0], tables, sections, _device(drawn)).names
+    named = [plain(effect.name) for effect in last.effects]
+    pairs = [pair.model_dump(by_alias=True) for pair in last.confusable]
+    explained = last.verdict == "explained" and bool(named)
+    right = explained and named[0] in names
+    answer = {
+        "name": order.name,
+        "before": _told(first),
+        "experiments": len(made),
+        "after": _told(last),
+        "right": right,
+        "wrong": explained and not class_of(named[0], pairs) & set(names),
+    }
+    write_text(kept, json.dumps(answer, indent=1))
+    shutil.rmtree(place)
+    return answer
+
+
+def _device(drawn: Any) -> dict[str, Any]:
+    device = drawn.device
+    return {
+        "gain_V_per_m": device.gain_V_per_m,
+        "sample_rate_Hz": device.sample_rate_Hz,
+        "stiffness_per_s2": device.stiffness,
+        "damping_per_s": device.damping,
+    }
+
+
+def _told(diagnosis: Any) -> str:
+    names = "+".join(effect.name for effect in diagnosis.effects)
+    alike = ", ".join(sorted({pair.with_ for pair in diagnosis.confusable}))
+    return f"{diagnosis.verdict} {names}" + (f" or {alike}" if alike else "")
