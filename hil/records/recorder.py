@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
@@ -30,6 +31,8 @@ _RING_ROWS = 1 << 16
 _NO_ROWS: Mapping[str, int] = {}
 _STUCK_S = 2.0  # without taking a row of those that wait, though it had a processor or slept …
 _STARVED_S = 10.0  # … and at all: on a busy machine it is the last to run
+_PENDING = 31 - 3  # field of /proc/PID/stat, of those behind the name
+_ROW = 4096  # bytes, longer than it ever is
 _CLOSING_S = 20.0  # for the files to be closed, once it has been told to
 
 
@@ -141,6 +144,7 @@ def record_apart(
             if well:
                 ring.finish()
         complaint = _end(child)
+        watch.close()
         for ring in rings.values():
             ring.detach()
         if child.returncode:
@@ -155,6 +159,8 @@ class _Watch:
     def __init__(self, child: subprocess.Popen[bytes], rings: Mapping[str, Ring]) -> None:
         self._child = child
         self._rings = rings
+        # Kept open: to read them takes microseconds, to open them tens.
+        self._kernel = {name: _opened(f"/proc/{child.pid}/{name}") for name in ("stat", "schedstat")}
         self._read = dict.fromkeys(rings, 0)
         self._moved_s = dict.fromkeys(rings, time.monotonic())
         self._queued_s = dict.fromkeys(rings, self._queued())
@@ -164,23 +170,51 @@ class _Watch:
         if (code := self._child.poll()) is not None:
             assert self._child.stderr is not None
             return _ended(code, self._child.stderr.read())
-        now_s = time.monotonic()
+        if self._doomed():
+            return _ended(-signal.SIGKILL, b"")
+        now_s, queued_s = time.monotonic(), self._queued()
         for stem, ring in self._rings.items():
             read, still_s = ring.read, now_s - self._moved_s[stem]
             if read != self._read[stem] or not ring.waiting:
-                self._read[stem], self._moved_s[stem], self._queued_s[stem] = read, now_s, self._queued()
+                self._read[stem], self._moved_s[stem], self._queued_s[stem] = read, now_s, queued_s
             elif still_s > _STARVED_S or (
-                still_s > _STUCK_S and still_s - (self._queued() - self._queued_s[stem]) > _STUCK_S
+                still_s > _STUCK_S and still_s - (queued_s - self._queued_s[stem]) > _STUCK_S
             ):
                 return f"the recorder is stuck: it has written nothing of {stem} for {still_s:.1f} s"
         return ""
 
+    def close(self) -> None:
+        """Nobody watches any more."""
+        for file in self._kernel.values():
+            if file is not None:
+                file.close()
+
+    def _doomed(self) -> bool:
+        """Whether the child has been killed and has not died yet: on a busy machine it is the last to run, for that,
+        too. Of its row in proc(5), field 31: signals that wait for it.
+        """
+        fields = self._told("stat").rpartition(b")")[2].split()
+        return len(fields) > _PENDING and bool(int(fields[_PENDING]) >> (signal.SIGKILL - 1) & 1)
+
     def _queued(self) -> float:
         """For how long, s, the child has been ready to run and had no processor; 0 where the kernel does not tell."""
+        fields = self._told("schedstat").split()
+        return 1e-9 * int(fields[1]) if len(fields) > 1 else 0.0
+
+    def _told(self, name: str) -> bytes:
+        """What the kernel says of the child, b"" where it says nothing."""
+        file = self._kernel[name]
         try:
-            return 1e-9 * int(Path(f"/proc/{self._child.pid}/schedstat").read_text().split()[1])
-        except (OSError, IndexError):
-            return 0.0
+            return b"" if file is None else os.pread(file.fileno(), _ROW, 0)
+        except OSError:  # it is gone
+            return b""
+
+
+def _opened(path: str) -> FileIO | None:
+    try:
+        return FileIO(path)
+    except OSError:
+        return None
 
 
 def _ended(code: int, complaint: bytes) -> str:

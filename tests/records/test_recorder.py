@@ -145,12 +145,13 @@ def test_a_busy_machine_is_not_a_stuck_recorder(monkeypatch, queued, told):
     now = 100.0
     monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: now))
     monkeypatch.setattr(recorder._Watch, "_queued", lambda _: queued * now)
-    watch = recorder._Watch(SimpleNamespace(poll=lambda: None), {"capture": _Waiting()})
+    watch = recorder._Watch(SimpleNamespace(poll=lambda: None, pid=os.getpid()), {"capture": _Waiting()})
     assert watch.trouble() == ""  # notes how far it is
     now = 100.0 + told - 0.1
     assert watch.trouble() == ""
     now = 100.0 + told + 0.1
     assert watch.trouble() == f"the recorder is stuck: it has written nothing of capture for {told + 0.1:.1f} s"
+    watch.close()
 
 
 def test_time_without_a_processor_is_what_the_kernel_says():
@@ -165,9 +166,44 @@ def test_time_without_a_processor_is_what_the_kernel_says():
                 assert time.monotonic() - begun < 20.0
                 time.sleep(0.05)
             assert watch._queued() - before_s <= time.monotonic() - begun
+            watch.close()
         finally:
             child.kill()
             other.kill()
+
+
+@pytest.mark.realtime
+def test_a_recorder_that_was_killed_and_has_no_processor_to_die_on_is_told():
+    """docs/safety.md, host 9: within a second. A real-time process holds the processor for half of one."""
+    place = min(os.sched_getaffinity(0))
+    here = f"import os, time; os.sched_setaffinity(0, {{{place}}})"
+    hog = f"{here}\nos.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(9))\nprint('has it', flush=True)\n" + (
+        "end = time.monotonic() + 0.5\nwhile time.monotonic() < end: pass"
+    )
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        pytest.skip("no process here may be of real time")
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    idle = f"{here}\nos.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))\nprint(1, flush=True)\ntime.sleep(60)"
+    everywhere = os.sched_getaffinity(0)
+    with subprocess.Popen([sys.executable, "-c", idle], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        assert child.stdout.readline()
+        watch = recorder._Watch(child, {})
+        assert watch.trouble() == ""
+        try:
+            if len(everywhere) > 1:
+                os.sched_setaffinity(0, everywhere - {place})
+            with subprocess.Popen([sys.executable, "-c", hog], stdout=subprocess.PIPE) as busy:
+                assert busy.stdout.readline()
+                child.kill()
+                told, still_there = watch.trouble(), child.poll() is None
+        finally:
+            os.sched_setaffinity(0, everywhere)
+        assert told == "the recorder was killed by SIGKILL"
+        assert still_there or len(everywhere) == 1
+        child.wait()
+        watch.close()
 
 
 def test_what_a_signal_interrupts_is_done_again(monkeypatch, tmp_path):
