@@ -2,10 +2,14 @@
 
 A filter's last estimate is not the best one.  Least squares over the whole record with the exact derivatives of the
 free run; the intervals allow for a residual that is not white (Ljung, System Identification, 1999, ch. 9).
+
+What is declared of a constant counts as one more observation of it, as in the observer.  Beside a residual that is
+larger than the noise, or correlated, it counts for as much more: such samples say less than their number and noise
+claim.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +17,7 @@ from scipy.optimize import least_squares
 
 from estimator.errors import ModelError
 from estimator.observer import Observer
+from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.simulation import simulate
 
@@ -21,12 +26,21 @@ _BLIND = 1e-9  # of the largest singular value: below it the record says nothing
 
 
 @dataclass(frozen=True)
+class Declared:
+    """What is known of a constant beforehand, SI: its value and the standard deviation of that."""
+
+    value: float
+    deviation: float
+
+
+@dataclass(frozen=True)
 class Refined:
     """What a refinement found, SI.
 
     state (states + constants,) in the order of `names`: state at the first sample, constants, coefficients; deviation
     of each (0 where it was held); free: the names that were fitted; residual (n, axes) V of the free run over the
-    whole record, rmse (axes,) V of it over the fitted rows.
+    whole record, rmse (axes,) V of it over the fitted rows; known: what was declared, by name; information (free,
+    free): what the record by itself says of them, 1/SI².
     """
 
     names: tuple[str, ...]
@@ -35,6 +49,8 @@ class Refined:
     deviation: Array
     residual: Array
     rmse: Array
+    known: Mapping[str, Declared] = field(default_factory=dict)
+    information: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def value(self, name: str) -> float:
         """Value by name."""
@@ -57,11 +73,13 @@ def refine(
     step: Array | None = None,
     rows: slice | NDArray[np.bool_] | None = None,
     runs: int = 60,
+    known: Mapping[str, Declared] | None = None,
 ) -> Refined:
     """Fit a free run to a record: sense (n, axes) V (NaN where lost), drive and step as for `simulate`.
 
     start (states + constants,) SI, by default what the observer holds; free: the names that may change, by default all
-    that the observer estimates; rows: the samples whose residual counts, by default all; runs: free runs at most.
+    that the observer estimates; rows: the samples whose residual counts, by default all; runs: free runs at most;
+    known: what is declared, of any of the free ones.
 
     Raises ModelError for unknown names, for rows without samples, and for a start from which the run leaves all bounds.
     """
@@ -101,31 +119,46 @@ def refine(
 
     origin = state[index] / scale
     run(origin)
+    given = {name: one for name, one in (known or {}).items() if name in wanted and one.deviation > 0.0}
+    at = np.array([wanted.index(name) for name in given], dtype=np.int64)
+    guess = np.array([one.value for one in given.values()]) / scale[at]
+    sure = np.array([one.deviation for one in given.values()]) / np.abs(scale[at])
 
-    def residual_of(scaled: Array) -> Array:
-        return run(scaled)[0]
+    def solved(begin: Array, worth: float) -> Array:
+        rows_of_known = np.zeros((len(at), len(index)))
+        rows_of_known[np.arange(len(at)), at] = worth / sure
+        return np.asarray(
+            least_squares(
+                lambda scaled: np.concatenate([run(scaled)[0], worth * (scaled[at] - guess) / sure]),
+                begin,
+                jac=lambda scaled: np.concatenate([run(scaled)[1], rows_of_known]),
+                x_scale="jac",
+                method="trf",
+                ftol=1e-10,
+                xtol=1e-10,
+                gtol=1e-12,
+                max_nfev=runs,
+            ).x
+        )
 
-    def jacobian_of(scaled: Array) -> Array:
-        return run(scaled)[1]
-
-    solution = least_squares(
-        residual_of,
-        origin,
-        jac=jacobian_of,
-        x_scale="jac",
-        method="trf",
-        ftol=1e-10,
-        xtol=1e-10,
-        gtol=1e-12,
-        max_nfev=runs,
-    )
-    state[index] = solution.x * scale
+    solution, worth = solved(origin, 1.0), 1.0
+    if given and (worth := _worth(run(solution)[0])) > 1.0:
+        solution = solved(solution, worth)
+    state[index] = solution * scale
     deviation = np.zeros(len(names))
-    weighted, jacobian = run(solution.x)
-    deviation[index] = np.sqrt(np.diagonal(_covariance(jacobian, weighted))) * np.abs(scale)
+    weighted, jacobian = run(solution)
+    told = np.zeros(len(index))
+    told[at] = (worth / sure) ** 2
+    deviation[index] = np.sqrt(np.diagonal(_covariance(jacobian, weighted, told, worth))) * np.abs(scale)
     residual = sense - simulate(observer, state, drive, step=step).sensed
     rmse = np.array([np.sqrt(np.mean(r[c] ** 2)) for r, c in zip(residual.T, chosen.T, strict=True)])
-    return Refined(names, wanted, state, deviation, residual, rmse)
+    information = _information(jacobian, weighted) / np.outer(scale, scale)
+    return Refined(names, wanted, state, deviation, residual, rmse, given, information)
+
+
+def _worth(weighted: Array) -> float:
+    """By how much a residual over the declared noise is larger than white noise of that size, correlation included."""
+    return float(np.sqrt(np.mean(weighted**2) * len(weighted) / effective_samples(weighted)))
 
 
 def _scales(observer: Observer) -> Array:
@@ -136,11 +169,28 @@ def _scales(observer: Observer) -> Array:
     return np.asarray(factors)
 
 
-def _covariance(jacobian: Array, residual: Array) -> Array:
-    """Covariance of least squares whose residual is coloured: (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹, Σ from its own spectrum."""
-    _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
+def _covariance(jacobian: Array, residual: Array, told: Array, worth: float) -> Array:
+    """Covariance of least squares whose residual is coloured: (JᵀJ + P)⁻¹ (Jᵀ Σ J + w² P) (JᵀJ + P)⁻¹, Σ from its own
+    spectrum, P the information of what is declared, whose weight w was.
+    """
+    _, sizes, directions = np.linalg.svd(np.concatenate([jacobian, np.diag(np.sqrt(told))]), full_matrices=False)
     seen = sizes > _BLIND * sizes[0]
     inverse = (directions[seen].T / sizes[seen] ** 2) @ directions[seen]
+    middle = _middle(jacobian, residual) + worth**2 * np.diag(told)
+    return np.asarray(inverse @ middle @ inverse)
+
+
+def _information(jacobian: Array, residual: Array) -> Array:
+    """What the residual's rows say by themselves: JᵀJ (Jᵀ Σ J)⁻¹ JᵀJ, nothing in directions that they do not see."""
+    _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
+    seen = sizes > _BLIND * max(float(sizes[0]), np.finfo(float).tiny)
+    rows = (directions[seen].T * sizes[seen] ** 2).T
+    middle = directions[seen] @ _middle(jacobian, residual) @ directions[seen].T
+    return np.asarray(rows.T @ np.linalg.pinv(middle, hermitian=True) @ rows)
+
+
+def _middle(jacobian: Array, residual: Array) -> Array:
+    """Jᵀ Σ J of a residual (n,) with the covariance Σ that its smoothed spectrum says."""
     n, unknowns = jacobian.shape
     power = np.abs(np.fft.rfft(residual)) ** 2 / max(n - unknowns, 1)
     width = max(int(len(power) ** 0.5), 3)
@@ -150,5 +200,4 @@ def _covariance(jacobian: Array, residual: Array) -> Array:
     twice[0] = 1.0
     if n % 2 == 0:
         twice[-1] = 1.0
-    middle = np.real((spectrum.conj().T * (smooth * twice)) @ spectrum) / n
-    return np.asarray(inverse @ middle @ inverse)
+    return np.asarray(np.real((spectrum.conj().T * (smooth * twice)) @ spectrum) / n)

@@ -5,7 +5,7 @@ effects that an observer, corrected at every sample, hides in its innovation.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from estimator.trace.free_run_model import (
     parts_of,
     promises_of,
 )
+from estimator.trace.probability import NOTHING, Account
 from estimator.trace.problem import Problem
 from estimator.trace.thresholds import THRESHOLDS
 
@@ -37,7 +38,7 @@ Progress = Callable[[str, int, int], None]
 class SimulationTrace:
     """Effects in the order in which they were taken, with evidence (twice the gain of log-likelihood); models before
     and after, fitted to the whole record; reasons of those that were not taken; pairs (taken, not taken) that look
-    alike.
+    alike; how all accounts of each round compare, by who was taken, and of the first where nobody was, by none.
     """
 
     effects: tuple[str, ...]
@@ -48,6 +49,7 @@ class SimulationTrace:
     after: Refined
     rejected: Mapping[str, str]
     alike: tuple[tuple[str, str, float], ...]
+    accounts: Mapping[str | None, tuple[Account, ...]] = field(default_factory=dict)
 
 
 def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> SimulationTrace:
@@ -79,7 +81,15 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     after = fitted(problem, effects, chosen.fit.fit, whole) if chosen.steps else before
     progress("refinement", 2, 2)
     return SimulationTrace(
-        tuple(chosen.gains), chosen.gains, before.observer, after.observer, before.fit, after.fit, rejected, alike
+        effects=tuple(chosen.gains),
+        evidence=chosen.gains,
+        observer_before=before.observer,
+        observer=after.observer,
+        before=before.fit,
+        after=after.fit,
+        rejected=rejected,
+        alike=alike,
+        accounts=_accounts(chosen.rounds),
     )
 
 
@@ -91,6 +101,19 @@ def without(problem: Problem, found: SimulationTrace, names: Collection[str], sk
         less = fitted(problem, (*problem.effects, *kept), found.after, slice(skip, None))
         observer, after = less.observer, less.fit
     return replace(found, effects=tuple(kept), evidence=kept, observer=observer, after=after)
+
+
+def _accounts(rounds: Sequence[Round[Promises]]) -> dict[str | None, tuple[Account, ...]]:
+    """In independent samples: gains of those that were fitted, what the others promise at first order; and nothing."""
+    found: dict[str | None, tuple[Account, ...]] = {}
+    for one in rounds:
+        if one.taken is None and found:
+            continue
+        worth = {name: promise.gain - promise.price for name, promise in one.look.items()}
+        worth |= {tried.name: tried.score.gain - tried.score.price for tried in one.tried if tried.score is not None}
+        reached = worth[one.taken] if one.taken is not None else 0.0
+        found[one.taken] = (Account(NOTHING, reached), *(Account(name, reached - own) for name, own in worth.items()))
+    return found
 
 
 def _why(name: str, promised: float, rounds: Sequence[Round[Promises]]) -> str:

@@ -118,13 +118,26 @@ class Residual:
 
 
 @dataclass(frozen=True)
+class Classes:
+    """How probable each account of a record is, the largest first; their sum is 1.
+
+    effect: which of the effects named it is about, None where none is; probabilities: by kind of effect, of "nothing",
+    and of "something else" than the catalogue has, alone or besides.
+    """
+
+    effect: str | None
+    probabilities: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest.
 
     reasons: why the verdict is what it is; angle_moved: how far in rad, at most, the angle moves when all that brings
     the residual down is carried, None where nothing does; share: of the residual's power above the noise floor, on the
     part held out, what the effects account for, None where none are named; left: what the residual still holds with
-    the effects, where something is left.
+    the effects, where something is left; probabilities: one for each effect that is named, one where none is, none
+    where nobody was carried; undetermined: sentences on constants that a free run does not determine.
     """
 
     verdict: Verdict
@@ -143,3 +156,5 @@ class Diagnosis:
     angle_moved: float | None = None
     share: float | None = None
     left: tuple[Finding, ...] = ()
+    probabilities: tuple[Classes, ...] = ()
+    undetermined: tuple[str, ...] = ()

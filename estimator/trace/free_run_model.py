@@ -20,6 +20,7 @@ from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.simulation import simulate
 from estimator.trace.criterion import extended
+from estimator.trace.determined import declared
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
@@ -126,7 +127,9 @@ def fitted(problem: Problem, effects: tuple[str, ...], current: Refined | None, 
     start = _carried_over(observer, current)
     if not np.any(record.drive):
         start = _followed(observer, record, start, current is None)
-    refined = refine(observer, record.sense, record.drive, start=start, step=record.step, rows=rows)
+    refined = refine(
+        observer, record.sense, record.drive, start=start, step=record.step, rows=rows, known=declared(observer)
+    )
     return FreeRun(effects, observer, refined)
 
 

@@ -7,11 +7,13 @@ import numpy as np
 
 from estimator.scaling import Array
 from estimator.trace.candidates import Parameters, kind
-from estimator.trace.criterion import TIE
+from estimator.trace.criterion import TIE, schwarz
 from estimator.trace.dispersion import dispersed
-from estimator.trace.engine import Step
+from estimator.trace.engine import Step, Trial
 from estimator.trace.fitting import Fitted, parameters_of
-from estimator.trace.observer_model import Carrying
+from estimator.trace.look import Look
+from estimator.trace.observer_model import Carrying, numbers
+from estimator.trace.probability import NOTHING, Account, nearest
 from estimator.trace.scan import PARTS
 
 
@@ -43,6 +45,43 @@ def rivals(step: Step[Carrying]) -> Mapping[str, Rival]:
         if deficit < bound:
             found[name] = Rival(deficit, bound, parameters_of(trial.fit.fitted, name))
     return dict(sorted(found.items(), key=lambda item: item[1].deficit))
+
+
+def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:
+    """All that was asked in the round in which an effect was taken: those that were carried by their likelihoods, those
+    that were only watched by what the scan promises, taken down by its scatter; and nothing.
+    """
+    taken = step.trial
+    found = [Account(step.name, 0.0), _behind(NOTHING, taken, step.before.fitted, -taken.score.price)]
+    for name, trial in step.beside.items():
+        found.append(_behind(name, taken, trial.fit.fitted, trial.score.price - taken.score.price))
+    reached = taken.score.gain - taken.score.price
+    carried = {kind(one.name) for one in found}
+    return nearest((*found, *(one for one in _watched(look, reached) if kind(one.name) not in carried)))
+
+
+def left_out(look: Look) -> tuple[Account, ...]:
+    """The same of a round in which nothing was taken, beside nothing."""
+    return nearest((Account(NOTHING, 0.0), *_watched(look, 0.0)))
+
+
+def _behind(name: str, taken: Trial[Carrying], other: Fitted, price: float) -> Account:
+    lead = leads(taken.fit.fitted, other)
+    return Account(
+        name, price + float(min(np.sum(lead), np.sum(lead[1:]))), dispersion(taken.fit.fitted, other)
+    )  # fmt: skip
+
+
+def _watched(look: Look, reached: float) -> list[Account]:
+    samples = look.seen.innovation.size
+    return [
+        Account(name, reached - (item.gain / max(item.scatter, 1.0) - schwarz(_numbers(look, name), samples)))
+        for name, item in look.evidence.items()
+    ]
+
+
+def _numbers(look: Look, name: str) -> int:
+    return numbers(name, look.seen.observer.device.axes)
 
 
 def leads(model: Fitted, other: Fitted) -> Array:

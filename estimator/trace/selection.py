@@ -7,17 +7,18 @@ from then on, and the residual that is left is scanned again.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from estimator.errors import ModelError
-from estimator.trace.engine import Dissent, Estimate, Round, Rules, choose, pruned
+from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import Searched, refine_parameters
+from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.rivals import Rival, rivals
+from estimator.trace.rivals import Rival, accounts, left_out, rivals
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.choice
@@ -32,14 +33,16 @@ RULES = Rules(MOST, Dissent.ENDS, signs=False)
 @dataclass(frozen=True)
 class Selection:
     """Effects in the order in which they were taken, with their coefficients; the rounds; who looked like each that was
-    taken, there, and who came as near once carried; models before and after; what each gained; how surely the
-    parameters that were searched for are known; whether there are as many as may be and still something is left.
+    taken, there, and who came as near once carried; how all accounts of each round compare, by who was taken, of the
+    first where nobody was, by none; models before and after; what each gained; how surely the parameters that were
+    searched for are known; whether there are as many as may be and still something is left.
     """
 
     effects: Effects
     rounds: tuple[Round[Look], ...]
     alike: Mapping[str, Mapping[str, float]]
     rivals: Mapping[str, Mapping[str, Rival]]
+    accounts: Mapping[str | None, tuple[Account, ...]]
     before: Fitted
     after: Fitted
     gain: Mapping[str, float]
@@ -89,12 +92,19 @@ def select(problem: Problem, progress: Progress) -> Selection:
         rounds=chosen.rounds,
         alike={one.taken: one.look.alike(one.taken) for one in chosen.rounds if one.taken is not None},
         rivals={step.name: rivals(step) for step in chosen.steps},
+        accounts=_accounts(chosen.steps, chosen.rounds),
         before=before,
         after=last,
         gain=chosen.gains,
         searched=searched,
         patchwork=chosen.more,
     )
+
+
+def _accounts(steps: Sequence[Step[Carrying]], rounds: Sequence[Round[Look]]) -> dict[str | None, tuple[Account, ...]]:
+    looks = {one.taken: one.look for one in rounds if one.taken is not None}
+    found: dict[str | None, tuple[Account, ...]] = {step.name: accounts(step, looks[step.name]) for step in steps}
+    return found or {None: left_out(rounds[0].look)}
 
 
 def without(problem: Problem, selection: Selection, names: Collection[str]) -> Selection:

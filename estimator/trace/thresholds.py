@@ -268,6 +268,15 @@ class NamelessForce:
 
 
 @dataclass(frozen=True)
+class Prior:
+    """Odds before a record is looked at, of what the model lacks."""
+
+    nothing: float = _set(1.0, "parts", "Indifference: each of the three is as likely as the others.")
+    effect: float = _set(1.0, "parts", "Of the catalogue, all kinds together and each of them as likely as the next.")
+    other: float = _set(1.0, "parts", "What no catalogue has is no rarer than what one has.")
+
+
+@dataclass(frozen=True)
 class ResidualLook:
     """What the residual holds, in words: findings, which no verdict hangs on but by floor and lines."""
 
@@ -347,6 +356,7 @@ class Thresholds:
     promises: Promises = field(default_factory=Promises)
     judgement: Judgement = field(default_factory=Judgement)
     nameless: NamelessForce = field(default_factory=NamelessForce)
+    prior: Prior = field(default_factory=Prior)
     free_runs: FreeRuns = field(default_factory=FreeRuns)
     scoring: Scoring = field(default_factory=Scoring)
     separation: Separation = field(default_factory=Separation)

@@ -14,13 +14,15 @@ from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
 from estimator.trace.claims import claim_of
 from estimator.trace.criterion import threshold
-from estimator.trace.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
+from estimator.trace.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import gained, leaves_the_rest, why_not
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
 from estimator.trace.fitting import constants_of
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
+from estimator.trace.nameless import Contest
+from estimator.trace.probability import beside_nothing, classes, doubted
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
@@ -72,6 +74,7 @@ def trace(
         angle_moved=reader.moved(known, found.selection.effects) if found.selection.gain else None,
         share=found.share,
         left=after.findings if found.verdict is Verdict.PARTLY else (),
+        probabilities=_probabilities(found),
     )
 
 
@@ -80,7 +83,7 @@ class _Judged:
     """The verdict, and the models that it is about: what was selected less what no promise can be made of.
 
     why: of each effect that was selected and is not named, why not; share: of the residual's power above the floor on
-    the part held out, what goes, None where nothing stood there.
+    the part held out, what goes, None where nothing stood there; contest: with the nameless force.
     """
 
     verdict: Verdict
@@ -90,6 +93,7 @@ class _Judged:
     why: Mapping[str, str]
     reasons: tuple[str, ...]
     share: float | None
+    contest: Contest | None
 
 
 def _judged(problem: Problem, selection: Selection, before: Examination, split: int) -> _Judged:
@@ -113,17 +117,18 @@ def _judged(problem: Problem, selection: Selection, before: Examination, split: 
         if not against and not left:
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
             reasons = (*_reasons(named, selection, before.held_out, after.held_out, why), *promises.constants(claim))
-            return _Judged(verdict, named, selection, after, why, reasons, share)
+            return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest)
         gains = {name: selection.gain[name] for name in named}
         if small := promises.minor(gains):
             why |= {name: leaves_the_rest(gains[name]) for name in small}
         elif promises.holds_in_part(claim):
             reasons = (_in_part(named, claim), *left, *against)
-            return _Judged(Verdict.PARTLY, named, selection, after, why, reasons, share)
+            return _Judged(Verdict.PARTLY, named, selection, after, why, reasons, share, claim.contest)
         elif left:
             why |= {name: _no_explanation(gains[name], claim) for name in named}
             shown = after if claim.residual.fell else before
-            return _Judged(Verdict.UNEXPLAINED, {}, selection, shown, why, (*left, *_turned_down(why)), None)
+            told = (*left, *_turned_down(why))
+            return _Judged(Verdict.UNEXPLAINED, {}, selection, shown, why, told, None, claim.contest)
         else:  # what remains is at the floor anyhow: the least of them may go
             small = (min(gains, key=lambda name: gains[name]),)
             why |= {name: _no_explanation(gains[name], claim) for name in small}
@@ -140,6 +145,20 @@ def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[
         least = min(weak, key=lambda name: selection.gain.get(name, 0.0))
         why[least] = weak[least]
         selection = without(part, selection, (least,))
+
+
+def _probabilities(found: _Judged) -> tuple[Classes, ...]:
+    """Of each effect that is named, else of the record."""
+    accounts, contest, verdict = found.selection.accounts, found.contest, found.verdict
+    if not found.named:
+        first = next(iter(accounts.values()))
+        return (classes(None, beside_nothing(first), contest, verdict),)
+    against = {kind(name) for name in found.why} - {kind(name) for name in found.named}
+    return tuple(
+        classes(_short(name, found.named), doubted(accounts[name], against), contest, verdict)
+        for name in found.named
+        if name in accounts
+    )
 
 
 def _in_part(named: Effects, claim: promises.Claim) -> str:

@@ -36,11 +36,11 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
 
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:
-    """Verdict, residual, effects, before and after, what cannot be told apart, what was ruled out."""
+    """Verdict, how probable, residual, effects, before and after, what cannot be told apart, what was ruled out."""
     from rich.console import Console
 
     from hil.report.diagnosis.equations import plain
-    from hil.report.diagnosis.tables import estimate
+    from hil.report.diagnosis.tables import estimate, probable
     from hil.report.numbers import quantity
 
     console = Console(highlight=False, soft_wrap=True)
@@ -48,8 +48,10 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     say = partial(_say, console)
     say(diagnosis.record, style="bold", end="  ")
     say(diagnosis.verdict, style=style)
-    for reason in diagnosis.reasons:
+    for reason in (*diagnosis.reasons, *diagnosis.undetermined):
         say(f"  {reason}")
+    for shares in diagnosis.probabilities:
+        say(f"  {probable(shares)}")
     for effect in diagnosis.effects:
         console.print()
         acts = "acts like: " if diagnosis.verdict == "partly explained" else ""

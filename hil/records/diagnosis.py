@@ -99,6 +99,15 @@ class Fit(_Model):
     axes: tuple[Channel, ...] = ()
 
 
+class Probabilities(_Model):
+    """How probable each account of the record is; the sum is 1."""
+
+    effect: str | None = Field(description="Which of `effects` it is about; null where none is named")
+    classes: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(
+        description="By kind of effect, `nothing`, and `something else` than the catalogue has, alone or besides"
+    )
+
+
 class HeldOut(_Model):
     """On the part of the record that the choice never saw."""
 
@@ -125,6 +134,12 @@ class Diagnosis(_Model):
     )
     left: tuple[Finding, ...] = Field(
         default=(), description="What the residual still holds with the effects, largest first, where some is left"
+    )
+    probabilities: tuple[Probabilities, ...] = Field(
+        default=(), description="How probable each account is, one for each effect that is named; one where none is"
+    )
+    undetermined: tuple[str, ...] = Field(
+        default=(), description="Constants of which a free run says less than the bench file, and what it says of them"
     )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
@@ -163,6 +178,10 @@ def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
         angle_moved_rad=_finite(found.angle_moved),
         share=_finite(found.share),
         left=tuple(_finding(finding) for finding in found.left),
+        probabilities=tuple(
+            Probabilities(effect=one.effect, classes=dict(one.probabilities)) for one in found.probabilities
+        ),
+        undetermined=found.undetermined,
         record=record,
         bench=bench,
         samples=len(found.residual_before.innovation),

@@ -85,7 +85,8 @@ def page_of(
     declarable: whether a bench file can declare the effects.
     """
     tone, word = _WORDS[diagnosis.verdict]
-    why = (markup.paragraph(_sentence(reason)) for reason in diagnosis.reasons)
+    said = (*diagnosis.reasons, *diagnosis.undetermined, *map(tables.probable, diagnosis.probabilities))
+    why = (markup.paragraph(_sentence(reason)) for reason in said)
     partly = diagnosis.verdict == "partly explained"
     error = "Error before and after" if diagnosis.effects else "Error"
     sections = [

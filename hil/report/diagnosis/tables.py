@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 
-from hil.records.diagnosis import Coefficient, Diagnosis, Finding
+from hil.records.diagnosis import Coefficient, Diagnosis, Finding, Probabilities
 from hil.report.markup import table
 from hil.report.names import shown_unit
 from hil.report.numbers import count, plus_minus, quantity, significant
 
+_SHOWN = 0.01  # probability from which on an account is listed
 _FIGURES = {
     "innovation_rms": ("residual, rms", "V"),
     "noise_floor": ("noise floor", "V"),
@@ -97,6 +98,13 @@ def rejected(diagnosis: Diagnosis) -> str:
     head = ("candidate", "why not", "its coefficients, 95 %")
     left = ", and what is left for each once what was taken is carried" if diagnosis.effects else ""
     return table(f"Looked at and not taken{left}", head, rows) if rows else ""
+
+
+def probable(one: Probabilities) -> str:
+    """How probable each account is that has 1 % at least, in a line."""
+    shares = [f"{_plain(name)} {share:.0%}" for name, share in one.classes.items() if share >= _SHOWN]
+    about = f"of {_plain(one.effect)}: " if one.effect else ""
+    return f"probability, {about}{', '.join(shares)}"
 
 
 def _shown(value: float | None, unit: str) -> str:

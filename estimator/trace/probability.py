@@ -1,0 +1,103 @@
+"""How probable each account of a record is: nothing missing, an effect of the catalogue, or something else.
+
+Likelihoods of all that was carried, less the price of what was fitted, times prior odds.  Differences of likelihoods
+count as much less as they are less sure than white innovations would make them (`trace/dispersion`).  Something else is
+what the nameless force stands for, in place of the effects or beside them, where it does more than a residual may hold
+that counts as explained.
+"""
+
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
+
+from estimator.trace.candidates import kind
+from estimator.trace.criterion import TIE
+from estimator.trace.diagnosis import Classes, Verdict
+from estimator.trace.nameless import Contest
+from estimator.trace.thresholds import THRESHOLDS
+
+NOTHING = "nothing"
+OTHER = "something else"
+
+_PRIOR = THRESHOLDS.prior
+_PREDICTABLE = THRESHOLDS.judgement.predictable
+
+
+@dataclass(frozen=True)
+class Account:
+    """One account of what a round of the choice asked: a kind of effect, or nothing.
+
+    deficit: by how much less its likelihood is than that of the one that was taken, prices included, in twice the
+    log-likelihood; dispersion: by how much that is less sure than white innovations would make it.
+    """
+
+    name: str
+    deficit: float
+    dispersion: float = 1.0
+
+    @property
+    def weight(self) -> float:
+        """Its likelihood over that of the one taken, as far as the record is sure of it."""
+        return math.exp(min(-0.5 * self.deficit / max(self.dispersion, 1.0), 300.0))
+
+
+def nearest(accounts: Iterable[Account]) -> tuple[Account, ...]:
+    """Of each kind the one that comes nearest."""
+    best: dict[str, Account] = {}
+    for one in accounts:
+        same = replace(one, name=kind(one.name))
+        if same.name not in best or same.weight > best[same.name].weight:
+            best[same.name] = same
+    return tuple(best.values())
+
+
+def doubted(accounts: Iterable[Account], names: Collection[str]) -> tuple[Account, ...]:
+    """The same, where a part of the record without a vote, or a promise, speaks against these kinds: they are behind by
+    what two accounts differ by that are told apart, at least.
+    """
+    return tuple(
+        replace(one, deficit=max(one.deficit, TIE * max(one.dispersion, 1.0))) if one.name in names else one
+        for one in accounts
+    )
+
+
+def beside_nothing(accounts: Iterable[Account]) -> tuple[Account, ...]:
+    """The same where nothing is named in the end, whatever was taken on the way: a promise speaks against it all."""
+    all_of_them = tuple(accounts)
+    base = next(one.deficit for one in all_of_them if one.name == NOTHING)
+    shifted = tuple(replace(one, deficit=one.deficit - base) for one in all_of_them)
+    return doubted(shifted, {one.name for one in shifted if one.name != NOTHING})
+
+
+def classes(effect: str | None, accounts: Iterable[Account], contest: Contest | None, verdict: Verdict) -> Classes:
+    """Probabilities of these accounts and of something else, the largest first.
+
+    effect: which of those that are named it is about, None where nothing is; accounts: of each kind one, and nothing;
+    contest: what the nameless force makes of the part held out, None where that was not asked.
+    """
+    all_of_them = tuple(accounts)
+    effects = max(sum(one.name != NOTHING for one in all_of_them), 1)
+    weights = {
+        one.name: one.weight * (_PRIOR.nothing if one.name == NOTHING else _PRIOR.effect / effects)
+        for one in all_of_them
+    }
+    known = sum(weights.values())
+    other = _PRIOR.other / (_PRIOR.effect + _PRIOR.nothing) * (0.0 if contest is None else _ahead(contest))
+    if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY):
+        other = max(other, THRESHOLDS.criterion.odds)  # a promise speaks against the rest
+    share = 1.0 / (1.0 + other)
+    found = {name: share * weight / known for name, weight in weights.items()} if known > 0.0 else {}
+    found[OTHER] = 1.0 - sum(found.values()) if found else 1.0
+    return Classes(effect, dict(sorted(found.items(), key=lambda item: -item[1])))
+
+
+def _ahead(contest: Contest) -> float:
+    """Likelihood of something nameless over that of what was named: beside it, where that does more than may be left,
+    or in its place.
+    """
+    instead, beside = (max(dispersion, 1.0) for dispersion in contest.dispersions)
+    may_be_left = -contest.samples * math.log1p(-_PREDICTABLE)
+    leads = [(contest.left - may_be_left) / beside]
+    if contest.named != 0.0:
+        leads.append(-contest.lead / instead)
+    return sum(math.exp(min(0.5 * lead, 300.0)) for lead in leads if not math.isnan(lead))

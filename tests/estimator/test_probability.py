@@ -1,0 +1,101 @@
+"""How probable an account is: odds by hand, and what no likelihood may override."""
+
+import math
+
+import pytest
+
+from estimator.trace.criterion import TIE
+from estimator.trace.diagnosis import Verdict
+from estimator.trace.nameless import Contest
+from estimator.trace.probability import NOTHING, OTHER, Account, beside_nothing, classes, doubted, nearest
+
+WHITE = Contest(named=900.0, nameless=0.0, both=900.0, samples=40_000)
+SURE = Account(NOTHING, 900.0)
+
+
+def of(*accounts, contest=WHITE, verdict=Verdict.EXPLAINED):
+    found = classes("sense_gain", accounts, contest, verdict)
+    assert sum(found.probabilities.values()) == pytest.approx(1.0)
+    assert list(found.probabilities.values()) == sorted(found.probabilities.values(), reverse=True)
+    return found.probabilities
+
+
+def test_two_kinds_stand_in_the_odds_of_their_likelihoods() -> None:
+    found = of(Account("sense_gain", 0.0), Account("drive_gain", 2.0 * math.log(3.0)), SURE)
+    assert found["sense_gain"] == pytest.approx(0.75)
+    assert found["drive_gain"] == pytest.approx(0.25)
+
+
+def test_what_is_less_sure_counts_as_much_less() -> None:
+    found = of(Account("sense_gain", 0.0), Account("drive_gain", 10.0 * 2.0 * math.log(3.0), 10.0), SURE)
+    assert found["drive_gain"] == pytest.approx(0.25)
+    surer = of(Account("sense_gain", 0.0), Account("drive_gain", 2.0 * math.log(3.0), 0.1), SURE)
+    assert surer["drive_gain"] == pytest.approx(0.25)  # never more sure than white noise
+
+
+def test_nothing_is_as_likely_beforehand_as_all_kinds_together() -> None:
+    kinds = [Account(f"effect_{number}", 0.0) for number in range(9)]
+    found = of(*kinds, Account(NOTHING, 0.0))
+    assert found[NOTHING] == pytest.approx(0.5)
+    assert found["effect_3"] == pytest.approx(0.5 / 9.0)
+
+
+def test_one_that_was_nearer_takes_the_larger_part() -> None:
+    assert of(Account("sense_gain", 0.0), Account("drive_gain", -2.0 * math.log(3.0)), SURE)["drive_gain"] == (
+        pytest.approx(0.75)
+    )
+
+
+def test_something_else_where_a_force_does_more_than_may_be_left() -> None:
+    kinds = Account("sense_gain", 0.0), SURE
+    may_be_left = -40_000 * math.log(0.98)
+    just = Contest(named=900.0, nameless=-1e6, both=900.0 + may_be_left, samples=40_000)
+    # as likely as the effect, and half as likely beforehand as an effect or nothing
+    assert of(*kinds, contest=just)[OTHER] == pytest.approx(1.0 / 3.0)
+    little = Contest(named=900.0, nameless=-1e6, both=960.0, samples=40_000)
+    assert of(*kinds, contest=little)[OTHER] < 1e-9
+    much = Contest(named=900.0, nameless=-1e6, both=9000.0, samples=40_000)
+    assert of(*kinds, contest=much)[OTHER] > 1.0 - 1e-9
+    unsure = Contest(named=900.0, nameless=-1e6, both=9000.0, samples=40_000, dispersions=(1.0, 1e6))
+    assert of(*kinds, contest=unsure)[OTHER] == pytest.approx(1.0 / 3.0, abs=0.01)
+
+
+def test_something_else_where_a_force_does_as_well_in_place_of_the_effect() -> None:
+    even = Contest(named=900.0, nameless=900.0, both=900.0, samples=40_000)
+    assert of(Account("sense_gain", 0.0), SURE, contest=even)[OTHER] == pytest.approx(1.0 / 3.0)
+    ahead = Contest(named=900.0, nameless=900.0 - 2.0 * TIE, both=900.0, samples=40_000)
+    assert of(Account("sense_gain", 0.0), SURE, contest=ahead)[OTHER] == pytest.approx(0.5 / (0.5 + 400.0), rel=1e-6)
+
+
+def test_what_a_promise_speaks_against_is_something_else_at_odds_of_twenty() -> None:
+    found = of(Account("sense_gain", 0.0), SURE, verdict=Verdict.PARTLY)
+    assert found[OTHER] == pytest.approx(20.0 / 21.0)
+
+
+def test_what_has_no_say_stands_at_odds_of_twenty_at_best() -> None:
+    (one, other) = doubted((Account("interference", -50.0), Account("drive_gain", 3.0)), {"interference"})
+    assert (one.deficit, other.deficit) == (TIE, 3.0)
+    assert one.weight == pytest.approx(1.0 / 20.0)
+    (wide,) = doubted((Account("interference", -50.0, 4.0),), {"interference"})
+    assert wide.weight == pytest.approx(1.0 / 20.0)
+    (far,) = doubted((Account("interference", 80.0),), {"interference"})
+    assert far.deficit == 80.0
+
+
+def test_where_nothing_is_named_nothing_is_what_all_are_compared_with() -> None:
+    found = beside_nothing((Account("sense_gain", 0.0), Account("drive_gain", 40.0), Account(NOTHING, 12.0)))
+    assert {one.name: one.deficit for one in found} == {"sense_gain": TIE, "drive_gain": 28.0, NOTHING: 0.0}
+    said = classes(None, found, Contest(0.0, 5.0, 5.0, 40_000), Verdict.ADEQUATE)
+    assert said.effect is None
+    assert said.probabilities[NOTHING] > 0.95
+
+
+def test_of_a_kind_the_nearest_stands_for_all() -> None:
+    found = nearest((Account("interference:1", 9.0), Account("interference:2", 4.0), Account(NOTHING, 7.0)))
+    assert {one.name: one.deficit for one in found} == {"interference": 4.0, NOTHING: 7.0}
+
+
+def test_without_a_contest_nothing_is_said_for_something_else() -> None:
+    assert of(Account("sense_gain", 0.0), SURE, contest=None)[OTHER] == pytest.approx(0.0, abs=1e-12)
+    lost = Contest(named=-math.inf, nameless=900.0, both=-math.inf, samples=40_000)
+    assert of(Account("sense_gain", 0.0), SURE, contest=lost)[OTHER] > 0.999
