@@ -5,9 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.calibration import Statement, most_probable
 from benchmarks.undeclared.expected import Expected, expected
 
 NOTHING = "(nothing)"
+NOTHING_MISSING, SOMETHING_ELSE = "nothing", "something else"
+"""As diagnosis.json calls them among its probabilities."""
 AT_FLOOR = 1.1
 """Times the noise floor that an innovation may be which is explained: what the word promises."""
 
@@ -23,7 +26,8 @@ class Judgement:
     the estimate's deviation in half-widths; after: innovation on the held-out part over the true noise; broken: it is
     called explained and the innovation of the held-out part rose, or is above `AT_FLOOR` times its floor; bounded: a
     verdict of nothing bounds the hidden effect's coefficients, and the bounds hold; proposes: an experiment that
-    would tell is named.
+    would tell is named; statements: for each list of probabilities, the one of the account that is called the most
+    probable and whether that account is the truth.
     """
 
     name: str
@@ -43,6 +47,7 @@ class Judgement:
     bounded: bool
     proposes: bool
     innovation_ratio: float | None
+    statements: tuple[Statement, ...] = ()
 
     @property
     def row(self) -> str:
@@ -90,6 +95,7 @@ def judge(truth: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Judg
                 for symbol, true in (what.coefficients | what.parameters).items():
                     _compare(effect, symbol, true, covered, error)
     noise = truth["noise_V"]
+    bounded = bool(known) and all(_bounded(what, said["rejected"]) for what in known)
     held_out = said.get("held_out", {})
     return Judgement(
         name=truth["name"],
@@ -106,10 +112,32 @@ def judge(truth: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Judg
         before=_over(held_out.get("before"), noise),
         after=_over(held_out.get("after"), noise),
         broken=said["verdict"] == "explained" and not _kept(held_out),
-        bounded=bool(known) and all(_bounded(what, said["rejected"]) for what in known),
+        bounded=bounded,
         proposes=any(pair["separate_by"] for pair in said["confusable"]),
         innovation_ratio=truth["innovation_ratio"],
+        statements=_statements(said, _accounts(truth["category"], known, bounded)),
     )
+
+
+def _accounts(category: str, known: list[Expected], bounded: bool) -> frozenset[str]:
+    """What the account that is called the most probable may be: what was hidden; of what shows so little that the
+    record bounds it, and of what is never to be named, nothing; else, outside the catalogue, something else.
+    """
+    if category in ("clean", "never"):
+        return frozenset({NOTHING_MISSING})
+    if not known:
+        return frozenset({SOMETHING_ELSE})
+    hidden = frozenset(name for what in known for name in what.names)
+    return hidden | {NOTHING_MISSING} if category == "calm" and bounded else hidden
+
+
+def _statements(said: Mapping[str, Any], true: frozenset[str]) -> tuple[Statement, ...]:
+    alike = [frozenset({plain(pair["effect"]), plain(pair["with"])}) for pair in said["confusable"]]
+    stated = []
+    for entry in said.get("probabilities", ()):
+        members, probability = most_probable(entry, alike)
+        stated.append((probability, bool(members & true)))
+    return tuple(stated)
 
 
 def _kept(held_out: Mapping[str, Any]) -> bool:

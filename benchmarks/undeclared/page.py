@@ -4,24 +4,27 @@ from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
+from benchmarks.calibration import draw
 from benchmarks.undeclared.effects import EFFECTS
 from benchmarks.undeclared.judging import NOTHING, Judgement
-from benchmarks.undeclared.summary import ratios
+from benchmarks.undeclared.summary import ratios, stated
 from hil.records.atomic import write_text
 
 _INK, _PAPER, _RIGHT, _WRONG = "#1b2530", "#ffffff", "#1d5fa6", "#b3261e"
 
 
 def write_page(folder: Path, summary: Mapping[str, Any], judged: Sequence[Judgement]) -> None:
-    """Write `undeclared.md` and `undeclared.svg` into `folder`."""
+    """Write `undeclared.md`, `undeclared.svg` and `undeclared-calibration.svg` into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     right = {(j.row, j.column) for j in judged if j.right}
     _draw(folder / "undeclared.svg", summary["confusion"], right)
+    draw(folder / "undeclared-calibration.svg", stated(judged), "undeclared effects")
     write_text(folder / "undeclared.md", _page(summary, judged))
 
 
 def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
     one, two, out, calm = (summary[key] for key in ("single", "double", "outside", "calm"))
+    calibrated = summary["calibration"]
     broken, explained = len(summary["broken"]), sum(j.verdict == "explained" for j in judged)
     figures = [
         ("one effect: its class named first", one["named_first"], one["n"], "97 %"),
@@ -55,11 +58,15 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
         f"| 95 % intervals that hold the truth, one effect | {one['coefficients']} intervals "
         f"| {_share(one['coverage'])} | 92–97 % |",
         f"| 95 % intervals that hold the truth, two effects | | {_share(two['coverage'])} | |",
+        f"| stated probabilities: expected calibration error | {calibrated['n']} statements "
+        f"| {_plain(calibrated['error'])} | ≤ 0.05 |",
         "",
         "What keeps the innovation above the true noise is the rate: it moves as nobody could foresee, and the",
         "observer has to allow for it. Records with nothing hidden have the same few per cent.",
         "",
         "![What was hidden, in rows, and what was named first, in columns](undeclared.svg)",
+        "",
+        "![How often the account that was called the most probable was the truth](undeclared-calibration.svg)",
         "",
         "Size is stated without units: in amplitudes, in k A, in radians of the vibration. Innovation is that of the",
         "observer in the loop, which did not know the effect, over the true noise: smallest, median, largest.",
@@ -88,6 +95,10 @@ def _percent(hit: int, n: int) -> str:
 
 def _share(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.1f} %"
+
+
+def _plain(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
 
 
 def _draw(path: Path, confusion: Mapping[str, Mapping[str, int]], right: Set[tuple[str, str]]) -> None:

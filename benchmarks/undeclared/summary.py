@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from benchmarks.calibration import Calibration, calibration
 from benchmarks.undeclared.judging import Judgement
 
 CONFIDENT = 1.02
@@ -58,12 +59,18 @@ def summarise(judged: Sequence[Judgement]) -> dict[str, Any]:
             "misnamed": sum(j.misnamed for j in calm),
         },
         "never": {"n": len(never), "adequate": sum(j.verdict == "adequate" for j in never)},
+        "calibration": stated(judged).written(),
         "broken": [j.name for j in judged if j.broken],
         "confusion": confusion(j for j in judged if j.category not in ("double", "calm")),
         "confusion_double": confusion(double),
         "confusion_calm": confusion(calm),
         "records": [_line(j) for j in judged],
     }
+
+
+def stated(judged: Iterable[Judgement]) -> Calibration:
+    """How well the probabilities hold that were stated."""
+    return calibration(statement for j in judged for statement in j.statements)
 
 
 def coverage(judged: Iterable[Judgement]) -> float | None:
@@ -106,6 +113,7 @@ def _line(j: Judgement) -> dict[str, Any]:
         "first_member": j.first_member,
         "right_class": list(j.right_class),
         "alone": j.alone,
+        "statements": [[round(probability, 6), so] for probability, so in j.statements],
         "covered": dict(j.covered),
         "error_half_widths": {symbol: round(value, 3) for symbol, value in j.error.items()},
         "before": j.before,
