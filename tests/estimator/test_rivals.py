@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from estimator.trace.engine import Score, Step, Trial
-from estimator.trace.rivals import dispersion, leads, rivals
+from estimator.trace.probability import NOTHING
+from estimator.trace.rivals import accounts, dispersion, leads, left_out, rivals
 from estimator.trace.scan import PARTS
 
 N = 32_000
@@ -102,3 +103,34 @@ def test_innovations_that_are_not_white_make_the_bound_wider() -> None:
 def test_equal_models_do_not_divide_by_nothing() -> None:
     own = noise(1)
     assert dispersion(fitted(own), fitted(own.copy())) == 1.0
+
+
+def look(**gains):
+    """Of these candidates, each with a gain and a scatter."""
+    evidence = {name: SimpleNamespace(name=name, gain=gain, scatter=scatter) for name, (gain, scatter) in gains.items()}
+    device = SimpleNamespace(axes=2)
+    seen = SimpleNamespace(innovation=np.zeros((N, 2)), observer=SimpleNamespace(device=device))
+    return SimpleNamespace(evidence=evidence, seen=seen)
+
+
+def test_all_that_was_asked_has_its_account() -> None:
+    """By likelihood what was carried, by the scan what was not, each with its price; gains of 500, prices of 10."""
+    lead, own = 40.0, noise(1)
+    without = fitted(apart(own, 500.0))
+    models = step(lead, price=3.0, series=own)
+    asked = Step(models.name, models.trial, SimpleNamespace(fitted=without), models.beside)
+    watched = look(sense_gain=(499.0, 1.0), cubic_stiffness=(600.0, 3.0), drive_gain=(600.0, 1.0))
+    found = {one.name: one.deficit for one in accounts(asked, watched)}
+    assert set(found) == {"drive_gain", "sense_gain", "cubic_stiffness", NOTHING}
+    assert found["drive_gain"] == 0.0
+    assert found["sense_gain"] == pytest.approx(lead + 3.0, abs=0.05 * lead)
+    assert found[NOTHING] == pytest.approx(500.0 - 10.0, abs=0.05 * 500.0)
+    price = 2.0 * math.log(2 * N)
+    assert found["cubic_stiffness"] == pytest.approx((500.0 - 10.0) - (600.0 / 3.0 - price))
+
+
+def test_where_nothing_was_taken_all_stand_beside_nothing() -> None:
+    found = {one.name: one.deficit for one in left_out(look(sense_gain=(5.0, 0.5), drive_gain=(30.0, 2.0)))}
+    assert found[NOTHING] == 0.0
+    assert found["sense_gain"] == pytest.approx(math.log(2 * N) - 5.0)  # one coefficient
+    assert found["drive_gain"] == pytest.approx(2.0 * math.log(2 * N) - 15.0)
