@@ -84,12 +84,12 @@ class Innovations:
 
 def level(series: Array, rows: slice) -> Nameless:
     """No force, and a noise as large as the series (n, axes) is in these rows."""
-    return _Equations.of(series[rows]).solved()
+    return _Equations.of(_last(series, rows)).solved()
 
 
 def nameless(series: Array, rows: slice) -> Nameless:
     """The predictor with the largest likelihood of these rows of a series (n, axes), less its price."""
-    fitted = series[max(rows.start, rows.stop - _SET.samples) : rows.stop]
+    fitted = _last(series, rows)
     best = _Equations.of(fitted)
     orders = _orders(len(fitted) / (_SET.repeats * fitted.shape[1]))
     if orders:
@@ -265,6 +265,11 @@ class _Equations:
     def solved(self) -> Nameless:
         """The predictor."""
         return Nameless(self.order, self.roots, self.weights, self.covariance, self.numbers)
+
+
+def _last(series: Array, rows: slice) -> Array:
+    """As many of these rows as are used: the same for everyone who is compared."""
+    return series[max(rows.start, rows.stop - _SET.samples) : rows.stop]
 
 
 def _orders(most: float) -> list[int]:

@@ -97,7 +97,7 @@ def _ahead(contest: Contest) -> float:
     """
     instead, beside = (max(dispersion, 1.0) for dispersion in contest.dispersions)
     may_be_left = -contest.samples * math.log1p(-_PREDICTABLE)
-    leads = [(contest.left - may_be_left) / beside]
+    leads = [contest.left / beside - may_be_left]
     if contest.named != 0.0:
         leads.append(-contest.lead / instead)
     return sum(math.exp(min(0.5 * lead, 300.0)) for lead in leads if not math.isnan(lead))

@@ -112,6 +112,15 @@ def test_gains_do_not_depend_on_how_large_the_noise_is_said_to_be() -> None:
     assert contest(other, seen(after), SPLIT).named == pytest.approx(one.named)
 
 
+def test_of_a_long_record_all_that_are_compared_use_the_same_rows() -> None:
+    """A noise that grew is no gain of a force: its level is that of the last rows for everyone."""
+    series = white(22, n=100_000) * np.linspace(0.5, 1.0, 100_000)[:, None]
+    one = Innovations(series, np.ones_like(series), slice(FIRST, 90_000))
+    found = contest(one, one, 90_000)
+    assert (found.named, found.nameless, found.both) == (0.0, 0.0, 0.0)
+    assert found.dispersions == (1.0, 1.0)
+
+
 def test_a_model_that_gets_lost_has_no_likelihood() -> None:
     series = white(20)
     lost = series.copy()
