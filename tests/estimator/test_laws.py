@@ -1,0 +1,123 @@
+"""Every effect beside its law, written out in SI: a sign or a unit that is wrong in a declaration is another law.
+
+Sources are those of the declarations; here the laws are as a textbook has them, per unit mass.
+"""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from estimator.effects.catalogue import EFFECTS
+from estimator.model.gyro import phi_x, phi_y, ux, uy, vx, vy, x, y
+
+A, OMEGA0 = 3e-5, 2.0 * np.pi * 700.0
+"""The units of a scaled observer: m, rad/s."""
+
+AT = SimpleNamespace(x=2.1e-5, vx=0.071, y=-1.3e-5, vy=-0.053, ux=310.0, uy=-190.0)
+"""Where the laws are asked: m, m/s, m/s². Velocities are far from where friction turns over."""
+
+SIGNALS = {"warmth": (7.0, 0, 0), "cosine": (0.6, 0, 0), "sine": (-0.8, 0, 0), "directionx": (1.0, 0, 0)}
+SIGNALS |= {"directiony": (-1.0, 0, 0), "wane_x": (0.4, 0, 0), "wane_y": (0.3, 0, 0)}
+SIGNALS |= {"ix": (2e-8, 1, 1), "iy": (-3e-8, 1, 1), "px": (4e-6, 1, 0), "py": (5e-6, 1, 0)}
+"""By symbol: value in SI, powers of metre and second. K; displacement summed over time; displacement of a mode."""
+
+Law = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace], tuple[float, float]]
+
+FORCES: dict[str, Law] = {
+    "nonlinear_damping": lambda s, c, g: (-c.d3x * s.x**2 * s.vx, -c.d3y * s.y**2 * s.vy),
+    "dry_friction": lambda s, c, g: (-c.fx * np.sign(s.vx), -c.fy * np.sign(s.vy)),
+    "damping_asymmetric": lambda s, c, g: (-c.dax * abs(s.vx), -c.day * abs(s.vy)),
+    "drag": lambda s, c, g: (-c.dqx * s.vx * abs(s.vx), -c.dqy * s.vy * abs(s.vy)),
+    "cubic_damping": lambda s, c, g: (-c.dcx * s.vx**3, -c.dcy * s.vy**3),
+    "dry_friction_asymmetric": lambda s, c, g: (-c.fax, -c.fay),
+    "cubic_stiffness": lambda s, c, g: (-c.k3x * s.x**3, -c.k3y * s.y**3),
+    "cubic_isotropic": lambda s, c, g: (-c.k3 * s.x * (s.x**2 + s.y**2), -c.k3 * s.y * (s.x**2 + s.y**2)),
+    "quadratic_stiffness": lambda s, c, g: (-c.k2x * s.x**2, -c.k2y * s.y**2),
+    "nonreciprocal_stiffness": lambda s, c, g: (-c.kn * s.y, c.kn * s.x),
+    "constant_force": lambda s, c, g: (c.ax, c.ay),
+    "drive_gain": lambda s, c, g: (c.hx * s.ux, c.hy * s.uy),
+    "drive_misalignment": lambda s, c, g: (c.mx * s.uy, c.my * s.ux),
+    "electrostatic_drive": lambda s, c, g: (c.qx * s.ux**2, c.qy * s.uy**2),
+    "drive_saturation": lambda s, c, g: tuple(
+        share * (np.clip(u, -g.limit, g.limit) - u) for share, u in ((c.sx, s.ux), (c.sy, s.uy))
+    ),
+    "drive_dead_band": lambda s, c, g: tuple(-z * np.clip(u, -g.band, g.band) for z, u in ((c.zx, s.ux), (c.zy, s.uy))),
+    "base_vibration": lambda s, c, g: (c.bcx * 0.6 - c.bsx * 0.8, c.bcy * 0.6 - c.bsy * 0.8),
+    "temperature_stiffness": lambda s, c, g: (-c.ktx * 7.0 * s.x, -c.kty * 7.0 * s.y),
+    "temperature_damping": lambda s, c, g: (-c.dtx * 7.0 * s.vx, -c.dty * 7.0 * s.vy),
+}
+
+SENSES: dict[str, Law] = {
+    "sense_gain": lambda s, c, g: (0.0, c.gy * s.y),
+    "sense_cross_coupling": lambda s, c, g: (c.ex * s.y, c.ey * s.x),
+    "sense_quadratic": lambda s, c, g: (c.a2x * s.x**2, c.a2y * s.y**2),
+    "sense_cubic": lambda s, c, g: (c.a3x * s.x**3, c.a3y * s.y**3),
+    "drive_feedthrough": lambda s, c, g: (c.fdx * s.ux, c.fdy * s.uy),
+    # x/(1 + jωτ) − x of a motion of frequency ω0, v being jω0 x
+    "sense_low_pass": lambda s, c, g: tuple(
+        float((lambda z: z / (1.0 + 1j * OMEGA0 * tau) - z)(q - 1j * v / OMEGA0).real)
+        for tau, q, v in ((c.tlx, s.x, s.vx), (c.tly, s.y, s.vy))
+    ),
+    "sense_high_pass": lambda s, c, g: (-c.hpx * 2e-8 + c.odx * 0.4, c.hpy * 3e-8 + c.ody * 0.3),
+    "parasitic_mode": lambda s, c, g: (c.rx * 4e-6, c.ry * 5e-6),
+    "interference": lambda s, c, g: (c.lcx * 0.6 - c.lsx * 0.8, c.lcy * 0.6 - c.lsy * 0.8),
+    "temperature_offset": lambda s, c, g: (c.ptx * 7.0, c.pty * 7.0),
+}
+
+# Where the drive or the displacement is beyond the threshold on x and within it on y, or the other way.
+GIVEN = {"limit": (250.0, 1, -2), "band": (250.0, 1, -2), "level": (1.7e-5, 1, 0), "v0": (1e-4, 1, -1)}
+
+SENSES["sense_clipping"] = lambda s, c, g: tuple(
+    share * (np.clip(q, -g.level, g.level) - q) for share, q in ((c.clx, s.x), (c.cly, s.y))
+)
+
+
+def scaled(value: float, length: int, time: int) -> float:
+    return value / (A**length * OMEGA0**-time)
+
+
+def by_declaration(effect, what: str, c: dict[str, float]) -> tuple[float, float]:
+    """The declared expressions in SI: scaled, asked, and scaled back."""
+    values = {x: (AT.x, 1, 0), vx: (AT.vx, 1, -1), y: (AT.y, 1, 0), vy: (AT.vy, 1, -1), ux: (AT.ux, 1, -2)}
+    values |= {uy: (AT.uy, 1, -2), phi_x: (0.0, 1, 0), phi_y: (0.0, 1, 0)}
+    values |= {k.symbol: (c[k.name], k.length, k.time) for k in effect.coefficients}
+    values |= {p.symbol: GIVEN[p.name] for p in effect.parameters if p.name in GIVEN}
+    values |= {s.symbol: (SIGNALS | GIVEN)[str(s.symbol)] for s in effect.signals}
+    expressions = [sp.sympify(e) for e in getattr(effect, what)]
+    numbers = {symbol: scaled(*value) for symbol, value in values.items()}
+    unit = A * OMEGA0**2 if what == "force" else A
+    first, second = (float(e.subs(numbers)) * unit for e in expressions)
+    return first, second
+
+
+@pytest.mark.parametrize(
+    ("effect", "what"),
+    [(e, w) for e in EFFECTS for w in ("force", "sense") if any(part != 0 for part in getattr(e, w))],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_an_effect_is_its_law(effect, what):
+    law = (FORCES if what == "force" else SENSES)[effect.name]
+    rng = np.random.default_rng(5)
+    c = {k.name: float(rng.uniform(0.5, 1.5)) * k.plausible * A**k.length * OMEGA0**-k.time for k in effect.coefficients}
+    given = SimpleNamespace(**{name: value for name, (value, _, _) in GIVEN.items()})
+    expected = law(AT, SimpleNamespace(**c), given)
+    np.testing.assert_allclose(by_declaration(effect, what, c), expected, rtol=1e-6, atol=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["nonlinear_damping", "dry_friction", "drag", "cubic_damping"])
+def test_a_damping_takes_energy_whichever_way_the_mass_moves(name):
+    effect = next(e for e in EFFECTS if e.name == name)
+    c = {k.name: k.plausible * A**k.length * OMEGA0**-k.time for k in effect.coefficients}
+    fx, fy = by_declaration(effect, "force", c)
+    assert fx * AT.vx < 0.0
+    assert fy * AT.vy < 0.0
+
+
+def test_units_are_those_of_the_laws():
+    """m/s² over what the coefficient is multiplied by."""
+    units = {c.name: c.unit for e in EFFECTS for c in e.coefficients}
+    assert (units["dcx"], units["dqx"], units["fx"], units["d3x"]) == ("s/m²", "1/m", "m/s²", "1/(m²·s)")
+    assert (units["k3x"], units["k2x"], units["kn"], units["qx"]) == ("1/(m²·s²)", "1/(m·s²)", "1/s²", "s²/m")
