@@ -3,16 +3,18 @@
 A change that no test notices, a survivor, is either no change of what is promised, or a promise that is not tested.
 
     python -m benchmarks.mutants [MODULE …] [--sample 20] [--seed 1] [--line N …] [--tests FILE …] [--slow]
+    python -m benchmarks.mutants --named
 
 MODULE is one of those in `benchmarks.mutants.belong`, or any other with `--tests`. The module is changed in memory, for
 the tests and for every process that they start; no file is touched. The tests are those of the module that are neither
 `slow` nor `realtime`, with `--slow` these too. A trial that takes much longer than the tests without a change counts as
-noticed.
+noticed. `--named` tries those of `benchmarks.mutants.named` instead, which were once not noticed.
 """
 
 from typing import NamedTuple
 
 from benchmarks.mutants.belong import TESTS
+from benchmarks.mutants.named import NAMED
 from benchmarks.mutants.trial import Trials
 from benchmarks.row import Row, Say
 
@@ -36,6 +38,17 @@ def rows(say: Say) -> list[Row]:
             Row(f"{module}: changes that no test notices", found.left, "1"),
         ]
     return table
+
+
+def named_survivors(say: Say) -> Found:
+    """Try each of the named changes, and say what no test notices."""
+    left = 0
+    for one in NAMED:
+        survives = Trials(one.module, list(one.tests)).survives(one.mutant())
+        left += survives
+        say(f"{'not noticed' if survives else 'noticed'}: {one.says} ({one.module})")
+    say(f"named: {len(NAMED)} tried, {left} left")
+    return Found(len(NAMED), left)
 
 
 def survivors(

@@ -20,7 +20,10 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=mutants.SEED, help=f"of the sample, default {mutants.SEED}")
     parser.add_argument("--line", type=int, nargs="+", default=[], help="every change on these lines, no sample")
     parser.add_argument("--slow", action="store_true", help="those marked slow and realtime, too")
+    parser.add_argument("--named", action="store_true", help="those that were once not noticed, nothing else")
     options = parser.parse_args()
+    if options.named:
+        return int(mutants.named_survivors(lambda line: print(line, flush=True)).left > 0)
     left = 0
     for module in options.module or TESTS:
         tests = options.tests or TESTS.get(module)

@@ -101,7 +101,8 @@ def by_declaration(effect, what: str, c: dict[str, float]) -> tuple[float, float
 def test_an_effect_is_its_law(effect, what):
     law = (FORCES if what == "force" else SENSES)[effect.name]
     rng = np.random.default_rng(5)
-    c = {k.name: float(rng.uniform(0.5, 1.5)) * k.plausible * A**k.length * OMEGA0**-k.time for k in effect.coefficients}
+    units = {k.name: k.plausible * A**k.length * OMEGA0**-k.time for k in effect.coefficients}
+    c = {name: float(rng.uniform(0.5, 1.5)) * unit for name, unit in units.items()}
     given = SimpleNamespace(**{name: value for name, (value, _, _) in GIVEN.items()})
     expected = law(AT, SimpleNamespace(**c), given)
     np.testing.assert_allclose(by_declaration(effect, what, c), expected, rtol=1e-6, atol=1e-3 * np.abs(expected).max())

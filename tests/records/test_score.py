@@ -125,6 +125,19 @@ def test_the_pattern_formula_finds_a_slender_ellipse(angle):
     np.testing.assert_allclose(pattern_angle_rad(state, 9.0, np.zeros(50)), angle, atol=1e-12)
 
 
+@pytest.mark.parametrize("spin", [0.9, -0.4])
+def test_the_pattern_formula_follows_an_ellipse_that_a_virtual_rotation_turns(spin):
+    """z̈ + 2iWż + kz = 0 is ẅ + (k + W²) w = 0 in a frame that turns with −W: there the ellipse rests."""
+    k, angle, t = 9.0, 0.7, np.linspace(0.0, 5.0, 60)
+    nu = np.sqrt(k + spin**2)
+    w = np.exp(1j * angle) * (np.cos(nu * t) + 0.3j * np.sin(nu * t))
+    w_dot = nu * np.exp(1j * angle) * (-np.sin(nu * t) + 0.3j * np.cos(nu * t))
+    z, z_dot = np.exp(-1j * spin * t) * w, np.exp(-1j * spin * t) * (w_dot - 1j * spin * w)
+    found = pattern_angle_rad(np.stack([z.real, z_dot.real, z.imag, z_dot.imag]), k, np.full(60, spin))
+    off = (found - (angle - spin * t) + np.pi / 2) % np.pi - np.pi / 2
+    np.testing.assert_allclose(off, 0.0, atol=1e-12)
+
+
 def test_a_killed_run_is_scored_too(make_run):
     folder, truth = make_run(interrupted=True, result=False)
     result = score(folder, truth)

@@ -1,0 +1,105 @@
+"""Changes that were once made by hand and that no test noticed: each must be noticed by cheap tests."""
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.mutants.changes import Mutant
+
+
+@dataclass(frozen=True)
+class Named:
+    """What is wrong then; the module, the text that stands there once, what stands there instead, and the tests."""
+
+    says: str
+    module: str
+    before: str
+    after: str
+    tests: tuple[str, ...]
+
+    def mutant(self) -> Mutant:
+        """The change. Raises SystemExit where the text does not stand there exactly once."""
+        spec = importlib.util.find_spec(self.module)
+        assert spec is not None
+        assert spec.origin is not None
+        source = Path(spec.origin).read_text(encoding="utf-8")
+        if source.count(self.before) != 1:
+            raise SystemExit(f"{self.module}: {self.before!r} stands there {source.count(self.before)} times, not once")
+        line = source[: source.index(self.before)].count("\n") + 1
+        return Mutant(line, self.before, self.after, source.replace(self.before, self.after))
+
+
+_CERTAINTY = ("tests/estimator/test_certainty.py",)
+_LAWS = ("tests/estimator/test_laws.py",)
+_ENGINE = ("tests/estimator/test_engine.py",)
+
+NAMED = (
+    Named(
+        "an interval of 90 % is said to be one of 95 %",
+        "estimator.trace.certainty", "1.959963984540054", "1.6448536269514722", _CERTAINTY,
+    ),
+    Named(
+        "no interval is widened where innovations are larger than predicted",
+        "estimator.trace.certainty", "return max(float(np.sqrt(np.nanmean(normalised))), 1.0)", "return 1.0",
+        _CERTAINTY,
+    ),
+    Named(
+        "the widening is left out of the covariance",
+        "estimator.trace.certainty", "widening(model) ** 2 * covariance", "covariance", _CERTAINTY,
+    ),
+    Named(
+        "the gain of the part held out includes the fitted part",
+        "estimator.trace.claims", "innovation[split:], one.estimates.innovation_deviation[split:]",
+        "innovation, one.estimates.innovation_deviation", _CERTAINTY,
+    ),
+    Named(
+        "what is scored as held out includes the fitted part",
+        "estimator.trace.examination", "slice(split, len(record) // every * every)",
+        "slice(settled, len(record) // every * every)", _CERTAINTY,
+    ),
+    Named(
+        "foresight is of samples that the model was fitted to",
+        "estimator.trace.fitting", "problem.record.part(slice(seen, len(problem.record)))", "problem.record",
+        _CERTAINTY,
+    ),
+    Named(
+        "whatever was found on the first part carries over",
+        "estimator.trace.observer_model", "    return carried - without > min(", "    return True or min(", _CERTAINTY,
+    ),
+    Named(
+        "a number more costs nothing",
+        "estimator.trace.criterion", "return numbers * math.log(samples)", "return 0.0", _ENGINE,
+    ),
+    Named(
+        "a parameter costs nothing",
+        "estimator.trace.observer_model", "return len(effect.coefficients) + len(effect.parameters)",
+        "return len(effect.coefficients)", _CERTAINTY,
+    ),
+    Named(
+        "models are ranked without their price",
+        "estimator.trace.engine", "return self.likelihood - self.price", "return self.likelihood", _ENGINE,
+    ),
+    Named(
+        "one clean record in ten is given an effect",
+        "estimator.trace.thresholds", "chance: float = _set(1e-4", "chance: float = _set(1e-1", _ENGINE,
+    ),
+    Named(
+        "the angle's bound is that of one principal axis",
+        "estimator.trace.angle", "total += float(np.max(np.abs(moved - usual))) ** 2",
+        "total = max(total, float(np.max(np.abs(moved - usual))) ** 2)", _CERTAINTY,
+    ),
+    Named(
+        "the judge of the angle takes W² with the other sign",
+        "hil.score", "stiffness_per_s2 + spin_rad_s**2", "stiffness_per_s2 - spin_rad_s**2",
+        ("tests/records/test_score.py",),
+    ),
+    Named(
+        "drag drives",
+        "estimator.effects.damping", "force=(-dqx * vx**2", "force=(dqx * vx**2", _LAWS,
+    ),
+    Named(
+        "cubic damping has the unit of another law",
+        "estimator.effects.damping", 'Coefficient(dcx, "dcx", 0.01, -2, 1)', 'Coefficient(dcx, "dcx", 0.01, -2, -1)',
+        _LAWS,
+    ),
+)  # fmt: skip

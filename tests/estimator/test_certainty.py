@@ -1,0 +1,282 @@
+"""What is said to be how sure: intervals, their widening, and the bound of the angle, each beside its closed form."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from estimator.effects.catalogue import effect_for
+from estimator.settings import Device, ObserverSettings
+from estimator.trace import angle, claims, examination, fitting, observer_model
+from estimator.trace.angle import AngleReader
+from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
+from estimator.trace.parameters import NOTHING, Searched
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+N, SPLIT = 1200, 700
+DEVICE = Device(
+    sample_rate=4000.0,
+    stiffness=(1.6e6, 1.62e6, 0.0),
+    damping=(1.0, 1.2, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, 900.0),
+    noise=(1e-4, 1e-4),
+)
+COVARIANCE = np.array([[4e-4, 3e-4], [3e-4, 9e-4]])
+VALUES = (0.05, -0.02)
+
+
+def problem(samples: int = N) -> Problem:
+    sense = np.random.default_rng(4).standard_normal((samples, 2))
+    record = Record(sense, np.ones((samples, 2, 1)), np.full(samples, 1 / 4000.0))
+    known = {"drive_gain": dict(zip(("hx", "hy"), VALUES, strict=True))}
+    return Problem(record, DEVICE, ObserverSettings(effects=known))
+
+
+def fitted(size: float):
+    """A model with a drive gain whose innovations are `size` times as large as was predicted."""
+    names = ("x", "vx", "hx", "hy")
+    full = np.zeros((4, 4))
+    full[2:, 2:] = COVARIANCE
+    observer = SimpleNamespace(
+        device=DEVICE, names=names, estimated=names, covariance=full, state=np.array([0.0, 0.0, *VALUES]),
+        effects=[effect_for("drive_gain", 2)], settings=problem().settings,
+    )  # fmt: skip
+    signs = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
+    estimates = SimpleNamespace(innovation=3e-4 * size * signs, innovation_deviation=np.full((N, 2), 3e-4))
+    return SimpleNamespace(observer=observer, estimates=estimates, settings=observer.settings)
+
+
+@pytest.mark.parametrize("size", [0.5, 1.0, 2.5])
+def test_an_interval_is_95_percent_of_a_normal_distribution_as_wide_as_the_innovations_say(size):
+    """As wide as predicted where the innovations are no larger: a model is never surer than it says."""
+    model = fitted(size)
+    half = norm.ppf(0.975) * max(size, 1.0) * np.sqrt(np.diagonal(COVARIANCE))
+    found = observer_model.estimates_of(model, {})["drive_gain"]
+    for symbol, value, off in zip(("hx", "hy"), VALUES, half, strict=True):
+        assert (found[symbol].value, found[symbol].low) == pytest.approx((value, value - off), rel=1e-9)
+        assert found[symbol].high == pytest.approx(value + off, rel=1e-9)
+    assert pytest.approx(norm.ppf(0.975), rel=1e-12) == TWO_SIDED
+    assert widening(model) == pytest.approx(max(size, 1.0))
+
+
+def test_lost_samples_do_not_make_a_model_surer():
+    model = fitted(2.5)
+    model.estimates.innovation[::3] = np.nan
+    assert widening(model) == pytest.approx(2.5)
+
+
+def test_what_a_searched_parameter_moves_the_coefficients_by_is_in_their_covariance():
+    searched = Searched(("limit",), np.array([[4.0]]), np.array([[0.1], [-0.2]]))
+    expected = 4.0 * (COVARIANCE + 4.0 * np.array([[0.01, -0.02], [-0.02, 0.04]]))
+    np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), searched), expected, rtol=1e-12)
+    np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), NOTHING), 4.0 * COVARIANCE, rtol=1e-12)
+
+
+@pytest.mark.parametrize("weights", [(1.0, 0.0), (0.3, 1.0), (1.0, -1.0)])
+def test_the_angles_bound_is_that_of_all_coefficients_together(monkeypatch, weights):
+    """Of an angle w·c: 1.96 standard deviations of w·c, √(wᵀ C w), whichever way the two hang together."""
+    w = np.array(weights)
+
+    def read(self, effects):
+        return np.array([0.0, 0.5, 1.0]) * float(w @ [effects["drive_gain"]["hx"], effects["drive_gain"]["hy"]])
+
+    monkeypatch.setattr(AngleReader, "angle", read)
+    asked = problem()
+    bound = AngleReader(asked).bound(asked.effects, "drive_gain", COVARIANCE)
+    assert bound == pytest.approx(norm.ppf(0.975) * np.sqrt(w @ COVARIANCE @ w), rel=1e-9)
+
+
+def test_the_bound_shifts_coefficients_and_no_parameter_and_no_other_effect(monkeypatch):
+    effects = {"drive_saturation": {"sx": 1.0, "sy": 1.0, "limit": 3.0}, "sense_gain": {"gy": 0.1}}
+    seen = []
+
+    def read(self, given):
+        seen.append(given)
+        return np.zeros(3)
+
+    monkeypatch.setattr(AngleReader, "angle", read)
+    AngleReader(problem()).bound(effects, "drive_saturation", np.diag([1e-4, 4e-4]))
+    assert len(seen) == 3
+    assert all(given["sense_gain"] == {"gy": 0.1} and given["drive_saturation"]["limit"] == 3.0 for given in seen)
+    assert effects["drive_saturation"] == {"sx": 1.0, "sy": 1.0, "limit": 3.0}
+
+
+def test_how_far_the_angle_moves_for_another_effect_is_by_the_model_that_carries_it_instead(monkeypatch):
+    carried = {}
+
+    def fit(asked, passes):
+        carried["fitted"] = set(asked.effects)
+        return SimpleNamespace(observer=None)
+
+    monkeypatch.setattr(angle, "fit", fit)
+    monkeypatch.setattr(angle, "coefficients_of", lambda observer: {"sense_gain": {"gy": 0.4}})
+    monkeypatch.setattr(
+        AngleReader, "angle", lambda self, effects: np.array([0.0, -effects.get("sense_gain", {"gy": 0.1})["gy"]])
+    )
+    effects = {"drive_gain": {"hx": 0.1, "hy": 0.0}, "drag": {"dqx": 1.0}}
+    assert AngleReader(problem()).mistaken(effects, "drive_gain", "sense_gain", {}) == pytest.approx(0.3)
+    assert carried["fitted"] == {"sense_gain", "drag"}
+
+
+def test_the_start_of_the_record_is_not_read(monkeypatch):
+    monkeypatch.setattr(angle, "Observer", lambda *args: None)
+    monkeypatch.setattr(angle, "hold", lambda observer: None)
+    monkeypatch.setattr(angle, "run", lambda observer, record: SimpleNamespace(angle=np.arange(float(len(record)))))
+    reader = AngleReader(problem())
+    settled = 3.0 * min(ObserverSettings().memory, 1.0) * DEVICE.sample_rate
+    assert reader.angle({})[0] == min(int(settled), N // 4)
+
+
+def series(before: float, after: float):
+    """An innovation of ± that size, first before the split, then after it."""
+    signs = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
+    return np.where(np.arange(N)[:, None] < SPLIT, before, after) * signs
+
+
+def test_the_gain_of_a_claim_is_that_of_the_part_held_out(monkeypatch):
+    """Of a model that fits its own part better by far and the rest worse, Σ(ν₀² − ν₁²) of the rest alone."""
+    for name in ("constants_of", "_rate", "_levels", "_votes", "contest"):
+        monkeypatch.setattr(claims, name, lambda *args: ())
+    fit = SimpleNamespace(innovation_rms=(1.0, 1.0), noise_floor=(1.0, 1.0))
+    was, now = (
+        SimpleNamespace(
+            held_out=fit,
+            innovations=None,
+            estimates=SimpleNamespace(innovation=innovation, innovation_deviation=np.ones((N, 2))),
+        )
+        for innovation in (series(3.0, 1.0), series(1.0, 1.1))
+    )
+    selection = SimpleNamespace(coefficients={"drive_gain": {}, "drag": {}}, after=None)
+    claim = claims.claim_of(problem(), selection, was, now, SPLIT)
+    assert claim.residual.gain == pytest.approx(2 * (N - SPLIT) * (1.0 - 1.21))
+    assert not claim.residual.fell
+    assert claim.residual.samples == 2 * (N - SPLIT)
+    assert set(claim.effects) == {"drag"}  # the drive gain was known
+
+
+def test_the_residual_is_in_multiples_of_the_lower_floor():
+    before = SimpleNamespace(innovation_rms=(6.0, 2.0), noise_floor=(2.0, 1.0))
+    after = SimpleNamespace(innovation_rms=(3.0, 2.0), noise_floor=(1.0, 2.0))
+    errors = claims.residual_of(before, after, 10.0)
+    assert errors.before == pytest.approx(np.sqrt((36.0 + 4.0) / 2.0))
+    assert errors.after == pytest.approx(np.sqrt((9.0 + 4.0) / 2.0))
+    assert errors.floor == 1.0
+
+
+def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
+    """No sample of the fitted part is in what is said of the rest, nor the other way round; the start is in neither."""
+    asked = problem()
+    n = np.arange(float(N))
+    fields = dict.fromkeys(("angle", "angle_pattern", "angle_plain", "angle_rate_integral", "energy_ratio"), n)
+    fields |= {"quadrature_ratio": n, "innovation": np.stack([n, n], 1), "innovation_deviation": np.ones((N, 2))}
+    state = np.zeros((N, 1))
+    estimates = SimpleNamespace(**fields, index=np.arange(N), state=state, deviation=state, names=())
+    parts = []
+
+    def analyse(innovation, deviation, part, record, resonance):
+        parts.append((innovation[:, 0], record.sense))
+        return SimpleNamespace(simulation_rmse=None), (), SimpleNamespace(frequency=None, density=None)
+
+    monkeypatch.setattr(examination, "Observer", lambda *args: None)
+    monkeypatch.setattr(examination, "hold", lambda observer: None)
+    monkeypatch.setattr(examination, "run", lambda observer, record, every: estimates)
+    monkeypatch.setattr(examination, "analyse", analyse)
+    free = np.where(n[:, None] < SPLIT, 3.0, 4.0) * np.ones((1, 2))
+    monkeypatch.setattr(examination, "free_run_error", lambda problem: free)
+    monkeypatch.setattr(examination, "replace", lambda what, **changes: SimpleNamespace(**{**vars(what), **changes}))
+    found = examination.examine(asked, SPLIT)
+    (fitting_part, fitted_sense), (held_out, rest) = parts
+    np.testing.assert_array_equal(held_out, n[SPLIT:])
+    np.testing.assert_array_equal(rest, asked.record.sense[SPLIT:])
+    settled = min(int(3.0 * min(ObserverSettings().memory, 1.0) * DEVICE.sample_rate), SPLIT // 4)
+    np.testing.assert_array_equal(fitting_part, n[settled:SPLIT])
+    np.testing.assert_array_equal(fitted_sense, asked.record.sense[settled:SPLIT])
+    assert (found.fitted.simulation_rmse, found.held_out.simulation_rmse) == (3.0, 4.0)
+
+
+def test_errors_of_rate_and_angle_are_those_beside_the_reference():
+    """A rate that is off by 0.02 and an angle that runs away by that, on its own part of the record."""
+    step = 1 / 4000.0
+    true = np.full(N, 0.3)
+    record = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, step), {"rate": true})
+    read = np.cumsum(np.full(N, 0.32)) * step
+    estimates = SimpleNamespace(
+        names=("rate",), index=np.arange(N), angle=read, of=lambda name: np.where(np.arange(N) < SPLIT, 9.0, 0.32)
+    )
+    fit = claims.Fit((1.0,), (1.0,), 1.0, 0.5)
+    found = examination.scored(fit, record, estimates, slice(SPLIT, N), 1)
+    assert found.rate_error_rms == pytest.approx(0.02)
+    assert found.angle_error_rms == pytest.approx(0.02 * step * np.sqrt(((N - SPLIT) ** 2 - 1) / 12.0))
+
+
+@pytest.mark.parametrize(
+    ("gain", "later", "over"),
+    # a twelfth of the gain, a quarter of the share that the last third has; or what chance gives one effect of two
+    # coefficients on one record in 10⁴: −2 ln 10⁻⁴ = 18.42
+    [(120.0, 10.1, True), (120.0, 9.9, False), (1e6, 18.5, True), (1e6, 18.3, False), (120.0, -1.0, False)],
+)
+def test_what_was_found_on_the_first_part_must_predict_the_rest(monkeypatch, gain, later, over):
+    asked = []
+
+    def foresight(problem, seen):
+        asked.append(seen)
+        return 500.0 + later if "drive_gain" in problem.effects else 500.0
+
+    monkeypatch.setattr(observer_model, "foresight", foresight)
+    monkeypatch.setattr(observer_model, "coefficients_of", lambda observer: {})
+    monkeypatch.setattr(observer_model, "parameters_of", lambda model, name: {})
+    base, model = (SimpleNamespace(likelihood=one, observer=None) for one in (1000.0, 1000.0 + gain))
+    assert observer_model.carries_over(problem(), base, model, "drive_gain") is over
+    assert asked == [800, 800]
+
+
+def test_foresight_fits_the_first_part_and_scores_the_rest(monkeypatch):
+    asked = problem()
+    seen = []
+
+    def fit(part):
+        seen.append(part.record.sense)
+        return SimpleNamespace(observer=SimpleNamespace(x=np.zeros(2)))
+
+    def run(observer, record):
+        seen.append(record.sense)
+        return SimpleNamespace(innovation=record.sense, innovation_deviation=np.full(record.sense.shape, 2.0))
+
+    monkeypatch.setattr(fitting, "fit", fit)
+    monkeypatch.setattr(fitting, "run", run)
+    found = fitting.foresight(asked, 800)
+    np.testing.assert_array_equal(seen[0], asked.record.sense[:800])
+    np.testing.assert_array_equal(seen[1], asked.record.sense[800:])
+    expected = 2.0 * np.sum(norm.logpdf(asked.record.sense[800:], scale=2.0)) + 800 * np.log(2.0 * np.pi)
+    assert found == pytest.approx(expected)
+
+
+def test_an_observer_that_diverged_foresees_nothing(monkeypatch):
+    monkeypatch.setattr(fitting, "fit", lambda part: SimpleNamespace(observer=SimpleNamespace(x=np.array([np.nan]))))
+    monkeypatch.setattr(
+        fitting, "run", lambda observer, record: SimpleNamespace(innovation=np.ones(2), innovation_deviation=np.ones(2))
+    )
+    assert fitting.foresight(problem(), 800) == -np.inf
+
+
+def test_every_number_of_an_effect_is_paid_for_and_chance_is_by_its_coefficients():
+    """A saturation has two coefficients and a limit: it costs 3 ln n, and must gain what χ² of two gives by chance."""
+    from scipy.stats import chi2
+
+    base = SimpleNamespace(likelihood=900.0, estimates=SimpleNamespace(innovation=np.zeros((N, 2))))
+    current = SimpleNamespace(fitted=base)
+    look = SimpleNamespace(evidence=dict.fromkeys(range(25)))
+    likelihoods = {"drive_gain": 1000.0, "drive_saturation:2": 1007.0, "nonreciprocal_stiffness": 950.0}
+    fits = {name: SimpleNamespace(fitted=SimpleNamespace(likelihood=one)) for name, one in likelihoods.items()}
+    scores = observer_model.ObserverModel(problem()).score(current, look, fits)
+    samples = 2 * N
+    for name, numbers, coefficients in (
+        ("drive_gain", 2, 2), ("drive_saturation:2", 3, 2), ("nonreciprocal_stiffness", 1, 1),
+    ):  # fmt: skip
+        assert scores[name].price == pytest.approx(numbers * np.log(samples))
+        assert scores[name].bar == pytest.approx(chi2.isf(1e-4 / 25, coefficients))
+        assert scores[name].gain == fits[name].fitted.likelihood - 900.0
+    assert scores["drive_gain"].standing > scores["drive_saturation:2"].standing
