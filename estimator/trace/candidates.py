@@ -18,6 +18,9 @@ from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.candidates
 
+LINES = ("interference", "base_vibration")
+"""Effects that draw a line into the spectrum, whatever its cause."""
+
 Parameters = dict[str, float]
 
 
@@ -65,7 +68,7 @@ def _of_lines(record: Record, device: Device, whitened: Array) -> dict[str, Para
     strongest = sorted(steady, key=lambda line: -line.rms)[: _SET.lines]
     watched = {}
     for label, line in enumerate(strongest, start=1):
-        for name in ("interference", "base_vibration"):
+        for name in LINES:
             watched[f"{name}:{label}"] = {"omega": 2.0 * np.pi * line.frequency}
     return watched
 

@@ -16,6 +16,7 @@ from estimator.scaling import Array
 from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
+from estimator.trace.scan import PARTS
 from estimator.trace.start import begin_about
 
 
@@ -34,6 +35,24 @@ def log_likelihood(innovation: Array, deviation: Array) -> float:
     with np.errstate(invalid="ignore"):
         terms = (innovation / deviation) ** 2 + 2.0 * np.log(deviation)
     return float(-np.sum(terms[np.isfinite(terms)]))
+
+
+def leads(model: Fitted, other: Fitted) -> Array:
+    """By how much twice the log-likelihood of a model is larger than another's, by part of the record (parts,)."""
+    (one, spread), (two, spread_of_other) = (
+        (fitted.estimates.innovation, fitted.estimates.innovation_deviation) for fitted in (model, other)
+    )
+    with np.errstate(invalid="ignore"):
+        lead = (two / spread_of_other) ** 2 - (one / spread) ** 2 + 2.0 * np.log(spread_of_other / spread)
+    return np.array([np.nansum(part) for part in np.array_split(lead, PARTS)])
+
+
+def deficit(model: Fitted, other: Fitted) -> float:
+    """By how much the other is behind, over the whole record or behind its first part, if it is less there: what the
+    observer's start alone tells hangs on how it was linearised.
+    """
+    lead = leads(model, other)
+    return float(min(np.sum(lead), np.sum(lead[1:])))
 
 
 def constants_of(observer: Observer) -> dict[str, float]:

@@ -8,10 +8,11 @@ import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.trace.certainty import TWO_SIDED, covariance_of
-from estimator.trace.criterion import schwarz, surprise
+from estimator.trace.criterion import TIE, schwarz, surprise
 from estimator.trace.engine import Estimate, Score, Trial, leader
-from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
+from estimator.trace.fitting import Fitted, coefficients_of, deficit, fit, foresight, parameters_of
 from estimator.trace.look import Look, look_at
+from estimator.trace.nested import turned_into
 from estimator.trace.parameters import NOTHING, Searched, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.thresholds import THRESHOLDS
@@ -60,21 +61,26 @@ class ObserverModel:
         return hopeful(look, {name: trial.score.gain for name, trial in tried.items()}, behind, screened)
 
     def _ahead(self, best: Carrying, carried: str, names: list[str], look: Look) -> list[str]:
-        """Of these, the ones that explain more of a short part of the record than the best so far."""
+        """Of these, the ones that explain as much of a short part of the record as the best so far, the most first, and
+        no more than are carried at a time.
+        """
         part = self.problem.part(slice(0, _SET.screened))
         effects = {name: dict(given) for name, given in best.fitted.settings.effects.items()}
-        reached = fit(part.carrying(effects), passes=1).likelihood
+        reached = fit(part.carrying(effects), passes=1)
         del effects[carried]
-
-        def alone(name: str) -> float:
-            return fit(part.carrying({**effects, name: look.watched[name]}), passes=1).likelihood
-
-        return [name for name in names if alone(name) > reached]
+        behind = {
+            name: deficit(reached, fit(part.carrying({**effects, name: look.watched[name]}), passes=1))
+            for name in names
+        }
+        near = sorted((name for name in names if behind[name] < TIE), key=lambda name: behind[name])
+        return near[: THRESHOLDS.width.batch]
 
     def fit(
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]
-    ) -> Mapping[str, Carrying]:
-        """Each beside what `current` carries; parameters of those near the best are searched."""
+    ) -> Mapping[str, Carrying | str]:
+        """Each beside what `current` carries; parameters of those near the best are searched.  What turns into
+        a simpler effect on the way is none.
+        """
         base = current.fitted
         effects = coefficients_of(base.observer)
         models = {name: fit(self.problem.carrying({**effects, name: look.watched[name]})) for name in names}
@@ -83,10 +89,13 @@ class ObserverModel:
         for name in worth_refining(models, base, reached, look.watched):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
             models[name], searched[name] = refine_parameters(self.problem, models[name], name, to_beat=best)
-        return {
-            name: Carrying(self.problem, fitted, {**current.searched, name: searched.get(name, NOTHING)})
-            for name, fitted in models.items()
-        }
+        found: dict[str, Carrying | str] = {}
+        for name, fitted in models.items():
+            if simpler := turned_into(self.problem, name, parameters_of(fitted, name)):
+                found[name] = f"its threshold goes where it is {simpler}"
+            else:
+                found[name] = Carrying(self.problem, fitted, {**current.searched, name: searched.get(name, NOTHING)})
+        return found
 
     def score(self, current: Carrying, look: Look, fits: Mapping[str, Carrying]) -> Mapping[str, Score]:
         """Each number that an effect has is paid for: a drive that saturates at nothing is one of another gain, with a

@@ -5,6 +5,7 @@ Each parameter climbs by itself; several are then moved together, since a resona
 together.  Close to its top twice the log-likelihood is L − Δᵀ C⁻¹ Δ, with C the covariance of the parameters.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.trace.fitting import Fitted, coefficients_of, fit
+from estimator.trace.nested import turned_into
 from estimator.trace.problem import Problem
 from estimator.trace.thresholds import THRESHOLDS
 
@@ -65,9 +67,13 @@ def refine_parameters(
         known = np.sqrt(np.diagonal(before.covariance))
         width = np.where(known > 0.0, np.minimum(width, _SET.fine * known), width)
     top, deviation = start, np.zeros(len(names))
+
+    def hopeless() -> bool:
+        return model.likelihood + _SET.hope * (hill.highest - hill.at(start)) + _SET.rough_start < to_beat
+
     for i in range(len(names)):
-        top, deviation[i] = hill.climb(top, i, float(width[i]))
-        if model.likelihood + _SET.hope * (hill.highest - hill.at(start)) + _SET.rough_start < to_beat:
+        top, deviation[i] = hill.climb(top, i, float(width[i]), hopeless)
+        if hopeless():
             return hill.fitted(top), Searched(
                 names, np.diag(deviation**2), np.zeros((len(effect.coefficients), len(names)))
             )
@@ -115,13 +121,19 @@ class Hill:
         effects[self.name].update(zip(self.names, place.tolist(), strict=True))
         return fit(self.problem.under(self.model.settings).carrying(effects), passes=passes)
 
-    def climb(self, place: Array, index: int, width: float) -> tuple[Array, float]:
+    def climb(
+        self, place: Array, index: int, width: float, hopeless: Callable[[], bool] = lambda: False
+    ) -> tuple[Array, float]:
         """Along one parameter: steps uphill, twice as long each, until both sides are lower; then to the top of the
         parabola through the three, with steps of a few standard deviations.  Returns where, and its deviation.
+
+        It ends where the effect has turned into a simpler one, and short of the top where that is `hopeless`.
         """
         deviation = 0.0
         along = np.eye(len(place))[index]
         for _ in range(_SET.rounds):
+            if turned_into(self.problem, self.name, dict(zip(self.names, place.tolist(), strict=True))):
+                break
             width = min(width, _SET.widest * float(place[index]))
             low, here, high = (self.at(place + side * width * along) for side in (-1.0, 0.0, 1.0))
             if not np.isfinite(low) or not np.isfinite(high):
@@ -138,6 +150,8 @@ class Hill:
                 width *= _SET.flat_growth
                 continue
             deviation = width * float(np.sqrt(2.0 / curvature))
+            if hopeless():
+                break
             shift = 0.5 * width * (high - low) / curvature
             narrow = width < 2.0 * _SET.fine * deviation
             if abs(shift) < _SET.near * deviation and narrow:

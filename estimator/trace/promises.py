@@ -131,7 +131,7 @@ def at_floor(claim: Claim) -> tuple[str, ...]:
 
 
 def signs(claim: Claim) -> tuple[str, ...]:
-    """Friction that drives is no friction, and a gain of the other sign is another polarity."""
+    """Friction that drives is no friction, and a gain of the other sign is one only where a polarity makes it so."""
     return tuple(why for name in claim.effects if (why := wrong_sign(name, claim.effects[name])))
 
 
@@ -223,9 +223,26 @@ def wrong_sign(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
         return f"{_plain(name)} fits only with a negative {symbol}, which would be something else"
     if kind(name) in _GAINS:
         for symbol, estimate in coefficients.items():
-            if estimate.high < -1.0:
+            if estimate.high < -1.0 and not _is_polarity(estimate):
                 return f"{_plain(name)} fits only with {symbol} = {estimate.value:.3g}: a gain of the other sign"
     return None
+
+
+def turned(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
+    """What is said of an effect whose gain is that of a channel the other way round, None where none is."""
+    if kind(name) not in _GAINS:
+        return None
+    axes = [symbol[-1] for symbol, estimate in coefficients.items() if _is_polarity(estimate)]
+    if not axes:
+        return None
+    both = " and ".join(axes)
+    return f"{_plain(name)} of {both} is a polarity: {both} {'are' if axes[1:] else 'is'} driven or sensed reversed"
+
+
+def _is_polarity(gain: Estimate) -> bool:
+    """Whether a relative gain is of the other sign beyond doubt, and of about the size that is declared."""
+    size = -1.0 - gain.value
+    return gain.high < -1.0 and 1.0 / _SET.polarity <= size <= _SET.polarity
 
 
 def may_be_nothing(name: str, coefficients: Mapping[str, Estimate]) -> str | None:

@@ -5,16 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.scaling import Array
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.criterion import TIE, schwarz
 from estimator.trace.dispersion import dispersed
 from estimator.trace.engine import Step, Trial
-from estimator.trace.fitting import Fitted, parameters_of
+from estimator.trace.fitting import Fitted, deficit, parameters_of
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, numbers
 from estimator.trace.probability import NOTHING, Account, nearest
-from estimator.trace.scan import PARTS
 
 
 @dataclass(frozen=True)
@@ -39,11 +37,10 @@ def rivals(step: Step[Carrying]) -> Mapping[str, Rival]:
         if kind(name) == kind(step.name):
             continue
         price = trial.score.price - taken.score.price
-        lead = leads(taken.fit.fitted, trial.fit.fitted)
-        deficit = price + float(min(np.sum(lead), np.sum(lead[1:])))
+        behind = price + deficit(taken.fit.fitted, trial.fit.fitted)
         bound = TIE * max(dispersion(taken.fit.fitted, trial.fit.fitted), 1.0)
-        if deficit < bound:
-            found[name] = Rival(deficit, bound, parameters_of(trial.fit.fitted, name))
+        if behind < bound:
+            found[name] = Rival(behind, bound, parameters_of(trial.fit.fitted, name))
     return dict(sorted(found.items(), key=lambda item: item[1].deficit))
 
 
@@ -66,10 +63,8 @@ def left_out(look: Look) -> tuple[Account, ...]:
 
 
 def _behind(name: str, taken: Trial[Carrying], other: Fitted, price: float) -> Account:
-    lead = leads(taken.fit.fitted, other)
-    return Account(
-        name, price + float(min(np.sum(lead), np.sum(lead[1:]))), dispersion(taken.fit.fitted, other)
-    )  # fmt: skip
+    behind = price + deficit(taken.fit.fitted, other)
+    return Account(name, behind, dispersion(taken.fit.fitted, other))
 
 
 def _watched(look: Look, reached: float) -> list[Account]:
@@ -82,16 +77,6 @@ def _watched(look: Look, reached: float) -> list[Account]:
 
 def _numbers(look: Look, name: str) -> int:
     return numbers(name, look.seen.observer.device.axes)
-
-
-def leads(model: Fitted, other: Fitted) -> Array:
-    """By how much twice the log-likelihood of a model is larger than another's, by part of the record (parts,)."""
-    (one, spread), (two, spread_of_other) = (
-        (fitted.estimates.innovation, fitted.estimates.innovation_deviation) for fitted in (model, other)
-    )
-    with np.errstate(invalid="ignore"):
-        lead = (two / spread_of_other) ** 2 - (one / spread) ** 2 + 2.0 * np.log(spread_of_other / spread)
-    return np.array([np.nansum(part) for part in np.array_split(lead, PARTS)])
 
 
 def dispersion(model: Fitted, other: Fitted) -> float:

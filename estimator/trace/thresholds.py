@@ -174,6 +174,9 @@ class Promises:
         0.01, "probability", "Of a residual at the floor to lie above what is allowed, where few samples tell."
     )
     never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
+    polarity: float = _set(
+        2.0, "× the declared gain, or its inverse", "A channel the other way round has its gain, but for some percent."
+    )
 
 
 @dataclass(frozen=True)

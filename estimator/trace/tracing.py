@@ -190,6 +190,7 @@ def _reasons(named: Effects, selection: Selection, before: Fit, after: Fit, why:
     return (
         f"the innovation of the part held out is {after.ratio:.4g} × the noise floor{was}",
         f"none of the {len(looked_for)} {other}effects looked for explains more than chance would",
+        *(said for name in named if (said := promises.turned(name, selection.coefficients[name]))),
         *_turned_down(why),
     )
 

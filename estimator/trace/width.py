@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Collection, Mapping
 
-from estimator.trace.candidates import Parameters, kind
+from estimator.trace.candidates import LINES, Parameters, kind
 from estimator.trace.criterion import TIE, surprise
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
 from estimator.trace.look import Look
+from estimator.trace.nested import with_simpler
 from estimator.trace.scan import Scan
 from estimator.trace.thresholds import THRESHOLDS
 
@@ -22,20 +23,25 @@ def hopeful(
     """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
     First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by; and
-    where the best leaves something, every kind once.  gains: of those that were tried; behind: what is seen behind the
-    best of them; screened: those that a short part of the record speaks for.
+    where the best leaves something, every kind once.  Where it leaves nothing, but the scan stood before much, or the
+    best is a line, with which anything may be drawn, a short part of the record is asked about every kind.
+    gains: of those that were tried; behind: what is seen behind the best of them; screened: those that a short part of
+    the record speaks for.
     """
-    leaders = shortlist(look.seen, look.serious)
+    leaders = with_simpler(shortlist(look.seen, look.serious), look.evidence)
     if not gains:
         return leaders
     near = within_reach(look.serious, leaders, max(gains[name] for name in gains if name in leaders))
     if names := [name for name in near if name not in gains]:
         return names
-    if set(gains) - {*leaders, *near} or is_small(behind(), max(gains.values())):
+    if set(gains) - {*leaders, *near}:
         return []
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
     others = second_thoughts(look.evidence, gains)
-    return others[: _SET.batch] + screened(others[_SET.batch :])
+    if not is_small(behind(), max(gains.values())):
+        return others[: _SET.batch] + screened(others[_SET.batch :])
+    best = max(gains, key=lambda name: gains[name])
+    return screened(others) if look.seen.ratio**2 > 1.0 + _SET.power or kind(best) in LINES else []
 
 
 def is_small(left: Look, gained: float) -> bool:

@@ -35,7 +35,8 @@ def test_what_holds_has_nothing_against_it() -> None:
         ("fell", {"residual": Errors(3.0, 1.0, 1.0, 1e5, gain=-0.1)}),
         ("at_floor", {"residual": Errors(3.0, 1.11, 1.0, 1e5, gain=900.0)}),
         ("signs", {"effects": {"dry_friction": {"fx": Estimate(-2.0, -3.0, -1.0, positive=True)}}}),
-        ("signs", {"effects": {"drive_gain": {"hx": Estimate(-2.0, -2.1, -1.9)}}}),
+        ("signs", {"effects": {"drive_gain": {"hx": Estimate(-1.3, -1.4, -1.2)}}}),
+        ("signs", {"effects": {"sense_gain": {"gy": Estimate(-45.0, -46.0, -44.0)}}}),
         ("beyond_zero", {"effects": {"dry_friction": {"fx": Estimate(0.5, -0.1, 1.1, positive=True)}}}),
         ("beyond_zero", {"effects": {"drag": {"dqx": Estimate(0.5, math.nan, math.nan)}}}),
         ("constants", {"constants": (Constant("kxx", 1.22, 1.21, 1.23, declared=1.0, deviation=0.05),)}),
@@ -61,6 +62,7 @@ def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: 
         {"residual": Errors(3.0, 1.09, 1.0, 1e5, gain=0.1)},
         {"effects": {"dry_friction": {"fx": Estimate(-0.1, -0.3, 0.1, positive=True), "fy": SURE}}},
         {"effects": {"drive_gain": {"hx": Estimate(-0.95, -0.99, -0.91)}}},
+        {"effects": {"drive_gain": {"hx": Estimate(-2.03, -2.1, -1.96), "hy": SURE}}},  # a channel the other way round
         {"effects": {"drag": {"dqx": Estimate(-0.05, -0.06, -0.04)}}},  # not declared positive
         {"constants": (Constant("kxx", 1.19, 1.18, 1.20, declared=1.0, deviation=0.05),)},
         {"constants": (Constant("kxx", 1.3, 1.1, 1.5, declared=1.0, deviation=0.05),)},  # may as well lie within
@@ -147,3 +149,15 @@ def test_the_dominant_effects_are_named() -> None:
     assert promises.minor({"cubic_stiffness": 191_500.0, "drag": 646.0, "sense_gain": 30_000.0}) == ("drag",)
     assert promises.minor({"a": 5.0}) == ()
     assert promises.minor({}) == ()
+
+
+def test_a_channel_the_other_way_round_is_said_to_be_a_polarity() -> None:
+    flipped, usual = Estimate(-1.98, -2.0, -1.96), Estimate(0.03, 0.02, 0.04)
+    said = promises.turned("drive_gain", {"hx": flipped, "hy": flipped})
+    assert said == "drive gain of x and y is a polarity: x and y are driven or sensed reversed"
+    said = promises.turned("sense_gain", {"gy": flipped})
+    assert said == "sense gain of y is a polarity: y is driven or sensed reversed"
+    assert promises.turned("drive_gain", {"hx": usual, "hy": usual}) is None
+    assert promises.turned("drive_gain", {"hx": Estimate(-2.0, -3.1, -0.9), "hy": usual}) is None  # not beyond doubt
+    assert promises.turned("drive_gain", {"hx": Estimate(-4.0, -4.1, -3.9), "hy": usual}) is None
+    assert promises.turned("cubic_stiffness", {"k3x": flipped}) is None

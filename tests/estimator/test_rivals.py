@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from estimator.trace.engine import Score, Step, Trial
+from estimator.trace.fitting import leads
 from estimator.trace.probability import NOTHING
-from estimator.trace.rivals import accounts, dispersion, leads, left_out, rivals
+from estimator.trace.rivals import accounts, dispersion, left_out, rivals
 from estimator.trace.scan import PARTS
 
 N = 32_000

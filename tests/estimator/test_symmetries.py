@@ -100,6 +100,35 @@ def test_the_other_cause_gives_the_same_voltages(named, others) -> None:
         assert np.max(np.abs(again - seen)) < 1e-7 * np.max(np.abs(seen)), other
 
 
+@pytest.mark.parametrize(("named", "others"), ALL, ids=lambda given: "+".join(sorted(given)))
+@pytest.mark.parametrize(
+    "beside",
+    [
+        {"cubic_stiffness": {"k3x": is_(0.01), "k3y": is_(0.02)}},
+        {"dry_friction": {"fx": is_(1e-3), "fy": is_(2e-3)}},
+        {"sense_quadratic": {"a2x": is_(0.01), "a2y": is_(-0.01)}},
+        {"interference:1": {"lsx": is_(0.1), "lcx": is_(0.1), "lsy": is_(0.1), "lcy": is_(0.1)}},
+    ],
+    ids=lambda given: next(iter(given)),
+)
+def test_each_symmetry_is_listed_beside_an_effect_as_without_one(named, others, beside) -> None:
+    found = of(beside | named)
+    assert set(found) == others
+    for other, one in found.items():
+        assert one.effect in named
+        assert one.size == pytest.approx(of(named)[other].size)
+        assert one.separate_by == of(named)[other].separate_by
+
+
+def test_a_drive_with_both_axes_reversed_is_a_polarity_that_leaves_the_rate() -> None:
+    found = of({"drive_gain": {"hx": is_(-2.0), "hy": is_(-2.0)}})
+    assert set(found) == {"drive_polarity", "sense_polarity"}
+    for one in found.values():
+        assert one.separate_by == "tilt that axis: gravity tells the sign of its sense"
+        assert one.system.coriolis == pytest.approx(CORIOLIS)
+        assert one.angle == 0.0
+
+
 def test_the_other_cause_is_what_its_name_says() -> None:
     one, flip = np.eye(2), np.diag([-1.0, 1.0])
     clock = of(DRIVE_GAIN)["clock_rate"]

@@ -17,10 +17,11 @@ def item(name: str, gain: float, scatter: float = 1.0) -> Evidence:
     return Evidence(name, gain, 1, scatter, np.zeros(1), np.ones(1))
 
 
-def look(*items: Evidence) -> Look:
-    """What a scan shows whose candidates have nothing in common."""
+def look(*items: Evidence, ratio=1.0) -> Look:
+    """What a scan shows whose candidates have nothing in common; ratio: innovation over what was predicted."""
     n = len(items)
     seen = SimpleNamespace(
+        ratio=ratio,
         columns={one.name: slice(k, k + 1) for k, one in enumerate(items)},
         normal=np.eye(n)[None],
         score=np.sqrt([[one.gain for one in items]]),
@@ -101,3 +102,33 @@ def test_beyond_the_first_eight_a_short_part_of_the_record_speaks_and_nobody_is_
 
 def test_nobody_is_carried_where_nothing_is_serious() -> None:
     assert asked(look(item("a", 5.0), item("b", 4.0)), {}) == []
+
+
+@pytest.mark.parametrize(("ratio", "asks"), [(1.0, False), (1.02, False), (1.03, True), (12.0, True)])
+def test_far_from_small_a_short_part_is_asked_about_every_kind_though_the_best_leaves_nothing(ratio, asks) -> None:
+    # On a calm record the best of the leaders may leave nothing, and the true one be among those the scan thinks little
+    # of: what the scan stood before tells how rough a guide it is.
+    view = look(item("a", 50_000.0), *(item(name, 40_000.0 - n) for n, name in enumerate(KINDS[1:8])), ratio=ratio)
+    leaders = asked(view, {})
+    others = [name for name in KINDS[1:8] if name not in leaders]
+    tried = dict.fromkeys(leaders, 50_000.0)
+    assert asked(view, tried, keeps=others[-1:]) == (others[-1:] if asks else [])
+    assert asked(view, tried | {others[-1]: 51_000.0}, keeps=others) == []
+
+
+@pytest.mark.parametrize("line", ["interference:1", "base_vibration:2"])
+def test_a_line_is_not_believed_before_a_short_part_was_asked_about_every_kind(line) -> None:
+    view = look(item(line, 900.0), item("law", 300.0), item("other", 200.0))
+    leaders = asked(view, {})
+    other = next(name for name in ("law", "other") if name not in leaders)
+    tried = dict.fromkeys(leaders, 200.0) | {line: 900.0}
+    assert asked(view, tried, keeps=["law", "other"]) == [other]
+    # Where a law of motion is ahead, nobody else is asked.
+    assert asked(view, tried | {"law": 901.0}, keeps=["law", "other"]) == []
+
+
+def test_what_a_threshold_may_turn_into_is_carried_beside_it() -> None:
+    view = look(item("drive_saturation:3", 900.0), *(item(name, 100.0) for name in KINDS[:8]), item("drive_gain", 20.0))
+    assert asked(view, {})[-1] == "drive_gain"
+    view = look(item("drive_saturation:3", 900.0), *(item(name, 100.0) for name in KINDS[:8]))
+    assert "drive_gain" not in asked(view, {})  # it is carried already, or barred

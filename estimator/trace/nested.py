@@ -1,0 +1,40 @@
+"""Effects that turn into a simpler one at an end of their parameter's range: then the simpler one is what is there."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from estimator.trace.candidates import kind
+from estimator.trace.problem import Problem
+
+_SIMPLER = {"drive_saturation": "drive_gain", "drive_dead_band": "drive_gain"}
+"""By effect, what it is where its threshold is passed by every drive, or by none."""
+
+
+def with_simpler(names: Iterable[str], watched: Iterable[str]) -> list[str]:
+    """These, and what any of them may turn into, where that is watched."""
+    known = set(watched)
+    wanted = list(names)
+    for name in tuple(wanted):
+        simpler = _SIMPLER.get(kind(name))
+        if simpler in known and simpler not in wanted:
+            wanted.append(simpler)
+    return wanted
+
+
+def turned_into(problem: Problem, name: str, parameters: Mapping[str, float]) -> str | None:
+    """What is left of the effect `name` with its threshold there, None where it is still one of its own.
+
+    A drive that stops short of the least that was commanded is one of another gain, and so is one that does nothing
+    below the largest; one that does nothing below the least does all that it should.
+    """
+    if kind(name) not in _SIMPLER:
+        return None
+    given = np.abs(problem.record.drive[:, :, 0]) * problem.device.drive_gain
+    (threshold,) = parameters.values()
+    least = float(np.min(given, where=given > 0.0, initial=np.inf))
+    if kind(name) == "drive_saturation":
+        return "drive gain" if threshold <= least else None
+    if threshold <= least:
+        return "no effect at all"
+    return "drive gain" if threshold >= float(np.max(given, initial=0.0)) else None

@@ -1,0 +1,51 @@
+"""A threshold that every drive passes, or none, is no threshold."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimator.trace.nested import turned_into, with_simpler
+
+CODE = 3e-4  # of a converter
+CODES = np.array([[0, 5], [-3, 400], [1, -2], [7, 0]])
+
+
+def problem(gain: float = 1.0):
+    drive = (CODES * CODE / gain)[:, :, None]
+    return SimpleNamespace(record=SimpleNamespace(drive=drive), device=SimpleNamespace(drive_gain=gain))
+
+
+@pytest.mark.parametrize("gain", [1.0, 20.0])
+@pytest.mark.parametrize(
+    ("name", "parameter", "codes", "left"),
+    [
+        ("drive_saturation:2", "limit", 0.5, "drive gain"),
+        ("drive_saturation:2", "limit", 0.999, "drive gain"),
+        ("drive_saturation", "limit", 1.5, None),
+        ("drive_saturation", "limit", 500.0, None),
+        ("drive_dead_band:4", "band", 0.5, "no effect at all"),
+        ("drive_dead_band:4", "band", 1.5, None),
+        ("drive_dead_band:4", "band", 399.0, None),
+        ("drive_dead_band:4", "band", 401.0, "drive gain"),
+        ("sense_clipping:1", "level", 0.5, None),
+    ],
+)
+def test_what_is_left_of_a_threshold(gain, name, parameter, codes, left) -> None:
+    assert turned_into(problem(gain), name, {parameter: codes * CODE}) == left
+
+
+def test_a_drive_that_stops_below_a_code_is_one_of_another_gain() -> None:
+    # The force that the declared drive lacks, with all of it lost over half a code, beside that of a gain of −s.
+    u, s, limit = CODES * CODE, 0.3, 0.5 * CODE
+    lost = s * (np.clip(u, -limit, limit) - u)
+    assert np.max(np.abs(lost + s * u)) <= s * limit * (1.0 + 1e-9)
+    assert turned_into(problem(), "drive_saturation", {"limit": limit}) == "drive gain"
+
+
+def test_the_simpler_one_follows_once_and_only_where_it_is_watched() -> None:
+    watched = ["drive_gain", "drive_saturation:1", "drive_dead_band:2", "sense_gain"]
+    assert with_simpler(["drive_saturation:1", "drive_dead_band:2"], watched) == [*watched[1:3], "drive_gain"]
+    assert with_simpler(["drive_gain", "drive_saturation:1"], watched) == ["drive_gain", "drive_saturation:1"]
+    assert with_simpler(["drive_saturation:1"], watched[1:]) == ["drive_saturation:1"]
+    assert with_simpler(["sense_gain"], watched) == ["sense_gain"]
