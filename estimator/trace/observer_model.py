@@ -1,6 +1,6 @@
 """Models of two axes: the bench's observer, with what it carries, over the record; compared by their innovations."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -39,9 +39,12 @@ class Carrying:
 
 @dataclass(frozen=True)
 class ObserverModel:
-    """`estimator.trace.engine.Model` of the bench's observer on the record on which candidates are compared."""
+    """`estimator.trace.engine.Model` of the bench's observer on the record on which candidates are compared; progress:
+    told of every candidate, since a round of them may take minutes.
+    """
 
     problem: Problem
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None
 
     def promise(self, current: Carrying, barred: Collection[str]) -> Look:
         """A scan; those that are barred are watched and have no evidence."""
@@ -68,10 +71,11 @@ class ObserverModel:
         effects = {name: dict(given) for name, given in best.fitted.settings.effects.items()}
         reached = fit(part.carrying(effects), passes=1)
         del effects[carried]
-        behind = {
-            name: deficit(reached, fit(part.carrying({**effects, name: look.watched[name]}), passes=1))
-            for name in names
-        }
+        behind = {}
+        for done, name in enumerate(names, 1):
+            alone = fit(part.carrying({**effects, name: look.watched[name]}), passes=1)
+            behind[name] = deficit(reached, alone)
+            self.progress("other kinds", done, len(names))
         near = sorted((name for name in names if behind[name] < TIE), key=lambda name: behind[name])
         return near[: THRESHOLDS.width.batch]
 
@@ -83,12 +87,17 @@ class ObserverModel:
         """
         base = current.fitted
         effects = coefficients_of(base.observer)
-        models = {name: fit(self.problem.carrying({**effects, name: look.watched[name]})) for name in names}
+        models = {}
+        for done, name in enumerate(names, 1):
+            models[name] = fit(self.problem.carrying({**effects, name: look.watched[name]}))
+            self.progress("candidates", done, len(names))
         searched: dict[str, Searched] = {}
         reached = tried[leader(tried)].score.gain if tried else -np.inf
-        for name in worth_refining(models, base, reached, look.watched):
+        near = worth_refining(models, base, reached, look.watched)
+        for done, name in enumerate(near, 1):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
             models[name], searched[name] = refine_parameters(self.problem, models[name], name, to_beat=best)
+            self.progress("parameters", done, len(near))
         found: dict[str, Carrying | str] = {}
         for name, fitted in models.items():
             if simpler := turned_into(self.problem, name, parameters_of(fitted, name)):

@@ -72,7 +72,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
             "the observer diverges on this record; correct [device] (signs, gains, noise_V) or [observer] (memory_s, "
             "initial_sd) in the bench file"
         )
-    family = ObserverModel(compared)
+    family = ObserverModel(compared, progress)
     chosen = pruned(family, choose(family, start, RULES, lambda done, most: progress("effects", done, most)))
     carrying = chosen.steps[-1].trial.fit if chosen.steps else start
     model, searched = carrying.fitted, dict(carrying.searched)

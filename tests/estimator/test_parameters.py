@@ -1,10 +1,13 @@
 """A frequency that no filter estimates is found where it is, with an interval that says how surely."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.fitting import fit
+from estimator.trace.observer_model import Carrying, ObserverModel
 from estimator.trace.parameters import NOTHING, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
@@ -51,3 +54,28 @@ def test_a_frequency_is_found_within_its_bound(earlier: object) -> None:
     assert searched.deviation("omega") == pytest.approx(bound, rel=0.35)
     assert abs(omega - OMEGA) < 3.0 * searched.deviation("omega")
     assert found.likelihood > started.likelihood
+
+
+def test_a_climb_that_cannot_win_ends_and_every_candidate_is_told(monkeypatch) -> None:
+    record = with_a_line(20 * NOISE)
+    problem = Problem(record, DEVICE, SETTINGS)
+    line = {"omega": OMEGA + 0.3 / (len(record) / DEVICE.sample_rate)}
+    started = fit(problem.carrying({"interference": line}))
+    counted: list[int] = []
+
+    def counting(*args, **keys):
+        counted.append(1)
+        return fit(*args, **keys)
+
+    monkeypatch.setattr("estimator.trace.parameters.fit", counting)
+    refine_parameters(problem, started, "interference")
+    needed = len(counted)
+    counted.clear()
+    refine_parameters(problem, started, "interference", to_beat=started.likelihood + 1e7)
+    assert 3 <= len(counted) < needed
+    told = []
+    model = ObserverModel(problem, lambda *what: told.append(what))
+    base = Carrying(problem, fit(problem))
+    look = SimpleNamespace(watched={"sense_gain": {}, "interference:1": line})
+    model.fit(base, look, list(look.watched), {})
+    assert told == [("candidates", 1, 2), ("candidates", 2, 2), ("parameters", 1, 1)]
