@@ -87,7 +87,7 @@ def classes(effect: str | None, accounts: Iterable[Account], contest: Contest | 
         other = max(other, THRESHOLDS.criterion.odds)  # a promise speaks against the rest
     share = 1.0 / (1.0 + other)
     found = {name: share * weight / known for name, weight in weights.items()} if known > 0.0 else {}
-    found[OTHER] = 1.0 - sum(found.values()) if found else 1.0
+    found[OTHER] = max(1.0 - sum(found.values()), 0.0) if found else 1.0  # rounding may pass 1
     return Classes(effect, dict(sorted(found.items(), key=lambda item: -item[1])))
 
 
