@@ -269,3 +269,21 @@ def test_equations_are_set(plain: str, set_: str) -> None:
 def test_equations_on_a_terminal() -> None:
     assert plain("x\u0308 += -k3x*x**3") == "ẍ = … − k3x x³"
     assert plain("sensed y += gy*y") == "sensed y = … + gy y"
+
+
+def test_how_probable_each_account_is_stands_in_the_file_and_on_the_page(tmp_path: Path) -> None:
+    shares = {"cubic_stiffness": 0.9, "sense_cubic": 0.097, "drag": 0.003}
+    sentence = "the record does not determine kxx and drive_gain_x"
+    found = replace(
+        answer(), probabilities=(traced.Classes("cubic_stiffness", shares),), undetermined=(sentence,)
+    )  # fmt: skip
+    said = to_model(found, record="ride", bench="S-test")
+    save_diagnosis(tmp_path / "diagnosis.json", said)
+    kept = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+    assert kept["probabilities"] == [{"effect": "cubic_stiffness", "classes": shares}]
+    assert kept["undetermined"] == [sentence]
+    assert load_diagnosis(tmp_path / "diagnosis.json") == said
+    page = written(tmp_path, found)
+    assert "of cubic stiffness: cubic stiffness 90%, sense cubic 10%" in page
+    assert "drag 0%" not in page
+    assert "oes not determine kxx and drive_gain_x" in page
