@@ -7,7 +7,21 @@ from typing import ClassVar
 import pytest
 
 from estimator.trace.criterion import extended, schwarz, surprise, threshold
-from estimator.trace.engine import Chosen, Dissent, Estimate, Outcome, Rules, Score, choose, leader, pruned, unphysical
+from estimator.trace.engine import (
+    Chosen,
+    Dissent,
+    Estimate,
+    Outcome,
+    Rules,
+    Score,
+    Tried,
+    choose,
+    leader,
+    leaves_the_rest,
+    pruned,
+    tried_reason,
+    unphysical,
+)
 from estimator.trace.thresholds import THRESHOLDS
 
 
@@ -302,3 +316,13 @@ def test_prices_are_those_of_the_papers():
     assert surprise(2, 40) == pytest.approx(-2.0 * math.log(1e-4 / 40))
     assert 10.0 ** -threshold(40) * 40 == pytest.approx(1e-4)
     assert THRESHOLDS.criterion.chance == 1e-4
+
+
+@pytest.mark.parametrize("outcome", [Outcome.TOO_DEAR, Outcome.BEATEN, Outcome.OBJECTED])
+def test_who_was_carried_and_not_taken_is_told_with_its_gain(outcome):
+    tried = Tried("drag", outcome, "the rest objects", Score(0.0, 45_123.4, 3.0, 20.0), {})
+    said = tried_reason(tried, "cubic_damping")
+    assert "carried, it gains 4.512e+04 in twice the log-likelihood" in said
+    assert ("the rest objects" in said) is (outcome is Outcome.OBJECTED)
+    assert ("cubic damping explains more" in said) is (outcome is Outcome.BEATEN)
+    assert leaves_the_rest(45_123.4).startswith("carried, it gains 4.512e+04")

@@ -1,0 +1,71 @@
+"""A scan's normal equations beside regression written out: gain, coefficients, scatter, likeness."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from estimator.trace.evidence import evidence, likeness, solve
+
+PARTS, ROWS = 8, 50
+PLAUSIBLE = np.array([0.1, 2.0, 30.0])
+COLUMNS = {"drive_gain": slice(0, 2), "drag": slice(2, 3)}
+
+
+def scanned(truth, seed: int = 1, flips: bool = False):
+    """ν = −S c + noise, as the innovations lose by a signature; S in plausible sizes. flips: c turns by parts."""
+    rng = np.random.default_rng(seed)
+    s = rng.standard_normal((PARTS, ROWS, 3))
+    s[:, :, 2] += 0.8 * s[:, :, 0]
+    signs = np.where(np.arange(PARTS) % 2, -1.0, 1.0) if flips else np.ones(PARTS)
+    nu = -(s @ np.asarray(truth)) * signs[:, None] + rng.standard_normal((PARTS, ROWS))
+    normal, score = np.einsum("pri,prj->pij", s, s), np.einsum("pri,pr->pi", s, nu)
+    scan = SimpleNamespace(columns=COLUMNS, normal=normal, score=score, plausible=PLAUSIBLE)
+    return scan, s.reshape(-1, 3), nu.ravel()
+
+
+def test_each_effect_is_a_regression_by_itself():
+    scan, s, nu = scanned((0.3, -0.2, 0.1))
+    found = evidence(scan)
+    for name, columns in COLUMNS.items():
+        own = s[:, columns]
+        c, rest, _, _ = np.linalg.lstsq(own, -nu, rcond=None)
+        one = found[name]
+        np.testing.assert_allclose(one.coefficients, c * PLAUSIBLE[columns], rtol=1e-9)
+        assert one.gain == pytest.approx(float(nu @ nu - rest[0]), rel=1e-9)
+        deviation = np.sqrt(np.diagonal(np.linalg.inv(own.T @ own))) * PLAUSIBLE[columns]
+        np.testing.assert_allclose(one.deviation, deviation, rtol=1e-6)
+        assert one.degrees == own.shape[1]
+    assert list(found) == sorted(found, key=lambda name: -found[name].gain)
+
+
+def test_scatter_is_one_where_noise_makes_it_and_large_where_a_coefficient_turns():
+    steady = np.mean([evidence(scanned((0.3, -0.2, 0.0), seed)[0])["drive_gain"].scatter for seed in range(40)])
+    assert steady == pytest.approx(1.0, abs=0.15)
+    turning = evidence(scanned((1.5, -1.0, 0.0), flips=True)[0])["drive_gain"]
+    assert turning.scatter > 20.0
+    assert turning.significance < evidence(scanned((1.5, -1.0, 0.0))[0])["drive_gain"].significance / 10.0
+
+
+def test_significance_is_that_of_chi_square_with_the_scatter_taken_off():
+    one = evidence(scanned((0.9, 0.0, 0.0))[0])["drive_gain"]
+    expected = -chi2.logsf(one.gain / max(one.scatter, 1.0), 2) / np.log(10.0)
+    assert one.significance == pytest.approx(expected)
+
+
+def test_likeness_is_the_correlation_of_a_signature_with_what_the_other_can_make_of_it():
+    scan, s, _ = scanned((0.3, -0.2, 0.1))
+    given = np.array([0.07, 0.4])
+    signature = s[:, :2] @ (given / PLAUSIBLE[:2])
+    other = s[:, 2]
+    expected = abs(signature @ other) / np.linalg.norm(signature) / np.linalg.norm(other)
+    assert likeness(scan, "drive_gain", given) == {"drag": pytest.approx(expected)}
+    found = evidence(scan)["drive_gain"].coefficients
+    assert likeness(scan, "drive_gain") == {"drag": pytest.approx(likeness(scan, "drive_gain", found)["drag"])}
+
+
+def test_a_direction_that_the_record_says_nothing_of_is_left_out():
+    c, degrees = solve(np.diag([4.0, 0.0]), np.array([2.0, 0.0]))
+    assert degrees == 1
+    np.testing.assert_allclose(c, [0.5, 0.0])

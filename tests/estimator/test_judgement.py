@@ -1,0 +1,124 @@
+"""What may be left: noise as it was predicted. What may not: power, memory and lines, each of a stated size."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimator.residual.effective import effective_samples
+from estimator.trace.judgement import leftover, predictable_share, steadied, unexplained
+from estimator.trace.record import Record
+
+N, RATE, RESONANCE = 60_000, 4000.0, 200.0
+CYCLE = 20
+RECORD = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1.0 / RATE))
+SIGMA = 2e-4
+
+
+def model(innovation, *, noise: float = SIGMA, likelihood: float = 0.0):
+    estimates = SimpleNamespace(innovation=SIGMA * innovation, innovation_deviation=np.full((N, 2), SIGMA))
+    observer = SimpleNamespace(device=SimpleNamespace(noise=(noise, noise)))
+    return SimpleNamespace(estimates=estimates, observer=observer, likelihood=likelihood)
+
+
+def white(seed: int = 1):
+    return np.random.default_rng(seed).standard_normal((N, 2))
+
+
+def tone(frequency: float, power: float):
+    """Of that power over both axes together, where white noise has 2."""
+    wave = np.sqrt(2.0 * power) * np.sin(2.0 * np.pi * frequency * np.arange(N) / RATE)
+    return np.stack([wave, np.zeros(N)], axis=1)
+
+
+def said(innovation, **other) -> tuple[str, ...]:
+    return unexplained(model(innovation, **other), RECORD, RESONANCE)
+
+
+def test_white_noise_as_it_was_predicted_leaves_nothing_to_say():
+    for seed in range(3):
+        assert said(white(seed)) == ()
+
+
+def test_noise_that_is_not_the_declared_one_is_noise_all_the_same():
+    """The floor says how large it is, not the bench file."""
+    assert said(1.3 * white()) == ()
+    assert said(0.7 * white()) == ()
+
+
+def test_the_uncertainty_of_the_estimate_is_none_of_the_floor():
+    """Where noise is half of the prediction's variance, a floor that is 1.44 of it allows 1.22."""
+    below = np.sqrt(0.5) * SIGMA
+    assert len(said(1.2 * white(), noise=below)) == 1
+    assert "× what its prediction and the noise floor allow" in said(1.2 * white(), noise=below)[0]
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.03, False), (0.09, True)])
+def test_power_beyond_the_floor_is_told_from_a_twentieth_on(share, told):
+    """Low-passed noise below a quarter of the sampling rate, where the floor is not read."""
+    low = np.fft.rfft(white(2), axis=0)
+    frequency = np.fft.rfftfreq(N, 1.0 / RATE)
+    low[(frequency < 250.0) | (frequency > 750.0)] = 0.0
+    more = np.fft.irfft(low, N, axis=0)
+    more *= np.sqrt(share / np.mean(more**2, axis=0))
+    reasons = said(white() + more)
+    assert any("noise floor allow" in reason for reason in reasons) is told
+
+
+@pytest.mark.parametrize(("rho", "told"), [(0.1, False), (0.18, True)])
+def test_memory_is_told_where_a_fiftieth_of_the_power_follows_from_the_past(rho, told):
+    """Of x_k = ρ x_{k−1} + e, ρ² of the power does, and ρ⁴ more by two steps: ρ²/(1 − ρ²)."""
+    from scipy.signal import lfilter
+
+    series = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], white(), axis=0)
+    assert predictable_share(series, 4 * CYCLE) == pytest.approx(rho**2 / (1.0 - rho**2), abs=0.006)
+    assert any("predicted from those before" in reason for reason in said(series)) is told
+
+
+@pytest.mark.parametrize(
+    ("frequency", "power", "told"),
+    [(733.0, 0.006, True), (733.0, 0.0015, False), (200.0, 0.012, False), (200.0, 0.03, True)],
+)
+def test_a_line_is_told_from_a_thousandth_of_the_power_on_beside_the_resonance_from_a_hundredth(frequency, power, told):
+    """Of a power of 2: a thousandth is 0.002, a hundredth 0.02."""
+    lines = [reason for reason in said(white() + tone(frequency, power)) if "a line is left" in reason]
+    assert bool(lines) is told
+    if told:
+        assert float(lines[0].split()[-2]) == pytest.approx(frequency, abs=RATE / N)
+
+
+def test_the_start_of_a_record_is_not_judged():
+    series = white()
+    series[: 8 * CYCLE] *= 30.0
+    assert said(series) == ()
+
+
+def test_around_a_jump_of_the_rate_innovations_are_brought_down_to_three_times_the_usual_power():
+    series = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
+    series[30_000:30_400] *= 10.0
+    level = np.mean(steadied(model(series), 0, CYCLE) ** 2, axis=1)
+    assert level[30_200] == pytest.approx(3.0)
+    assert level[20_000] == pytest.approx(1.0)
+
+
+def test_more_effects_than_may_be_are_no_explanation_and_no_more_is_one_that_diverged():
+    selection = SimpleNamespace(after=model(white()), patchwork=True)
+    assert [reason for reason in leftover(selection, RECORD, RESONANCE) if "more than 3 effects" in reason]
+    assert leftover(SimpleNamespace(after=model(white()), patchwork=False), RECORD, RESONANCE) == ()
+    diverged = SimpleNamespace(after=model(white(), likelihood=-np.inf), patchwork=False)
+    assert leftover(diverged, RECORD, RESONANCE) == ("the observer does not converge on this record",)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_a_series_with_memory_is_worth_fewer_samples(rho):
+    """(1 − ρ)/(1 + ρ) of them."""
+    from scipy.signal import lfilter
+
+    series = lfilter([1.0], [1.0, -rho], white()[:, 0])
+    assert effective_samples(series + 7.0) == pytest.approx(N * (1.0 - rho) / (1.0 + rho), rel=0.1)
+
+
+def test_a_series_is_worth_four_samples_at_least_and_all_of_them_at_most():
+    assert effective_samples(np.sin(np.linspace(0.0, 3.0, 500))) == pytest.approx(4.0, abs=1.0)
+    assert effective_samples(np.where(np.arange(500) % 2, 1.0, -1.0)) == 500.0
+    assert effective_samples(np.ones(500)) == 500.0
