@@ -1,6 +1,7 @@
 """The numbers that tracing goes by: each with its reason, published, and written into a diagnosis."""
 
 import ast
+import re
 from pathlib import Path
 
 from estimator.trace.thresholds import THRESHOLDS, each, values
@@ -55,3 +56,14 @@ def _number(value: ast.expr) -> bool:
         case ast.BinOp(left=left, right=right):
             return _number(left) and _number(right)
     return False
+
+
+def test_every_threshold_is_read_somewhere() -> None:
+    """By its group's name, or by that of the group which a module goes by."""
+    read = set()
+    for module in (ROOT / "estimator").rglob("*.py"):
+        source = module.read_text(encoding="utf-8")
+        read |= {f"{group}.{name}" for group, name in re.findall(r"THRESHOLDS\.(\w+)\.(\w+)", source)}
+        for short, group in re.findall(r"^(\w+) = THRESHOLDS\.(\w+)$", source, re.MULTILINE):
+            read |= {f"{group}.{name}" for name in re.findall(rf"\b{short}\.(\w+)", source)}
+    assert {one.name for one in each(THRESHOLDS)} - read == set()
