@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import f
 
 from estimator.trace import promises
 from estimator.trace.engine import Estimate
@@ -161,3 +162,20 @@ def test_a_channel_the_other_way_round_is_said_to_be_a_polarity() -> None:
     assert promises.turned("drive_gain", {"hx": Estimate(-2.0, -3.1, -0.9), "hy": usual}) is None  # not beyond doubt
     assert promises.turned("drive_gain", {"hx": Estimate(-4.0, -4.1, -3.9), "hy": usual}) is None
     assert promises.turned("cubic_stiffness", {"k3x": flipped}) is None
+
+
+def test_a_conflict_with_what_is_declared_says_how_far_and_a_small_damping_is_none() -> None:
+    small = Constant("dxx", 0.5, 0.4, 0.6, declared=0.5, deviation=0.2, positive=True)
+    assert promises.constants(replace(HOLDS, constants=(small,))) == ()
+    far = Constant("kxx", 1.25, 1.24, 1.26, declared=1.0, deviation=0.05)
+    (said,) = promises.constants(replace(HOLDS, constants=(far,)))
+    assert "kxx comes out at 1.25, 5 standard deviations from the declared 1:" in said
+    (fixed,) = promises.constants(replace(HOLDS, constants=(replace(far, deviation=0.0),)))
+    assert "inf standard deviations" in fixed
+
+
+def test_a_residual_of_less_than_one_sample_is_one() -> None:
+    """As wide as Fisher's F of one and one degree makes it, and no wider."""
+    few = Errors(900.0, 60.0, 1.0, samples=0.1, floor_samples=0.1)
+    assert few.at_floor is (math.sqrt(f.isf(0.01, 1.0, 1.0)) >= 60.0)
+    assert not Errors(900.0, 64.0, 1.0, samples=0.1, floor_samples=0.1).at_floor
