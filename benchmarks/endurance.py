@@ -120,7 +120,7 @@ def endure(mode: str, samples: int) -> Outcome:
     tracks = {stem: Digest() for stem in ("capture", "innovation", "timing", "estimates", "covariance")}
     del tracks["timing"]  # wall times differ from run to run
     loop = make_loop(endpoint, identity, bench, observer, {**tracks, "timing": _Nothing()})
-    client.arm(endpoint)
+    loop.arm()
     memory: list[int] = []
     begin = time.monotonic()
     loop.run(samples, lambda _: memory.append(_resident_kB()), samples // CHECKS)
