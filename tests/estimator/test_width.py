@@ -8,7 +8,7 @@ import pytest
 from estimator.trace.criterion import TIE
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look
-from estimator.trace.width import hopeful, shortlist, within_reach
+from estimator.trace.width import hopeful, shortlist, within_reach, worth_refining
 
 KINDS = [f"kind{n}" for n in range(30)]
 
@@ -132,3 +132,25 @@ def test_what_a_threshold_may_turn_into_is_carried_beside_it() -> None:
     assert asked(view, {})[-1] == "drive_gain"
     view = look(item("drive_saturation:3", 900.0), *(item(name, 100.0) for name in KINDS[:8]))
     assert "drive_gain" not in asked(view, {})  # it is carried already, or barred
+
+
+def test_who_is_within_a_tenth_of_the_best_gain_has_its_parameters_improved() -> None:
+    """Of two of a kind, or with one parameter between them, the better; who has none stays as it is."""
+    base = SimpleNamespace(likelihood=1000.0)
+    gains = {
+        "drive_saturation:1": 95.0, "drive_saturation:2": 97.0, "interference:1": 96.0, "base_vibration:1": 94.0,
+        "sense_high_pass:1": 85.0, "drive_gain": 100.0,
+    }  # fmt: skip
+    models = {name: SimpleNamespace(likelihood=1000.0 + gain) for name, gain in gains.items()}
+    watched = {name: {"limit": float(at)} for at, name in enumerate(gains)}
+    watched |= {"drive_gain": {}, "interference:1": {"omega": 7.0}, "base_vibration:1": {"omega": 7.0}}
+    assert worth_refining(models, base, -np.inf, watched) == ["drive_saturation:2", "interference:1"]
+    assert worth_refining(models, base, 107.0, watched) == ["drive_saturation:2"]
+    assert worth_refining(models, base, 200.0, watched) == []
+
+
+@pytest.mark.parametrize(("likeness", "tried"), [(0.975, True), (0.965, False)])
+def test_what_looks_like_the_best_is_carried_beside_it_however_little_it_explains(likeness, tried) -> None:
+    view = look(item("kind0", 1000.0), item("kind1", 400.0), item("kind2", 30.0))
+    view.seen.normal[0, 0, 2] = view.seen.normal[0, 2, 0] = likeness
+    assert ("kind2" in shortlist(view.seen, list(view.evidence.values()))) is tried

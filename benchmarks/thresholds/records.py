@@ -1,0 +1,206 @@
+"""The records that are traced: short, of a fixed draw, and of every kind that tracing has a way of its own for."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.undeclared.population import Order
+
+if TYPE_CHECKING:
+    from estimator.trace.problem import Problem
+
+DRAW = 7
+FRACTION = 0.6
+
+_TWO_AXES: dict[str, tuple[str, tuple[str, ...], int, int]] = {
+    # category, effects, number within the draw, samples
+    "clean": ("clean", (), 2, 30_000),
+    "drive gain": ("single", ("drive_gain",), 0, 8_000),
+    "sense delay": ("single", ("sense_delay",), 0, 8_000),
+    "cubic stiffness": ("single", ("cubic_stiffness",), 0, 8_000),
+    "friction": ("single", ("dry_friction",), 0, 8_000),
+    "line": ("single", ("interference",), 2, 8_000),
+    "sense gain": ("single", ("sense_gain",), 2, 8_000),
+    "two effects": ("double", ("cubic_stiffness", "sense_gain"), 1, 8_000),
+    "calm": ("calm", ("sense_gain",), 1, 8_000),
+    "outside": ("outside", ("parametric_stiffness",), 0, 8_000),
+}
+
+Answer = dict[str, Any]
+
+
+def orders() -> dict[str, tuple[Order, int]]:
+    """The records that are to be made beforehand, and of how many samples each is."""
+    return {
+        name: (Order(category, effects, number, DRAW), samples)
+        for name, (category, effects, number, samples) in _TWO_AXES.items()
+    }
+
+
+def tracers(folder: Path) -> dict[str, Callable[[], Answer]]:
+    """By record, what tracing answers."""
+    found: dict[str, Callable[[], Answer]] = {
+        name: lambda order=order: _of_axes(_recorded(folder / order.name)) for name, (order, _) in orders().items()
+    }
+    found |= {
+        "single axis, cubic": lambda: _of_axes(_single_axis(1.0)),
+        "single axis, clean": lambda: _of_axes(_single_axis(0.0)),
+        "ring-down": lambda: _of_axes(_single_axis(1.0, drive=0.0)),
+        "sensor, saturation": lambda: _of_sensor(lambda f: np.clip(0.1 + 2.0 * f, -2.4, 2.6)),
+        "sensor, cubic": lambda: _of_sensor(lambda f: 0.1 + 2.0 * (f - 0.02 * f**3)),
+        "sensor, line": lambda: _of_sensor(lambda f: 0.1 + 2.0 * f),
+        "sensor, moving": _of_moving_sensor,
+        "too short": lambda: _refused(folder, lambda problem: problem.part(slice(0, len(problem.record) // 6))),
+        "clipped": lambda: _refused(folder, _clipped),
+        "lost": lambda: _refused(folder, _lost),
+        "still": lambda: _refused(folder, _still),
+        "slow": lambda: _refused(folder, _slow),
+    }
+    return found
+
+
+def _of_axes(problem: "Problem") -> Answer:
+    from estimator.errors import ModelError
+    from estimator.trace.candidates import kind
+    from estimator.trace.tracing import trace
+
+    try:
+        with np.errstate(all="ignore"):
+            found = trace(problem, split=round(FRACTION * len(problem.record)))
+    except ModelError as error:
+        return {"verdict": f"refused: {str(error).partition(':')[0]}", "words": []}
+    named = sorted(kind(effect.name) for effect in found.effects)
+    alike = [f"{pair.effect} or {pair.other}: {pair.separate_by}" for pair in found.confusable]
+    seen = [f"finds {finding.kind}" for finding in found.findings]
+    return {"verdict": _said(found.verdict.value, named), "words": sorted({*alike, *seen})}
+
+
+def _of_sensor(curve: Callable[[Any], Any]) -> Answer:
+    from estimator.rate_sensor.declaration import Range
+    from estimator.rate_sensor.record import SensorRecord
+
+    declared = Range(math.radians(100.0), 2.0)
+    sweeps = (1.0, 1.6, 1.0, 2.0)
+    share = np.concatenate([np.linspace(-reach, reach, 11) for reach in sweeps])
+    volts = curve(share) + 1e-4 * np.random.default_rng(1).standard_normal(len(share))
+    return _traced(SensorRecord(share * declared.rate, volts), declared, 1e-4, np.arange(len(share)) < 33)
+
+
+def _of_moving_sensor() -> Answer:
+    """A first-order lag behind a rate that steps and swings."""
+    from scipy.signal import lfilter
+
+    from estimator.rate_sensor.declaration import Range
+    from estimator.rate_sensor.record import SensorRecord
+    from estimator.rate_sensor.trace import alternate_blocks
+
+    declared, step, lag = Range(math.radians(100.0), 2.0), 1e-3, 0.01
+    t = np.arange(4000) * step
+    levels = np.random.default_rng(2).uniform(-0.8, 0.8, 40)[(t / 0.1).astype(int)]
+    share = np.where(t < 0.1, 0.0, levels + 0.1 * np.sin(2.0 * math.pi * 15.0 * t))
+    keeps = math.exp(-step / lag)
+    volts = 0.05 + 2.0 * lfilter([1.0 - keeps], [1.0, -keeps], share)
+    volts += 1e-3 * np.random.default_rng(3).standard_normal(len(t))
+    return _traced(SensorRecord(share * declared.rate, volts, step), declared, 1e-3, alternate_blocks(len(t), 50))
+
+
+def _traced(record: Any, declared: Any, noise: float, fitting: Any) -> Answer:
+    from estimator.errors import ModelError
+    from estimator.rate_sensor.trace import trace_sensor
+
+    try:
+        found = trace_sensor(record, declared, noise, fitting)
+    except ModelError as error:
+        return {"verdict": f"refused: {str(error).partition(':')[0]}", "words": []}
+    named = sorted(effect.name for effect in found.effects)
+    alike = sorted(f"{pair.effect} or {pair.other}: {pair.separate_by}" for pair in found.confusable)
+    return {"verdict": _said(found.verdict.value, named), "words": alike}
+
+
+def _said(verdict: str, named: list[str]) -> str:
+    return f"{verdict}: {', '.join(named)}" if named else verdict
+
+
+def _recorded(place: Path) -> "Problem":
+    from estimator.trace.problem import Problem
+    from hil.bench import load_bench
+    from hil.captured import control_of, drives_of, record_of
+    from hil.declared import device_of, observer_settings_of
+    from hil.records.capture import read_capture
+
+    captured, bench = read_capture(place / "capture.arrow"), load_bench(place / "bench.toml")
+    device = device_of(bench)
+    record = record_of(captured, drives_of(captured, device))
+    return Problem(record, device, observer_settings_of(bench), control_of(bench, captured))
+
+
+def _single_axis(hardening: float, drive: float = 1.5e4) -> "Problem":
+    """An oscillator that is pushed by noise, or let go, integrated by Runge and Kutta in steps of a fortieth sample."""
+    from estimator.settings import Device, ObserverSettings, Spread
+    from estimator.trace.problem import Problem
+    from estimator.trace.record import Record
+
+    rate, samples, parts = 600.0, 900, 40
+    device = Device(
+        sample_rate=rate, stiffness=(1.9e5,), damping=(40.0,), amplitude=0.1, sense_gain=(2.0,), noise=(1e-4,)
+    )
+    force = drive * np.random.default_rng(3).standard_normal(samples)
+
+    def field(state: Any, push: float) -> Any:
+        x, v = state
+        return np.array([v, push - 41.0 * v - 1.92e5 * x - hardening * 7e5 * x**3])
+
+    state = np.array([0.0 if drive else 0.12, 0.0])
+    moved, h = np.zeros(samples), 1.0 / rate / parts
+    for n in range(samples):
+        for _ in range(parts):
+            a = field(state, force[n])
+            b = field(state + 0.5 * h * a, force[n])
+            c = field(state + 0.5 * h * b, force[n])
+            d = field(state + h * c, force[n])
+            state = state + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        moved[n] = state[0]
+    sense = 2.0 * moved + 0.004 + 1e-4 * np.random.default_rng(1).standard_normal(samples)
+    record = Record(sense[:, None], force[:, None, None], np.full(samples, 1.0 / rate))
+    return Problem(record, device, ObserverSettings(spread=Spread(offset=0.01)))
+
+
+def _refused(folder: Path, spoilt: Callable[["Problem"], "Problem"]) -> Answer:
+    """A clean record made unfit: whether it is refused, and as what. Quick, since nothing is traced."""
+    from estimator.errors import ModelError
+    from estimator.trace.fitness import require_traceable
+
+    problem = spoilt(_recorded(folder / orders()["clean"][0].name))
+    try:
+        require_traceable(problem.record, problem.device, round(FRACTION * len(problem.record)))
+    except ModelError as error:
+        return {"verdict": f"refused: {str(error).partition(':')[0].partition(';')[0]}", "words": []}
+    return {"verdict": "fit to be traced", "words": []}
+
+
+def _clipped(problem: "Problem") -> "Problem":
+    sense = problem.record.sense
+    top = np.quantile(np.abs(sense), 0.998)
+    return problem.on(replace(problem.record, sense=np.clip(sense, -top, top)))
+
+
+def _lost(problem: "Problem") -> "Problem":
+    sense = problem.record.sense.copy()
+    sense[np.random.default_rng(1).random(len(sense)) < 0.6] = np.nan
+    return problem.on(replace(problem.record, sense=sense))
+
+
+def _still(problem: "Problem") -> "Problem":
+    noise = np.array(problem.device.noise)
+    random = np.random.default_rng(1).standard_normal(problem.record.sense.shape)
+    return problem.on(replace(problem.record, sense=2.0 * noise * random))
+
+
+def _slow(problem: "Problem") -> "Problem":
+    """Every eighth sample."""
+    record = problem.record
+    return problem.on(replace(record, sense=record.sense[::8], drive=record.drive[::8], step=8.0 * record.step[::8]))

@@ -1,0 +1,203 @@
+"""Which thresholds change which answers: several at once, and fewer where an answer changes."""
+
+import hashlib
+import json
+import math
+import os
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import Timer
+from typing import Any
+
+from benchmarks.row import Say
+from benchmarks.thresholds.change import SIDES, Changes
+from benchmarks.undeclared.tracing import estimator_digest
+from hil.records.atomic import write_text
+
+Answer = dict[str, Any]
+
+AT_ONCE = 8
+_PATIENCE_S = 900.0
+
+
+@dataclass
+class Asker:
+    """Answers by other thresholds, each in a process; those that were had before, from its folder."""
+
+    folder: Path
+    digest: str = field(default_factory=estimator_digest)
+    _idle: list["_Child"] = field(default_factory=list)
+
+    def ask(self, changes: Changes, records: Sequence[str], *, afresh: bool = False) -> dict[str, Answer]:
+        """By record; afresh: by a process of its own, which says what was read."""
+        kept = {record: self._kept(changes, record) for record in records}
+        found = {record: json.loads(place.read_text()) for record, place in kept.items() if place.exists()}
+        if missing := [record for record in records if record not in found]:
+            found |= self._had(changes, missing, afresh)
+            for record in missing:
+                kept[record].parent.mkdir(parents=True, exist_ok=True)
+                write_text(kept[record], json.dumps(found[record]))
+        return {record: found[record] for record in records}
+
+    def _kept(self, changes: Changes, record: str) -> Path:
+        name = json.dumps([self.digest, sorted(changes.items()), record])
+        return self.folder / "answers" / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.json"
+
+    def _had(self, changes: Changes, records: Sequence[str], afresh: bool) -> dict[str, Answer]:
+        try:
+            child = None if afresh else self._idle.pop()
+        except IndexError:
+            child = None
+        if child is None:
+            child = _Child(self.folder)
+            if not afresh:
+                child.ask({"changes": {}, "records": []})
+        asked = {"changes": dict(changes), "records": list(records), "watch": afresh and not changes}
+        answers = child.ask(asked)
+        if afresh or answers is None:
+            child.end()
+        else:
+            self._idle.append(child)
+        return answers or {record: {"verdict": "no answer", "words": [], "seconds": 0.0} for record in records}
+
+    def end(self) -> None:
+        """No more is asked."""
+        for child in self._idle:
+            child.end()
+
+
+class _Child:
+    """A process that answers line by line."""
+
+    def __init__(self, folder: Path) -> None:
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.thresholds.child", str(folder)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, **threads},
+        )  # fmt: skip
+
+    def ask(self, asked: dict[str, Any]) -> dict[str, Answer] | None:
+        """The answers by record; None where the process ended, or was ended since it took too long."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        timer = Timer(_PATIENCE_S, self._process.kill)
+        timer.start()
+        try:
+            self._process.stdin.write(json.dumps(asked) + "\n")
+            self._process.stdin.flush()
+            line = self._process.stdout.readline()
+        except BrokenPipeError:
+            line = ""
+        finally:
+            timer.cancel()
+        found: dict[str, Answer] | None = json.loads(line) if line else None
+        return found
+
+    def end(self) -> None:
+        """Its input ends, and so does it."""
+        self._process.communicate()
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Thresholds that are changed together, and the records that are asked."""
+
+    side: str
+    names: tuple[str, ...]
+    records: tuple[str, ...]
+
+    @property
+    def changes(self) -> Changes:
+        return dict.fromkeys(self.names, self.side)
+
+
+def same(one: Answer, other: Answer) -> bool:
+    """Whether two answers say the same."""
+    return one["verdict"] == other["verdict"] and one["words"] == other["words"]
+
+
+def screen(
+    asker: Asker, names: Sequence[str], records: Sequence[str], jobs: int, say: Say, minutes: float = math.inf
+) -> dict[str, Any]:
+    """What each threshold changes: {"baseline": …, "read": …, "half": {name: {record: answer}}, "double": …,
+    "open": {side: {name: [record]}}}; open is what was not told apart after so many minutes.
+    """
+    begin = time.monotonic()
+    baseline = asker.ask({}, records, afresh=True)
+    for record, answer in baseline.items():
+        say(f"as they are, {record}: {answer['verdict']}")
+    reads = {name: tuple(r for r in records if name in baseline[r]["read"]) for name in names}
+    early = frozenset(name for answer in baseline.values() for name in answer["early"])
+    changed: dict[str, dict[str, dict[str, Answer]]] = {side: {} for side in SIDES}
+    still: dict[str, dict[str, list[str]]] = {side: {} for side in SIDES}
+    with ThreadPoolExecutor(jobs) as pool:
+        running: dict[Future[dict[str, Answer]], _Job] = {}
+
+        def begin_with(waiting: Iterable[_Job]) -> None:
+            for job in waiting:
+                afresh = not early.isdisjoint(job.names)
+                running[pool.submit(asker.ask, job.changes, job.records, afresh=afresh)] = job
+
+        begin_with(_first(names, reads, early))
+        while running:
+            ready, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in ready:
+                job = running.pop(future)
+                if future.cancelled():
+                    _note(still, job, reads)
+                    continue
+                answers = future.result()
+                differ = tuple(r for r in job.records if not same(answers[r], baseline[r]))
+                if len(job.names) == 1 and differ:
+                    changed[job.side][job.names[0]] = {r: answers[r] for r in differ}
+                    told = "; ".join(f"{r}: {answers[r]['verdict']}" for r in differ)
+                    say(f"{time.monotonic() - begin:.0f} s, {len(running)} left: {job.side} {job.names[0]}: {told}")
+                elif differ and time.monotonic() - begin < 60.0 * minutes:
+                    begin_with(_halves(job, differ, reads))
+                elif differ:
+                    _note(still, replace(job, records=differ), reads)
+            if time.monotonic() - begin > 60.0 * minutes:
+                for future in running:
+                    future.cancel()
+    asker.end()
+    return {"open": still, "baseline": baseline, "read": {name: list(on) for name, on in reads.items()}, **changed}
+
+
+def _first(names: Sequence[str], reads: dict[str, tuple[str, ...]], early: frozenset[str]) -> Iterable[_Job]:
+    """Groups of those that the same records read, drawn at random: what stands side by side belongs to one step, where
+    one may make up for another.
+    """
+    alike: dict[tuple[object, ...], list[str]] = {}
+    for name in names:
+        if reads[name]:
+            alike.setdefault((name in early, reads[name]), []).append(name)
+    jobs = []
+    for (_, on), members in alike.items():
+        assert isinstance(on, tuple)
+        random.Random(1).shuffle(members)
+        for first in range(0, len(members), AT_ONCE):
+            jobs += [_Job(side, tuple(members[first : first + AT_ONCE]), on) for side in SIDES]
+    return jobs
+
+
+def _note(still: dict[str, dict[str, list[str]]], job: _Job, reads: dict[str, tuple[str, ...]]) -> None:
+    for name in job.names:
+        if on := [record for record in reads[name] if record in job.records]:
+            still[job.side][name] = on
+
+
+def _halves(job: _Job, differ: tuple[str, ...], reads: dict[str, tuple[str, ...]]) -> Iterable[_Job]:
+    middle = len(job.names) // 2
+    for group in (job.names[:middle], job.names[middle:]):
+        if on := tuple(r for r in _of(group, reads) if r in differ):
+            yield _Job(job.side, group, on)
+
+
+def _of(group: tuple[str, ...], reads: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(record for name in group for record in reads[name]))

@@ -1,0 +1,81 @@
+"""Thresholds tried at half and at double: what is changed to what, and that whoever changes an answer is found."""
+
+import pytest
+
+from benchmarks.thresholds.change import changed, with_changes
+from benchmarks.thresholds.page import page
+from benchmarks.thresholds.screening import screen
+from estimator.trace.thresholds import THRESHOLDS, each, values
+
+NAMES = [one.name for one in each(THRESHOLDS)]
+EARLY = ("scan.parts", "choice.most")
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "double"),
+    [
+        (4.0, 2.0, 8.0),
+        (5, 2, 10),
+        (1, 1, 2),
+        (1e-4, 5e-5, 2e-4),
+        (0.98, 0.99, 0.96),  # what a likeness lacks to one
+        (1.1, 1.05, 1.2),  # what is allowed beyond one
+        ((0.1, 0.4), (0.05, 0.2), (0.2, 0.8)),
+    ],
+)
+def test_half_and_double(value, half, double):
+    assert changed(value, "half") == pytest.approx(half)
+    assert changed(value, "double") == pytest.approx(double)
+
+
+def test_only_those_that_are_named_are_changed():
+    found = values(with_changes({"promises.minor": "double", "width.leaders": "half"}))
+    expected = values(THRESHOLDS)
+    expected["promises"]["minor"] *= 2
+    expected["width"]["leaders"] = 2
+    assert found == expected
+
+
+class Stub:
+    """Answers as a tracer would of which three thresholds matter, each on one record and one side."""
+
+    def __init__(self):
+        self.asked = 0
+
+    def ask(self, changes, records, *, afresh=False):
+        self.asked += 1
+        assert afresh or set(EARLY).isdisjoint(changes)
+        return {record: self.answer(changes, record) for record in records}
+
+    def answer(self, changes, record):
+        found = {"verdict": "adequate", "words": [], "seconds": 0.1, "early": list(EARLY)}
+        found["read"] = [name for name in NAMES if record == "axes" or not name.startswith("width")]
+        if record == "axes" and changes.get("width.alike") == "half":
+            found["verdict"] = "unexplained"
+        if record == "axis" and changes.get("scan.parts") == "double":
+            found["verdict"] = "unexplained"
+        if record == "axis" and changes.get("floor.away") == "double":
+            found["words"] = ["finds line"]
+        return found
+
+    def end(self):
+        """Nothing."""
+
+
+def test_whoever_changes_an_answer_is_found_and_nobody_else():
+    stub = Stub()
+    found = screen(stub, NAMES, ["axes", "axis"], 1, lambda line: None)
+    assert {name: list(on) for name, on in found["half"].items()} == {"width.alike": ["axes"]}
+    assert {name: list(on) for name, on in found["double"].items()} == {"scan.parts": ["axis"], "floor.away": ["axis"]}
+    assert found["open"] == {"half": {}, "double": {}}
+    assert stub.asked < 2 * len(NAMES) / 3
+    told = page(found)
+    assert "axes: unexplained" in told
+    assert "axis: + finds line" in told
+    assert "Not told apart" not in told
+
+
+def test_what_time_does_not_suffice_for_is_told_as_open():
+    found = screen(Stub(), NAMES, ["axes", "axis"], 1, lambda line: None, minutes=0.0)
+    assert "width.alike" in {*found["open"]["half"], *found["half"]}
+    assert "Not told apart yet" in page(found)
