@@ -38,7 +38,7 @@ _INERT = (
 )
 _LEFT = (
     "These were changed together with others, some answer changed, and the time given was over before it was known by "
-    "whom, or they were not asked at all."
+    "whom; or they were not asked at all."
 )
 
 
@@ -61,6 +61,8 @@ def _said(record: str, answer: Mapping[str, Any], before: Mapping[str, Any]) -> 
 
 
 def _open(name: str, found: Mapping[str, Any]) -> bool:
+    if name not in found["read"]:
+        return True  # younger than the measurement
     return any(name in found["open"][side] for side in SIDES) and not any(name in found[side] for side in SIDES)
 
 
