@@ -154,3 +154,9 @@ def test_what_looks_like_the_best_is_carried_beside_it_however_little_it_explain
     view = look(item("kind0", 1000.0), item("kind1", 400.0), item("kind2", 30.0))
     view.seen.normal[0, 0, 2] = view.seen.normal[0, 2, 0] = likeness
     assert ("kind2" in shortlist(view.seen, list(view.evidence.values()))) is tried
+
+
+def test_by_chance_less_scatter_than_noise_makes_is_no_merit() -> None:
+    """One whose parts agree better than they can is not steadier than one whose parts agree as they should."""
+    view = look(item("kind0", 1000.0), item("kind1", 400.0), item("kind2", 30.0, scatter=0.05))
+    assert shortlist(view.seen, list(view.evidence.values())) == ["kind0", "kind1"]
