@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -229,6 +230,8 @@ def _end(child: subprocess.Popen[bytes]) -> bytes:
     """Close its input, which is the word to end, and wait until the files are closed; what it complained of."""
     if child.poll() is None:
         child.send_signal(signal.SIGCONT)  # whoever stopped it: the rows that wait are worth more
+        with suppress(OSError):  # nothing has to keep up with a clock any more: a busy machine is no reason to wait
+            os.sched_setscheduler(child.pid, os.SCHED_OTHER, os.sched_param(0))
     try:
         return child.communicate(timeout=_CLOSING_S)[1]
     except subprocess.TimeoutExpired:

@@ -206,6 +206,19 @@ def test_a_recorder_that_was_killed_and_has_no_processor_to_die_on_is_told():
         watch.close()
 
 
+def test_at_the_end_the_recorder_is_an_ordinary_process_again():
+    """Else a busy machine lets it close its files last."""
+    code = (
+        "import os, sys; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0)); print(1, flush=True); "
+        "sys.stdin.read(); print(os.sched_getscheduler(0), file=sys.stderr)"
+    )
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe, stderr=pipe) as child:
+        assert child.stdout.readline()
+        assert os.sched_getscheduler(child.pid) == os.SCHED_IDLE
+        assert recorder._end(child).strip() == str(os.SCHED_OTHER).encode()
+
+
 def test_what_a_signal_interrupts_is_done_again(monkeypatch, tmp_path):
     """mkdir, chmod and rename, which Python does not repeat by itself."""
     for name in ("mkdir", "chmod", "replace"):
