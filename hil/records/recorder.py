@@ -32,7 +32,8 @@ _RING_ROWS = 1 << 16
 _NO_ROWS: Mapping[str, int] = {}
 _STUCK_S = 2.0  # without taking a row of those that wait, though it had a processor or slept …
 _STARVED_S = 10.0  # … and at all: on a busy machine it is the last to run
-_PENDING = 31 - 3  # field of /proc/PID/stat, of those behind the name
+_FLAGS, _PENDING = 9 - 3, 31 - 3  # fields of /proc/PID/stat, of those behind the name
+_EXITING = 0x4  # PF_EXITING
 _ROW = 4096  # bytes, longer than it ever is
 _CLOSING_S = 20.0  # for the files to be closed, once it has been told to
 
@@ -165,14 +166,15 @@ class _Watch:
         self._read = dict.fromkeys(rings, 0)
         self._moved_s = dict.fromkeys(rings, time.monotonic())
         self._queued_s = dict.fromkeys(rings, self._queued())
+        self._hastened = False
 
     def trouble(self) -> str:
         """Why nothing is recorded any more, "" if all is well."""
         if (code := self._child.poll()) is not None:
             assert self._child.stderr is not None
             return _ended(code, self._child.stderr.read())
-        if self._doomed():
-            return _ended(-signal.SIGKILL, b"")
+        if fate := self._fate():
+            return fate
         now_s, queued_s = time.monotonic(), self._queued()
         for stem, ring in self._rings.items():
             read, still_s = ring.read, now_s - self._moved_s[stem]
@@ -190,12 +192,22 @@ class _Watch:
             if file is not None:
                 file.close()
 
-    def _doomed(self) -> bool:
-        """Whether the child has been killed and has not died yet: on a busy machine it is the last to run, for that,
-        too. Of its row in proc(5), field 31: signals that wait for it.
+    def _fate(self) -> str:
+        """How the child ends, where its end has begun and it has no processor to come to it: on a busy machine it is
+        the last to run, for that, too. By its row in proc(5): flags, and signals that wait for it.
         """
         fields = self._told("stat").rpartition(b")")[2].split()
-        return len(fields) > _PENDING and bool(int(fields[_PENDING]) >> (signal.SIGKILL - 1) & 1)
+        if len(fields) <= _PENDING:
+            return ""
+        if int(fields[_PENDING]) >> (signal.SIGKILL - 1) & 1:
+            return _ended(-signal.SIGKILL, b"")
+        if int(fields[_FLAGS]) & _EXITING:
+            if self._hastened:
+                return "the recorder has ended"
+            self._hastened = True  # with a processor it tells by the next time why
+            with suppress(OSError):
+                os.sched_setscheduler(self._child.pid, os.SCHED_FIFO, os.sched_param(1))
+        return ""
 
     def _queued(self) -> float:
         """For how long, s, the child has been ready to run and had no processor; 0 where the kernel does not tell."""

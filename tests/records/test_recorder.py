@@ -206,6 +206,25 @@ def test_a_recorder_that_was_killed_and_has_no_processor_to_die_on_is_told():
         watch.close()
 
 
+def test_a_recorder_whose_end_has_begun_gets_a_processor_and_is_told(monkeypatch):
+    """As proc(5) has it of a process that is exiting; one that never gets there is told all the same."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
+        watch = recorder._Watch(child, {})
+        assert watch.trouble() == ""
+        row = Path(f"/proc/{child.pid}/stat").read_bytes()
+        name, fields = row[: row.rindex(b")") + 1], row[row.rindex(b")") + 1 :].split()
+        fields[9 - 3] = str(int(fields[9 - 3]) | 0x4).encode()  # PF_EXITING
+        given = []
+        exiting = name + b" " + b" ".join(fields)
+        monkeypatch.setattr(watch, "_told", lambda what: exiting if what == "stat" else b"")
+        monkeypatch.setattr(recorder.os, "sched_setscheduler", lambda *arguments: given.append(arguments[:2]))
+        assert watch.trouble() == ""
+        assert given == [(child.pid, os.SCHED_FIFO)]
+        assert watch.trouble() == "the recorder has ended"
+        watch.close()
+        child.kill()
+
+
 def test_at_the_end_the_recorder_is_an_ordinary_process_again():
     """Else a busy machine lets it close its files last."""
     code = (
