@@ -157,6 +157,7 @@ def test_a_folder_that_takes_nothing(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert_one_plain_line(*told(capsys, "init", "-o", f"{place}/my.bench.toml"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("section", "keys"),
     [

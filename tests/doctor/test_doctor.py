@@ -174,6 +174,7 @@ def test_an_interface_that_is_down_is_not_a_silent_board(monkeypatch: pytest.Mon
     assert finding.cure == "sudo ip link set can0 up type can bitrate 1000000 dbitrate 8000000 fd on"
 
 
+@pytest.mark.slow
 def test_a_link_that_is_not_there_fails(capfd: pytest.CaptureFixture[str]) -> None:
     assert cli.execute(["doctor", "--link", "serial:/dev/ttyUSB77", "--json"]) == 1
     told = json.loads(capfd.readouterr().out)

@@ -11,6 +11,8 @@ from estimator.observer import Observer
 from estimator.settings import ObserverSettings, ProcessNoise
 from tests.estimator.gyro_loop import Record, Truth, close_loop, observer_of
 
+pytestmark = pytest.mark.slow
+
 TRUTH = Truth(force_noise=1e-5)
 REFERENCE_S, SAMPLES, RATE = 0.5, 6000, 2.0
 SETTINGS = ObserverSettings(process_noise=ProcessNoise(force=1e-5), memory=0.25, reference=REFERENCE_S)

@@ -158,6 +158,7 @@ def test_beside_what_both_leave_an_effect_is_held_to_what_it_adds() -> None:
     assert promises.nameless(claim(found)) == ()
 
 
+@pytest.mark.slow
 def test_an_effect_that_imitates_coloured_noise_does_not() -> None:
     """A line fitted to a resonance of thermal noise gains hundreds where it was found, and it is not there."""
     t = np.arange(N)

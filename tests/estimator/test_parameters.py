@@ -56,6 +56,7 @@ def test_a_frequency_is_found_within_its_bound(earlier: object) -> None:
     assert found.likelihood > started.likelihood
 
 
+@pytest.mark.slow
 def test_a_climb_that_cannot_win_ends_and_every_candidate_is_told(monkeypatch) -> None:
     record = with_a_line(20 * NOISE)
     problem = Problem(record, DEVICE, SETTINGS)

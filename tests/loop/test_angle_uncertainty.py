@@ -14,7 +14,7 @@ from hil.score import angle_error_rad, score, scored_window
 from hil.verdict.budget import remedy
 from tests.loop import gyro
 
-pytestmark = pytest.mark.usefixtures("no_report")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]
 
 
 def ran(

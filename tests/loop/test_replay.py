@@ -53,6 +53,7 @@ def assert_same(ours: RunFolder, theirs: RunFolder, tolerance: float = ROUNDING)
     np.testing.assert_allclose(theirs.innovation.nu_V, ours.innovation.nu_V, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", ["fading", "ekf", "stationary"])
 def test_a_replay_is_the_live_run_again(tmp_path: Path, gain: str) -> None:
     declared = gyro.bench(1.0, observer={"gain": gain})
@@ -116,6 +117,7 @@ def test_over_a_burst_the_drive_that_the_board_held_is_known(tmp_path: Path) -> 
     assert np.sqrt(np.mean(acted[~known] ** 2)) > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "filterpy"])
 def test_the_oracles_replay_the_same(tmp_path: Path, backend: Backend) -> None:
     declared = gyro.bench(0.25, loop={"settle_s": 0.1}, observer={"gain": "ekf"})
@@ -156,6 +158,7 @@ def test_a_record_of_another_device_is_refused(tmp_path: Path, changes: dict[str
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SILVERBOX.exists(), reason=f"{SILVERBOX.name} is not there: fetch it from its owner")
 def test_a_measured_oscillator_runs_through_the_same_code(tmp_path: Path) -> None:
     """Silverbox is linear but for its cubic spring: the linear model finds the oscillator, and that it lacks something.

@@ -149,6 +149,7 @@ def test_another_spec_is_refused_by_its_first_difference(tmp_path: Path) -> None
     assert message.endswith("; build both from one spec.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("identity", "expected"),
     [

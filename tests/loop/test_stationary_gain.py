@@ -10,6 +10,8 @@ import pytest
 
 from benchmarks.stationary import outcome
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("variant", ["full", "gyro", "sense"])
 def test_at_the_shipped_memory_it_does_what_the_ekf_does(variant: str) -> None:

@@ -100,6 +100,7 @@ def test_a_repair_keeps_the_blocks_before_the_damage_and_the_original(make_run):
         repair(path)
 
 
+@pytest.mark.slow
 def test_a_run_is_repaired_into_a_folder_of_its_own(make_run):
     folder, _ = make_run()
     change(folder / "capture.arrow", 0.6)

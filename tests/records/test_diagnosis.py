@@ -271,6 +271,7 @@ def test_equations_on_a_terminal() -> None:
     assert plain("sensed y += gy*y") == "sensed y = … + gy y"
 
 
+@pytest.mark.slow
 def test_how_probable_each_account_is_stands_in_the_file_and_on_the_page(tmp_path: Path) -> None:
     shares = {"cubic_stiffness": 0.9, "sense_cubic": 0.097, "drag": 0.003}
     sentence = "the record does not determine kxx and drive_gain_x"

@@ -261,6 +261,7 @@ def test_a_file_that_does_not_fit_its_map(bring, content, text, complaint):
         bring(content, text)
 
 
+@pytest.mark.slow
 def test_the_silverbox_map_reads_a_file_of_that_shape(tmp_path):
     values = np.arange(127_400)
     text = '"V1","V2",\n' + "".join(f"{n % 97 * 1e-3:.7g},{n % 89 * 1e-3:.7g},\n" for n in values) + "\n"

@@ -52,6 +52,7 @@ def test_a_process_of_its_own_writes_the_same_bytes(tmp_path):
     assert not rings_left()
 
 
+@pytest.mark.slow
 def test_a_loop_that_may_wait_loses_nothing_in_a_small_ring(tmp_path):
     with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=dict.fromkeys(LAYOUTS, 128)) as recording:
         fill(recording, 2000)
@@ -99,6 +100,7 @@ with record_apart(Path(sys.argv[1]), LAYOUTS) as recording:
 """
 
 
+@pytest.mark.slow
 def test_a_killed_loop_keeps_everything_it_had_pushed(tmp_path):
     loop = subprocess.Popen([sys.executable, "-c", LOOP, tmp_path], stdout=subprocess.PIPE, cwd=ROOT)
     with loop:

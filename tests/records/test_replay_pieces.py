@@ -16,7 +16,7 @@ def record() -> Capture:
     tick = np.flatnonzero(rng.random(3000) > 0.2)
     codes = {name: rng.integers(-9, 9, tick.size).astype("i4") for name in ("vx_code", "ux_code")}
     about = {"vx_code": {"scale": 0.1, "unit": "V"}, "ux_code": {"scale": 0.2, "unit": "mps2"}}
-    header = {"axes": 1, "tick_rate_Hz": 100.0, "hold": "zoh", "columns": about}
+    header = {"axes": 1, "tick_rate_Hz": 100.0, "latency_ticks": 1, "hold": "zoh", "columns": about}
     return Capture({"tick": tick, **codes, "flags": np.zeros(tick.size, "u1")}, header, complete=True)
 
 

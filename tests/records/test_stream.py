@@ -93,6 +93,7 @@ def test_a_block_is_on_its_way_as_soon_as_it_is_full(file):
     writer.close()
 
 
+@pytest.mark.slow
 def test_a_file_cut_at_any_byte_gives_its_whole_blocks(tmp_path):
     data = written(tmp_path / "whole.arrow", 2 * BLOCK + 5)
     _header, opened, *ends = block_ends(data)
@@ -138,6 +139,7 @@ def test_a_block_of_another_record_is_told(tmp_path):
         read_blocks(file, "sample")
 
 
+@pytest.mark.slow
 def test_every_bit_counts(tmp_path):
     data = written(tmp_path / "whole.arrow", 2 * BLOCK + 5)
     file = tmp_path / "flipped.arrow"
