@@ -34,6 +34,7 @@ _STUCK_S = 2.0  # without taking a row of those that wait, though it had a proce
 _STARVED_S = 10.0  # … and at all: on a busy machine it is the last to run
 _FLAGS, _PENDING = 9 - 3, 31 - 3  # fields of /proc/PID/stat, of those behind the name
 _EXITING = 0x4  # PF_EXITING
+_DYING_S = 0.3  # that it may take to tell its exit code
 _ROW = 4096  # bytes, longer than it ever is
 _CLOSING_S = 20.0  # for the files to be closed, once it has been told to
 
@@ -166,7 +167,7 @@ class _Watch:
         self._read = dict.fromkeys(rings, 0)
         self._moved_s = dict.fromkeys(rings, time.monotonic())
         self._queued_s = dict.fromkeys(rings, self._queued())
-        self._hastened = False
+        self._exiting_s: float | None = None
 
     def trouble(self) -> str:
         """Why nothing is recorded any more, "" if all is well."""
@@ -202,11 +203,13 @@ class _Watch:
         if int(fields[_PENDING]) >> (signal.SIGKILL - 1) & 1:
             return _ended(-signal.SIGKILL, b"")
         if int(fields[_FLAGS]) & _EXITING:
-            if self._hastened:
+            now_s = time.monotonic()
+            if self._exiting_s is None:
+                self._exiting_s = now_s  # with a processor it tells at once why
+                with suppress(OSError):
+                    os.sched_setscheduler(self._child.pid, os.SCHED_FIFO, os.sched_param(1))
+            elif now_s - self._exiting_s > _DYING_S:
                 return "the recorder has ended"
-            self._hastened = True  # with a processor it tells by the next time why
-            with suppress(OSError):
-                os.sched_setscheduler(self._child.pid, os.SCHED_FIFO, os.sched_param(1))
         return ""
 
     def _queued(self) -> float:

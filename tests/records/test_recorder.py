@@ -222,7 +222,10 @@ def test_a_recorder_whose_end_has_begun_gets_a_processor_and_is_told(monkeypatch
         monkeypatch.setattr(recorder.os, "sched_setscheduler", lambda *arguments: given.append(arguments[:2]))
         assert watch.trouble() == ""
         assert given == [(child.pid, os.SCHED_FIFO)]
+        assert watch.trouble() == ""  # its exit code says more, if it comes
+        time.sleep(0.35)
         assert watch.trouble() == "the recorder has ended"
+        assert len(given) == 1
         watch.close()
         child.kill()
 
