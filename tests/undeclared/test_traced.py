@@ -19,7 +19,7 @@ from hil.records.diagnosis import to_model
 engine = pytest.importorskip("estimator.trace.tracing")
 tracing = pytest.importorskip("hil.trace")
 
-pytestmark = pytest.mark.slow  # closed loops, and whole traces of them
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # closed loops, and whole traces of them
 
 SAMPLES = 24_000
 
