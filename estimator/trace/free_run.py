@@ -82,14 +82,15 @@ def _probabilities(
     found: SimulationTrace, named: tuple[str, ...], why: Mapping[str, str], claim: Claim, verdict: Verdict
 ) -> tuple[Classes, ...]:
     """Of each effect that is named, else of the record."""
+    is_open = verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
     if named:
         return tuple(
-            classes(name, doubted(found.accounts[name], set(why) - set(named)), claim.contest, verdict)
+            classes(name, doubted(found.accounts[name], set(why) - set(named)), claim.contest, is_open=is_open)
             for name in named
             if name in found.accounts
         )
     first = next(iter(found.accounts.values()), None)
-    return () if first is None else (classes(None, beside_nothing(first), claim.contest, verdict),)
+    return () if first is None else (classes(None, beside_nothing(first), claim.contest, is_open=is_open),)
 
 
 def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[SimulationTrace, Claim, dict[str, str]]:
@@ -153,7 +154,9 @@ def _judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
     """The verdict, and what keeps a record from being explained."""
     errors = claim.residual
     if not claim.effects:
-        return verdict_of(errors.before, errors.after, errors.floor, ()), promises.constants(claim)
+        conflict = promises.constants(claim)
+        verdict = verdict_of(errors.before, errors.after, errors.floor, ())
+        return Verdict.UNEXPLAINED if conflict else verdict, conflict
     against = promises.broken(claim)
     if not against:
         return Verdict.EXPLAINED, ()

@@ -46,6 +46,16 @@ def look_at(problem: Problem, model: Fitted) -> Look:
     return Look(watched, seen, evidence(seen))
 
 
+def bounds(problem: Problem, model: Fitted, watched: Mapping[str, Parameters]) -> dict[str, Evidence]:
+    """How large the coefficients of what is watched may be beside `model`, the best first.
+
+    The constants are as sure as the bench file declares them, not as the record made them without the effect: what a
+    stiffness takes up, as a hardening does at one amplitude, is not excluded by it.
+    """
+    others = {name: given for name, given in watched.items() if name not in model.settings.effects}
+    return evidence(scan(problem.under(scanned_with(model, problem.device, problem.settings)), others))
+
+
 def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> ObserverSettings:
     """The model as it is to be scanned: without forgetting where it is nearly right, with the memory of the bench where
     the motion would get away from it.

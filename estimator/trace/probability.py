@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from estimator.trace.candidates import kind
 from estimator.trace.criterion import TIE
-from estimator.trace.diagnosis import Classes, Verdict
+from estimator.trace.diagnosis import Classes
 from estimator.trace.nameless import Contest
 from estimator.trace.thresholds import THRESHOLDS
 
@@ -69,11 +69,12 @@ def beside_nothing(accounts: Iterable[Account]) -> tuple[Account, ...]:
     return doubted(shifted, {one.name for one in shifted if one.name != NOTHING})
 
 
-def classes(effect: str | None, accounts: Iterable[Account], contest: Contest | None, verdict: Verdict) -> Classes:
+def classes(effect: str | None, accounts: Iterable[Account], contest: Contest | None, *, is_open: bool) -> Classes:
     """Probabilities of these accounts and of something else, the largest first.
 
     effect: which of those that are named it is about, None where nothing is; accounts: of each kind one, and nothing;
-    contest: what the nameless force makes of the part held out, None where that was not asked.
+    contest: what the nameless force makes of the part held out, None where that was not asked; is_open: whether
+    something is left, or a promise does not hold.
     """
     all_of_them = tuple(accounts)
     effects = max(sum(one.name != NOTHING for one in all_of_them), 1)
@@ -83,8 +84,8 @@ def classes(effect: str | None, accounts: Iterable[Account], contest: Contest | 
     }
     known = sum(weights.values())
     other = _PRIOR.other / (_PRIOR.effect + _PRIOR.nothing) * (0.0 if contest is None else _ahead(contest))
-    if verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY):
-        other = max(other, THRESHOLDS.criterion.odds)  # a promise speaks against the rest
+    if is_open:
+        other = max(other, THRESHOLDS.criterion.odds)
     share = 1.0 / (1.0 + other)
     found = {name: share * weight / known for name, weight in weights.items()} if known > 0.0 else {}
     found[OTHER] = max(1.0 - sum(found.values()), 0.0) if found else 1.0  # rounding may pass 1

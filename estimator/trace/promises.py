@@ -142,7 +142,7 @@ def beyond_zero(claim: Claim) -> tuple[str, ...]:
 
 def constants(claim: Claim) -> tuple[str, ...]:
     """A model that only fits with constants that the device cannot have fits something else."""
-    return tuple(why for constant in claim.constants if (why := _conflict(constant)))
+    return tuple(why for constant in claim.constants if (why := conflict(constant)))
 
 
 def levels(claim: Claim) -> tuple[str, ...]:
@@ -264,7 +264,8 @@ def contradicted(level: Level) -> str | None:
     return None
 
 
-def _conflict(constant: Constant) -> str | None:
+def conflict(constant: Constant) -> str | None:
+    """Why the device cannot have such a constant, None where it may."""
     if constant.positive and constant.high < 0.0:
         return f"{constant.name} comes out negative, {constant.value:.4g}: such a device would move by itself"
     reach = _SET.declared * constant.deviation

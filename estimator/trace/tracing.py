@@ -13,14 +13,17 @@ from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
 from estimator.trace.claims import claim_of
+from estimator.trace.conflict import reconciled
 from estimator.trace.criterion import threshold
 from estimator.trace.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import gained, leaves_the_rest, why_not
+from estimator.trace.evidence import Evidence
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
 from estimator.trace.fitting import constants_of
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
+from estimator.trace.look import bounds
 from estimator.trace.nameless import Contest
 from estimator.trace.probability import beside_nothing, classes, doubted
 from estimator.trace.problem import Effects, Problem
@@ -52,16 +55,19 @@ def trace(
     progress("before and after", 0, 2)
     before = examine(problem, split)
     progress("before and after", 1, 2)
-    found = _judged(problem, selection, before, split)
+    found = _judged(problem, selection, before, split, progress)
     progress("before and after", 2, 2)
     named, after = found.named, found.after
+    largest = bounds(
+        fitted_part.part(slice(0, THRESHOLDS.choice.compared)), found.selection.after, selection.rounds[-1].look.watched
+    )
     reader = AngleReader(problem.part(slice(0, min(split, THRESHOLDS.scoring.read))))
     alike = _confusable(named, found.selection, reader, progress)
     return Diagnosis(
         verdict=found.verdict,
         effects=tuple(_found(name, named, found.selection, reader) for name in named),
         confusable=_with_equivalents(alike, named, found.selection, device, settings),
-        rejected=_rejected(named, selection, found.why, device),
+        rejected=_rejected(named, selection, found.why, largest, device),
         findings=before.findings,
         before=before.fitted,
         after=after.fitted,
@@ -83,7 +89,8 @@ class _Judged:
     """The verdict, and the models that it is about: what was selected less what no promise can be made of.
 
     why: of each effect that was selected and is not named, why not; share: of the residual's power above the floor on
-    the part held out, what goes, None where nothing stood there; contest: with the nameless force.
+    the part held out, what goes, None where nothing stood there; contest: with the nameless force; is_open: whether
+    something is left, or a promise does not hold.
     """
 
     verdict: Verdict
@@ -94,9 +101,16 @@ class _Judged:
     reasons: tuple[str, ...]
     share: float | None
     contest: Contest | None
+    is_open: bool
 
 
-def _judged(problem: Problem, selection: Selection, before: Examination, split: int) -> _Judged:
+def _judged(
+    problem: Problem,
+    selection: Selection,
+    before: Examination,
+    split: int,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> _Judged:
     """Hold what was selected to what the words promise.
 
     An effect that a guard of its own speaks against is taken out and the rest fitted anew.  Where something is left,
@@ -115,24 +129,46 @@ def _judged(problem: Problem, selection: Selection, before: Examination, split: 
         against = promises.broken(claim) if named else ()
         share = claim.residual.share if named and not claim.residual.nothing_above else None
         if not against and not left:
+            reasons = _reasons(named, selection, before.held_out, after.held_out, why)
+            if conflict := promises.constants(claim):
+                return _in_conflict(problem, selection, after, split, why, (*conflict, *reasons), progress)
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
-            reasons = (*_reasons(named, selection, before.held_out, after.held_out, why), *promises.constants(claim))
-            return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest)
+            return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest, is_open=False)
         gains = {name: selection.gain[name] for name in named}
         if small := promises.minor(gains):
             why |= {name: leaves_the_rest(gains[name]) for name in small}
         elif promises.holds_in_part(claim):
             reasons = (_in_part(named, claim), *left, *against)
-            return _Judged(Verdict.PARTLY, named, selection, after, why, reasons, share, claim.contest)
+            return _Judged(Verdict.PARTLY, named, selection, after, why, reasons, share, claim.contest, is_open=True)
         elif left:
             why |= {name: _no_explanation(gains[name], claim) for name in named}
             shown = after if claim.residual.fell else before
             told = (*left, *_turned_down(why))
-            return _Judged(Verdict.UNEXPLAINED, {}, selection, shown, why, told, None, claim.contest)
+            return _Judged(Verdict.UNEXPLAINED, {}, selection, shown, why, told, None, claim.contest, is_open=True)
         else:  # what remains is at the floor anyhow: the least of them may go
             small = (min(gains, key=lambda name: gains[name]),)
             why |= {name: _no_explanation(gains[name], claim) for name in small}
         selection = without(part, selection, small)
+
+
+def _in_conflict(
+    problem: Problem,
+    selection: Selection,
+    after: Examination,
+    split: int,
+    why: Mapping[str, str],
+    reasons: tuple[str, ...],
+    progress: Callable[[str, int, int], None],
+) -> _Judged:
+    """Nothing is left and nothing named, with a constant that the device cannot have: what would let it be."""
+    found = reconciled(problem.part(slice(0, split)), selection, progress)
+    if found is None:
+        return _Judged(Verdict.UNEXPLAINED, {}, selection, after, why, reasons, None, None, is_open=True)
+    name, instead = found
+    said = f"{promises.acts_like((name,))}: with it every constant of the model is one that the bench file allows"
+    after = examine(problem.carrying(instead.effects), split)
+    named = {name: instead.effects[name]}
+    return _Judged(Verdict.PARTLY, named, instead, after, why, (said, *reasons), None, None, is_open=False)
 
 
 def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[Selection, dict[str, str]]:
@@ -149,13 +185,13 @@ def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[
 
 def _probabilities(found: _Judged) -> tuple[Classes, ...]:
     """Of each effect that is named, else of the record."""
-    accounts, contest, verdict = found.selection.accounts, found.contest, found.verdict
+    accounts, contest = found.selection.accounts, found.contest
     if not found.named:
         first = next(iter(accounts.values()))
-        return (classes(None, beside_nothing(first), contest, verdict),)
+        return (classes(None, beside_nothing(first), contest, is_open=found.is_open),)
     against = {kind(name) for name in found.why} - {kind(name) for name in found.named}
     return tuple(
-        classes(_short(name, found.named), doubted(accounts[name], against), contest, verdict)
+        classes(_short(name, found.named), doubted(accounts[name], against), contest, is_open=found.is_open)
         for name in found.named
         if name in accounts
     )
@@ -292,10 +328,12 @@ def _constants(selection: Selection, device: Device, settings: ObserverSettings)
     return Constants((kxx, kyy, kxy), (dxx, dyy, dxy), device.stiffness, spread)
 
 
-def _rejected(named: Effects, selection: Selection, why: Mapping[str, str], device: Device) -> tuple[Rejected, ...]:
+def _rejected(
+    named: Effects, selection: Selection, why: Mapping[str, str], largest: Mapping[str, Evidence], device: Device
+) -> tuple[Rejected, ...]:
     """Every other candidate once, with what it would have explained at best and a bound on its coefficients.
 
-    why: of those that were selected and are not named.
+    why: of those that were selected and are not named; largest: what bounds the coefficients of each.
     """
     last = selection.rounds[-1]
     kinds = {kind(name) for name in named}
@@ -313,7 +351,9 @@ def _rejected(named: Effects, selection: Selection, why: Mapping[str, str], devi
         _, effect = effect_for(name, device.axes)
         bound = {
             c.name.partition(":")[0]: _interval(float(value), float(sd), c.unit)
-            for c, value, sd in zip(effect.coefficients, item.coefficients, item.deviation, strict=True)
+            for c, value, sd in zip(
+                effect.coefficients, largest[name].coefficients, largest[name].deviation, strict=True
+            )
             if sd > 0.0
         }
         reason = _why(name, item.significance > enough, selection)

@@ -5,7 +5,6 @@ import math
 import pytest
 
 from estimator.trace.criterion import TIE
-from estimator.trace.diagnosis import Verdict
 from estimator.trace.nameless import Contest
 from estimator.trace.probability import NOTHING, OTHER, Account, beside_nothing, classes, doubted, nearest
 
@@ -13,8 +12,8 @@ WHITE = Contest(named=900.0, nameless=0.0, both=900.0, samples=40_000)
 SURE = Account(NOTHING, 900.0)
 
 
-def of(*accounts, contest=WHITE, verdict=Verdict.EXPLAINED):
-    found = classes("sense_gain", accounts, contest, verdict)
+def of(*accounts, contest=WHITE, is_open=False):
+    found = classes("sense_gain", accounts, contest, is_open=is_open)
     assert sum(found.probabilities.values()) == pytest.approx(1.0)
     assert list(found.probabilities.values()) == sorted(found.probabilities.values(), reverse=True)
     return found.probabilities
@@ -70,7 +69,7 @@ def test_something_else_where_a_force_does_as_well_in_place_of_the_effect() -> N
 
 
 def test_what_a_promise_speaks_against_is_something_else_at_odds_of_twenty() -> None:
-    found = of(Account("sense_gain", 0.0), SURE, verdict=Verdict.PARTLY)
+    found = of(Account("sense_gain", 0.0), SURE, is_open=True)
     assert found[OTHER] == pytest.approx(20.0 / 21.0)
 
 
@@ -87,7 +86,7 @@ def test_what_has_no_say_stands_at_odds_of_twenty_at_best() -> None:
 def test_where_nothing_is_named_nothing_is_what_all_are_compared_with() -> None:
     found = beside_nothing((Account("sense_gain", 0.0), Account("drive_gain", 40.0), Account(NOTHING, 12.0)))
     assert {one.name: one.deficit for one in found} == {"sense_gain": TIE, "drive_gain": 28.0, NOTHING: 0.0}
-    said = classes(None, found, Contest(0.0, 5.0, 5.0, 40_000), Verdict.ADEQUATE)
+    said = classes(None, found, Contest(0.0, 5.0, 5.0, 40_000), is_open=False)
     assert said.effect is None
     assert said.probabilities[NOTHING] > 0.95
 

@@ -113,6 +113,26 @@ def test_what_the_part_held_out_does_not_bear_out_is_not_there(judged):
     assert any("gains 53.6" in reason and "not predicted better" in reason for reason in found.reasons)
 
 
+SOFT = Constant("kxx", 46.0, 45.0, 47.0, declared=1191.0, deviation=119.0)
+
+
+def test_a_residual_that_is_the_noise_is_not_adequate_with_a_constant_that_cannot_be(judged, monkeypatch):
+    monkeypatch.setattr(tracing, "reconciled", lambda part, selection, progress: None)
+    found = judged({}, {}, {(): errors(1.0, 1.0)}, constants=(SOFT,))
+    assert (found.verdict, found.named) == (Verdict.UNEXPLAINED, {})
+    assert "from the declared 1191" in found.reasons[0]
+
+
+def test_what_lets_the_constants_be_as_declared_acts_so_and_is_not_said_to_be_the_cause(judged, monkeypatch):
+    instead = Selected({"drive_gain": {"hy": SURE}}, {"drive_gain": 1616.0})
+    monkeypatch.setattr(tracing, "reconciled", lambda part, selection, progress: ("drive_gain", instead))
+    found = judged({}, {}, {(): errors(1.0, 1.0)}, constants=(SOFT,))
+    assert (found.verdict, set(found.named)) == (Verdict.PARTLY, {"drive_gain"})
+    assert found.reasons[0].startswith("something acts like drive gain")
+    assert "from the declared 1191" in found.reasons[1]
+    assert not found.is_open
+
+
 def test_most_of_it_is_explained_in_part_by_what_dominates(judged):
     """A hardening spring that gains 191,500 and a drag that gains 646, more than three effects wanted."""
     found = judged(
@@ -249,8 +269,6 @@ def test_a_level_is_in_volts_where_all_beyond_is_lost(share: Estimate, said: int
 # -- free runs -------------------------------------------------------------------------------------------------------
 
 
-SOFT = Constant("kxx", 46.0, 45.0, 47.0, declared=1191.0, deviation=119.0)
-
 
 @pytest.mark.parametrize(
     ("claim", "verdict"),
@@ -262,6 +280,7 @@ SOFT = Constant("kxx", 46.0, 45.0, 47.0, declared=1191.0, deviation=119.0)
         (Claim(Errors(9.0, 1.0, 1.0, 1e4), {"a": {"c": SURE}}, (SOFT,)), Verdict.PARTLY),
         (Claim(Errors(2.0, 2.0, 1.0, 1e4), {}), Verdict.ADEQUATE),
         (Claim(Errors(4.0, 4.0, 1.0, 1e4), {}), Verdict.UNEXPLAINED),
+        (Claim(Errors(1.0, 1.0, 1.0, 1e4), {}, (SOFT,)), Verdict.UNEXPLAINED),
     ],
 )  # fmt: skip
 def test_a_free_run_stands_before_the_same_guards(claim: Claim, verdict: Verdict) -> None:

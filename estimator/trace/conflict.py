@@ -1,0 +1,80 @@
+"""What would let the constants of the model be what the bench file declares.
+
+Where a record holds one state of motion only, a constant may take up an effect without leaving a residual: a drive that
+is weaker than declared is a damping that is lower, as far as the record goes.  What is declared of that constant is
+then all there is to tell.  In a first pass an observer begins with the declared constants and their spreads, so that
+its likelihood has the declaration in it, and its covariance, too.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from estimator.trace import promises
+from estimator.trace.candidates import kind
+from estimator.trace.claims import constants_of
+from estimator.trace.criterion import TIE, schwarz, surprise
+from estimator.trace.engine import Round
+from estimator.trace.fitting import Fitted, coefficients_of, fit, parameters_of
+from estimator.trace.observer_model import degrees, numbers
+from estimator.trace.parameters import NOTHING
+from estimator.trace.probability import NOTHING as NO_EFFECT
+from estimator.trace.probability import Account
+from estimator.trace.problem import Problem
+from estimator.trace.rivals import Rival
+from estimator.trace.selection import Selection
+from estimator.trace.thresholds import THRESHOLDS
+
+
+def reconciled(
+    problem: Problem, selection: Selection, progress: Callable[[str, int, int], None]
+) -> tuple[str, Selection] | None:
+    """The effect with which no constant is in conflict, where one is that gains more than chance, and the selection
+    with it; as near as it are those whose likelihoods are.
+
+    problem: the part that was fitted; selection: without an effect that is named.
+    """
+    part = problem.part(slice(0, THRESHOLDS.choice.compared))
+    look = selection.rounds[-1].look
+    one_of_each: dict[str, str] = {}
+    for name in look.watched:
+        one_of_each.setdefault(kind(name), name)
+    base = fit(part, passes=1)
+    models: dict[str, Fitted] = {}
+    standing: dict[str, float] = {}
+    for done, name in enumerate(one_of_each.values(), 1):
+        model = fit(part.carrying({**part.effects, name: look.watched[name]}), passes=1)
+        gain = model.likelihood - base.likelihood
+        if gain > surprise(degrees(name, part.device.axes), len(one_of_each)) and not _conflicts(part, model):
+            models[name] = model
+            standing[name] = gain - schwarz(numbers(name, part.device.axes), base.estimates.innovation.size)
+        progress("conflict", done, len(one_of_each))
+    if not models:
+        return None
+    ranked = sorted(models, key=lambda name: -standing[name])
+    best = ranked[0]
+    behind = {name: standing[best] - standing[name] for name in ranked[1:]}
+    return best, replace(
+        selection,
+        effects=coefficients_of(models[best].observer),
+        rounds=(*selection.rounds, Round(look, (), best)),
+        alike={best: {}},
+        rivals={
+            best: {
+                name: Rival(less, TIE, parameters_of(models[name], name)) for name, less in behind.items() if less < TIE
+            }
+        },
+        accounts={
+            best: (
+                Account(kind(best), 0.0),
+                Account(NO_EFFECT, standing[best]),
+                *(Account(kind(name), less) for name, less in behind.items()),
+            )
+        },
+        after=models[best],
+        gain={best: models[best].likelihood - base.likelihood},
+        searched={best: NOTHING},
+    )
+
+
+def _conflicts(problem: Problem, model: Fitted) -> bool:
+    return any(promises.conflict(constant) for constant in constants_of(problem, model))
