@@ -269,7 +269,6 @@ def test_a_level_is_in_volts_where_all_beyond_is_lost(share: Estimate, said: int
 # -- free runs -------------------------------------------------------------------------------------------------------
 
 
-
 @pytest.mark.parametrize(
     ("claim", "verdict"),
     [
