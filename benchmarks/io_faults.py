@@ -10,7 +10,8 @@ failure; what is merely interrupted or short is done again, and nothing comes of
 What was written is what `hil check` can read; no process, no half file and no empty folder is left.
 
 As it takes hours, `IO_FAULTS_EVERY=N` takes one k in N, with another beginning for each fault; `IO_FAULTS_WAY` and
-`IO_FAULTS_KIND` take only the ways and the faults whose name holds that ("paced", "read-only").
+`IO_FAULTS_KIND` take only the ways and the faults whose name holds that ("paced", "read-only"), `IO_FAULTS_FROM=K` the calls from the
+K-th on, to go on where an earlier campaign was ended.
 """
 
 import os
@@ -25,23 +26,23 @@ from benchmarks.row import Row, Say
 
 def rows(say: Say) -> list[Row]:
     """How many runs, and how many in which all of it held."""
-    every = int(os.environ.get("IO_FAULTS_EVERY", "1"))
+    every, first = (int(os.environ.get(f"IO_FAULTS_{which}", "1")) for which in ("EVERY", "FROM"))
     only, kind = os.environ.get("IO_FAULTS_WAY", ""), os.environ.get("IO_FAULTS_KIND", "")
     faults = [fault for fault in FAULTS if kind in fault]
     table: list[Row] = []
     for way in WAYS:
         if only in way:
-            table += _of_way(say, way, faults, every)
+            table += _of_way(say, way, faults, every, first)
     return table
 
 
-def _of_way(say: Say, way: str, faults: list[str], every: int) -> list[Row]:
+def _of_way(say: Say, way: str, faults: list[str], every: int, first: int) -> list[Row]:
     with tempfile.TemporaryDirectory(prefix="io-faults-") as place, Campaign(Path(place), way).board() as campaign:
         calls = campaign.reach()
         say(f"{way}: {len(calls)} calls: {dict(Counter(call.split()[0] for call in calls))}")
         outcomes = []
         for number, fault in enumerate(faults):
-            for at in range(1 + number * every // len(faults), len(calls) + 1, every):
+            for at in range(first + number * every // len(faults), len(calls) + 1, every):
                 outcomes.append(outcome := campaign.fail(fault, at))
                 say(_told(outcome))
     hit = [outcome for outcome in outcomes if outcome.hit]
