@@ -10,8 +10,8 @@ failure; what is merely interrupted or short is done again, and nothing comes of
 What was written is what `hil check` can read; no process, no half file and no empty folder is left.
 
 As it takes hours, `IO_FAULTS_EVERY=N` takes one k in N, with another beginning for each fault; `IO_FAULTS_WAY` and
-`IO_FAULTS_KIND` take only the ways and the faults whose name holds that ("paced", "read-only"), `IO_FAULTS_FROM=K` the calls from the
-K-th on, to go on where an earlier campaign was ended.
+`IO_FAULTS_KIND` take only the ways and the faults whose name holds that ("paced", "read-only"); `IO_FAULTS_FROM=K` goes
+on from the K-th call where an earlier campaign was ended.
 """
 
 import os

@@ -143,6 +143,7 @@ def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path
         split=fitted,
         reasons=found.reasons,
         share=found.share,
+        probabilities=found.probabilities,
     )
     diagnosis = to_model(answer, record=_called(capture), bench=bench.device.name)
     folder = make_run_folder(out, name)

@@ -21,14 +21,16 @@ from estimator.residual.effective import effective_samples
 from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.trace import promises
-from estimator.trace.diagnosis import Confusable, Fit, Found, Interval, Rejected, Verdict
+from estimator.trace.diagnosis import Classes, Confusable, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, leaves_the_rest, why_not
+from estimator.trace.probability import beside_nothing, classes, doubted, of_rounds
 from estimator.trace.promises import Claim, Errors, Level
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.rate_sensor
 
 RULES = Rules(most=_SET.most, dissent=Dissent.CUTS)
+_OPEN = (Verdict.PARTLY, Verdict.UNEXPLAINED)
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,8 @@ class SensorDiagnosis:
     """The answer for one sensor.
 
     base: V0 and S with intervals; before: the straight line, after: with the effects; fits over the fitting rows and
-    over the held-out ones; residuals (n,) V of the whole record; share: as of
-    `estimator.trace.diagnosis.Diagnosis`.
+    over the held-out ones; residuals (n,) V of the whole record; share, probabilities:
+    as of `estimator.trace.diagnosis.Diagnosis`.
     """
 
     verdict: Verdict
@@ -53,6 +55,7 @@ class SensorDiagnosis:
     residual_after: Array
     reasons: tuple[str, ...]
     share: float | None = None
+    probabilities: tuple[Classes, ...] = ()
 
 
 def alternate_blocks(count: int, length: int) -> Rows:
@@ -114,6 +117,24 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
         after.residual,
         reasons,
         found.claim.residual.share if named else None,
+        _probabilities(chosen, found, effects if named else (), is_open=verdict in _OPEN),
+    )
+
+
+def _probabilities(
+    chosen: Chosen[SensorFit, tuple[str, ...]], found: "_Promised", named: Sequence[Found], *, is_open: bool
+) -> tuple[Classes, ...]:
+    """Of each effect that is named, else of the record."""
+    accounts = of_rounds(chosen.rounds, lambda look: {})
+    if not named:
+        return tuple(
+            classes(None, beside_nothing(first), None, is_open=is_open) for first in list(accounts.values())[:1]
+        )
+    against = set(found.why) - {one.name for one in named}
+    return tuple(
+        classes(one.name, doubted(accounts[one.name], against), None, is_open=is_open)
+        for one in named
+        if one.name in accounts
     )
 
 

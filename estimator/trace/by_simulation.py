@@ -22,7 +22,7 @@ from estimator.trace.free_run_model import (
     parts_of,
     promises_of,
 )
-from estimator.trace.probability import NOTHING, Account
+from estimator.trace.probability import Account, of_rounds
 from estimator.trace.problem import Problem
 from estimator.trace.thresholds import THRESHOLDS
 
@@ -89,7 +89,7 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
         after=after.fit,
         rejected=rejected,
         alike=alike,
-        accounts=_accounts(chosen.rounds),
+        accounts=of_rounds(chosen.rounds, _promised),
     )
 
 
@@ -103,17 +103,9 @@ def without(problem: Problem, found: SimulationTrace, names: Collection[str], sk
     return replace(found, effects=tuple(kept), evidence=kept, observer=observer, after=after)
 
 
-def _accounts(rounds: Sequence[Round[Promises]]) -> dict[str | None, tuple[Account, ...]]:
-    """In independent samples: gains of those that were fitted, what the others promise at first order; and nothing."""
-    found: dict[str | None, tuple[Account, ...]] = {}
-    for one in rounds:
-        if one.taken is None and found:
-            continue
-        worth = {name: promise.gain - promise.price for name, promise in one.look.items()}
-        worth |= {tried.name: tried.score.gain - tried.score.price for tried in one.tried if tried.score is not None}
-        reached = worth[one.taken] if one.taken is not None else 0.0
-        found[one.taken] = (Account(NOTHING, reached), *(Account(name, reached - own) for name, own in worth.items()))
-    return found
+def _promised(look: Promises) -> dict[str, float]:
+    """In independent samples, at first order."""
+    return {name: promise.gain - promise.price for name, promise in look.items()}
 
 
 def _why(name: str, promised: float, rounds: Sequence[Round[Promises]]) -> str:

@@ -7,12 +7,13 @@ that counts as explained.
 """
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from estimator.trace.candidates import kind
 from estimator.trace.criterion import TIE
 from estimator.trace.diagnosis import Classes
+from estimator.trace.engine import Look, Round
 from estimator.trace.nameless import Contest
 from estimator.trace.thresholds import THRESHOLDS
 
@@ -49,6 +50,23 @@ def nearest(accounts: Iterable[Account]) -> tuple[Account, ...]:
         if same.name not in best or same.weight > best[same.name].weight:
             best[same.name] = same
     return tuple(best.values())
+
+
+def of_rounds(
+    rounds: Iterable[Round[Look]], promised: Callable[[Look], Mapping[str, float]]
+) -> dict[str | None, tuple[Account, ...]]:
+    """By who was taken, all that was asked there: gains of those that were carried less their prices, those that others
+    promise, and nothing; where nobody ever was, the same of the first round, by none.
+    """
+    found: dict[str | None, tuple[Account, ...]] = {}
+    for one in rounds:
+        if one.taken is None and found:
+            continue
+        worth = dict(promised(one.look))
+        worth |= {tried.name: tried.score.gain - tried.score.price for tried in one.tried if tried.score is not None}
+        reached = worth[one.taken] if one.taken is not None else 0.0
+        found[one.taken] = (Account(NOTHING, reached), *(Account(name, reached - own) for name, own in worth.items()))
+    return found
 
 
 def doubted(accounts: Iterable[Account], names: Collection[str]) -> tuple[Account, ...]:

@@ -53,11 +53,17 @@ def test_a_curve_is_named_from_steady_states(name, curve, coefficient, value):
     interval = found.effects[0].coefficients[coefficient]
     assert interval.low - 0.01 * abs(value) < value < interval.high + 0.01 * abs(value)
     assert found.held_out_after.ratio < 2.0 < found.held_out_before.ratio
+    (stated,) = found.probabilities
+    assert stated.effect == name
+    assert stated.probabilities[name] > 0.95
 
 
 def test_a_straight_line_is_adequate():
     for seed in range(10):
         record, fitting = table(lambda f: 0.1 - 2.0 * f, seed)
+        (stated,) = trace_sensor(record, DECLARED, 1e-4, fitting).probabilities
+        assert stated.effect is None
+        assert stated.probabilities["nothing"] > 0.8
         found = trace_sensor(record, DECLARED, 1e-4, fitting)
         assert found.verdict is Verdict.ADEQUATE
         assert not found.effects
