@@ -6,7 +6,7 @@ then all there is to tell.  In a first pass an observer begins with the declared
 its likelihood has the declaration in it, and its covariance, too.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from estimator.trace import promises
@@ -20,8 +20,10 @@ from estimator.trace.parameters import NOTHING
 from estimator.trace.probability import NOTHING as NO_EFFECT
 from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
+from estimator.trace.promises import Constant
 from estimator.trace.rivals import Rival
 from estimator.trace.selection import Selection
+from estimator.trace.symmetries import RING_DOWN
 from estimator.trace.thresholds import THRESHOLDS
 
 
@@ -74,6 +76,17 @@ def reconciled(
         gain={best: models[best].likelihood - base.likelihood},
         searched={best: NOTHING},
     )
+
+
+def runs_backwards(constants: Iterable[Constant]) -> str | None:
+    """What is said where both axes have the damping that is declared with the other sign: in reverse order a record has
+    that, and a rate of the other sign (docs/explanation.md).
+    """
+    dampings = [one for one in constants if one.name in ("dxx", "dyy")]
+    turned = [replace(one, value=-one.value, low=-one.high, high=-one.low) for one in dampings]
+    if len(dampings) < 2 or any(one.high >= 0.0 for one in dampings) or any(map(promises.conflict, turned)):
+        return None
+    return f"it may run backwards: the damping of both axes is the declared one with the other sign; {RING_DOWN}"
 
 
 def _conflicts(problem: Problem, model: Fitted) -> bool:

@@ -13,7 +13,7 @@ from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
 from estimator.trace.claims import claim_of
-from estimator.trace.conflict import reconciled
+from estimator.trace.conflict import reconciled, runs_backwards
 from estimator.trace.criterion import threshold
 from estimator.trace.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import gained, leaves_the_rest, why_not
@@ -131,6 +131,8 @@ def _judged(
         if not against and not left:
             reasons = _reasons(named, selection, before.held_out, after.held_out, why)
             if conflict := promises.constants(claim):
+                backwards = runs_backwards(claim.constants)
+                conflict = (*conflict, backwards) if backwards else conflict
                 return _in_conflict(problem, selection, after, split, why, (*conflict, *reasons), progress)
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
             return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest, is_open=False)

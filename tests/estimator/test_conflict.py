@@ -9,12 +9,12 @@ import pytest
 from scipy.linalg import expm
 
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
+from estimator.trace.conflict import runs_backwards
 from estimator.trace.diagnosis import Verdict
 from estimator.trace.problem import Problem
+from estimator.trace.promises import Constant
 from estimator.trace.record import Record
 from estimator.trace.tracing import trace
-
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # whole traces
 
 RATE, N = 4000.0, 24_000
 DEVICE = Device(
@@ -53,6 +53,8 @@ def record(gain_y: float) -> Record:
     return Record(sense[1:], drive[:-1, :, None], np.full(N - 1, 1.0 / RATE))
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)  # a whole trace
 def test_a_damping_below_zero_is_a_drive_that_is_weaker_than_declared() -> None:
     said = trace(Problem(record(0.85), DEVICE, SETTINGS), split=round(0.6 * N))
     assert said.verdict is Verdict.PARTLY
@@ -63,5 +65,22 @@ def test_a_damping_below_zero_is_a_drive_that_is_weaker_than_declared() -> None:
     assert any(reason.startswith("dyy comes out negative") for reason in said.reasons)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)  # a whole trace
 def test_a_drive_that_is_as_declared_leaves_the_damping_what_it_is() -> None:
     assert trace(Problem(record(1.0), DEVICE, SETTINGS), split=round(0.6 * N)).verdict is Verdict.ADEQUATE
+
+
+def damping(name: str, value: float, declared: float = 200.0) -> Constant:
+    return Constant(name, value, value - 2.0, value + 2.0, declared, 60.0, positive=True)
+
+
+@pytest.mark.parametrize(
+    ("dxx", "dyy", "said"),
+    [(-281.0, -270.0, True), (-281.0, 270.0, False), (281.0, 270.0, False), (-281.0, -900.0, False)],
+)
+def test_a_record_in_reverse_order_has_the_damping_of_both_axes_with_the_other_sign(
+    dxx: float, dyy: float, *, said: bool
+) -> None:
+    told = runs_backwards((damping("dxx", dxx), damping("dyy", dyy), damping("kxx", 1.0)))
+    assert (told is not None) is said
