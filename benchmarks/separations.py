@@ -25,6 +25,7 @@ from benchmarks.undeclared.judging import class_of, plain
 from benchmarks.undeclared.population import Order
 from benchmarks.undeclared.record import draw
 from benchmarks.verdicts.campaign import toml_of
+from estimator.side_by_side import one_worker_each
 from hil.bench import override
 from hil.loop.run import run
 from hil.records.atomic import write_text
@@ -47,6 +48,7 @@ def rows(say: Say) -> list[Row]:
     orders = _orders(int(os.environ.get("SEPARATIONS_DRAW", str(DRAW))))
     done: list[dict[str, Any]] = []
     KEPT.mkdir(parents=True, exist_ok=True)
+    one_worker_each()
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         while sum(one["experiments"] > 0 for one in done) < wanted:
             for one in pool.map(_one, [next(orders) for _ in range(2 * jobs)]):

@@ -18,6 +18,7 @@ from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
+from estimator.side_by_side import stop_if_abandoned
 
 _PORTION = 4096
 """Samples in one call of a kernel: a tenth of a second where many effects are carried."""
@@ -436,6 +437,7 @@ class Observer:
         longest = self.h if step is None else float(np.max(h, initial=self.h))
         self.record["order"] = taylor_order(longest) + u.shape[2] - 1
         for rows_of, states_of, stride in _portions(n, every):
+            stop_if_abandoned()
             block.observe_block(
                 self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
                 self.x, self.p, self.c, self.memory,

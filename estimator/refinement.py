@@ -19,6 +19,7 @@ from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
+from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import simulate
 
 _T95 = 1.959963984540054
@@ -100,6 +101,7 @@ def refine(
     cache: dict[bytes, tuple[Array, Array]] = {}
 
     def run(scaled: Array) -> tuple[Array, Array]:
+        stop_if_abandoned()
         key = scaled.tobytes()
         if key not in cache:
             cache.clear()

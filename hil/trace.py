@@ -7,6 +7,7 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.scaling import Array
+from estimator.side_by_side import workers
 from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
 from estimator.trace.problem import Problem
@@ -75,6 +76,7 @@ def trace(
     be traced, or that does not belong to the bench file; nothing is left then.
     """
     require_compiler()
+    workers()  # no number of them is told before minutes are spent
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)

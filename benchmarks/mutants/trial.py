@@ -96,6 +96,7 @@ class Trials:
             os.environ |= {
                 "GYROHIL_MUTANT": self._module,
                 "GYROHIL_MUTANT_SOURCE": str(source),
+                "GYROHIL_WORKERS": "1",
                 "GYROHIL_MUTANT_HOOK": str(_HERE / "hook.py"),
                 "PYTHONPATH": f"{_HERE / 'site'}:{os.environ.get('PYTHONPATH', '')}",
             }

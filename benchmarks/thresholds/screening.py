@@ -18,6 +18,7 @@ from typing import Any
 from benchmarks.row import Say
 from benchmarks.thresholds.change import SIDES, Changes
 from benchmarks.undeclared.tracing import estimator_digest
+from estimator.side_by_side import WORKERS
 from hil.records.atomic import write_text
 
 Answer = dict[str, Any]
@@ -76,7 +77,7 @@ class _Child:
     """A process that answers line by line."""
 
     def __init__(self, folder: Path) -> None:
-        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", WORKERS), "1")
         self._process = subprocess.Popen(
             [sys.executable, "-m", "benchmarks.thresholds.child", str(folder)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, **threads},

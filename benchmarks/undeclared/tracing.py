@@ -14,6 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.row import Say
+from estimator.side_by_side import one_worker_each
 from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.trace import trace_file
@@ -27,6 +28,7 @@ def trace_all(places: list[Path], jobs: int, keep: bool, say: Say) -> None:
     waiting = [place for place in places if not _done(place, None if keep else tracer)]
     begin = time.monotonic()
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors
+    one_worker_each()
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         running = {pool.submit(trace_one, place, tracer): place for place in waiting}
         for done, future in enumerate(as_completed(running), 1):

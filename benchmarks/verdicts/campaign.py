@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.row import Say
 from benchmarks.undeclared.population import Order
 from benchmarks.verdicts.population import SAMPLES, plan
+from estimator.side_by_side import one_worker_each
 
 FOLDER = Path("runs/verdicts")
 Line = dict[str, Any]
@@ -30,6 +31,7 @@ def campaign(orders: Sequence[Order], folder: Path, *, jobs: int, say: Say, samp
     waiting = [order for order in orders if key_of(order, samples) not in lines]
     begin = time.monotonic()
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors
+    one_worker_each()
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool, kept.open("a") as out:
         running = {pool.submit(run_one, order, folder, samples): order for order in waiting}
         for done, future in enumerate(as_completed(running), 1):

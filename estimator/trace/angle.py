@@ -5,12 +5,14 @@ one.  The bench's own observer reads the record once for each such possibility; 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from estimator.observer import Observer
 from estimator.scaling import Array
+from estimator.side_by_side import side_by_side, together
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.fitting import coefficients_of, fit, run
 from estimator.trace.problem import Effects, Problem
@@ -23,18 +25,24 @@ class AngleReader:
     """The bench's observer over one record, with any effects."""
 
     problem: Problem
+    _known: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def angle(self, effects: Effects) -> Array:
         """Angle [rad] of each sample once the start is over."""
         problem = self.problem.carrying(effects)
-        observer = Observer(problem.device, problem.settings, problem.controller)
-        hold(observer)
-        read = run(observer, problem.record).angle
-        return np.asarray(read[min(settling(problem.settings, problem.device), len(read) // THRESHOLDS.start.most) :])
+        asked = repr(problem.effects)
+        if asked not in self._known:
+            observer = Observer(problem.device, problem.settings, problem.controller)
+            hold(observer)
+            read = run(observer, problem.record).angle
+            start = min(settling(problem.settings, problem.device), len(read) // THRESHOLDS.start.most)
+            self._known[asked] = np.asarray(read[start:])
+        return self._known[asked]
 
     def moved(self, effects: Effects, others: Effects) -> float:
         """How far in rad, at most, the angle moves when the others are carried in place of these."""
-        return float(np.max(np.abs(self.angle(effects) - self.angle(others))))
+        one, other = together(lambda: self.angle(effects), lambda: self.angle(others))
+        return float(np.max(np.abs(one - other)))
 
     def bound(self, effects: Effects, name: str, covariance: Array) -> float:
         """By how much in rad the angle may be wrong because the coefficients of `name` are known within 95 % only.
@@ -43,12 +51,10 @@ class AngleReader:
         """
         scale = np.sqrt(np.diagonal(covariance))
         sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-        usual = self.angle(effects)
-        total = 0.0
-        for size, axis in zip(np.sqrt(np.maximum(sizes, 0.0)), axes.T, strict=True):
-            moved = self.angle(_shifted(effects, name, TWO_SIDED * size * axis * scale))
-            total += float(np.max(np.abs(moved - usual))) ** 2
-        return float(np.sqrt(total))
+        shifts = TWO_SIDED * np.sqrt(np.maximum(sizes, 0.0))[:, None] * axes.T * scale
+        asked = [effects, *(_shifted(effects, name, shift) for shift in shifts)]
+        usual, *moved = side_by_side([partial(self.angle, one) for one in asked])
+        return float(np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved)))
 
     def mistaken(self, effects: Effects, name: str, other: str, parameters: Mapping[str, float]) -> float:
         """How far in rad the angle moves, at most, if `other`, fitted to the same record, is there and not `name`."""

@@ -8,6 +8,7 @@ import numpy as np
 from estimator.observer import Estimates, Observer
 from estimator.residual.analysis import analyse
 from estimator.scaling import Array
+from estimator.side_by_side import together
 from estimator.trace.diagnosis import Finding, Fit, Residual
 from estimator.trace.fitting import run
 from estimator.trace.nameless import Innovations
@@ -47,7 +48,7 @@ def examine(problem: Problem, split: int) -> Examination:
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
     every = 1 if len(record) <= _SET.states else max(int(cycle / _SET.states_a_cycle), 1)
     split = split // every * every
-    estimates = run(observer, record, every=every)
+    estimates, alone = together(lambda: run(observer, record, every=every), lambda: free_run_error(problem))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
     settled = min(settling(settings, device), split // THRESHOLDS.start.most) // every * every
     begin, end = slice(settled, split), slice(split, len(record) // every * every)
@@ -57,7 +58,6 @@ def examine(problem: Problem, split: int) -> Examination:
         parts.append(analyse(part.innovation, part.innovation_deviation, part, record.part(rows), resonance))
     (fitted, findings, _), (held_out, _, _) = parts
     whole = analyse_spectrum(estimates, parts)
-    alone = free_run_error(problem)
     fitted, held_out = (
         replace(fit, simulation_rmse=float(np.sqrt(np.nanmean(error**2))) if np.any(np.isfinite(error)) else None)
         for fit, error in ((fitted, alone[:split]), (held_out, alone[split:]))

@@ -7,6 +7,7 @@ explain beyond what the parameters so far could; the few that promise most are t
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from estimator.refinement import Refined, refine
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
+from estimator.side_by_side import side_by_side
 from estimator.simulation import simulate
 from estimator.trace.criterion import extended
 from estimator.trace.determined import declared
@@ -79,13 +81,13 @@ class FreeRunModel:
         self, current: FreeRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[FreeRun]]
     ) -> Mapping[str, FreeRun | str]:
         """Fitted in earnest, from what `current` found."""
-        found: dict[str, FreeRun | str] = {}
-        for name in names:
-            try:
-                found[name] = fitted(self.problem, (*current.effects, name), current.fit, self.choice)
-            except ModelError:
-                found[name] = "no free run with it stays within bounds"
-        return found
+        return dict(zip(names, side_by_side([partial(self._fit, current, name) for name in names]), strict=True))
+
+    def _fit(self, current: FreeRun, name: str) -> FreeRun | str:
+        try:
+            return fitted(self.problem, (*current.effects, name), current.fit, self.choice)
+        except ModelError:
+            return "no free run with it stays within bounds"
 
     def score(self, current: FreeRun, look: Promises, fits: Mapping[str, FreeRun]) -> Mapping[str, Score]:
         """Gains counted in independent samples; the price is that of its promise."""

@@ -7,14 +7,15 @@ where the spectrum asks for them; with those given, the largest likelihood is a 
 Automatica 32(5), 1996: approximation by Laguerre and Kautz functions).  Order and roots are paid for by Schwarz.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from estimator.scaling import Array
+from estimator.side_by_side import side_by_side, together
 from estimator.trace.criterion import TIE, schwarz
 from estimator.trace.dispersion import dispersed
 from estimator.trace.thresholds import THRESHOLDS
@@ -63,6 +64,7 @@ class Innovations:
     innovation: Array
     deviation: Array
     fitted: slice
+    _found: list[Nameless] = field(default_factory=list, repr=False)
 
     @cached_property
     def series(self) -> Array:
@@ -76,10 +78,12 @@ class Innovations:
         """Without a force."""
         return level(self.series, self.fitted)
 
-    @cached_property
+    @property
     def nameless(self) -> Nameless:
         """With one."""
-        return nameless(self.series, self.fitted)
+        if not self._found:  # `cached_property` of Python 3.11 has one lock for all: two threads, one after another
+            self._found.append(nameless(self.series, self.fitted))
+        return self._found[0]
 
 
 def level(series: Array, rows: slice) -> Nameless:
@@ -97,7 +101,8 @@ def nameless(series: Array, rows: slice) -> Nameless:
         best = max((best, *(longest.up_to(order) for order in orders)), key=lambda one: one.standing)
     for _ in range(_SET.roots):
         frequency = _loudest(best.solved().unpredicted(fitted))
-        trial = max((best.with_root(root) for root in _roots_at(frequency, len(fitted))), key=lambda one: one.standing)
+        trials = side_by_side([partial(best.with_root, root) for root in _roots_at(frequency, len(fitted))])
+        trial = max(trials, key=lambda one: one.standing)
         if not trial.standing > best.standing:
             break
         best = trial
@@ -140,6 +145,7 @@ def contest(before: Innovations, after: Innovations, split: int) -> Contest:
     """On the rows from `split` on: the model as it was, and the one with effects."""
     rows = np.all(np.isfinite(before.innovation[split:]), axis=1)
     plain, _ = _scored(before.level, before, split, rows)
+    together(lambda: before.nameless, lambda: after.nameless)
     reached = {
         "named": _scored(after.level, after, split, rows),
         "nameless": _scored(before.nameless, before, split, rows),

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
+from estimator.side_by_side import side_by_side
 from estimator.trace.certainty import TWO_SIDED, covariance_of
 from estimator.trace.criterion import TIE, schwarz, surprise
 from estimator.trace.engine import Estimate, Score, Trial, leader
@@ -69,13 +70,13 @@ class ObserverModel:
         """
         part = self.problem.part(slice(0, _SET.screened))
         effects = {name: dict(given) for name, given in best.fitted.settings.effects.items()}
-        reached = fit(part.carrying(effects), passes=1)
-        del effects[carried]
-        behind = {}
-        for done, name in enumerate(names, 1):
-            alone = fit(part.carrying({**effects, name: look.watched[name]}), passes=1)
-            behind[name] = deficit(reached, alone)
-            self.progress("other kinds", done, len(names))
+        beside = {name: given for name, given in effects.items() if name != carried}
+        asked = [effects, *({**beside, name: look.watched[name]} for name in names)]
+        reached, *others = side_by_side(
+            [partial(fit, part.carrying(one), passes=1) for one in asked],
+            lambda done: self.progress("other kinds", done, len(asked)),
+        )
+        behind = {name: deficit(reached, alone) for name, alone in zip(names, others, strict=True)}
         near = sorted((name for name in names if behind[name] < TIE), key=lambda name: behind[name])
         return near[: THRESHOLDS.width.batch]
 
@@ -87,10 +88,11 @@ class ObserverModel:
         """
         base = current.fitted
         effects = coefficients_of(base.observer)
-        models = {}
-        for done, name in enumerate(names, 1):
-            models[name] = fit(self.problem.carrying({**effects, name: look.watched[name]}))
-            self.progress("candidates", done, len(names))
+        carried = side_by_side(
+            [partial(fit, self.problem.carrying({**effects, name: look.watched[name]})) for name in names],
+            lambda done: self.progress("candidates", done, len(names)),
+        )
+        models = dict(zip(names, carried, strict=True))
         searched: dict[str, Searched] = {}
         reached = tried[leader(tried)].score.gain if tried else -np.inf
         near = worth_refining(models, base, reached, look.watched)
@@ -184,6 +186,8 @@ def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bo
     seen = round(_SET.learnt * len(problem.record))
     effects = coefficients_of(base.observer)
     added = {name: parameters_of(model, name)}
-    without, carried = (foresight(problem.carrying({**effects, **more}), seen) for more in ({}, added))
+    without, carried = side_by_side(
+        [partial(foresight, problem.carrying({**effects, **more}), seen) for more in ({}, added)]
+    )
     share = _SET.borne_out * (1.0 - _SET.learnt) * (model.likelihood - base.likelihood)
     return carried - without > min(share, surprise(degrees(name, problem.device.axes), 1))

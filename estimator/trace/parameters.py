@@ -5,13 +5,15 @@ Each parameter climbs by itself; several are then moved together, since a resona
 together.  Close to its top twice the log-likelihood is L − Δᵀ C⁻¹ Δ, with C the covariance of the parameters.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
+from estimator.side_by_side import side_by_side
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.nested import turned_into
 from estimator.trace.problem import Problem
@@ -80,7 +82,7 @@ def refine_parameters(
     covariance = np.diag(deviation**2)
     if len(names) > 1 and np.all(deviation > 0.0):
         top, covariance = hill.together(top, deviation)
-    moves = np.stack([hill.moves(top, i, float(deviation[i])) for i in range(len(names))], axis=1)
+    moves = hill.moves(top, deviation)
     return hill.fitted(top), Searched(names, covariance, moves)
 
 
@@ -104,13 +106,16 @@ class Hill:
         """Twice the log-likelihood with these parameters: of one pass, for that of a second has less of its start in
         it, and only like can be compared with like.  What follows starts from the best so far.
         """
-        key = place.tobytes()
-        if key not in self.seen:
-            tried = self._fit(place, 1)
+        return self.at_each([place])[0]
+
+    def at_each(self, places: Sequence[Array]) -> list[float]:
+        """The same at several, side by side: all start from the best before."""
+        new = {key: place for place in places if (key := place.tobytes()) not in self.seen}
+        for key, tried in zip(new, side_by_side([partial(self._fit, place, 1) for place in new.values()]), strict=True):
             self.seen[key] = tried.likelihood, self._coefficients(tried)
             if tried.likelihood > self.highest:
                 self.highest, self.model = tried.likelihood, tried
-        return self.seen[key][0]
+        return [self.seen[place.tobytes()][0] for place in places]
 
     def fitted(self, place: Array) -> Fitted:
         """The model with these parameters, as candidates are compared."""
@@ -135,7 +140,7 @@ class Hill:
             if turned_into(self.problem, self.name, dict(zip(self.names, place.tolist(), strict=True))):
                 break
             width = min(width, _SET.widest * float(place[index]))
-            low, here, high = (self.at(place + side * width * along) for side in (-1.0, 0.0, 1.0))
+            low, here, high = self.at_each([place + side * width * along for side in (-1.0, 0.0, 1.0)])
             if not np.isfinite(low) or not np.isfinite(high):
                 width *= _SET.retreat
                 continue
@@ -170,15 +175,14 @@ class Hill:
         steps = np.diag(deviation)
         covariance = steps**2
         for _ in range(_SET.together):
-            here = self.at(place)
-            up = np.array([self.at(place + step) for step in steps])
-            down = np.array([self.at(place - step) for step in steps])
+            pairs = [(i, j) for i in range(n) for j in range(i)]
+            both = [steps[i] + steps[j] for i, j in pairs]
+            found = np.array(self.at_each([place, *(place + step for step in (*steps, *-steps, *both))]))
+            here, up, down = found[0], found[1 : n + 1], found[n + 1 : 2 * n + 1]
             slope = (up - down) / 2.0
             bend = np.diag(up + down - 2.0 * here)
-            for i in range(n):
-                for j in range(i):
-                    both = self.at(place + steps[i] + steps[j])
-                    bend[i, j] = bend[j, i] = both - up[i] - up[j] + here
+            for (i, j), high in zip(pairs, found[2 * n + 1 :], strict=True):
+                bend[i, j] = bend[j, i] = high - up[i] - up[j] + here
             sizes, axes = np.linalg.eigh(-bend / 2.0)
             if not np.all(np.isfinite(sizes)) or sizes[0] <= 0.0:
                 break
@@ -193,15 +197,13 @@ class Hill:
             place = place + shift
         return place, covariance
 
-    def moves(self, place: Array, index: int, deviation: float) -> Array:
-        """By how much one unit of a parameter moves each coefficient (k,)."""
-        aside = np.eye(len(place))[index] * deviation
-        below, above = (self._at(place + side * aside) for side in (-1.0, 1.0))
-        return np.asarray((above - below) / (2.0 * deviation)) if deviation > 0.0 else np.zeros_like(above)
-
-    def _at(self, place: Array) -> Array:
-        self.at(place)
-        return self.seen[place.tobytes()][1]
+    def moves(self, place: Array, deviation: Array) -> Array:
+        """By how much one unit of each of the n parameters moves each of the k coefficients (k, n)."""
+        sides = [place + side * step for step in np.diag(deviation) for side in (-1.0, 1.0)]
+        self.at_each(sides)
+        moved = np.stack([self.seen[side.tobytes()][1] for side in sides], axis=1)
+        apart = np.where(deviation > 0.0, 2.0 * deviation, np.inf)
+        return np.asarray((moved[:, 1::2] - moved[:, ::2]) / apart)
 
     def _coefficients(self, model: Fitted) -> Array:
         _, effect = effect_for(self.name, self.problem.device.axes)

@@ -15,6 +15,7 @@ from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Gain
+from estimator.side_by_side import stop_if_abandoned
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.start import begin_about
@@ -90,6 +91,7 @@ def scan(
         observer.record["twin"] = 1  # a plain EKF's two covariances are one: carried twice, they run in the registers
     quick = vector and bool(scans_plainly(observer.record, observer.active, observer.x[: len(observer.x) - first]))
     for part, (begin, end) in enumerate(pairwise(edges)):
+        stop_if_abandoned()
         equations = np.zeros((device.axes * (end - begin) if weighed else 0, width))
         instants = course[part * COURSE : (part + 1) * COURSE]
         for start, stop, read, spread in _uninterrupted(record, int(begin), int(end)):

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from estimator.errors import ModelError
+from estimator.side_by_side import together
 from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.look import Look
@@ -78,11 +79,10 @@ def select(problem: Problem, progress: Progress) -> Selection:
     model, searched = carrying.fitted, dict(carrying.searched)
     effects = coefficients_of(chosen.fit.fitted.observer)
     whole = len(problem.record) > len(compared.record)
-    before = fit(problem) if whole else start.fitted
-    last = (
-        fit(problem.under(model.settings).carrying(effects))
-        if whole or len(effects) < len(model.observer.effects)
-        else model
+    pruned_too = len(effects) < len(model.observer.effects)
+    before, last = together(
+        lambda: fit(problem) if whole else start.fitted,
+        lambda: fit(problem.under(model.settings).carrying(effects)) if whole or pruned_too else model,
     )
     if not chosen.more and (whole or len(chosen.gains) > 1):
         for name in chosen.gains:  # what a parameter should be depends on the record and on what else is carried

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from estimator.kernel.experiment import experiment_block
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.side_by_side import side_by_side
 from estimator.trace.evidence import likeness
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
@@ -63,16 +65,19 @@ def separations(
     if not pairs or device.axes != 2:
         return [(None, None)] * len(pairs)
     watched = {name: _parameters(name, selection) for pair in pairs for name in pair}
-    alike: dict[str, dict[str, dict[str, float]]] = {}
     settings = replace(problem.settings, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
     latency = controller.latency if controller is not None else 1
-    for done, experiment in enumerate(EXPERIMENTS):
+
+    def played(experiment: Experiment) -> dict[str, dict[str, float]]:
         record = loop_record(experiment, device, settings, latency=latency)
         seen = scan(Problem(record, device, settings), watched)
-        alike[experiment.name] = {
-            name: likeness(seen, name, _coefficients(name, selection, seen.columns)) for name, _ in pairs
-        }
-        progress("experiments", done + 1, len(EXPERIMENTS))
+        return {name: likeness(seen, name, _coefficients(name, selection, seen.columns)) for name, _ in pairs}
+
+    likenesses = side_by_side(
+        [partial(played, experiment) for experiment in EXPERIMENTS],
+        lambda done: progress("experiments", done, len(EXPERIMENTS)),
+    )
+    alike = {experiment.name: found for experiment, found in zip(EXPERIMENTS, likenesses, strict=True)}
     return [_advice(name, other, alike) for name, other in pairs]
 
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
 from estimator.settings import Device, ObserverSettings
+from estimator.side_by_side import side_by_side, together
 from estimator.trace import promises
 from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
@@ -51,9 +53,7 @@ def trace(
     if device.axes == 1:
         return trace_free_run(problem, split=split, progress=progress)
     fitted_part = problem.part(slice(0, split))
-    selection = select(fitted_part, progress)
-    progress("before and after", 0, 2)
-    before = examine(problem, split)
+    selection, before = together(lambda: select(fitted_part, progress), lambda: examine(problem, split))
     progress("before and after", 1, 2)
     found = _judged(problem, selection, before, split, progress)
     progress("before and after", 2, 2)
@@ -65,7 +65,7 @@ def trace(
     alike = _confusable(named, found.selection, reader, progress)
     return Diagnosis(
         verdict=found.verdict,
-        effects=tuple(_found(name, named, found.selection, reader) for name in named),
+        effects=tuple(side_by_side([partial(_found, name, named, found.selection, reader) for name in named])),
         confusable=_with_equivalents(alike, named, found.selection, device, settings),
         rejected=_rejected(named, selection, found.why, largest, device),
         findings=before.findings,
@@ -290,13 +290,13 @@ def _confusable(
                 given = near[other].parameters if other in near else step.look.watched[other]
                 pairs.setdefault((step.taken, kind(other)), (step.taken, other, alike.get(other, float("nan")), given))
     advice = separations([(name, other) for name, other, *_ in pairs.values()], selection, reader.problem, progress)
+    apart = side_by_side(
+        [partial(reader.mistaken, selection.effects, name, other, given) for name, other, _, given in pairs.values()]
+    )
     return tuple(
-        Confusable(
-            _short(name, named), kind(other), likeness, *told,
-            angle_apart=reader.mistaken(selection.effects, name, other, given),
-        )
-        for (name, other, likeness, given), told in zip(pairs.values(), advice, strict=True)
-    )  # fmt: skip
+        Confusable(_short(name, named), kind(other), likeness, *told, angle_apart=moved)
+        for (name, other, likeness, _), told, moved in zip(pairs.values(), advice, apart, strict=True)
+    )
 
 
 def _with_equivalents(

@@ -48,6 +48,14 @@ def test_a_record_that_cannot_be_traced_is_one_line(
     assert not (tmp_path / "runs").exists()
 
 
+def test_no_number_of_workers_is_one_line(hil: Hil, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = imported(hil)
+    monkeypatch.setenv("GYROHIL_WORKERS", "many")
+    code, out, err = hil("trace", name, "--bench", "s-slow")
+    assert (code, out) == (2, "")
+    assert err == "hil: GYROHIL_WORKERS=many: no number of workers; give a whole number from 1 on, or leave it out\n"
+
+
 def test_what_is_asked_is_checked_first(hil: Hil, tmp_path: Path) -> None:
     name = imported(hil)
     (tmp_path / "there.bench.toml").write_text("", encoding="utf-8")

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.undeclared.judging import Judgement, judge
 from benchmarks.undeclared.population import Order
 from benchmarks.undeclared.record import make
+from estimator.side_by_side import WORKERS
 from estimator.trace.problem import Problem
 from hil import replay
 from hil.bench import load_bench
@@ -66,6 +67,17 @@ def test_what_was_searched_for_lies_in_its_interval(effect: str, tmp_path: Path)
     if judged.first_member:
         assert {"omega", "level"} & judged.covered.keys()
     assert {symbol: error for symbol, error in judged.error.items() if abs(error) > 1.3} == {}
+
+
+def test_what_is_said_hangs_on_no_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit: candidates, a search for a parameter, what is held out, look-alikes and the angle's bound."""
+    place = make(Order("single", ("sense_clipping",), 0, draw=2), tmp_path, SAMPLES)
+    told = []
+    for number in ("1", "3"):
+        monkeypatch.setenv(WORKERS, number)
+        told.append(said_of(place))
+    assert told[0] == told[1]
+    assert told[0]["effects"]
 
 
 def test_what_cannot_be_undone_is_bounded(tmp_path: Path) -> None:

@@ -1,0 +1,155 @@
+"""Pieces of work on threads: order, errors, nesting, interruption; real threads, real signals."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from estimator.errors import ModelError
+from estimator.side_by_side import WORKERS, Abandoned, one_worker_each, side_by_side, stop_if_abandoned, workers
+
+
+def sleeping(result: int, seconds: float) -> Callable[[], int]:
+    def piece() -> int:
+        time.sleep(seconds)
+        return result
+
+    return piece
+
+
+def patient(seconds: float, ended: list[str]) -> Callable[[], None]:
+    """A piece that asks whether it is still wanted, as the observer does between two portions."""
+
+    def piece() -> None:
+        end = time.monotonic() + seconds
+        try:
+            while time.monotonic() < end:
+                time.sleep(0.01)
+                stop_if_abandoned()
+        except Abandoned:
+            ended.append("told")
+            raise
+        ended.append("by itself")
+
+    return piece
+
+
+def test_results_come_in_the_order_asked_for_whoever_is_first(monkeypatch):
+    monkeypatch.setenv(WORKERS, "3")
+    assert side_by_side([sleeping(0, 0.2), sleeping(1, 0.0), sleeping(2, 0.1), sleeping(3, 0.0)]) == [0, 1, 2, 3]
+    assert side_by_side([]) == []
+
+
+@pytest.mark.parametrize(("number", "inner", "outer"), [(1, 4, 3), (2, 6, 1), (3, 6, 1), (3, 1, 6), (2, 3, 2)])
+def test_so_many_run_at_a_time_nested_or_not(monkeypatch, number, inner, outer):
+    monkeypatch.setenv(WORKERS, str(number))
+    running, most, lock = 0, 0, threading.Lock()
+
+    def leaf() -> None:
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+        time.sleep(0.03)
+        with lock:
+            running -= 1
+
+    side_by_side([lambda: side_by_side([leaf] * inner)] * outer)
+    assert most == number
+    assert threading.active_count() == 1
+
+
+def test_who_waits_for_a_helper_is_replaced(monkeypatch):
+    """The first of two is over soon: whoever did it waits, and the second has two workers for its pieces."""
+    monkeypatch.setenv(WORKERS, "2")
+    begin = time.monotonic()
+    side_by_side([sleeping(0, 0.1), lambda: sum(side_by_side([sleeping(1, 0.1)] * 9))])
+    assert time.monotonic() - begin < 0.8  # ten tenths of a second by two
+
+
+def test_the_first_error_in_order_is_raised_and_what_was_not_begun_is_left_out(monkeypatch):
+    monkeypatch.setenv(WORKERS, "2")
+    begun: list[int] = []
+
+    def failing(number: int, seconds: float) -> Callable[[], None]:
+        def piece() -> None:
+            begun.append(number)
+            time.sleep(seconds)
+            raise ValueError(str(number))
+
+        return piece
+
+    with pytest.raises(ValueError, match=r"^0$"):
+        side_by_side([failing(0, 0.2), failing(1, 0.0), failing(2, 0.0)])
+    assert sorted(begun) == [0, 1]
+
+
+def test_whoever_asked_is_told_of_each_that_is_finished_one_at_a_time(monkeypatch):
+    monkeypatch.setenv(WORKERS, "3")
+    told: list[int] = []
+    side_by_side([sleeping(n, 0.01) for n in range(7)], done=told.append)
+    assert told == [1, 2, 3, 4, 5, 6, 7]
+
+
+def test_helpers_treat_floating_point_as_their_caller_does(monkeypatch):
+    monkeypatch.setenv(WORKERS, "2")
+
+    def piece() -> str:
+        time.sleep(0.05)  # long enough for both threads to have one
+        return np.geterr()["divide"]
+
+    with np.errstate(divide="raise"):
+        assert side_by_side([piece, piece]) == ["raise", "raise"]
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_ctrl_c_stops_all_pieces_where_they_next_ask(monkeypatch, nested):
+    monkeypatch.setenv(WORKERS, "3")
+    ended: list[str] = []
+    pieces = [patient(20.0, ended)] * 3
+    inner = [lambda: side_by_side(pieces), lambda: patient(20.0, ended)()]
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(inner if nested else pieces)
+    assert time.monotonic() - begin < 1.0
+    timer.join()
+    time.sleep(0.1)
+    assert threading.active_count() == 1
+    assert set(ended) <= {"told"}
+
+
+def test_an_interruption_by_who_is_told_of_progress_ends_it(monkeypatch):
+    monkeypatch.setenv(WORKERS, "2")
+    ended: list[str] = []
+
+    def watcher(_finished: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side([sleeping(0, 0.1), patient(20.0, ended)], done=watcher)
+    assert ended == ["told"]
+
+
+def test_as_many_workers_as_processors_unless_told(monkeypatch):
+    monkeypatch.delenv(WORKERS, raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: {0, 1, 5})
+    assert workers() == 3
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: set(range(64)))
+    assert workers() == 4
+    monkeypatch.setenv(WORKERS, "9")
+    assert workers() == 9
+    one_worker_each()
+    assert workers() == 1
+
+
+@pytest.mark.parametrize("told", ["0", "-1", "two", "1.5"])
+def test_no_number_of_workers_is_said(monkeypatch, told):
+    monkeypatch.setenv(WORKERS, told)
+    with pytest.raises(ModelError, match=f"{WORKERS}={told}: no number of workers"):
+        side_by_side([lambda: 0] * 2)
