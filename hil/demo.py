@@ -44,9 +44,10 @@ def demo(
         truths = Path(aside) / "before.arrow", Path(aside) / "after.arrow"
         before = _run(_bench(path, f"{name}-before", *options), EXAMPLE, out, truths[0], progress)
         record = RunFolder(before).capture_path
-        try:
+        try:  # where the machine was far too busy, a run ends early, or too little of its record is left
+            _score(before, truths[0], progress)
             traced = trace(record, _bench(path, f"{name}-trace", *options), out, progress=progress)
-        except InputError as error:  # too little of the record is left where the machine was far too busy
+        except InputError as error:
             progress(Progress("report", 0, 0))
             write_report(before, truths[0])
             return Circle(before, None, None, str(error))
@@ -56,6 +57,7 @@ def demo(
             completed = traced.folder / "completed.bench.toml"
             add_effects(path, completed, found)
             after = _run(_bench(completed, name, *options), EXAMPLE, out, truths[1], progress)
+            _score(after, truths[1], progress)
         last = RunFolder(after or before)
         diagnosis = traced.diagnosis.model_dump(mode="json", by_alias=True)
         save_result(last.result_path, load_result(last.result_path).model_copy(update={"diagnosis": diagnosis}))
@@ -79,6 +81,7 @@ def in_gain_mode(
     with tempfile.TemporaryDirectory() as aside:
         truth = Path(aside) / "truth.arrow"
         folder = _run(_bench(path, name, duration_s, seed), GAIN_MODE_EXAMPLE, out, truth, progress)
+        _score(folder, truth, progress)
         progress(Progress("report", 0, 0))
         write_report(folder, truth)
     return folder
@@ -95,12 +98,17 @@ def _bench(source: Path, name: str, duration_s: float | None, seed: int | None) 
 
 
 def _run(bench: Bench, scenario: str, out: Path, truth: Path, progress: Watcher) -> Path:
-    """A run against an example's board in its own process, scored."""
+    """A run against an example's board in its own process."""
     from hil.loop.run import run
-    from hil.score import score
 
     folder = run(bench, f"pty:{examples.find('scenario', scenario)}", out, truth=truth, progress=progress).folder
     assert folder is not None  # only a dry run leaves none
-    progress(Progress("score", 0, 0))
-    score(folder, truth)
     return folder
+
+
+def _score(run: Path, truth: Path, progress: Watcher) -> None:
+    """Raises InputError for a run that ended too early for it."""
+    from hil.score import score
+
+    progress(Progress("score", 0, 0))
+    score(run, truth)

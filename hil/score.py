@@ -50,6 +50,12 @@ def score(run: Path, truth_file: Path) -> Result:
     remarks = require_same_run(folder, truth, truth_file)
     found = compare(folder.estimates, truth, folder.settle_s)
     if found is None:
+        last_s = float(folder.estimates.t_s[-1]) if len(folder.estimates.t_s) else 0.0
+        if last_s < folder.settle_s:
+            raise InputError(
+                f"{run}: ended after {last_s:.3g} s, before settle_s = {folder.settle_s:g} s: nothing is scored; "
+                f"see in {folder.report_path} why it ended, and run again"
+            )
         raise InputError(
             f"{truth_file}: fewer than two instants in common with {folder.estimates_path} "
             f"after settle_s = {folder.settle_s:g} s; give the truth of this run, or a smaller settle_s"

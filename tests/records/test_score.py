@@ -164,6 +164,14 @@ def test_a_single_axis_has_no_angle(make_run):
     assert result.parameters["drive_gain_x"].truth is None
 
 
+def test_a_run_that_ended_before_it_settled_is_told_as_such(make_run):
+    folder, truth = make_run(seconds=0.375)
+    before = (folder / "result.json").read_bytes()
+    with pytest.raises(InputError, match=r"ended after 0\.37\d s, before settle_s = 0\.5 s"):
+        score(folder, truth)
+    assert (folder / "result.json").read_bytes() == before
+
+
 def test_a_truth_of_every_tenth_sample_is_enough(make_run, tmp_path):
     folder, truth_file = make_run()
     with pa.ipc.open_stream(str(truth_file)) as stream:
