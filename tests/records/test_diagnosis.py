@@ -20,6 +20,7 @@ from hil.errors import InputError
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
+from hil.report.diagnosis.page import headline
 
 N, RATE, RESONANCE, NOISE = 16000, 4000.0, 200.0, 9e-5
 DEVICE = Device(
@@ -182,6 +183,16 @@ def test_a_part_has_its_share_and_what_is_left(tmp_path: Path) -> None:
     assert (said["verdict"], said["share"]) == ("partly explained", 0.936)
     assert [one["text"] for one in said["left"]] == ["a line at 311 Hz"]
     assert load_diagnosis(tmp_path / "d.json") == model
+
+
+def test_a_headline_says_what_is_wrong_with_a_constant() -> None:
+    in_conflict = replace(partly(), share=None, left=(), confusable=())
+    said = headline(to_model(in_conflict, record="ride", bench="S-test"))
+    assert "without it a constant of the model is one that the device cannot have" in said
+    assert "falls" not in said
+    nothing = replace(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), reasons=("dyy comes out negative", "b"))
+    said = headline(to_model(nothing, record="ride", bench="S-test"))
+    assert said == "Nothing in the catalogue accounts for what is seen: dyy comes out negative"
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ _SAYS = {
     "adequate": "Nothing stands in the residual that the model would have to explain",
     "explained": "The model lacked an effect, and with it the rest of the record is foretold",
     "partly explained": "Something is missing that acts like effects of the catalogue, and something else besides",
-    "unexplained": "Something stands in the residual, and nothing in the catalogue accounts for it",
+    "unexplained": "Nothing in the catalogue accounts for what is seen",
 }
 
 
@@ -119,12 +119,15 @@ def page_of(
 def headline(diagnosis: Diagnosis) -> str:
     """The answer in one sentence."""
     if not diagnosis.effects:
-        return _SAYS[diagnosis.verdict]
+        unexplained = diagnosis.verdict == "unexplained" and diagnosis.reasons
+        return _SAYS[diagnosis.verdict] + (f": {diagnosis.reasons[0]}" if unexplained else "")
     titles = [effect.title[0].lower() + effect.title[1:].rstrip(".") for effect in diagnosis.effects]
     before, after = diagnosis.held_out.before.ratio, diagnosis.held_out.after.ratio
     partly = diagnosis.verdict == "partly explained"
     said = f"Something acts like: {_listed(titles)}" if partly else f"The model lacks: {_listed(titles)}"
-    if before is not None and after is not None:
+    if partly and diagnosis.share is None:
+        said += "; without it a constant of the model is one that the device cannot have, and the residual is the noise"
+    elif before is not None and after is not None:
         them = "it" if len(titles) == 1 else "them"
         falls = "falls" if after < before else "goes"
         said += (
