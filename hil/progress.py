@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 class Progress(NamedTuple):
     """One report: ``done`` of ``total`` steps of ``stage``; ``note`` is a few words on how it goes, ``alarm`` a line
-    that has to be seen at once, whatever else is shown."""
+    that has to be seen at once, whatever else is shown; ``left_s`` a guess at the seconds until all stages are done."""
 
     stage: str
     done: int
     total: int
     note: str = ""
     alarm: str = ""
+    left_s: float | None = None
 
 
 Watcher = Callable[[Progress], None]

@@ -11,6 +11,7 @@ from estimator.side_by_side import workers
 from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
 from estimator.trace.problem import Problem
+from estimator.trace.thresholds import THRESHOLDS
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
@@ -23,6 +24,7 @@ from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
 from hil.replay import require_fit
+from hil.time_left import TimeLeft
 
 FRACTION = 0.6
 """Share of a record that is fitted, where it does not say so itself; the rest is held out."""
@@ -88,10 +90,13 @@ def trace(
         require_traceable(record, device, split)
         from estimator.trace.tracing import trace as search  # compiles: after what can be refused without it
 
+        left = TimeLeft(FRACTION * len(record) / min(split, THRESHOLDS.choice.compared))
         found = search(
             Problem(record, device, settings, control_of(bench, captured)),
             split=split,
-            progress=lambda stage, done, total: progress(Progress(stage, done, total)),
+            progress=lambda stage, done, total: progress(
+                Progress(stage, done, total, left_s=left.told(stage, done, total))
+            ),
         )
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None

@@ -75,7 +75,7 @@ def refine_parameters(
 
     for i in range(len(names)):
         top, deviation[i] = hill.climb(top, i, float(width[i]), hopeless)
-        if hopeless():
+        if hopeless() or hill.turned(top):
             return hill.fitted(top), Searched(
                 names, np.diag(deviation**2), np.zeros((len(effect.coefficients), len(names)))
             )
@@ -100,7 +100,7 @@ class Hill:
         self.name, self.names = name, names
         self.model = model
         self.seen: dict[bytes, tuple[float, Array]] = {}
-        self.highest = -np.inf
+        self.highest, self.best = -np.inf, b""
 
     def at(self, place: Array) -> float:
         """Twice the log-likelihood with these parameters: of one pass, for that of a second has less of its start in
@@ -114,12 +114,16 @@ class Hill:
         for key, tried in zip(new, side_by_side([partial(self._fit, place, 1) for place in new.values()]), strict=True):
             self.seen[key] = tried.likelihood, self._coefficients(tried)
             if tried.likelihood > self.highest:
-                self.highest, self.model = tried.likelihood, tried
+                self.highest, self.model, self.best = tried.likelihood, tried, key
         return [self.seen[place.tobytes()][0] for place in places]
 
     def fitted(self, place: Array) -> Fitted:
-        """The model with these parameters, as candidates are compared."""
-        return self._fit(place, 2)
+        """The model with these parameters, as candidates are compared; of one pass only where it is a simpler effect,
+        whose own model is compared.
+        """
+        if not self.turned(place):
+            return self._fit(place, 2)
+        return self.model if self.best == place.tobytes() else self._fit(place, 1)
 
     def _fit(self, place: Array, passes: int) -> Fitted:
         effects = {effect: dict(given) for effect, given in self.model.settings.effects.items()}
@@ -134,11 +138,16 @@ class Hill:
 
         It ends where the effect has turned into a simpler one, and short of the top where that is `hopeless`.
         """
-        deviation = 0.0
+        deviation, uphill, moves = 0.0, 0.0, 0
         along = np.eye(len(place))[index]
         for _ in range(_SET.rounds):
-            if turned_into(self.problem, self.name, dict(zip(self.names, place.tolist(), strict=True))):
+            if self.turned(place):
                 break
+            if uphill and (step := self._rises(place, uphill, width, index, moves)):  # what is behind is lower
+                place = place + step * along
+                width, moves = abs(step) * _SET.growth, moves + 1
+                continue
+            uphill = 0.0
             width = min(width, _SET.widest * float(place[index]))
             low, here, high = self.at_each([place + side * width * along for side in (-1.0, 0.0, 1.0)])
             if not np.isfinite(low) or not np.isfinite(high):
@@ -146,7 +155,8 @@ class Hill:
                 continue
             curvature = 2.0 * here - low - high
             if max(low, high) > here + _SET.seen:
-                place = place + (width if high > low else -width) * along
+                uphill, moves = 1.0 if high > low else -1.0, 1
+                place = place + uphill * width * along
                 width *= _SET.growth
                 continue
             if curvature < _SET.seen:
@@ -168,6 +178,28 @@ class Hill:
             fits = narrow or gained > _SET.kept * promised
             width = min(_SET.fine * deviation, 0.5 * width) if fits else _SET.approach * width
         return place, deviation
+
+    def turned(self, place: Array) -> bool:
+        """Whether the effect is a simpler one there."""
+        return turned_into(self.problem, self.name, dict(zip(self.names, place.tolist(), strict=True))) is not None
+
+    def _rises(self, place: Array, side: float, width: float, index: int, moves: int) -> float:
+        """The next step uphill along a parameter, 0 where it is none any more; the one after it is tried beside it.
+
+        Each halves what is left of the parameter as often as there were moves: a threshold that goes to nothing is soon
+        there.
+        """
+        along = np.eye(len(place))[index]
+
+        def step(here: Array, longest: float, number: int) -> float:
+            return side * min(longest, (1.0 - (1.0 - _SET.widest) ** number) * float(here[index]))
+
+        first = step(place, width, moves)
+        places = [place, place + first * along]
+        if places[1].tobytes() not in self.seen:
+            places.append(places[1] + step(places[1], _SET.growth * abs(first), moves + 1) * along)
+        here, there, *_ = self.at_each(places)
+        return first if np.isfinite(there) and there > here + _SET.seen else 0.0
 
     def together(self, place: Array, deviation: Array) -> tuple[Array, Array]:
         """All parameters at once, by Newton's method with differences over their deviations; place and covariance."""

@@ -9,12 +9,13 @@ from hil.progress import Progress, Watcher
 
 
 @contextmanager
-def watching(title: str) -> Iterator[Watcher]:
+def watching(title: str, *, whole: bool = False) -> Iterator[Watcher]:
     """A watcher that draws what it is told for the length of the block; an interruption that says what was done by
-    then has it printed."""
+    then has it printed. The time left is that of the stage at hand, by its own pace, or with ``whole`` the guess of all
+    stages that it is told."""
     try:
         if sys.stderr.isatty():
-            with _bar(title) as watch:
+            with _bar(title, whole=whole) as watch:
                 yield watch
         else:
             yield _StageLines()
@@ -44,16 +45,18 @@ class _StageLines:
 
 
 @contextmanager
-def _bar(title: str) -> Iterator[Watcher]:
+def _bar(title: str, *, whole: bool) -> Iterator[Watcher]:
     from rich.console import Console
     from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
+
+    from hil.time_left import in_words
 
     columns = (
         TextColumn(printable(title), style="dim", markup=False),
         TextColumn("{task.description}", style="bold", markup=False),
         BarColumn(),
-        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[left]}", markup=False) if whole else TimeRemainingColumn(compact=True),
         TextColumn("{task.fields[note]}", style="dim", markup=False),
     )
     with Bars(*columns, console=Console(stderr=True, highlight=False), refresh_per_second=4, transient=True) as bars:
@@ -68,12 +71,13 @@ def _bar(title: str) -> Iterator[Watcher]:
                 for past in shown.values():
                     bars.remove_task(past)
                 shown.clear()
-                shown[progress.stage] = bars.add_task(printable(progress.stage), total=None, note="")
+                shown[progress.stage] = bars.add_task(printable(progress.stage), total=None, note="", left="")
             bars.update(
                 shown[progress.stage],
                 completed=progress.done,
                 total=progress.total or None,
                 note=printable(progress.note),
+                left="" if progress.left_s is None else in_words(progress.left_s),
             )
 
         yield watch

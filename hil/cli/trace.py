@@ -76,7 +76,7 @@ def trace(
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
     from hil.trace import trace_file  # loads the estimator: after what can be refused without it
 
-    with watching("trace") as watch:
+    with watching("trace", whole=True) as watch:
         done = trace_file(capture_in(capture), path, out, name=name, fraction=fraction, report=report, progress=watch)
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction)

@@ -1,0 +1,97 @@
+"""What a trace says of the time it still takes: nothing without ground, no wild jumps, and about right in the end."""
+
+import io
+import sys
+from itertools import pairwise
+
+import pytest
+
+from hil.cli.progress import watching
+from hil.progress import Progress
+from hil.time_left import TimeLeft, in_words
+
+
+class Clock:
+    """A clock that is set by hand."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_nothing_is_said_before_there_is_ground() -> None:
+    clock = Clock()
+    left = TimeLeft(clock=clock)
+    assert left.told("effects", 0, 3) is None
+    clock.now += 2.0
+    assert left.told("other kinds", 1, 5) is None
+    clock.now += 0.5
+    assert left.told("other kinds", 2, 5) is None  # too soon
+    clock.now += 2.5
+    assert left.told("candidates", 4, 5) is None  # what follows is anything
+    assert left.told("other kinds", 3, 5) is not None
+
+
+def test_a_stage_that_goes_on_at_its_pace_is_counted_down_and_what_follows_is_on_top() -> None:
+    """Thirty kinds at a second each, after ten seconds."""
+
+    def told(longer: float) -> list[float]:
+        clock = Clock()
+        left = TimeLeft(longer, clock)
+        clock.now += 10.0
+        said = []
+        for done in range(1, 31):
+            clock.now += 1.0
+            said.append(left.told("other kinds", done, 30))
+        return [one for one in said if one is not None]
+
+    usual, long = told(1.0), told(4.0)
+    assert len(usual) == 29
+    assert 28.0 < usual[0] < 28.0 + 40.0
+    assert all(later < earlier for earlier, later in pairwise(usual))
+    assert 0.0 < usual[-1] < 40.0  # no more than was spent by then
+    assert long[-1] == pytest.approx(4.0 * usual[-1])
+
+
+def test_a_guess_counts_down_between_reports_and_moves_up_for_a_reason_only() -> None:
+    clock = Clock()
+    left = TimeLeft(clock=clock)
+    clock.now += 10.0
+    left.told("other kinds", 1, 10)
+    clock.now += 10.0
+    first = left.told("other kinds", 2, 10)
+    assert first is not None
+    clock.now += 12.0  # a little slower than before
+    second = left.told("other kinds", 3, 10)
+    assert second == pytest.approx(first - 12.0)
+    clock.now += 300.0  # much slower
+    third = left.told("other kinds", 4, 10)
+    assert third is not None
+    assert third > 600.0
+
+
+def test_in_words() -> None:
+    assert in_words(3.0) == "a few seconds left"
+    assert in_words(37.0) == "about 40 s left"
+    assert in_words(118.0) == "about 2 min left"
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_shows_the_guess_and_no_time_of_the_stage_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = Terminal()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", written)
+    with watching("trace", whole=True) as watch:
+        watch(Progress("candidates", 2, 5))
+        assert " left" not in written.getvalue()
+        watch(Progress("candidates", 3, 5, left_s=41.0))
+    assert "about 40 s left" in written.getvalue()
+    assert "-:--" not in written.getvalue()
