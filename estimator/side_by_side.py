@@ -23,8 +23,9 @@ WORKERS = "GYROHIL_WORKERS"
 """Environment variable: how many workers, where it should not be one for each processor."""
 
 _MOST = 4
-_PATIENCE_S = 0.5
-"""So long an interrupted caller waits for its helpers, which are told between two portions of samples."""
+_PATIENCE_S = 0.2
+"""So long an interrupted caller waits for its helpers, which are told between two portions of samples; one that is in a
+long call by then ends with the process, or behind that call."""
 
 
 class Abandoned(BaseException):
@@ -58,9 +59,20 @@ def side_by_side(
     The error of a piece is raised, of several that of the first in order; those that were not begun by then are left
     out.  An interruption of the caller stops the others where they next ask (`stop_if_abandoned`).
     """
-    batch = _Batch(pieces, done, getattr(_now, "batch", None))
+    return _result(_Batch(pieces, done, getattr(_now, "batch", None)), _Batch.work)
+
+
+def interruptible(piece: Callable[[], Result]) -> Result:
+    """The result of a piece that runs in a thread of its own while the caller waits.
+
+    Ctrl-C reaches the main thread between two steps of the interpreter, and one call of a kernel may take seconds.
+    """
+    return _result(_Batch([piece], lambda finished: None, getattr(_now, "batch", None)), _Batch.hand_over)[0]
+
+
+def _result(batch: "_Batch[Result]", begin: Callable[["_Batch[Result]"], None]) -> list[Result]:
     try:
-        batch.work()
+        begin(batch)
         with _waiting():
             batch.join(_PATIENCE_S if batch.abandoned else None)
     except BaseException:
@@ -148,6 +160,11 @@ class _Batch(Generic[Result]):
         finally:
             _now.batch = outer
 
+    def hand_over(self) -> None:
+        """To a helper, in place of the caller."""
+        _release(-1)
+        self._call_helper()
+
     def join(self, seconds: float | None) -> None:
         """Wait for the helpers, so long for each."""
         for helper in self.helpers:
@@ -174,10 +191,13 @@ class _Batch(Generic[Result]):
                 return None
             self.begun += 1
             if self.begun < len(self.pieces) and _recruit():
-                helper = threading.Thread(target=self._help, daemon=True)
-                self.helpers.append(helper)
-                helper.start()
+                self._call_helper()
             return self.begun - 1
+
+    def _call_helper(self) -> None:
+        helper = threading.Thread(target=self._help, daemon=True)
+        self.helpers.append(helper)
+        helper.start()
 
     def _finish(self, number: int, result: Result) -> None:
         with self.lock:

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.scaling import Array
-from estimator.side_by_side import workers
+from estimator.side_by_side import interruptible, workers
 from estimator.trace import diagnosis as traced
 from estimator.trace.fitness import require_traceable
 from estimator.trace.problem import Problem
@@ -91,13 +91,12 @@ def trace(
         from estimator.trace.tracing import trace as search  # compiles: after what can be refused without it
 
         left = TimeLeft(FRACTION * len(record) / min(split, THRESHOLDS.choice.compared))
-        found = search(
-            Problem(record, device, settings, control_of(bench, captured)),
-            split=split,
-            progress=lambda stage, done, total: progress(
-                Progress(stage, done, total, left_s=left.told(stage, done, total))
-            ),
-        )
+        problem = Problem(record, device, settings, control_of(bench, captured))
+
+        def told(stage: str, done: int, total: int) -> None:
+            progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
+
+        found = interruptible(lambda: search(problem, split=split, progress=told))
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     diagnosis = to_model(found, record=_called(capture), bench=bench.device.name)

@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from estimator.errors import ModelError
-from estimator.side_by_side import WORKERS, Abandoned, one_worker_each, side_by_side, stop_if_abandoned, workers
+from estimator.side_by_side import (
+    WORKERS,
+    Abandoned,
+    interruptible,
+    one_worker_each,
+    side_by_side,
+    stop_if_abandoned,
+    workers,
+)
 
 
 def sleeping(result: int, seconds: float) -> Callable[[], int]:
@@ -122,6 +130,38 @@ def test_ctrl_c_stops_all_pieces_where_they_next_ask(monkeypatch, nested):
     time.sleep(0.1)
     assert threading.active_count() == 1
     assert set(ended) <= {"told"}
+
+
+def test_ctrl_c_does_not_wait_for_one_long_call(monkeypatch):
+    """A sleep without the interpreter's lock stands for a kernel over a whole record."""
+    monkeypatch.setenv(WORKERS, "1")
+    ended: list[str] = []
+
+    def piece() -> None:
+        time.sleep(2.0)  # in the caller's own thread a signal would end it: there it may not run
+        try:
+            stop_if_abandoned()
+        except Abandoned:
+            ended.append("told")
+            raise
+
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        interruptible(piece)
+    assert time.monotonic() - begin < 1.0
+    time.sleep(2.0)
+    assert ended == ["told"]
+
+
+def test_what_is_interruptible_gives_its_result_or_its_error_and_has_all_workers(monkeypatch):
+    monkeypatch.setenv(WORKERS, "2")
+    begin = time.monotonic()
+    assert interruptible(lambda: side_by_side([sleeping(n, 0.2) for n in range(4)])) == [0, 1, 2, 3]
+    assert time.monotonic() - begin < 0.7
+    with pytest.raises(ZeroDivisionError):
+        interruptible(lambda: 1 / 0)
 
 
 def test_an_interruption_by_who_is_told_of_progress_ends_it(monkeypatch):
