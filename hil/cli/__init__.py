@@ -4,6 +4,8 @@ Exit codes: 0 good, 1 the verdict failed, 2 bad input, 130 interrupted.  Verb mo
 the top, so that ``hil --help`` answers at once.
 """
 
+import atexit
+import os
 import signal
 import sys
 from types import FrameType
@@ -17,7 +19,13 @@ INTERRUPTED = 130
 def main() -> None:
     """Entry point of ``hil``; SIGTERM is taken like Ctrl-C: a board is told to go SAFE in both cases."""
     signal.signal(signal.SIGTERM, _as_ctrl_c)
-    sys.exit(execute(sys.argv[1:]))
+    code = execute(sys.argv[1:])
+    if code == INTERRUPTED:  # to take all modules and compiled code apart would take a second more
+        atexit._run_exitfuncs()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def execute(arguments: list[str]) -> int:
