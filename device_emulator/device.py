@@ -17,7 +17,7 @@ from device_emulator import rate
 from device_emulator.compiled import compiled
 from device_emulator.drive import DRIVE, DRIVE_STATE, acting, drive_constants, put_out
 from device_emulator.effects.catalogue import table
-from device_emulator.effects.force import coriolis
+from device_emulator.effects.force import coriolis, lightness
 from device_emulator.effects.sense import amplified, displacement, flip, shown, voltage
 from device_emulator.feedback import due, feed_back
 from device_emulator.plant import PLANT, STATES, plant_constants, step, step_alone
@@ -268,6 +268,7 @@ def _interval(
     change = _next_change(pieces, state.piece, t0)
     push = state.push
     felt = coriolis(hidden)
+    light = lightness(hidden)
     for k in range(plant.substeps):
         fx = plant.noise_xx * normals[2 * k]
         fy = plant.noise_yx * normals[2 * k] + plant.noise_yy * normals[2 * k + 1]
@@ -277,7 +278,7 @@ def _interval(
             for axis in range(2):
                 push[axis], push[2 + axis], steady = acting(drive, state.drive, row, axis, since)
                 until = min(until, steady)
-            push[4], push[5] = fx, fy
+            push[4], push[5] = fx, light * fy
             piece = pieces[state.piece]
             if len(hidden) == 0:
                 step_alone(plant, piece, t0 + since, until - since, push, state.motion)
@@ -290,7 +291,7 @@ def _interval(
                 state.piece += 1
                 jump = felt * (rate.rate_at(pieces[state.piece], t0 + change)[0] - before)
                 state.motion[1] += jump * state.motion[2]
-                state.motion[3] -= jump * state.motion[0]
+                state.motion[3] -= light * jump * state.motion[0]
                 change = _next_change(pieces, state.piece, t0)
         if sense.tracked:
             track(sense, hidden, state.sense, history, state.motion)

@@ -47,7 +47,7 @@ def pair(delay: int) -> BoardFilter:
 class GainMatrix:
     """Folds an observer's estimates and its controller's settings into G and b.
 
-    Effects that the observer carries are not undone.  Raises ModelError for a filter whose two signals are nearly one
+    Of the effects that the observer carries only channels that are turned round are undone.  Raises ModelError for a filter whose two signals are nearly one
     at the target frequency.
     """
 
@@ -57,6 +57,10 @@ class GainMatrix:
         self._delay = board.delay
         self._gain = np.zeros((2, 4))
         self._bias = np.zeros(2)
+        drives, senses = (_signs(observer, f"{channel}_polarity") for channel in ("drive", "sense"))
+        self._turns = np.outer(drives, np.repeat(senses, 2))
+        a, b, c = self._filter
+        self._still = np.linalg.solve(np.eye(2) - a, b + c)  # what the filter makes of a constant code
         settings = observer.record[0]
         swing = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
         nominal = exponential(swing, observer.h, int(settings["order"]))
@@ -83,4 +87,15 @@ class GainMatrix:
             observer.record, observer.memory, observer.x, *self._filter, self._delay, _UNCHANGED / (reign * observer.h),
             ahead * observer.h, self._gain, self._bias,
         )  # fmt: skip
+        if np.any(self._turns < 0.0):
+            # An offset is added to what a channel shows, whichever way round that is.
+            self._gain *= self._turns
+            offsets = observer.x[observer.states :][:2] / observer.record["sense_scale"][0]
+            self._bias[:] = -(self._gain.reshape(2, 2, 2) @ self._still) @ offsets
         return self._gain, self._bias
+
+
+def _signs(observer: Observer, effect: str) -> Array:
+    """−1 for each axis that the observer's effect of that name turns round."""
+    given = observer.settings.effects.get(effect, {})
+    return np.array([1.0 - 2.0 * given.get(name, 0.0) for name in ("px", "py")])

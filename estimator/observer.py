@@ -191,6 +191,14 @@ class Observer:
                 raise ModelError(
                     f"effect {effect.name}: no coefficient {', '.join(sorted(strange))}; known: {', '.join(known)}"
                 )
+            for p in effect.parameters:
+                if p.name not in given:
+                    continue
+                if p.choices and given[p.name] not in p.choices:
+                    allowed = " or ".join(f"{value:g}" for value in p.choices)
+                    raise ModelError(f"effect {effect.name}: {p.name} is {allowed}, not {given[p.name]:g}")
+                if given[p.name] <= p.above:
+                    raise ModelError(f"effect {effect.name}: {p.name} is above {p.above:g}, not {given[p.name]:g}")
             nominal |= {name: given[key] for key, name in bare.items() if key in given}
         return np.asarray([nominal.get(name, 0.0) for name in self.names] / self.factors)
 

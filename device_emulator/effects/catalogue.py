@@ -38,6 +38,7 @@ class Kind(IntEnum):
     STICK_SLIP_SUPPORT = 15
     PARAMETRIC_STIFFNESS = 16
     NONLINEAR_COUPLING = 17
+    UNEQUAL_MASSES = 18
     DRIVE_GAIN = 20
     DRIVE_MISALIGNMENT = 21
     DRIVE_DELAY = 22
@@ -45,12 +46,14 @@ class Kind(IntEnum):
     DRIVE_DEAD_BAND = 24
     DRIVE_SLEW = 25
     ELECTROSTATIC_DRIVE = 26
+    DRIVE_POLARITY = 27
     SENSE_GAIN = 40
     SENSE_CROSS_COUPLING = 41
     SENSE_QUADRATIC = 42
     SENSE_CUBIC = 43
     SENSE_DELAY = 44
     PARASITIC_MODE = 45
+    SENSE_POLARITY = 46
     DRIVE_FEEDTHROUGH = 60
     INTERFERENCE = 61
     THERMAL_OFFSET = 62
@@ -60,12 +63,16 @@ class Kind(IntEnum):
 
 
 class Coefficient(NamedTuple):
-    """One number of an effect: `default` None means that it must be given; `positive`, that it must be above 0."""
+    """One number of an effect: `default` None means that it must be given; `positive`, that it must be above 0;
+    `switch`, that it is 0 or 1; `above`, that it must be above that.
+    """
 
     symbol: str
     unit: str
     default: float | None = 0.0
     positive: bool = False
+    switch: bool = False
+    above: float = -math.inf
 
 
 class Declaration(NamedTuple):
@@ -84,6 +91,10 @@ def _per_axis(symbol: str, unit: str) -> tuple[Coefficient, Coefficient]:
 
 def _given(symbol: str, unit: str) -> Coefficient:
     return Coefficient(symbol, unit, None, positive=True)
+
+
+def _switches() -> tuple[Coefficient, Coefficient]:
+    return Coefficient("px", "1", switch=True), Coefficient("py", "1", switch=True)
 
 
 def _limits(symbol: str, unit: str) -> tuple[Coefficient, Coefficient]:
@@ -140,6 +151,11 @@ DECLARATIONS: dict[Kind, Declaration] = {
         (Coefficient("depth", "1"), _given("frequency", "Hz"), Coefficient("phase", "rad")),
     ),
     Kind.NONLINEAR_COUPLING: Declaration("-3 c x^2 y, -c x^3: potential c x^3 y", (Coefficient("c", "1/(m^2 s^2)"),)),
+    Kind.UNEQUAL_MASSES: Declaration(
+        "y moves 1 + m times the mass of x: all of y'' but W^2 y over 1 + m, Coriolis and Euler force being "
+        "of the mass that both move",
+        (Coefficient("m", "1", None, above=-1.0),),
+    ),
     Kind.DRIVE_GAIN: Declaration("ux -> (1 + gx) ux, uy -> (1 + gy) uy", _per_axis("g", "1")),
     Kind.DRIVE_MISALIGNMENT: Declaration(
         "ux -> ux + exy uy, uy -> uy + eyx ux", (Coefficient("exy", "1"), Coefficient("eyx", "1"))
@@ -149,6 +165,7 @@ DECLARATIONS: dict[Kind, Declaration] = {
     Kind.DRIVE_DEAD_BAND: Declaration("ux -> ux - clip(ux, -width_x, width_x)", _per_axis("width_", "m/s^2")),
     Kind.DRIVE_SLEW: Declaration("|du/dt| <= slew, after every delay", _limits("slew_", "m/s^3")),
     Kind.ELECTROSTATIC_DRIVE: Declaration("ux -> ux + ex ux^2, uy -> uy + ey uy^2", _per_axis("e", "s^2/m")),
+    Kind.DRIVE_POLARITY: Declaration("ux -> -ux where px = 1, uy -> -uy where py = 1", _switches()),
     Kind.SENSE_GAIN: Declaration("x -> (1 + gx) x, y -> (1 + gy) y", _per_axis("g", "1")),
     Kind.SENSE_CROSS_COUPLING: Declaration(
         "x -> x + exy y, y -> y + eyx x", (Coefficient("exy", "1"), Coefficient("eyx", "1"))
@@ -156,6 +173,9 @@ DECLARATIONS: dict[Kind, Declaration] = {
     Kind.SENSE_QUADRATIC: Declaration("x -> x + a2x x^2, y -> y + a2y y^2", _per_axis("a2", "1/m")),
     Kind.SENSE_CUBIC: Declaration("x -> x + a3x x^3, y -> y + a3y y^3", _per_axis("a3", "1/m^2")),
     Kind.SENSE_DELAY: Declaration("x(t - tau)", (Coefficient("tau_x", "s"), Coefficient("tau_y", "s"))),
+    Kind.SENSE_POLARITY: Declaration(
+        "x -> -x where px = 1, y -> -y where py = 1, after what stands before it", _switches()
+    ),
     Kind.PARASITIC_MODE: Declaration(
         "x -> x + px, px'' + 2 zeta w px' + w^2 px = gamma_x ux, w = 2 pi f; y likewise",
         (_given("frequency", "Hz"), _given("zeta", "1"), *_per_axis("gamma_", "1")),
@@ -206,6 +226,10 @@ def parse(entry: Any) -> HiddenEffect:
             raise ValueError(f"expected a finite number for {symbol}, got {value!r}")
         if declared[symbol].positive and value <= 0:
             raise ValueError(f"expected a number above 0 for {symbol}, got {value!r}")
+        if declared[symbol].switch and value not in (0, 1):
+            raise ValueError(f"expected 0 or 1 for {symbol}, got {value!r}")
+        if value <= declared[symbol].above:
+            raise ValueError(f"expected a number above {declared[symbol].above:g} for {symbol}, got {value!r}")
     missing = [symbol for symbol, c in declared.items() if c.default is None and symbol not in given]
     if missing or not given:
         raise ValueError(f"{name} needs {', '.join(missing or declared)}")

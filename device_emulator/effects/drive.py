@@ -21,6 +21,8 @@ def drive(effects: NDArray[Any], ux: float, uy: float) -> tuple[float, float]:
             ux, uy = min(max(ux, -c[0]), c[0]), min(max(uy, -c[1]), c[1])
         elif kind == Kind.DRIVE_DEAD_BAND:
             ux, uy = ux - min(max(ux, -c[0]), c[0]), uy - min(max(uy, -c[1]), c[1])
+        elif kind == Kind.DRIVE_POLARITY:
+            ux, uy = -ux if c[0] == 1.0 else ux, -uy if c[1] == 1.0 else uy
         elif kind == Kind.ELECTROSTATIC_DRIVE:
             ux, uy = ux + c[0] * ux * ux, uy + c[1] * uy * uy
     return ux, uy

@@ -88,6 +88,11 @@ def force(
         elif kind == Kind.NONLINEAR_COUPLING:
             ax -= 3.0 * c[0] * x * x * y
             ay -= c[0] * x * x * x
+        elif kind == Kind.UNEQUAL_MASSES:
+            # ÿ (1 + m) = the force on y, so that what is added is what the heavier mass leaves of it.
+            pushed = uy - plant.kxy * x - plant.kyy * y - plant.dxy * vx - plant.dyy * vy
+            pushed -= 2.0 * rate_rad_s * vx + slope_rad_s2 * x
+            ay += pushed * (1.0 / (1.0 + c[0]) - 1.0)
         elif kind == Kind.PARASITIC_MODE:
             w = 2.0 * math.pi * c[0]
             ds[at] = s[at + 1]
@@ -119,6 +124,16 @@ def _support(c: NDArray[np.float64], reaction: float, s: NDArray[np.float64], ds
     ds[1] = a
     ds[2] = dz
     return a
+
+
+@compiled
+def lightness(effects: NDArray[Any]) -> float:
+    """What y is accelerated by a force per unit mass of x: 1 where both axes move one mass."""
+    share = 1.0
+    for effect in effects:
+        if effect.kind == Kind.UNEQUAL_MASSES:
+            share /= 1.0 + effect.c[0]
+    return share
 
 
 @compiled

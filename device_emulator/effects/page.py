@@ -14,7 +14,8 @@ What a scenario can give the emulated board that its data sheet does not declare
 Per unit mass, SI. Several add up, in their order; coefficients marked (given) must be, the others are 0 without it.
 T - T0 is what `[temperature]` makes of the board: `warm_up_K` (with `time_constant_s`) and `swing_K` (with `period_s`)
 from `start_C` on; the wire does not tell it. Rf of the charge integrators (`feedback_ohm`), their low-pass, 1/f noise
-and drift stand in `[sense]`. Definitions here are the emulator's own; the observer's are in [effects](effects.md).
+and drift stand in `[sense]`, a clock that runs fast in `[faults]` (`clock_skew`). Definitions here are the emulator's
+own; the observer's are in [effects](effects.md).
 Generated: `python -m device_emulator.effects.page`.
 
 | effect | adds | coefficients |

@@ -37,6 +37,11 @@ def displacement(effects: NDArray[Any], motion: NDArray[np.float64]) -> tuple[fl
             vpx += 3.0 * c[0] * x * x * vx
             py += c[1] * y * y * y
             vpy += 3.0 * c[1] * y * y * vy
+        elif kind == Kind.SENSE_POLARITY:
+            if c[0] == 1.0:
+                px, vpx = -px, -vpx
+            if c[1] == 1.0:
+                py, vpy = -py, -vpy
         elif kind == Kind.PARASITIC_MODE:
             at = effect.at
             px += motion[at]

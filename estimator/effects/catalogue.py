@@ -1,6 +1,6 @@
 """All effects, numbered: the number is what a compiled kernel dispatches on."""
 
-from estimator.effects import damping, delay, drive, line, sense, stiffness, temperature
+from estimator.effects import damping, delay, drive, equivalent, line, sense, stiffness, temperature
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 
@@ -37,6 +37,10 @@ EFFECTS: tuple[Effect, ...] = (
     temperature.TEMPERATURE_STIFFNESS,
     temperature.TEMPERATURE_DAMPING,
     temperature.TEMPERATURE_OFFSET,
+    equivalent.CLOCK_RATE,
+    equivalent.UNEQUAL_MASSES,
+    equivalent.DRIVE_POLARITY,
+    equivalent.SENSE_POLARITY,
 )
 
 

@@ -5,6 +5,7 @@ coefficients that then act on nothing drop out.  All that is known of an effect 
 units, plausible sizes, what it looks like, what undoes it, and where it comes from.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -48,7 +49,7 @@ class Parameter:
     """A number of an effect that is given, not estimated: a frequency, a threshold; tracing searches for it.
 
     length, time: powers of metre and second in its SI unit, per unit mass; default: in scaled units, where there is a
-    sensible one.
+    sensible one; choices: the only values it may have, none: any; above: below or at that there is no such device.
     """
 
     symbol: sp.Symbol
@@ -56,6 +57,8 @@ class Parameter:
     length: int = 0
     time: int = 0
     default: float | None = None
+    choices: tuple[float, ...] = ()
+    above: float = -math.inf
 
     @property
     def unit(self) -> str:
@@ -101,6 +104,9 @@ class Effect:
 
     `force` and `sense` may depend on states, drives, coefficients, signals and the constants of the base model; both
     are zero where not given.  `delayed` names the path that is late by the coefficients, one per axis.
+
+    An effect without coefficients is `declared_only`: what it does no record can tell from something else, so it is
+    never a candidate of a search, and whoever measured it otherwise gives its parameters.
     """
 
     name: str
@@ -115,6 +121,11 @@ class Effect:
     parameters: tuple[Parameter, ...] = ()
     signals: tuple[Signal, ...] = ()
     delayed: Delayed | None = None
+
+    @property
+    def declared_only(self) -> bool:
+        """Whether nothing of it could be estimated from a record."""
+        return not self.coefficients
 
     def labelled(self, label: str) -> "Effect":
         """One of several of the same kind: names of effect and coefficients carry the label."""

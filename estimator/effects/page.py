@@ -1,7 +1,7 @@
 """The reference page of effects, written from their declarations: `python -m estimator.effects.page`."""
 
 from estimator.effects.catalogue import EFFECTS
-from estimator.effects.declaration import Effect, Source
+from estimator.effects.declaration import Effect, Parameter, Source
 from estimator.effects.equation import equations
 
 _INTRODUCTION = """\
@@ -31,10 +31,13 @@ def page() -> str:
 def _entry(effect: Effect) -> str:
     lines = [f"\n## {effect.name}\n\n{effect.title}.\n"]
     lines += [f"- `{equation}`" for equation in equations(effect)]
-    lines.append("- coefficients: " + ", ".join(f"`{c.name}` [{c.unit}]" for c in effect.coefficients))
-    if effect.parameters:
-        named = ", ".join(f"`{p.name}` [{p.unit}]" for p in effect.parameters)
-        lines.append(f"- parameters, given and not estimated (a trace searches for them): {named}")
+    named = ", ".join(f"`{p.name}` [{p.unit}]{_choices(p)}" for p in effect.parameters)
+    if effect.declared_only:
+        lines.append(f"- parameters, given and never estimated (no record could; no trace names it): {named}")
+    else:
+        lines.append("- coefficients: " + ", ".join(f"`{c.name}` [{c.unit}]" for c in effect.coefficients))
+        if effect.parameters:
+            lines.append(f"- parameters, given and not estimated (a trace searches for them): {named}")
     for signal in effect.signals:
         if signal.source is not Source.PARAMETER:
             lines.append(f"- `{signal.symbol}`: {_SIGNALS[signal.source].format(axis='xy'[signal.axis])}")
@@ -44,6 +47,10 @@ def _entry(effect: Effect) -> str:
     lines.append(f"- undone: {effect.undone.value}")
     lines.append(f"- source: {effect.source}")
     return "\n".join(lines) + "\n"
+
+
+def _choices(parameter: Parameter) -> str:
+    return " " + " or ".join(f"{value:g}" for value in parameter.choices) if parameter.choices else ""
 
 
 if __name__ == "__main__":

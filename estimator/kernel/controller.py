@@ -96,15 +96,24 @@ def control_law(settings: Record, memory: Record, s: Floats, c: Floats, out: Flo
 @compiled
 def undo_effects(settings: Record, c: Floats, s: Floats, push: tuple[Floats, ...], force: Floats) -> None:
     """Change the force so that with the effects' own it is what it was: what depends on the state is cancelled, what
-    depends on the drive (its gain, its misalignment) inverted by iteration, which converges as the gain error's powers.
+    depends on the drive (its gain, its misalignment) inverted by iteration, which converges as the gain error's powers,
+    on a drive that acts the wrong way round as those of what it is beside −1.
     """
     extra, drive = push[0], push[3]
     wanted = force.copy()
+    slope = np.zeros(2)  # of what acts on an axis by its drive, times two
+    for side in (1.0, -1.0):
+        drive[:] = side
+        effect_forces(settings, c, s, push)
+        slope += 1.0 + side * extra
     for _ in range(_INVERSIONS):
         drive[:] = force
         effect_forces(settings, c, s, push)
         for axis in range(2):
-            force[axis] = wanted[axis] - extra[axis]
+            if slope[axis] < 0.0:
+                force[axis] += force[axis] + extra[axis] - wanted[axis]
+            else:
+                force[axis] = wanted[axis] - extra[axis]
 
 
 @compiled

@@ -36,7 +36,7 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
     """
     watched: dict[str, Parameters] = {}
     for effect in EFFECTS:
-        if effect.on(device.axes) is None or not _has_signals(effect.signals, record):
+        if effect.declared_only or effect.on(device.axes) is None or not _has_signals(effect.signals, record):
             continue
         if effect.delayed is not None and not np.any(record.drive):
             continue

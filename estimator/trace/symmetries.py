@@ -66,16 +66,23 @@ class Constants:
 
 @dataclass(frozen=True)
 class Equivalent:
-    """`other` in place of `effect`, with the size it then has; the measurement that tells which; how far in rad the
-    angle moves, None where nothing is known of that; the equations with it.
+    """`other` in place of `effect`, with the size it then has; the measurement that tells which; how the bench file
+    declares it, "" where nothing does; how far in rad the angle moves, None where nothing is known of that; the
+    equations with it.
     """
 
     effect: str
     other: str
     size: float
     separate_by: str
+    declare: str
     angle: float | None
     system: System
+
+    @property
+    def told_by(self) -> str:
+        """The measurement, and what to write into the bench file once it has spoken for `other`."""
+        return f"{self.separate_by}; if so, declare {self.declare}" if self.declare else self.separate_by
 
 
 def displaced(system: System, by: Array) -> System:
@@ -169,7 +176,9 @@ def equivalents(named: Intervals, constants: Constants, nonreciprocal: Interval 
     ]
     dxx, dyy, dxy = constants.damping
     if named and dxx + dyy < 0.0 and dxx * dyy > dxy**2:
-        found.append(Equivalent(next(iter(named)), "time_reversal", -1.0, RING_DOWN, None, reversed_in_time(system)))
+        found.append(
+            Equivalent(next(iter(named)), "time_reversal", -1.0, RING_DOWN, "", None, reversed_in_time(system))
+        )
     return tuple(found)
 
 
@@ -184,10 +193,15 @@ def _of_drive_gain(named: Intervals, system: System, constants: Constants) -> It
     timed = retimed(system, unit)
     apart = [timed.stiffness[i, i] - constants.declared[i] for i in range(2)]
     if all(abs(off) < _SET.declared * constants.spread for off in apart):
-        yield Equivalent("drive_gain", "clock_rate", 1.0 / unit - 1.0, REFERENCE_CLOCK, 0.0, timed)
-    yield Equivalent("drive_gain", "mass_scale", 1.0 / gain - 1.0, KNOWN_WEIGHT, 0.0, system)
+        slow = 1.0 / unit - 1.0
+        yield Equivalent(
+            "drive_gain", "clock_rate", slow, REFERENCE_CLOCK, _effect("clock_rate", delta=slow), 0.0, timed
+        )
+    heavier = f"[device] mass_kg times {1.0 / gain:.6g} where the drive is a force, else the drive_gain"
+    yield Equivalent("drive_gain", "mass_scale", 1.0 / gain - 1.0, KNOWN_WEIGHT, heavier, 0.0, system)
     scaled = displaced(system, gain * np.eye(2))
-    yield Equivalent("drive_gain", "sense_scale", gain - 1.0, KNOWN_MOTION, 0.0, scaled)
+    larger = f"[device.sense] gain_V_per_m times {gain:.6g}"
+    yield Equivalent("drive_gain", "sense_scale", gain - 1.0, KNOWN_MOTION, larger, 0.0, scaled)
 
 
 def _of_polarity(named: Intervals, system: System) -> Iterator[Equivalent]:
@@ -200,22 +214,23 @@ def _of_polarity(named: Intervals, system: System) -> Iterator[Equivalent]:
         mirrored = displaced(system, np.diag(np.where(flipped, -1.0, 1.0)))
         own, other = ("drive", "sense") if effect == "drive_gain" else ("sense", "drive")
         angle = 0.0 if all(flipped) else None
-        yield Equivalent(effect, f"{own}_polarity", -2.0, GRAVITY_SIGN, 0.0, system)
-        yield Equivalent(effect, f"{other}_polarity", -2.0, GRAVITY_SIGN, angle, mirrored)
+        turned = {symbol: 1.0 for symbol, is_turned in zip(("px", "py"), flipped, strict=True) if is_turned}
+        own, other = f"{own}_polarity", f"{other}_polarity"
+        yield Equivalent(effect, own, -2.0, GRAVITY_SIGN, _effect(own, **turned), 0.0, system)
+        yield Equivalent(effect, other, -2.0, GRAVITY_SIGN, _effect(other, **turned), angle, mirrored)
 
 
 def _of_frames(named: Intervals, system: System) -> Iterator[Equivalent]:
     """A drive that is turned against the sense: either may be the one that is."""
-    for effect, symbols, other in (
-        ("drive_misalignment", ("mx", "my"), "sense_cross_coupling"),
-        ("sense_cross_coupling", ("ex", "ey"), "drive_misalignment"),
-    ):
+    pairs = (("drive_misalignment", ("mx", "my")), ("sense_cross_coupling", ("ex", "ey")))
+    for (effect, symbols), (other, others) in (pairs, pairs[::-1]):
         if effect not in named or not _opposite(*(named[effect][symbol] for symbol in symbols)):
             continue
         tangent = 0.5 * (named[effect][symbols[0]].value - named[effect][symbols[1]].value)
         turn = (np.eye(2) + tangent * _CORIOLIS) / np.sqrt(1.0 + tangent**2)
         turned = displaced(system, turn if effect == "drive_misalignment" else turn.T)
-        yield Equivalent(effect, other, tangent, GRAVITY_FRAME, abs(float(np.arctan(tangent))), turned)
+        declare = _effect(other, **dict(zip(others, (tangent, -tangent), strict=True)))
+        yield Equivalent(effect, other, tangent, GRAVITY_FRAME, declare, abs(float(np.arctan(tangent))), turned)
 
 
 def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
@@ -229,7 +244,8 @@ def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None)
     if sense is not None and _nothing(drive["hx"], drive["hy"]) and _same(drive["hy"], sense["gy"]):
         mass = (1.0 + sense["gy"].value) ** -2
         even = displaced(system, np.diag([1.0, 1.0 / (1.0 + sense["gy"].value)]))
-        yield Equivalent("sense_gain", "unequal_masses", mass - 1.0, GRAVITY_SIZE, None, even)
+        declare = _effect("unequal_masses", m=mass - 1.0)
+        yield Equivalent("sense_gain", "unequal_masses", mass - 1.0, GRAVITY_SIZE, declare, None, even)
         return
     if sense is not None or nonreciprocal is None:
         return
@@ -242,19 +258,25 @@ def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None)
         if nonreciprocal.low <= expected <= nonreciprocal.high or _near(nonreciprocal.value, expected):
             coriolis = np.diag([gain, 1.0] if axis == 0 else [1.0, gain]) @ system.coriolis
             heavier = replace(system, coriolis=coriolis)
-            yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, None, heavier)
+            # The effect counts the mass of y by that of x, and forces by that of x, too.
+            declare = _effect("unequal_masses", m=(1.0 / gain if axis == 1 else gain) - 1.0)
+            yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None, heavier)
 
 
 def _of_delays(named: Intervals, system: System) -> Iterator[Equivalent]:
     """Both channels late by as much: of the sense or of the drive, with the rate as late."""
-    for effect, symbols, other in (
-        ("sense_delay", ("tsx", "tsy"), "drive_delay"),
-        ("drive_delay", ("tux", "tuy"), "sense_delay"),
-    ):
+    pairs = (("sense_delay", ("tsx", "tsy")), ("drive_delay", ("tux", "tuy")))
+    for (effect, symbols), (other, others) in (pairs, pairs[::-1]):
         if effect in named and _same(*(named[effect][symbol] for symbol in symbols)):
             late = _mean(named[effect])
             moved = shifted(system, late if effect == "sense_delay" else -late)
-            yield Equivalent(effect, other, late, TIMED_RATE, None, moved)
+            declare = _effect(other, **dict.fromkeys(others, late))
+            yield Equivalent(effect, other, late, TIMED_RATE, declare, None, moved)
+
+
+def _effect(name: str, **coefficients: float) -> str:
+    """As the bench file has it."""
+    return f"[effects.{name}] " + ", ".join(f"{symbol} = {value:.6g}" for symbol, value in coefficients.items())
 
 
 def _mean(given: Mapping[str, Interval]) -> float:

@@ -308,7 +308,7 @@ def _with_equivalents(
     pairs = {(pair.effect, pair.other): pair for pair in alike}
     for same in equivalents(intervals, _constants(selection, device, settings), nonreciprocal):
         whose = next(_short(name, named) for name in named if kind(name) == same.effect)
-        pairs[whose, same.other] = Confusable(whose, same.other, 1.0, same.separate_by, None, same.angle)
+        pairs[whose, same.other] = Confusable(whose, same.other, 1.0, same.told_by, None, same.angle)
     return tuple(pairs.values())
 
 

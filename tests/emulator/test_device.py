@@ -94,7 +94,7 @@ def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: Kind)
         "kbx": 1e4, "kby": 1e4, "gap": 5e-5, "khx": 1e4, "khy": 1e4, "reach": 5e-5, "ratio": 0.01, "Fs": 1.0, "Fc": 0.5,
         "vs": 1e-3, "s": 6e6, "depth": 0.1, "phase": 1.0, "c": 1e13, "limit_x": 0.04, "limit_y": 0.04,
         "width_x": 0.4, "width_y": 0.4, "slew_x": 2e3, "slew_y": 2e3, "ex": 0.1, "ey": 0.1, "zeta": 0.1,
-        "rate": 400.0, "every": 10_000.0, "width": 3000.0,
+        "rate": 400.0, "every": 10_000.0, "width": 3000.0, "m": 0.2, "px": 1.0, "py": 1.0,
     }  # fmt: skip
     where = {
         "truth": {"position_m": [1e-4, 1e-4]},
@@ -106,7 +106,7 @@ def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: Kind)
     with_all = record(scenario(where, {"effect": [{"name": kind.name.lower(), **full}]}), codes).codes
     assert (with_all != record(scenario(where), codes).codes).any()
     for symbol, size in full.items():
-        changed = {**full, symbol: 0.5 * size}
+        changed = {**full, symbol: 0.0 if symbol in ("px", "py") else 0.5 * size}
         moved = record(scenario(where, {"effect": [{"name": kind.name.lower(), **changed}]}), codes).codes
         assert (moved != with_all).any(), symbol
 

@@ -170,6 +170,17 @@ CASES: dict[str, tuple[dict[str, float], Law, int, float]] = {
         0,
         2e-10,
     ),
+    "unequal_masses": (
+        {"m": 0.3},
+        # M r̈ = F: all forces on y, over 1.3 in place of 1; what goes with w² is no force.
+        lambda t, s, ux, uy, w, dw: (
+            0.0,
+            (uy - 2 * w * s[1] - dw * s[0] - K[1] @ s[[0, 2]] - D[1] @ s[[1, 3]]) * (1 / 1.3 - 1),
+            [],
+        ),
+        0,
+        2e-10,
+    ),
     "backlash": (
         {"kbx": 5e4, "kby": 3e4, "gap": 4e-5},
         lambda t, s, ux, uy, w, dw: (-5e4 * _play(s[0]), -3e4 * _play(s[2]), []),
@@ -202,6 +213,8 @@ def test_what_acts_on_the_mass(name: str) -> None:
     [
         ({"name": "drive_saturation", "limit_x": 4.0, "limit_y": 6.0}, lambda u: np.clip(u, [-4, -6], [4, 6])),
         ({"name": "drive_dead_band", "width_x": 1.0, "width_y": 2.0}, lambda u: u - np.clip(u, [-1, -2], [1, 2])),
+        ({"name": "drive_polarity", "px": 1.0}, lambda u: u * [-1, 1]),
+        ({"name": "drive_polarity", "px": 1, "py": 1}, lambda u: -u),
         ({"name": "electrostatic_drive", "ex": 0.01, "ey": -0.02}, lambda u: u + np.array([0.01, -0.02]) * u**2),
     ],
     ids=lambda v: v["name"] if isinstance(v, dict) else "",
@@ -211,6 +224,49 @@ def test_what_the_drive_makes_of_a_command(effect: dict[str, Any], bent: Callabl
     base = held(codes)
     expected = integrate(lambda t: bent(base(t)), 60, lambda *_: (0.0, 0.0, []), 0)
     assert_same(motion_of(with_effect(**effect), codes), expected, 2e-10)
+
+
+@pytest.mark.parametrize(("px", "py"), [(1, 0), (0, 1), (1, 1)])
+def test_a_reversed_sense_shows_the_motion_with_the_other_sign_and_its_offset_as_it_was(px: int, py: int) -> None:
+    where = {"truth": LOSSY, "sense": {"mismatch_m": [1e-5, -2e-5], "adc_bits": 24}}
+    delay = {"name": "sense_delay", "tau_x": 0.4 * TS, "tau_y": 1.7 * TS}
+    for others in ([], [delay]):
+        plain = scenario(where, {"effect": others})
+        turned = scenario(where, {"effect": [*others, {"name": "sense_polarity", "px": px, "py": py}]})
+        codes = undriven(100)
+        ours, theirs = (volts(what, record(what, codes).codes) for what in (turned, plain))
+        truth = record(plain, codes).truth
+        offset = np.column_stack([truth["phi_x_V"], truth["phi_y_V"]])
+        expected = offset + (theirs - offset) * [1 - 2 * px, 1 - 2 * py]
+        np.testing.assert_allclose(ours, expected, rtol=0, atol=2 * LSB)
+        assert np.abs(ours - theirs).max() > 0.01
+
+
+def test_a_rate_that_steps_turns_the_heavier_axis_less() -> None:
+    """The impulse of the Euler force is of the mass that both axes move."""
+    steps = {"kind": "steps", "times_s": [0.0, 10.4 * TS], "rates_rad_s": [0.0, 50.0]}
+
+    def push_of(m: float) -> float:
+        what = scenario(IDEAL, {"rate": steps, "effect": [{"name": "unequal_masses", "m": m}]})
+        y = record(what, undriven(13)).truth["y_m"]
+        return float(y[-1])
+
+    assert push_of(0.25) / push_of(0.0) == pytest.approx(1.0 / 1.25, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "complaint"),
+    [
+        ({"name": "drive_polarity", "px": -1.0}, "expected 0 or 1 for px"),
+        ({"name": "sense_polarity", "py": 0.5}, "expected 0 or 1 for py"),
+        ({"name": "unequal_masses", "m": -1.0}, "expected a number above -1 for m"),
+        ({"name": "unequal_masses"}, "unequal_masses needs m"),
+    ],
+    ids=str,
+)
+def test_what_no_bench_could_have_is_refused(effect: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        with_effect(**effect)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3, 1.7])

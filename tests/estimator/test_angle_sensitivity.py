@@ -31,7 +31,9 @@ FADING = replace(SETTINGS, gain=Gain.FADING, memory=0.2)
 COARSE = (*HIDDEN, "damping_asymmetric")
 SMALL = 1e-4  # of the plausible size
 LEAST = 1e-4  # rad at the plausible size: below it the difference of two runs is rounding
-NAMES = [effect.name for effect in EFFECTS if effect.name not in (*WITHOUT_CHANNEL, *COARSE)]
+NAMES = [
+    effect.name for effect in EFFECTS if not effect.declared_only and effect.name not in (*WITHOUT_CHANNEL, *COARSE)
+]
 
 
 def carried(name: str, settings: ObserverSettings, sizes: dict[str, float]) -> Array:

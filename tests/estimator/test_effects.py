@@ -20,7 +20,7 @@ from estimator.kernel.flow import flow
 from estimator.kernel.layout import MAX_SIGNALS
 from estimator.kernel.observer import predict_measurement, workspace
 from estimator.kernel.signals import advance_signals, signal_values
-from estimator.model.gyro import phi_x, phi_y
+from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
@@ -41,6 +41,10 @@ GIVEN = {
     "leak_x": 0.01,
     "leak_y": 0.02,
     "v0": 0.02,
+    "delta": 0.01,
+    "m": 0.05,
+    "px": 1.0,
+    "py": 0.0,
 }
 FORCES = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.force)]
 SENSED = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.sense)]
@@ -90,8 +94,6 @@ def carrying(name: str, share: float = 0.5) -> Observer:
 def signal(source: Signal, axis_parameters: list[float], t: float, s: Array) -> float:
     """Value of a signal, from its definition."""
     match source.source:
-        case Source.PARAMETER:
-            return GIVEN[str(source.symbol)]
         case Source.COSINE:
             return float(np.cos(GIVEN["omega"] * t))
         case Source.SINE:
@@ -109,14 +111,19 @@ def values(effect: Effect, what: str) -> Callable[..., Array]:
     """The effect's expressions as a function of (states, drives, coefficients, time)."""
     given = [parameter.name for parameter in effect.parameters]
     symbols = [s.symbol for s in effect.signals]
-    model = [phi_x, phi_y]
+    name_of = {parameter.symbol: parameter.name for parameter in effect.parameters}
+    model = [phi_x, phi_y, rate, kxx, kyy, kxy, dxx, dyy, dxy]
     expressions = sp.lambdify(
         [STATES, DRIVES, [k.symbol for k in effect.coefficients], symbols, model], list(getattr(effect, what))
     )
 
-    def at(s: Array, u: Array, c: Array, t: float, phi: Array) -> Array:
-        w = [signal(source, [GIVEN[name] for name in given], t, s) for source in effect.signals]
-        return np.array(expressions(s, u, c, w, phi), dtype=float)
+    def at(s: Array, u: Array, c: Array, t: float, constants: Array) -> Array:
+        own = [GIVEN[name] for name in given]
+        w = [
+            GIVEN[name_of[source.symbol]] if source.source is Source.PARAMETER else signal(source, own, t, s)
+            for source in effect.signals
+        ]
+        return np.array(expressions(s, u, c, w, constants), dtype=float)
 
     return at
 
@@ -150,7 +157,7 @@ def integrated(observer: Observer, start: Array, share: float) -> Array:
 
     def slope(t: float, y: Array) -> Array:
         u = DRIVE[:, 0] + DRIVE[:, 1] * t / observer.h
-        pushed = share * force(y, u, c[9:], TIME + t, c[:2])
+        pushed = share * force(y, u, c[9:], TIME + t, c[:9])
         return base(c, y, u) + np.array([0.0, pushed[0], 0.0, pushed[1]])
 
     longest = observer.h / 200
@@ -211,7 +218,7 @@ def test_measurement_and_its_jacobian(name: str) -> None:
         )
         return -nu.copy()
 
-    added = shown(STATE, DRIVE.sum(axis=1), x[13:], TIME + observer.h, x[4:6])
+    added = shown(STATE, DRIVE.sum(axis=1), x[13:], TIME + observer.h, x[4:13])
     np.testing.assert_allclose(predicted(x), STATE[[0, 2]] + x[4:6] + added, rtol=1e-13)
     jacobian = call_measurement(
         observer.record, observer.memory, observer.active, x, np.zeros(2), DRIVE, observer.h, nu, noise
@@ -344,6 +351,12 @@ def test_a_single_axis_keeps_what_acts_on_it() -> None:
         ({"cubic_stiffness": {"k4": 1.0}}, 2, "no coefficient k4; known: k3x, k3y"),
         ({"nonreciprocal_stiffness": {}}, 1, "needs two axes"),
         ({"interference": {}}, 2, "omega must be given"),
+        ({"clock_rate": {}}, 2, "delta must be given"),
+        ({"unequal_masses": {}}, 2, "m must be given"),
+        ({"drive_polarity": {"px": -1.0}}, 2, "effect drive_polarity: px is 0 or 1, not -1"),
+        ({"sense_polarity": {"py": 0.5}}, 2, "effect sense_polarity: py is 0 or 1, not 0.5"),
+        ({"unequal_masses": {"m": -1.0}}, 2, "effect unequal_masses: m is above -1, not -1"),
+        ({"clock_rate": {"delta": 0.01}}, 1, "needs two axes"),
     ],
 )
 def test_what_has_no_meaning_is_refused(effects: dict[str, dict[str, float]], axes: int, complaint: str) -> None:

@@ -11,13 +11,17 @@ import pytest
 import sympy as sp
 
 from estimator.effects.catalogue import EFFECTS
-from estimator.model.gyro import phi_x, phi_y, ux, uy, vx, vy, x, y
+from estimator.effects.declaration import Source
+from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate, ux, uy, vx, vy, x, y
 
 A, OMEGA0 = 3e-5, 2.0 * np.pi * 700.0
 """The units of a scaled observer: m, rad/s."""
 
 AT = SimpleNamespace(x=2.1e-5, vx=0.071, y=-1.3e-5, vy=-0.053, ux=310.0, uy=-190.0)
 """Where the laws are asked: m, m/s, m/s². Velocities are far from where friction turns over."""
+
+RATE, KXX, KYY, KXY, DXX, DYY, DXY = 7.0, 1.9e7, 2.0e7, 3e5, 4.0, 5.0, 0.6
+"""Of the base model: rad/s, 1/s², 1/s."""
 
 SIGNALS = {"warmth": (7.0, 0, 0), "cosine": (0.6, 0, 0), "sine": (-0.8, 0, 0), "directionx": (1.0, 0, 0)}
 SIGNALS |= {"directiony": (-1.0, 0, 0), "wane_x": (0.4, 0, 0), "wane_y": (0.3, 0, 0)}
@@ -46,11 +50,22 @@ FORCES: dict[str, Law] = {
     ),
     "drive_dead_band": lambda s, c, g: tuple(-z * np.clip(u, -g.band, g.band) for z, u in ((c.zx, s.ux), (c.zy, s.uy))),
     "base_vibration": lambda s, c, g: (c.bcx * 0.6 - c.bsx * 0.8, c.bcy * 0.6 - c.bsy * 0.8),
+    "clock_rate": lambda s, c, g: (
+        (1.02**2 - 1) * (s.ux - KXX * s.x - KXY * s.y) - 0.02 * (DXX * s.vx + DXY * s.vy),
+        (1.02**2 - 1) * (s.uy - KXY * s.x - KYY * s.y) - 0.02 * (DXY * s.vx + DYY * s.vy),
+    ),
+    # What the forces on y do over 1.25 masses, less what they do over one.
+    "unequal_masses": lambda s, c, g: (
+        0.0,
+        (1 / 1.25 - 1) * (s.uy - KXY * s.x - KYY * s.y - DXY * s.vx - DYY * s.vy - 2 * RATE * s.vx),
+    ),
+    "drive_polarity": lambda s, c, g: (-2 * s.ux, 0.0),
     "temperature_stiffness": lambda s, c, g: (-c.ktx * 7.0 * s.x, -c.kty * 7.0 * s.y),
     "temperature_damping": lambda s, c, g: (-c.dtx * 7.0 * s.vx, -c.dty * 7.0 * s.vy),
 }
 
 SENSES: dict[str, Law] = {
+    "sense_polarity": lambda s, c, g: (-2 * s.x, 0.0),
     "sense_gain": lambda s, c, g: (0.0, c.gy * s.y),
     "sense_cross_coupling": lambda s, c, g: (c.ex * s.y, c.ey * s.x),
     "sense_quadratic": lambda s, c, g: (c.a2x * s.x**2, c.a2y * s.y**2),
@@ -69,6 +84,7 @@ SENSES: dict[str, Law] = {
 
 # Where the drive or the displacement is beyond the threshold on x and within it on y, or the other way.
 GIVEN = {"limit": (250.0, 1, -2), "band": (250.0, 1, -2), "level": (1.7e-5, 1, 0), "v0": (1e-4, 1, -1)}
+GIVEN |= {"delta": (0.02, 0, 0), "m": (0.25, 0, 0), "px": (1.0, 0, 0), "py": (0.0, 0, 0)}
 
 SENSES["sense_clipping"] = lambda s, c, g: tuple(
     share * (np.clip(q, -g.level, g.level) - q) for share, q in ((c.clx, s.x), (c.cly, s.y))
@@ -85,7 +101,9 @@ def by_declaration(effect, what: str, c: dict[str, float]) -> tuple[float, float
     values |= {uy: (AT.uy, 1, -2), phi_x: (0.0, 1, 0), phi_y: (0.0, 1, 0)}
     values |= {k.symbol: (c[k.name], k.length, k.time) for k in effect.coefficients}
     values |= {p.symbol: GIVEN[p.name] for p in effect.parameters if p.name in GIVEN}
-    values |= {s.symbol: (SIGNALS | GIVEN)[str(s.symbol)] for s in effect.signals}
+    values |= {s.symbol: SIGNALS[str(s.symbol)] for s in effect.signals if s.source is not Source.PARAMETER}
+    values |= {rate: (RATE, 0, -1), kxx: (KXX, 0, -2), kyy: (KYY, 0, -2), kxy: (KXY, 0, -2)}
+    values |= {dxx: (DXX, 0, -1), dyy: (DYY, 0, -1), dxy: (DXY, 0, -1)}
     expressions = [sp.sympify(e) for e in getattr(effect, what)]
     numbers = {symbol: scaled(*value) for symbol, value in values.items()}
     unit = A * OMEGA0**2 if what == "force" else A

@@ -63,7 +63,10 @@ def record() -> Record:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [effect.name for effect in EFFECTS if effect.name not in (*WITHOUT_CHANNEL, *HIDDEN)])
+@pytest.mark.parametrize(
+    "name",
+    [effect.name for effect in EFFECTS if not effect.declared_only and effect.name not in (*WITHOUT_CHANNEL, *HIDDEN)],
+)
 def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: str) -> None:
     given = PARAMETERS.get(name, {})
     seen = scan(Problem(record(), DEVICE, SETTINGS), {name: given})
@@ -81,7 +84,11 @@ def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: s
 
 
 def test_nothing_is_evident_where_nothing_is_missing() -> None:
-    watched = {effect.name: {} for effect in EFFECTS if not effect.parameters and effect.name not in WITHOUT_CHANNEL}
+    watched = {
+        effect.name: {}
+        for effect in EFFECTS
+        if not (effect.parameters or effect.declared_only) and effect.name not in WITHOUT_CHANNEL
+    }
     noisy = loop_record(EXPERIMENTS[-1], DEVICE, SETTINGS, latency=1, noise=1.0)
     found = evidence(scan(Problem(noisy, DEVICE, SETTINGS), watched))
     assert max(item.significance for item in found.values()) < 4.0
