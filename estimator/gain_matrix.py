@@ -47,8 +47,8 @@ def pair(delay: int) -> BoardFilter:
 class GainMatrix:
     """Folds an observer's estimates and its controller's settings into G and b.
 
-    Of the effects that the observer carries only channels that are turned round are undone.  Raises ModelError for a filter whose two signals are nearly one
-    at the target frequency.
+    Of the effects that the observer carries only channels that are turned round are undone.  Raises ModelError for a
+    filter whose two signals are nearly one at the target frequency.
     """
 
     def __init__(self, observer: Observer, board: BoardFilter) -> None:

@@ -258,8 +258,10 @@ def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None)
         if nonreciprocal.low <= expected <= nonreciprocal.high or _near(nonreciprocal.value, expected):
             coriolis = np.diag([gain, 1.0] if axis == 0 else [1.0, gain]) @ system.coriolis
             heavier = replace(system, coriolis=coriolis)
-            # The effect counts the mass of y by that of x, and forces by that of x, too.
+            # The effect counts masses and forces by the mass of x; effects add up.
             declare = _effect("unequal_masses", m=(1.0 / gain if axis == 1 else gain) - 1.0)
+            if axis == 0:
+                declare += " and " + _effect("drive_gain", hx=gain - 1.0, hy=1.0 - 1.0 / gain)
             yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None, heavier)
 
 

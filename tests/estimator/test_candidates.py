@@ -1,12 +1,21 @@
 """What is looked for on a record: modes from the drive's response, labels that stay apart, second thoughts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from estimator.trace.candidates import resonance
+from estimator.effects.catalogue import EFFECTS
+from estimator.trace import free_run_model
+from estimator.trace.candidates import kind, resonance, watch_list
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import fresh
 from estimator.trace.width import second_thoughts
+from tests.estimator.test_scan import DEVICE, SETTINGS, record
+
+ONE_AXIS = replace(
+    DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(-890.0,), noise=(9e-5,)
+)
 
 
 def mode(omega: float, zeta: float, at: np.ndarray) -> np.ndarray:
@@ -22,6 +31,18 @@ def test_the_response_to_the_drive_tells_a_mode(omega: float, zeta: float) -> No
     assert seen is not None
     assert seen[0] == pytest.approx(omega, rel=2e-3)
     assert seen[1] == pytest.approx(zeta, rel=0.2, abs=5e-4)
+
+
+def test_what_no_record_can_tell_is_never_a_candidate() -> None:
+    hidden = {"clock_rate", "unequal_masses", "drive_polarity", "sense_polarity"}
+    assert {effect.name for effect in EFFECTS if effect.declared_only} == hidden
+    rng = np.random.default_rng(3)
+    innovation = rng.standard_normal((len(record()), 2))
+    watched = {kind(name) for name in watch_list(record(), DEVICE, innovation, np.ones_like(innovation))}
+    assert not watched & hidden
+    assert {"drive_gain", "sense_gain", "dry_friction"} <= watched
+    for device in (DEVICE, ONE_AXIS):
+        assert not set(free_run_model.candidates(device, SETTINGS)) & hidden
 
 
 def test_a_flat_response_tells_none() -> None:

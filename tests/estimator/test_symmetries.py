@@ -1,12 +1,16 @@
 """Look-alikes by symmetry: the equations with the other cause, solved by SciPy, give the same voltages."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy as sp
 from scipy.integrate import solve_ivp
 
+from estimator.effects.catalogue import EFFECTS, effect_for
+from estimator.model import gyro
 from estimator.trace.diagnosis import Interval
 from estimator.trace.symmetries import (
     Constants,
@@ -244,3 +248,106 @@ def test_a_clock_that_declared_stiffness_excludes_is_not_listed() -> None:
     assert set(of(DRIVE_GAIN, sure)) == {"mass_scale", "sense_scale"}
     slower = replace(sure, declared=(1.02 / 1.03, 0.98 / 1.03, 0.03))
     assert "clock_rate" in of(DRIVE_GAIN, slower)
+
+
+def declared(one) -> dict[str, dict[str, float]]:
+    """What its words would put into the bench file."""
+    found = re.findall(r"\[effects\.(\w+)\] ((?:\w+ = [-+.\de]+(?:, )?)+)", one.declare)
+    return {name: {k: float(v) for k, v in re.findall(r"(\w+) = ([-+.\de]+)", given)} for name, given in found}
+
+
+def acceleration(effects: dict[str, dict[str, float]], k, d, turning: float, state, u) -> np.ndarray:
+    """(ẍ, ÿ) of the base model with constants k, d (2, 2) and a rate of `turning` × 0.02, with the effects declared."""
+    x, v = state[:2], state[2:]
+    w = 0.02 * turning
+    a = u - d @ v - k @ x + 2 * w * CORIOLIS @ v
+    at = dict(zip((gyro.x, gyro.y, gyro.vx, gyro.vy), state, strict=True)) | {gyro.ux: u[0], gyro.uy: u[1]}
+    at |= {gyro.rate: w, gyro.kxx: k[0, 0], gyro.kyy: k[1, 1], gyro.kxy: k[0, 1]}
+    at |= {gyro.dxx: d[0, 0], gyro.dyy: d[1, 1], gyro.dxy: d[0, 1]}
+    for name, given in effects.items():
+        _, effect = effect_for(name, 2)
+        own = {p.symbol: given.get(p.name, p.default) for p in effect.parameters}
+        own |= {c.symbol: given[c.name] for c in effect.coefficients}
+        a = a + np.array([float(sp.sympify(part).subs(at | own)) for part in effect.force])
+    return a
+
+
+def of_system(system: System, state, u) -> np.ndarray:
+    x, v = state[:2], state[2:]
+    return system.drive @ u - system.damping @ v - system.stiffness @ x + 2 * 0.02 * system.coriolis @ v
+
+
+STATE, PUSH = np.array([0.7, -0.4, 0.3, 0.9]), np.array([0.05, -0.08])
+
+
+def test_a_clock_declared_in_the_words_of_the_list_is_the_drive_gain_that_was_named() -> None:
+    clock = of(DRIVE_GAIN)["clock_rate"]
+    words = declared(clock)
+    assert words == {"clock_rate": {"delta": pytest.approx(math.sqrt(1.03) - 1.0, rel=1e-5)}}
+    true = clock.system
+    made = acceleration(words, true.stiffness, true.damping, 1.0, STATE, PUSH)
+    assert made == pytest.approx(of_system(system_with(DRIVE_GAIN, CONSTANTS), STATE, PUSH), abs=1e-6)
+    other = {"clock_rate": {"delta": -words["clock_rate"]["delta"]}}
+    wrong = acceleration(other, true.stiffness, true.damping, 1.0, STATE, PUSH)
+    assert np.max(np.abs(wrong - made)) > 1e-2
+
+
+def test_masses_declared_in_the_words_of_the_list_are_the_two_gains_that_were_named() -> None:
+    masses = of(HEAVIER)["unequal_masses"]
+    words = declared(masses)
+    assert words == {"unequal_masses": {"m": pytest.approx(0.03, rel=1e-5)}}
+    weight, true = np.diag([1.0, 1.03]), masses.system
+    made = acceleration(words, weight @ true.stiffness, weight @ true.damping, true.coriolis[0, 1], STATE, PUSH)
+    assert made == pytest.approx(of_system(true, STATE, PUSH), abs=1e-6)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_masses_declared_for_a_drive_gain_of_one_axis_are_the_system_that_is_meant(axis: int) -> None:
+    mass, kxy = 1.03, 0.03
+    kn = 0.5 * kxy * (1.0 - 1.0 / mass) * (1.0 if axis == 1 else -1.0)
+    gains = [is_(0.0), is_(0.0)]
+    gains[axis] = is_(1.0 / mass - 1.0)
+    named = {"drive_gain": {"hx": gains[0], "hy": gains[1]}, "nonreciprocal_stiffness": {"kn": is_(kn)}}
+    symmetric = replace(CONSTANTS, stiffness=(1.02, 0.98, 0.5 * kxy * (1.0 + 1.0 / mass)))
+    one = of(named, symmetric, is_(kn))["unequal_masses"]
+    weight = np.eye(2)
+    weight[axis, axis] = mass
+    # Forces are over the mass of x.
+    by = weight[0, 0]
+    force = [weight @ matrix / by for matrix in (one.system.stiffness, one.system.damping)]
+    force[1][0, 1] = force[1][1, 0] = 0.0  # the damping found is symmetric, over the masses
+    plain = replace(one.system, damping=np.diag(np.diag(one.system.damping)))
+    made = acceleration(declared(one), force[0], force[1], plain.coriolis[0, 1], STATE, PUSH)
+    assert made == pytest.approx(of_system(plain, STATE, PUSH), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("named", "other", "effects"),
+    [
+        (FLIPPED, "drive_polarity", {"drive_polarity": {"px": 1.0}}),
+        (FLIPPED, "sense_polarity", {"sense_polarity": {"px": 1.0}}),
+        (SENSE_FLIPPED, "sense_polarity", {"sense_polarity": {"py": 1.0}}),
+        (SENSE_FLIPPED, "drive_polarity", {"drive_polarity": {"py": 1.0}}),
+        (DRIVE_TURNED, "sense_cross_coupling", {"sense_cross_coupling": {"ex": 0.05, "ey": -0.05}}),
+        (SENSE_TURNED, "drive_misalignment", {"drive_misalignment": {"mx": -0.05, "my": 0.05}}),
+        (SENSE_LATE, "drive_delay", {"drive_delay": {"tux": 0.04, "tuy": 0.04}}),
+        (DRIVE_LATE, "sense_delay", {"sense_delay": {"tsx": 0.04, "tsy": 0.04}}),
+    ],
+)
+def test_the_words_declare_the_other_cause(named, other, effects) -> None:
+    one = of(named)[other]
+    assert declared(one) == effects
+    assert one.told_by == f"{one.separate_by}; if so, declare {one.declare}"
+
+
+def test_a_scale_is_declared_where_the_bench_file_has_it() -> None:
+    found = of(DRIVE_GAIN)
+    assert found["sense_scale"].declare == "[device.sense] gain_V_per_m times 1.03"
+    assert found["mass_scale"].declare.startswith("[device] mass_kg times 0.970874 ")
+
+
+def test_all_that_only_a_declaration_can_tell_is_listed_beside_something() -> None:
+    """One place says what is no candidate; each of these is what a named effect may be as well."""
+    listed = {other for named, _ in ALL for other in of(named)}
+    hidden = {effect.name for effect in EFFECTS if effect.declared_only}
+    assert hidden <= listed

@@ -1,6 +1,7 @@
 """An effect that the bench file names is estimated, and the loop and the angle are rid of it."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,19 +14,29 @@ from hil.score import score
 pytestmark = pytest.mark.slow  # whole runs
 
 
-def scored(tmp_path: Path, effect: str, declared: dict[str, dict[str, float]], excited: bool = True) -> Result:
-    """A lockstep run of S-slow with one hidden effect, 20 s, scored over its second half."""
+def scored(
+    tmp_path: Path,
+    effect: str,
+    declared: dict[str, dict[str, float]],
+    excited: bool = True,
+    device: dict[str, Any] | None = None,
+    loop: dict[str, Any] | None = None,
+) -> Result:
+    """A lockstep run of S-slow with one hidden effect, 20 s, scored over its second half; effect: the lines of its
+    `[[effect]]`, or a section of its own.
+    """
     scenario = tmp_path / "hidden.scenario.toml"
     constant = '[rate]\nkind = "constant"\nrate_rad_s = 1.0\n'
     before, _, _ = Path(find("scenario", "s-slow")).read_text().partition("[rate]")
-    scenario.write_text(f"{before}{constant}\n[[effect]]\n{effect}\n")
+    section = effect if effect.startswith("[") else f"[[effect]]\n{effect}"
+    scenario.write_text(f"{before}{constant}\n{section}\n")
     changes = {
-        "loop": {"clock": "lockstep", "duration_s": 20.0, "settle_s": 10.0},
+        "loop": {"clock": "lockstep", "duration_s": 20.0, "settle_s": 10.0, **(loop or {})},
         "controller": {"amplitude_modulation": 0.3 if excited else 0.0},
         "limits": {"residual_safe": 1e4},
         "effects": declared,
     }
-    bench = override(load_bench(Path(find("bench", "s-slow"))), changes, "test")
+    bench = override(load_bench(Path(find("bench", "s-slow"))), changes | (device or {}), "test")
     truth = tmp_path / f"truth-{len(list(tmp_path.iterdir()))}.arrow"  # of each run its own: none is written over
     done = run(bench, f"inproc:{scenario}", tmp_path, truth=truth, progress=lambda _: None)
     assert done.folder is not None
@@ -67,3 +78,72 @@ def test_the_bench_as_run_keeps_its_effects(tmp_path: Path) -> None:
     done = run(bench, f"inproc:{scenario}", tmp_path, progress=lambda _: None)
     assert done.folder is not None
     assert load_bench(done.folder / "bench.toml").effects == {"sense_gain": {"gy": 0.01}}
+
+
+CLOCK = ("[faults]\nclock_skew = 0.01", {"clock_rate": {"delta": 1.0 / 1.01 - 1.0}})
+MASSES = ('name = "unequal_masses"\nm = 0.1', {"unequal_masses": {"m": 0.1}})
+
+
+@pytest.mark.parametrize(
+    ("effect", "declared", "gain"), [(*CLOCK, 30.0), (*MASSES, 10.0)], ids=["clock_rate", "unequal_masses"]
+)
+def test_what_no_record_can_tell_is_undone_once_it_is_declared(
+    tmp_path: Path, effect: str, declared: dict[str, dict[str, float]], gain: float
+) -> None:
+    """The angle is right with it, wrong without it, and as wrong with the other sign of it."""
+    turned = {name: {symbol: -value for symbol, value in given.items()} for name, given in declared.items()}
+    without = scored(tmp_path, effect, {}).angle_error_rms_rad
+    wrong = scored(tmp_path, effect, turned).angle_error_rms_rad
+    carried = scored(tmp_path, effect, declared)
+    right = carried.angle_error_rms_rad
+    assert without is not None
+    assert wrong is not None
+    assert right is not None
+    assert right < without / gain
+    assert wrong > without
+    assert carried.innovation_rms is not None
+    assert carried.noise_floor is not None
+    assert carried.innovation_rms < 1.05 * carried.noise_floor
+
+
+def test_with_the_clock_declared_the_stiffness_is_per_second_of_true_time_and_the_rate_of_the_board(
+    tmp_path: Path,
+) -> None:
+    found = scored(tmp_path, *CLOCK).parameters
+    kxx, rate = found["kxx"], found["rate"]
+    assert kxx.truth is not None
+    assert kxx.value == pytest.approx(kxx.truth, rel=1e-5)
+    assert rate.value == pytest.approx(1.0 / 1.01, rel=2e-3)
+
+
+POLARITIES = [(channel, px, py) for channel in ("drive", "sense") for px, py in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))]
+
+
+@pytest.mark.parametrize("mode", ["force", "gain"])
+@pytest.mark.parametrize(("channel", "px", "py"), POLARITIES)
+def test_a_channel_that_is_turned_round_is_no_matter_once_it_is_declared(
+    tmp_path: Path, channel: str, px: float, py: float, mode: str
+) -> None:
+    hidden = f'name = "{channel}_polarity"\npx = {px}\npy = {py}'
+    loop = {"mode": mode, **({"block": 20, "estimate_every": 20} if mode == "gain" else {})}
+    done = scored(tmp_path, hidden, {f"{channel}_polarity": {"px": px, "py": py}}, loop=loop)
+    assert done.angle_error_rms_rad is not None
+    assert done.angle_error_rms_rad < 3e-3
+    assert done.innovation_rms is not None
+    assert done.noise_floor is not None
+    assert done.innovation_rms < 1.05 * done.noise_floor
+
+
+@pytest.mark.parametrize("channel", ["drive", "sense"])
+def test_a_polarity_that_is_declared_of_the_wrong_axis_loses_the_loop(tmp_path: Path, channel: str) -> None:
+    hidden = f'name = "{channel}_polarity"\npx = 1.0'
+    done = scored(tmp_path, hidden, {f"{channel}_polarity": {"py": 1.0}})
+    assert done.angle_error_rms_rad is None or done.angle_error_rms_rad > 0.3
+
+
+def test_the_sign_of_the_gain_of_an_axis_is_the_polarity_of_its_sense(tmp_path: Path) -> None:
+    hidden = 'name = "sense_polarity"\npy = 1.0'
+    gains = {"device": {"sense": {"gain_V_per_m": [-885.42, 885.42], "noise_V": 9e-5, "offset_sd_V": 0.02}}}
+    by_sign = scored(tmp_path, hidden, {}, device=gains)
+    assert by_sign.angle_error_rms_rad is not None
+    assert by_sign.angle_error_rms_rad < 3e-3
