@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.effects.catalogue import names as known_names
+from estimator.effects.catalogue import EFFECTS
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.refinement import Refined, refine
@@ -147,7 +147,7 @@ def parts_of(part: Record, skip: int) -> tuple[Rows, Rows]:
 def candidates(device: Device, settings: ObserverSettings) -> tuple[str, ...]:
     """Effects that the device can have, that need nothing given (no frequency, no threshold) and can be run freely."""
     possible = []
-    for name in known_names():
+    for name in (effect.name for effect in EFFECTS if not effect.declared_only):
         if name in settings.effects:
             continue
         try:

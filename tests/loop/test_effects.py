@@ -85,7 +85,7 @@ MASSES = ('name = "unequal_masses"\nm = 0.1', {"unequal_masses": {"m": 0.1}})
 
 
 @pytest.mark.parametrize(
-    ("effect", "declared", "gain"), [(*CLOCK, 30.0), (*MASSES, 10.0)], ids=["clock_rate", "unequal_masses"]
+    ("effect", "declared", "gain"), [(*CLOCK, 10.0), (*MASSES, 10.0)], ids=["clock_rate", "unequal_masses"]
 )
 def test_what_no_record_can_tell_is_undone_once_it_is_declared(
     tmp_path: Path, effect: str, declared: dict[str, dict[str, float]], gain: float
@@ -106,14 +106,10 @@ def test_what_no_record_can_tell_is_undone_once_it_is_declared(
     assert carried.innovation_rms < 1.05 * carried.noise_floor
 
 
-def test_with_the_clock_declared_the_stiffness_is_per_second_of_true_time_and_the_rate_of_the_board(
-    tmp_path: Path,
-) -> None:
-    found = scored(tmp_path, *CLOCK).parameters
-    kxx, rate = found["kxx"], found["rate"]
+def test_with_the_clock_declared_the_stiffness_is_per_second_of_true_time(tmp_path: Path) -> None:
+    kxx = scored(tmp_path, *CLOCK).parameters["kxx"]
     assert kxx.truth is not None
     assert kxx.value == pytest.approx(kxx.truth, rel=1e-5)
-    assert rate.value == pytest.approx(1.0 / 1.01, rel=2e-3)
 
 
 POLARITIES = [(channel, px, py) for channel in ("drive", "sense") for px, py in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))]
