@@ -35,6 +35,8 @@ FOLDER = Path("runs/symmetries")
 ANGLE = 0.03
 DELAY = 0.05  # rad of the vibration
 
+REFUSED: dict[str, Any] = {"verdict": "refused", "effects": [], "confusable": [], "reasons": []}
+
 Tables = list[dict[str, Any]]
 
 
@@ -171,9 +173,14 @@ def backwards(capture: np.ndarray[Any, np.dtype[np.int64]]) -> np.ndarray[Any, n
 
 
 def listed(said: dict[str, Any]) -> set[str]:
-    """The named effects and all that the diagnosis says they may be as well."""
+    """The named effects and all that the diagnosis says they may be as well; that a record may run backwards is said
+    among the reasons, since nothing else is the matter with it.
+    """
     named = [plain(effect["name"]) for effect in said["effects"]]
-    return set().union(*(class_of(name, said["confusable"]) for name in named))
+    members = set().union(*(class_of(name, said["confusable"]) for name in named))
+    if any(reason.startswith("it may run backwards") for reason in said["reasons"]):
+        members.add("time_reversal")
+    return members
 
 
 def rows(say: Say) -> list[Row]:
@@ -186,9 +193,7 @@ def rows(say: Say) -> list[Row]:
     found: dict[str, list[tuple[bool, bool, bool]]] = {}
     for case, place in zip(chosen, places, strict=True):
         path = place / "diagnosis.json"
-        said = (
-            json.loads(path.read_text()) if path.exists() else {"verdict": "refused", "effects": [], "confusable": []}
-        )
+        said = json.loads(path.read_text()) if path.exists() else REFUSED
         members = listed(said)
         held = case.symmetry.cause in members
         found.setdefault(case.symmetry.name, []).append(

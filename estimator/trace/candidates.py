@@ -49,7 +49,7 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
         watched[name] = {"v0": _SET.rest * device.amplitude * omega0}
     watched |= _of_lines(record, device, innovation / deviation)
     watched |= _of_thresholds(record, device)
-    watched |= _of_modes(record, innovation / deviation)
+    watched |= _of_modes(record, device, innovation / deviation)
     return watched
 
 
@@ -88,8 +88,12 @@ def _of_thresholds(record: Record, device: Device) -> dict[str, Parameters]:
     return watched
 
 
-def _of_modes(record: Record, whitened: Array) -> dict[str, Parameters]:
-    """Frequencies at which the residual follows the drive more than around them, with the damping seen there."""
+def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Parameters]:
+    """Frequencies at which the residual follows the drive more than around them, with the damping seen there.
+
+    Not the resonance: what follows the drive there is the gyro itself, as where a gain is off, and a mode beside it
+    would imitate that.
+    """
     drive = record.drive[:, :, 0]
     if not np.any(drive):
         return {}
@@ -107,6 +111,8 @@ def _of_modes(record: Record, whitened: Array) -> dict[str, Parameters]:
     watched: dict[str, Parameters] = {}
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
+    own = np.sqrt(device.target) / (2.0 * np.pi) / frequency[1]
+    peaks = peaks[np.abs(peaks - own) > _SET.beside_peak]
     for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[: _SET.modes], start=1):
         near = slice(max(peak - _SET.beside_peak, 1), peak + _SET.beside_peak + 1)
         seen = resonance(2.0 * np.pi * frequency[near], [response[near] for response in responses])

@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, lfilter
 
 from estimator.effects.catalogue import EFFECTS
 from estimator.trace import free_run_model
 from estimator.trace.candidates import kind, resonance, watch_list
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import fresh
+from estimator.trace.record import Record
 from estimator.trace.width import second_thoughts
-from tests.estimator.test_scan import DEVICE, SETTINGS, record
+from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS, record
 
 ONE_AXIS = replace(
     DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(-890.0,), noise=(9e-5,)
@@ -31,6 +33,20 @@ def test_the_response_to_the_drive_tells_a_mode(omega: float, zeta: float) -> No
     assert seen is not None
     assert seen[0] == pytest.approx(omega, rel=2e-3)
     assert seen[1] == pytest.approx(zeta, rel=0.2, abs=5e-4)
+
+
+@pytest.mark.parametrize(("at", "is_watched"), [(1.8, True), (0.6, True), (1.0, False), (1.004, False)])
+def test_what_follows_the_drive_at_the_resonance_is_the_gyro_and_no_other_mode(at: float, *, is_watched: bool) -> None:
+    rng = np.random.default_rng(4)
+    n, rate = 60_000, DEVICE.sample_rate
+    drive = rng.standard_normal((n, 2))
+    omega, zeta = at * OMEGA0, 2e-3
+    mode = cont2discrete(([1.0], [1.0, 2.0 * zeta * omega, omega**2]), 1.0 / rate)
+    innovation = lfilter(mode[0].ravel(), mode[1], drive, axis=0) * omega**2 + rng.standard_normal((n, 2))
+    excited = Record(np.zeros((n, 2)), drive[:, :, None], np.full(n, 1.0 / rate))
+    watched = watch_list(excited, DEVICE, innovation, np.ones_like(innovation))
+    modes = [given["omega"] for name, given in watched.items() if kind(name) == "parasitic_mode"]
+    assert any(abs(one / omega - 1.0) < 0.01 for one in modes) is is_watched
 
 
 def test_what_no_record_can_tell_is_never_a_candidate() -> None:
