@@ -98,7 +98,7 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Para
     if not np.any(drive):
         return {}
     sample_rate = 1.0 / float(np.mean(record.step))
-    length = min(_SET.segment, len(record) // _SET.segments)
+    length = _segment(record)
     filled = np.nan_to_num(whitened)
     coherence: Array = np.zeros(length // 2 + 1)
     frequency, responses = np.zeros_like(coherence), []
@@ -111,8 +111,7 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Para
     watched: dict[str, Parameters] = {}
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
-    own = np.sqrt(device.target) / (2.0 * np.pi) / frequency[1]
-    peaks = peaks[np.abs(peaks - own) > _SET.beside_peak]
+    peaks = peaks[~at_resonance(record, device, 2.0 * np.pi * frequency[peaks])]
     for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[: _SET.modes], start=1):
         near = slice(max(peak - _SET.beside_peak, 1), peak + _SET.beside_peak + 1)
         seen = resonance(2.0 * np.pi * frequency[near], [response[near] for response in responses])
@@ -120,6 +119,17 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Para
         for which, (omega, zeta) in enumerate(supposed if seen is None else [seen, *supposed], start=1):
             watched[f"parasitic_mode:{label}{which}"] = {"omega": omega, "zeta": zeta}
     return watched
+
+
+def _segment(record: Record) -> int:
+    """Samples from which a response to the drive is found."""
+    return min(_SET.segment, len(record) // _SET.segments)
+
+
+def at_resonance(record: Record, device: Device, omega: Array) -> NDArray[np.bool_]:
+    """Whether these frequencies, rad/s, belong to the peak of the gyro's own response in a response to the drive."""
+    bin_width = 2.0 * np.pi / (float(np.mean(record.step)) * _segment(record))
+    return np.asarray(np.abs(omega - np.sqrt(device.target)) <= _SET.beside_peak * bin_width)
 
 
 def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[float, float] | None:

@@ -1,10 +1,10 @@
-"""Effects that turn into a simpler one at an end of their parameter's range: then the simpler one is what is there."""
+"""Effects that turn into a simpler one where their parameter goes: then the simpler one is what is there."""
 
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from estimator.trace.candidates import kind
+from estimator.trace.candidates import at_resonance, kind
 from estimator.trace.problem import Problem
 
 _SIMPLER = {"drive_saturation": "drive_gain", "drive_dead_band": "drive_gain"}
@@ -26,8 +26,12 @@ def turned_into(problem: Problem, name: str, parameters: Mapping[str, float]) ->
     """What is left of the effect `name` with its threshold there, None where it is still one of its own.
 
     A drive that stops short of the least that was commanded is one of another gain, and so is one that does nothing
-    below the largest; one that does nothing below the least does all that it should.
+    below the largest; one that does nothing below the least does all that it should.  A mode at the resonance follows
+    the drive as the gyro does, whose drive has another gain.
     """
+    if kind(name) == "parasitic_mode":
+        own = at_resonance(problem.record, problem.device, np.array([parameters["omega"]]))
+        return "the gyro itself, its drive of another gain" if own[0] else None
     if kind(name) not in _SIMPLER:
         return None
     given = np.abs(problem.record.drive[:, :, 0]) * problem.device.drive_gain

@@ -103,7 +103,7 @@ class ObserverModel:
         found: dict[str, Carrying | str] = {}
         for name, fitted in models.items():
             if simpler := turned_into(self.problem, name, parameters_of(fitted, name)):
-                found[name] = f"its threshold goes where it is {simpler}"
+                found[name] = f"its parameters go where it is {simpler}"
             else:
                 found[name] = Carrying(self.problem, fitted, {**current.searched, name: searched.get(name, NOTHING)})
         return found

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from estimator.trace.nested import turned_into, with_simpler
+from estimator.trace.problem import Problem
+from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS, record
 
 CODE = 3e-4  # of a converter
 CODES = np.array([[0, 5], [-3, 400], [1, -2], [7, 0]])
@@ -49,3 +51,9 @@ def test_the_simpler_one_follows_once_and_only_where_it_is_watched() -> None:
     assert with_simpler(["drive_gain", "drive_saturation:1"], watched) == ["drive_gain", "drive_saturation:1"]
     assert with_simpler(["drive_saturation:1"], watched[1:]) == ["drive_saturation:1"]
     assert with_simpler(["sense_gain"], watched) == ["sense_gain"]
+
+
+@pytest.mark.parametrize(("at", "is_itself"), [(0.5, False), (0.99, True), (1.0, True), (1.01, True), (1.6, False)])
+def test_a_mode_that_ends_at_the_resonance_is_the_gyro_itself(at: float, *, is_itself: bool) -> None:
+    left = turned_into(Problem(record(), DEVICE, SETTINGS), "parasitic_mode:1", {"omega": at * OMEGA0, "zeta": 1e-3})
+    assert (left == "the gyro itself, its drive of another gain") is is_itself
