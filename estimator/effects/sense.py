@@ -67,7 +67,10 @@ DRIVE_FEEDTHROUGH = Effect(
 SENSE_LOW_PASS = Effect(
     name="sense_low_pass",
     title="A low-pass pole in the sense path",
-    coefficients=(Coefficient(tlx, "tlx", 0.1, 0, 1), Coefficient(tly, "tly", 0.1, 0, 1)),
+    coefficients=(
+        Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True),
+        Coefficient(tly, "tly", 0.1, 0, 1, positive=True),
+    ),
     sense=(-tlx * (vx + tlx * x) / (1 + tlx**2), -tly * (vy + tly * y) / (1 + tly**2)),
     source="1/(1 + sT) at the resonance, s² = −ω0²",
     signature="a delay T and a gain 1 − (ωT)²/2",
@@ -79,8 +82,8 @@ SENSE_HIGH_PASS = Effect(
     name="sense_high_pass",
     title="A high-pass corner in the sense path",
     coefficients=(
-        Coefficient(hpx, "hpx", 0.05, 0, -1),
-        Coefficient(hpy, "hpy", 0.05, 0, -1),
+        Coefficient(hpx, "hpx", 0.05, 0, -1, positive=True),
+        Coefficient(hpy, "hpy", 0.05, 0, -1, positive=True),
         Coefficient(odx, "odx", 0.1, 1),
         Coefficient(ody, "ody", 0.1, 1),
     ),
