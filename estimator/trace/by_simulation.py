@@ -121,7 +121,7 @@ def _alike(model: FreeRunModel, found: FreeRun, known: Sequence[str]) -> tuple[t
         own_names = coefficient_names(model.problem, name)
         reduced = replace(found.fit, free=tuple(free for free in found.fit.free if free not in own_names))
         left = [candidate for candidate in model.names if candidate not in others]
-        signatures = promises_of(model.problem, others, left, reduced, model.choice)
+        signatures = promises_of(model.problem, others, left, reduced, model.choice, shown=name)
         own = signatures[name].signature
         for candidate in left:
             if candidate in found.effects:

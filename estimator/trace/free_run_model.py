@@ -165,8 +165,12 @@ def promises_of(
     left: Sequence[str],
     current: Refined,
     choice: Rows,
+    shown: str | None = None,
 ) -> Promises:
-    """What each candidate would explain of the present residual, by one free run that carries them all at zero."""
+    """What each candidate would explain of the present residual, by one free run that carries them all at zero.
+
+    shown: a candidate that the record is known to show, however little of its signature is its own.
+    """
     observer, record = _observer(part.device, part.settings, (*taken, *left)), part.record
     state = _carried_over(observer, current)
     simulation = simulate(observer, state, record.drive, step=record.step, sensitive=True)
@@ -184,14 +188,15 @@ def promises_of(
         effect = next(effect for _, effect in observer.effects if effect.name == name)
         own = derivative[:, [observer.names.index(c.name) for c in effect.coefficients]]
         rest = own - basis @ (basis.T @ own)
-        visible = np.linalg.norm(rest, axis=0) > _SET.visible * np.linalg.norm(own, axis=0)
+        least = 0.0 if name == shown else _SET.visible
+        seen = np.linalg.norm(rest, axis=0) > least * np.linalg.norm(own, axis=0)
         price = extended(own.shape[1], samples, len(left))
-        if not visible.any():
-            found[name] = Promise(0.0, price, rest[:, visible])
+        if not seen.any():
+            found[name] = Promise(0.0, price, rest[:, seen])
             continue
-        q = np.linalg.qr(rest[:, visible] / np.linalg.norm(rest[:, visible], axis=0))[0]
+        q = np.linalg.qr(rest[:, seen] / np.linalg.norm(rest[:, seen], axis=0))[0]
         explained = min(float(np.sum((q.T @ residual) ** 2)), power * (1.0 - 1e-12))
-        found[name] = Promise(-samples * math.log1p(-explained / power), price, rest[:, visible])
+        found[name] = Promise(-samples * math.log1p(-explained / power), price, rest[:, seen])
     return found
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
-from estimator.settings import ObserverSettings, Spread
+from estimator.settings import Device, ObserverSettings, Spread
 from estimator.trace.by_simulation import trace_by_simulation
 from estimator.trace.free_run_model import candidates
 from estimator.trace.problem import Problem
@@ -49,6 +50,33 @@ def test_a_record_that_lacks_nothing_is_given_nothing():
         found = trace_by_simulation(Problem(made(lambda x, v: 0.0, 900, seed), SINGLE, SETTINGS), 0, quiet)
         assert found.effects == ()
         assert found.after is found.before
+
+
+@pytest.mark.slow
+def test_two_unequal_masses_act_like_several_things_and_all_are_listed():
+    """Springs of 31, 55 and 34 between walls and masses of 1 and 2.4, let go: a stiffness that is not symmetric, or
+    (equal masses in other units) a sense gain.
+    """
+    step, samples = 1.0 / 30.0, 500
+    between, masses = 55.0, (1.0, 2.4)
+    stiffness = np.array([[31.0 + between, -between], [-between, 34.0 + between]]) / np.array(masses)[:, None]
+    motion = expm(step * np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -0.02 * np.eye(2)]]))
+    states = [np.array([90.0, -40.0, 30.0, 100.0])]
+    for _ in range(samples - 1):
+        states.append(motion @ states[-1])
+    sense = np.array(states)[:, :2] + np.random.default_rng(3).standard_normal((samples, 2))
+    track = Device(
+        sample_rate=30.0, stiffness=(86.0, 37.0, -39.0), damping=(0.02, 0.02, 0.0), amplitude=100.0,
+        sense_gain=(1.0, 1.0), noise=(1.0, 1.0),
+    )  # fmt: skip
+    record = Record(sense, np.zeros((samples, 2, 1)), np.full(samples, step))
+    settings = ObserverSettings(spread=Spread(offset=1.0, stiffness=0.2, damping=1.0, rate=1e-6))
+    found = trace_by_simulation(Problem(record, track, settings), 0, quiet)
+    first = found.effects[0]
+    assert {first} | {other for taken, other, _ in found.alike if taken == first} >= {
+        "nonreciprocal_stiffness",
+        "sense_gain",
+    }
 
 
 @pytest.mark.slow
