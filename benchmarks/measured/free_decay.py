@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measured.oscillator import declared, described, imported, record_of, traced
+from benchmarks.measured.oscillator import declared, described, imported, judged, record_of, traced
 from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from estimator.simulation import simulate
-from estimator.trace.free_run import verdict_of
 
 _RECORDS = {
     "magnetic_beam": ("decay.csv.gz", "magnetic-beam", False, "Magnetic beam, free decay", 1e6, "µstrain"),
@@ -28,12 +27,12 @@ def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
         for observer, fit in ((trace.observer_before, trace.before), (trace.observer, trace.after))
     ]
     before, after = (rms(error[slice(*last)]) for error in errors)
-    verdict = verdict_of(before, after, device.noise[0], trace.effects)
+    verdict, against = judged(record.part(slice(*first)), name, trace, record.part(slice(*last)))
     effects = list(trace.effects)
-    rows = [MeasuredRow(folder, "test", "free-run RMSE", unit, factor * before, factor * after, verdict.value, effects)]
+    rows = [MeasuredRow(folder, "test", "free-run RMSE", unit, factor * before, factor * after, verdict, effects)]
     signal = record.sense[slice(*last)] - np.mean(record.sense[slice(*last)], axis=0)
     shares = [100.0 * error / rms(signal) for error in (before, after)]
-    rows.append(MeasuredRow(folder, "test", "free-run RMSE of the signal", "%", *shares, verdict.value, effects))
+    rows.append(MeasuredRow(folder, "test", "free-run RMSE of the signal", "%", *shares, verdict, effects))
     fitted = [factor * rms(error[slice(*first)]) for error in errors]
     words = (
         f"Over the fitted part the free run errs by {fitted[0]:.3g} {unit} before and {fitted[1]:.3g} after; the noise "
@@ -44,4 +43,5 @@ def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
         name, f"{title}: error of the free run", record.time, "time, s",
         [(label, factor * series[:, 0]) for label, series in curves], unit,
     )  # fmt: skip
-    return Outcome(title, rows, [words, *described(trace)], [panel])
+    reasons = ["\n".join(f"- {reason}" for reason in against)] if against else []
+    return Outcome(title, rows, [words, *described(trace), *reasons], [panel])

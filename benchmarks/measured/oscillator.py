@@ -4,6 +4,7 @@ from pathlib import Path
 
 from benchmarks.measured.outcome import Say
 from estimator.settings import Device, ObserverSettings
+from estimator.trace import free_run
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
@@ -31,6 +32,12 @@ def record_of(capture: Capture) -> Record:
     """A capture as numbers."""
     samples = samples_of(capture)
     return Record(samples.sense, samples.drive, samples.step)
+
+
+def judged(record: Record, name: str, trace: SimulationTrace, test: Record) -> tuple[str, tuple[str, ...]]:
+    """The word on `test` of what was found on `record`, as `hil trace` has it, and what speaks against it."""
+    verdict, against = free_run.judged(free_run.claimed(Problem(record, *declared(name)), trace, test))
+    return verdict.value, against
 
 
 def traced(record: Record, name: str, skip: int, say: Say) -> SimulationTrace:

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
-from benchmarks.measured.oscillator import declared, described, imported, record_of, traced
+from benchmarks.measured.oscillator import declared, described, imported, judged, record_of, traced
 from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
-from estimator.trace.free_run import free_run_error, verdict_of
+from estimator.trace.free_run import free_run_error
 
 FOLDER = "silverbox"
 _FIRST = 50  # outputs of a test that may set the state and are not scored
@@ -18,16 +18,18 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
     """Trace the training part, score the three tests."""
     capture = imported(data / "SNLS80mV.csv.gz", work, "silverbox")
     record = record_of(capture)
-    trace = traced(record.part(slice(*capture.segments["train"])), "silverbox", _FIRST, say)
+    train = record.part(slice(*capture.segments["train"]))
+    trace = traced(train, "silverbox", _FIRST, say)
     device, _ = declared("silverbox")
-    rows, panels = [], []
+    rows, panels, against = [], [], []
     for test in _TESTS:
         part = record.part(slice(*capture.segments[test]))
         before = free_run_error(trace.observer_before, trace.before, part, _FIRST)[_FIRST:]
         after = free_run_error(trace.observer, trace.after, part, _FIRST)[_FIRST:]
-        verdict = verdict_of(rms(before), rms(after), device.noise[0], trace.effects)
+        verdict, reasons = judged(train, "silverbox", trace, part)
+        against += [f"- {test}: {reason}" for reason in reasons]
         errors = (1e3 * rms(before), 1e3 * rms(after))
-        rows.append(MeasuredRow(FOLDER, test, "free-run RMSE", "mV", *errors, verdict.value, list(trace.effects)))
+        rows.append(MeasuredRow(FOLDER, test, "free-run RMSE", "mV", *errors, verdict, list(trace.effects)))
         if test == "multisine":
             spectra = [welch(e[:, 0], device.sample_rate, nperseg=4096) for e in (part.sense[_FIRST:], before, after)]
             names = ("response", "error before", "error after")
@@ -44,4 +46,4 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
         "drive is taken as band-limited between its samples. Best published on the three tests (black boxes): 0.289, "
         "0.334 and 0.257 mV. The tests were used for nothing but the score."
     )
-    return Outcome("Silverbox", rows, [words, *described(trace)], panels)
+    return Outcome("Silverbox", rows, [words, *described(trace), *(["\n".join(against)] if against else [])], panels)

@@ -29,6 +29,7 @@ from estimator.trace.probability import beside_nothing, classes, doubted
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.record import Record
+from estimator.trace.symmetries import heavier, mass_of_nonreciprocal, mass_of_sense_gain
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.free_runs
@@ -46,7 +47,7 @@ def trace_free_run(
     later = problem.record.part(slice(split, len(problem.record)))
     found, claim, why = _promised(part, selected, later)
     errors, device = claim.residual, problem.device
-    verdict, against = _judged(claim)
+    verdict, against = judged(claim)
     carried = {**problem.effects, **{name: _coefficients(name, found, device) for name in found.effects}}
     before = _examined(problem, found.before, split)
     after = _examined(problem.carrying(carried), found.after, split) if found.effects else before
@@ -56,10 +57,13 @@ def trace_free_run(
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, found, device) for name in named),
-        confusable=tuple(
-            Confusable(name, other, correlation, None, None)
-            for name, other, correlation in found.alike
-            if name in named
+        confusable=(
+            *(
+                Confusable(name, other, correlation, None, None)
+                for name, other, correlation in found.alike
+                if name in named
+            ),
+            *_unequal_masses(problem, found, named),
         ),
         rejected=tuple(Rejected(name, reason) for name, reason in (why | dict(found.rejected)).items()),
         findings=before.findings,
@@ -93,13 +97,29 @@ def _probabilities(
     return () if first is None else (classes(None, beside_nothing(first), claim.contest, is_open=is_open),)
 
 
+def _unequal_masses(problem: Problem, found: SimulationTrace, named: tuple[str, ...]) -> tuple[Confusable, ...]:
+    """What a stiffness that is not symmetric, or a sense gain, may be as well where nothing drives."""
+    if np.any(problem.record.drive):
+        return ()
+    masses: dict[str, float | None] = {}
+    if "nonreciprocal_stiffness" in named:
+        masses["nonreciprocal_stiffness"] = mass_of_nonreciprocal(found.after.value("kxy"), found.after.value("kn"))
+    elif "sense_gain" in named:
+        masses["sense_gain"] = mass_of_sense_gain(found.after.value("gy"))
+    return tuple(
+        Confusable(name, "unequal_masses", 1.0, heavier(mass), None)
+        for name, mass in masses.items()
+        if mass is not None
+    )
+
+
 def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[SimulationTrace, Claim, dict[str, str]]:
     """What was found, less effects that a guard of their own speaks against, and, where something is left, less those
     that explain little beside the largest; the claim; and why the others went.
     """
     why: dict[str, str] = {}
     while True:
-        claim = _claim(part, found, later)
+        claim = claimed(part, found, later)
         if weak := promises.weak(claim.effects):
             least = min(weak, key=lambda name: found.evidence[name])
             why[least] = weak[least]
@@ -112,7 +132,8 @@ def _promised(part: Problem, found: SimulationTrace, later: Record) -> tuple[Sim
         found = without(part, found, small, _SET.scored_from)
 
 
-def _claim(part: Problem, found: SimulationTrace, later: Record) -> Claim:
+def claimed(part: Problem, found: SimulationTrace, later: Record) -> Claim:
+    """What is to be said of `later`, which the choice on the record of `part` never saw."""
     runs = ((found.observer_before, found.before), (found.observer, found.after))
     errors = [free_run_error(seen, fit, later, _SET.scored_from) for seen, fit in runs]
     before, after = (float(np.sqrt(np.nanmean(error**2))) for error in errors)
@@ -150,7 +171,7 @@ def _constants(found: SimulationTrace) -> tuple[Constant, ...]:
     )
 
 
-def _judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
+def judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
     """The verdict, and what keeps a record from being explained."""
     errors = claim.residual
     if not claim.effects:

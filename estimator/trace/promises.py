@@ -173,12 +173,22 @@ def nameless(claim: Claim) -> tuple[str, ...]:
     )
 
 
+def outdone(claim: Claim) -> tuple[str, ...]:
+    """Where something stood there for sure, a name that does as well as a force without one is good for a part: less
+    only if the force is ahead by as much as tells two accounts apart.
+    """
+    contest, errors = claim.contest, claim.residual
+    if contest is None or not errors.before > _SET.floor * errors.floor:
+        return nameless(claim)
+    return nameless(claim) if contest.lead < -contest.bound else ()
+
+
 GUARDS: tuple[Callable[[Claim], tuple[str, ...]], ...] = (
     fell, at_floor, signs, beyond_zero, constants, levels, votes, nameless,
 )  # fmt: skip
 """All that must hold of what is explained."""
 
-PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (fell, signs, beyond_zero, levels, votes, nameless)
+PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (fell, signs, beyond_zero, levels, votes, outdone)
 """Of what is explained in part: something may be left, and a constant may have taken up some of it."""
 
 

@@ -265,6 +265,24 @@ def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None)
             yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None, heavier)
 
 
+def mass_of_nonreciprocal(kxy: float, kn: float) -> float | None:
+    """By how much more mass y has than x where nothing drives and a stiffness that is not symmetric is what is missing:
+    rows of one symmetric matrix over two masses, (kxy + kn) / (kxy − kn) = 1 + m.  None where no mass does.
+    """
+    above, below = kxy + kn, kxy - kn
+    return above / below - 1.0 if above * below > 0.0 else None
+
+
+def mass_of_sense_gain(gy: float) -> float | None:
+    """The same where a sense gain is: y in units in which both masses are one.  None for the other sign."""
+    return (1.0 + gy) ** -2 - 1.0 if gy > -1.0 else None
+
+
+def heavier(mass: float) -> str:
+    """What tells and what declares it."""
+    return f"{GRAVITY_SIZE}; if so, declare {_effect('unequal_masses', m=mass)}"
+
+
 def _of_delays(named: Intervals, system: System) -> Iterator[Equivalent]:
     """Both channels late by as much: of the sense or of the drive, with the rate as late."""
     pairs = (("sense_delay", ("tsx", "tsy")), ("drive_delay", ("tux", "tuy")))

@@ -23,6 +23,7 @@ from estimator.trace.evidence import Evidence
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
 from estimator.trace.fitting import constants_of
+from estimator.trace.free_response import loses_what_a_free_run_follows
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.look import bounds
@@ -44,15 +45,15 @@ def trace(
     """Choose effects on the samples before `split`, score them on the rest.
 
     The observer of `problem` is the bench's; effects that it carries already stay.  A single axis is traced by its
-    free run.
+    free run, as is a free response that the observer loses.
 
     Raises ModelError for a record that cannot be traced, with what to record instead.
     """
     record, device, settings, known = problem.record, problem.device, problem.settings, problem.effects
     require_traceable(record, device, split)
-    if device.axes == 1:
-        return trace_free_run(problem, split=split, progress=progress)
     fitted_part = problem.part(slice(0, split))
+    if device.axes == 1 or loses_what_a_free_run_follows(fitted_part):
+        return trace_free_run(problem, split=split, progress=progress)
     selection, before = together(lambda: select(fitted_part, progress), lambda: examine(problem, split))
     progress("before and after", 1, 2)
     found = _judged(problem, selection, before, split, progress)

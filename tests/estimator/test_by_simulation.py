@@ -1,14 +1,18 @@
 """Effects named by the free run, on records made by an independent integrator."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.trace.by_simulation import trace_by_simulation
+from estimator.trace.diagnosis import Verdict
 from estimator.trace.free_run_model import candidates
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
+from estimator.trace.tracing import trace
 from tests.estimator.test_simulation import RATE, SINGLE, integrated, noise_drive
 
 SETTINGS = ObserverSettings(spread=Spread(offset=0.01))
@@ -70,13 +74,17 @@ def test_two_unequal_masses_act_like_several_things_and_all_are_listed():
         sense_gain=(1.0, 1.0), noise=(1.0, 1.0),
     )  # fmt: skip
     record = Record(sense, np.zeros((samples, 2, 1)), np.full(samples, step))
-    settings = ObserverSettings(spread=Spread(offset=1.0, stiffness=0.2, damping=1.0, rate=1e-6))
-    found = trace_by_simulation(Problem(record, track, settings), 0, quiet)
-    first = found.effects[0]
-    assert {first} | {other for taken, other, _ in found.alike if taken == first} >= {
-        "nonreciprocal_stiffness",
-        "sense_gain",
-    }
+    settings = ObserverSettings(
+        memory=2.0, spread=Spread(position=2.0, velocity=2.0, offset=1.0, stiffness=0.2, damping=1.0, rate=1e-6)
+    )
+    said = trace(Problem(record, track, settings), split=300)
+    assert said.verdict in (Verdict.EXPLAINED, Verdict.PARTLY)
+    (named,) = (effect.name for effect in said.effects)
+    alike = {pair.other: pair.separate_by for pair in said.confusable}
+    assert {named, *alike} >= {"nonreciprocal_stiffness", "sense_gain", "unequal_masses"}
+    declared = re.search(r"m = ([\d.]+)", alike["unequal_masses"])
+    assert declared
+    assert float(declared[1]) == pytest.approx(1.4, rel=0.03)
 
 
 @pytest.mark.slow

@@ -283,7 +283,7 @@ def test_a_level_is_in_volts_where_all_beyond_is_lost(share: Estimate, said: int
     ],
 )  # fmt: skip
 def test_a_free_run_stands_before_the_same_guards(claim: Claim, verdict: Verdict) -> None:
-    assert free_run._judged(claim)[0] is verdict
+    assert free_run.judged(claim)[0] is verdict
 
 
 def test_a_free_run_loses_what_may_be_nothing_and_what_is_minor(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,7 +295,7 @@ def test_a_free_run_loses_what_may_be_nothing_and_what_is_minor(monkeypatch: pyt
     monkeypatch.setattr(free_run, "without", less)
     monkeypatch.setattr(
         free_run,
-        "_claim",
+        "claimed",
         lambda part, found, later: Claim(
             Errors(30.0, 3.0, 1.0, 1e4), {name: {"c": estimates[name]} for name in found.effects}
         ),

@@ -9,6 +9,7 @@ from scipy.stats import f
 
 from estimator.trace import promises
 from estimator.trace.engine import Estimate
+from estimator.trace.nameless import Contest
 from estimator.trace.promises import Claim, Constant, Errors, Level, Vote
 
 SURE = Estimate(0.05, 0.04, 0.06)
@@ -144,6 +145,18 @@ def test_the_share_is_of_the_power_above_the_floor() -> None:
 )
 def test_a_part_is_explained_by_most_of_it(claim: Claim, holds: bool) -> None:
     assert promises.holds_in_part(claim) is holds
+
+
+@pytest.mark.parametrize(
+    ("before", "lead", "said"),
+    [(2.2, -300.0, False), (2.2, 300.0, False), (2.2, -1100.0, True), (1.05, -300.0, True), (1.05, 1100.0, False)],
+)
+def test_a_part_must_not_be_surely_outdone_by_a_force_without_a_name(before: float, lead: float, *, said: bool) -> None:
+    """Dispersion 171: odds of 20 to 1 are a lead of 1024.  A residual near the floor has to be told from nothing."""
+    contest = Contest(named=0.0, nameless=-lead, both=0.0, samples=400, dispersions=(171.0, 140.0))
+    claim = Claim(Errors(before, 0.9, 1.0, 400.0), {"a": {"c": Estimate(1.0, 0.9, 1.1)}}, contest=contest)
+    assert bool(promises.outdone(claim)) is said
+    assert bool(promises.nameless(claim)) is (lead < 1024.0)
 
 
 def test_the_dominant_effects_are_named() -> None:

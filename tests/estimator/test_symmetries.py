@@ -16,6 +16,8 @@ from estimator.trace.symmetries import (
     Constants,
     System,
     equivalents,
+    mass_of_nonreciprocal,
+    mass_of_sense_gain,
     reversed_in_time,
     system_with,
 )
@@ -351,3 +353,12 @@ def test_all_that_only_a_declaration_can_tell_is_listed_beside_something() -> No
     listed = {other for named, _ in ALL for other in of(named)}
     hidden = {effect.name for effect in EFFECTS if effect.declared_only}
     assert hidden <= listed
+
+
+def test_two_masses_on_one_spring_are_a_stiffness_that_is_not_symmetric_or_a_sense_gain() -> None:
+    """A spring of 55 between masses of 1 and 2.4: kxy + kn = −55, kxy − kn = −55 / 2.4."""
+    above, below = -55.0, -55.0 / 2.4
+    assert mass_of_nonreciprocal(0.5 * (above + below), 0.5 * (above - below)) == pytest.approx(1.4)
+    assert mass_of_nonreciprocal(1.0, 2.0) is None
+    assert mass_of_sense_gain(2.4**-0.5 - 1.0) == pytest.approx(1.4)
+    assert mass_of_sense_gain(-1.5) is None
