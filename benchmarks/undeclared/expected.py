@@ -57,7 +57,7 @@ def expected(name: str, tables: list[Table], sections: Table, device: Table) -> 
         return Expected((), {})  # a noise, set in a section of its own
     c = tables[0]
     if c["name"] in _SAME:
-        return Expected((name,), {ours: c[theirs] for theirs, ours in _SAME[c["name"]].items()})
+        return Expected((name,), {ours: c.get(theirs, 0.0) for theirs, ours in _SAME[c["name"]].items()})
     if name == "dry_friction_asymmetric":
         # The catalogue has it in two parts; the second is a constant force but for the turning points.
         symmetric = {"fx": c["Fx"], "fy": c["Fy"]}

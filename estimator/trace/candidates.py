@@ -46,7 +46,8 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
     for label, corner in enumerate(_SET.corners, start=1):
         watched[f"sense_high_pass:{label}"] = dict.fromkeys(("leak_x", "leak_y"), corner * omega0)
     for name in ("dry_friction", "dry_friction_asymmetric"):
-        watched[name] = {"v0": _SET.rest * device.amplitude * omega0}
+        for label, share in enumerate(_SET.rest, start=1):
+            watched[f"{name}:{label}"] = {"v0": share * device.amplitude * omega0}
     watched |= _of_lines(record, device, innovation / deviation)
     watched |= _of_thresholds(record, device)
     watched |= _of_modes(record, device, innovation / deviation)

@@ -172,6 +172,7 @@ def equivalents(named: Intervals, constants: Constants, nonreciprocal: Interval 
         *_of_polarity(named, system),
         *_of_frames(named, system),
         *_of_masses(named, system, nonreciprocal),
+        *_of_sense_gain(named, system, nonreciprocal),
         *_of_delays(named, system),
     ]
     dxx, dyy, dxy = constants.damping
@@ -263,6 +264,27 @@ def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None)
             if axis == 0:
                 declare += " and " + _effect("drive_gain", hx=gain - 1.0, hy=1.0 - 1.0 / gain)
             yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None, heavier)
+
+
+def _of_sense_gain(named: Intervals, system: System, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
+    """A drive gain of one axis, with kn as large as kxy makes it: the sense gain of that axis, in coordinates that are
+    scaled (and a Coriolis force that is not antisymmetric: exact but for 2 Ω times the share).
+    """
+    drive = named.get("drive_gain")
+    if drive is None or "sense_gain" in named or nonreciprocal is None:
+        return
+    for axis, (own, beside) in enumerate((("hx", "hy"), ("hy", "hx"))):
+        gain = 1.0 + drive[own].value
+        if not _nothing(drive[beside], drive[own]) or gain <= 0.0:
+            continue
+        share = 0.5 * (system.stiffness[0, 1] + system.stiffness[1, 0]) * (gain**2 - 1.0) / (gain**2 + 1.0)
+        expected = share if axis == 0 else -share
+        if nonreciprocal.low <= expected <= nonreciprocal.high or _near(nonreciprocal.value, expected):
+            scale = np.diag([gain, 1.0] if axis == 0 else [1.0, gain])
+            declare = _effect("sense_gain", gy=gain - 1.0) if axis == 1 else ""
+            yield Equivalent(
+                "drive_gain", "sense_gain", gain - 1.0, VARYING_RATE, declare, None, displaced(system, scale)
+            )
 
 
 def mass_of_nonreciprocal(kxy: float, kn: float) -> float | None:

@@ -65,7 +65,9 @@ class Candidates:
     corners: tuple[float, ...] = _set(
         (0.001, 0.005, 0.025), "of ω0", "A high-pass is watched at three corners: its transient hangs on them."
     )
-    rest: float = _set(0.01, "of A ω0", "About so slow is the mass where friction turns over.")
+    rest: tuple[float, ...] = _set(
+        (0.01, 0.1), "of A ω0", "So slow is the mass where friction turns over, dry or lubricated; a climb goes on."
+    )
     segment: int = _set(4096, "samples", "Resolves modes a thousandth of the sampling rate apart.")
     segments: int = _set(8, "segments in the record at least", "A coherence of fewer segments is one by itself.")
 
