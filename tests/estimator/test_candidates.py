@@ -56,7 +56,7 @@ def test_what_no_record_can_tell_is_never_a_candidate() -> None:
     innovation = rng.standard_normal((len(record()), 2))
     watched = {kind(name) for name in watch_list(record(), DEVICE, innovation, np.ones_like(innovation))}
     assert not watched & hidden
-    assert {"drive_gain", "sense_gain", "dry_friction:1", "dry_friction:2"} <= watched
+    assert {"drive_gain", "sense_gain", "dry_friction"} <= watched
     for device in (DEVICE, ONE_AXIS):
         assert not set(free_run_model.candidates(device, SETTINGS)) & hidden
 

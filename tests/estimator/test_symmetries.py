@@ -366,17 +366,18 @@ def test_two_masses_on_one_spring_are_a_stiffness_that_is_not_symmetric_or_a_sen
 
 @pytest.mark.parametrize(("axis", "symbols"), [(0, ("hx", "hy")), (1, ("hy", "hx"))])
 def test_a_sense_gain_of_one_axis_is_a_drive_gain_of_that_axis(axis: int, symbols: tuple[str, str]) -> None:
-    """V = S (1 + g) x of one axis, in units of V: the drive pushes by 1 + g, kxy and kyx are (1 + g) and 1/(1 + g) ×."""
+    """V = S (1 + g) x of one axis, in units of V: the drive pushes by 1 + g, kxy and kyx are 1 + g and 1/(1 + g) ×."""
     g, kxy = 0.0333, 0.03
     scaled = np.diag([1.0 + g, 1.0] if axis == 0 else [1.0, 1.0 + g])
     seen = scaled @ np.array([[1.02, kxy], [kxy, 0.98]]) @ np.linalg.inv(scaled)
     kn = 0.5 * (seen[0, 1] - seen[1, 0])
-    constants = Constants((seen[0, 0], seen[1, 1], 0.5 * (seen[0, 1] + seen[1, 0])), (4e-3, 4e-3, 0.0), (1.0, 1.0), 0.05)
-    named = {"drive_gain": {symbols[0]: around(g, 1e-4), symbols[1]: around(0.0, 1e-4)}}
-    (same,) = (one for one in equivalents(named, constants, around(kn, 1e-6)) if one.other == "sense_gain")
+    stiffness = seen[0, 0], seen[1, 1], 0.5 * (seen[0, 1] + seen[1, 0])
+    constants = Constants(stiffness, (4e-3, 4e-3, 0.0), (1.0, 1.0), 0.05)
+    named = {"drive_gain": {symbols[0]: is_(g, 1e-4), symbols[1]: is_(0.0, 1e-4)}}
+    (same,) = (one for one in equivalents(named, constants, is_(kn, 1e-6)) if one.other == "sense_gain")
     assert same.size == pytest.approx(g)
     np.testing.assert_allclose(same.system.drive, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(same.system.sense, scaled)
-    assert [one for one in equivalents(named, constants, around(-kn, 1e-6)) if one.other == "sense_gain"] == []
-    both = {"drive_gain": {"hx": around(g, 1e-4), "hy": around(g, 1e-4)}}
-    assert [one for one in equivalents(both, constants, around(kn, 1e-6)) if one.other == "sense_gain"] == []
+    assert [one for one in equivalents(named, constants, is_(-kn, 1e-6)) if one.other == "sense_gain"] == []
+    both = {"drive_gain": {"hx": is_(g, 1e-4), "hy": is_(g, 1e-4)}}
+    assert [one for one in equivalents(both, constants, is_(kn, 1e-6)) if one.other == "sense_gain"] == []
