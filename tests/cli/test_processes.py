@@ -162,8 +162,9 @@ def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path
     before, after = (
         float(number) for number in re.findall(r"([\d.e-]+) rad(?: |$)", line_with(out, "angle error, rms"))
     )
-    if answers["in_time"] > 0.5 * answers["ticks"]:  # a loop that is open most of the time has an angle of its own
-        assert after < before / 5.0
+    # A loop that is open for a good part of the time has errors of its own beside those of the model.
+    share = answers["in_time"] / answers["ticks"]
+    assert after < before / (5.0 if share > 0.8 else 2.0) or share < 0.5
     if parts["machine"]["outcome"] == "good":
         assert parts["model"]["outcome"] == "complete"
     elif (
