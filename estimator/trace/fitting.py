@@ -114,11 +114,20 @@ def fit(problem: Problem, passes: int = 2) -> Fitted:
         previous = observer
         if not np.all(np.isfinite(observer.x)):
             break
-        current = replace(
-            current, initial={**current.initial, **constants_of(observer)}, effects=coefficients_of(observer)
-        )
+        found = constants_of(observer) | _steady_rate(problem, observer)
+        current = replace(current, initial={**current.initial, **found}, effects=coefficients_of(observer))
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)
     return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf)
+
+
+def _steady_rate(problem: Problem, observer: Observer) -> dict[str, float]:
+    """The rate at the end of a pass, where it moves by less over the record than it is unknown by beforehand: begun far
+    from it, with constants that are known, an observer takes the start for something else and is long in forgetting it.
+    """
+    settings = problem.settings
+    if "rate" not in observer.names or settings.process_noise.rate * np.sqrt(problem.span) >= settings.spread.rate:
+        return {}
+    return {"rate": float(observer.state[observer.names.index("rate")])}
 
 
 def foresight(problem: Problem, seen: int) -> float:

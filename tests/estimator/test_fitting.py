@@ -1,0 +1,58 @@
+"""The second pass of a fit begins with what the first one found, and is no worse for it."""
+
+import numpy as np
+from scipy.linalg import expm
+
+from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
+from estimator.trace.fitting import fit
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+SAMPLE_RATE, N, RATE = 96_000.0, 16_000, -0.62
+OMEGA = 2.0 * np.pi * 2160.0
+DEVICE = Device(
+    sample_rate=SAMPLE_RATE,
+    stiffness=(OMEGA**2, OMEGA**2, 0.0),
+    damping=(2.7, 2.7, 0.0),
+    amplitude=5e-6,
+    sense_gain=(4e4, 4e4),
+    noise=(5e-4, 5e-4),
+)
+
+
+def ring_down(rate: float) -> Record:
+    """Of a gyro that turns at a constant rate: a linear system, from one sample to the next by its exponential."""
+    coriolis = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    stiffness = OMEGA**2 * np.array([[0.976, -7e-4], [-7e-4, 1.006]])
+    flow = np.block(
+        [
+            [np.zeros((2, 2)), np.eye(2)],
+            [-stiffness - rate**2 * coriolis @ coriolis, -2.7 * np.eye(2) + 2.0 * rate * coriolis],
+        ]
+    )
+    step = expm(flow / SAMPLE_RATE)
+    states = np.zeros((N, 4))
+    states[0] = DEVICE.amplitude * np.array([0.8, 0.6, 0.0, 0.0])
+    for tick in range(1, N):
+        states[tick] = step @ states[tick - 1]
+    noise = 5e-4 * np.random.default_rng(4).standard_normal((N, 2))
+    return Record(4e4 * states[:, :2] + noise, np.zeros((N, 2, 1)), np.full(N, 1.0 / SAMPLE_RATE))
+
+
+def test_a_rate_that_stands_still_is_known_from_the_first_sample_of_the_second_pass() -> None:
+    settings = ObserverSettings(
+        memory=0.09,
+        spread=Spread(rate=1.25, stiffness=0.018, damping=0.6),
+        process_noise=ProcessNoise(rate=1e-3),
+    )
+    model = fit(Problem(ring_down(RATE), DEVICE, settings))
+    normalised = (model.estimates.innovation / model.estimates.innovation_deviation)[: N // 8]
+    assert np.sqrt(np.nanmean(normalised**2)) < 1.05
+    assert abs(model.settings.initial["rate"] - RATE) < 0.1
+
+
+def test_a_rate_that_moves_begins_where_it_is_declared() -> None:
+    settings = ObserverSettings(
+        memory=0.09, spread=Spread(rate=0.2, stiffness=0.018, damping=0.6), process_noise=ProcessNoise(rate=1.0)
+    )
+    assert "rate" not in fit(Problem(ring_down(RATE), DEVICE, settings)).settings.initial
