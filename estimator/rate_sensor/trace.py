@@ -23,14 +23,13 @@ from estimator.scaling import Array
 from estimator.trace import promises
 from estimator.trace.diagnosis import Classes, Confusable, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, leaves_the_rest, why_not
-from estimator.trace.probability import beside_nothing, classes, doubted, of_rounds
+from estimator.trace.probability import of_rounds, stated
 from estimator.trace.promises import Claim, Errors, Level
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.rate_sensor
 
 RULES = Rules(most=_SET.most, dissent=Dissent.CUTS)
-_OPEN = (Verdict.PARTLY, Verdict.UNEXPLAINED)
 
 
 @dataclass(frozen=True)
@@ -117,24 +116,13 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
         after.residual,
         reasons,
         found.claim.residual.share if named else None,
-        _probabilities(chosen, found, effects if named else (), is_open=verdict in _OPEN),
-    )
-
-
-def _probabilities(
-    chosen: Chosen[SensorFit, tuple[str, ...]], found: "_Promised", named: Sequence[Found], *, is_open: bool
-) -> tuple[Classes, ...]:
-    """Of each effect that is named, else of the record."""
-    accounts = of_rounds(chosen.rounds, lambda look: {})
-    if not named:
-        return tuple(
-            classes(None, beside_nothing(first), None, is_open=is_open) for first in list(accounts.values())[:1]
-        )
-    against = set(found.why) - {one.name for one in named}
-    return tuple(
-        classes(one.name, doubted(accounts[one.name], against), None, is_open=is_open)
-        for one in named
-        if one.name in accounts
+        stated(
+            of_rounds(chosen.rounds, lambda look: {}),
+            {effect.name: effect.name for effect in effects} if named else {},
+            set(found.why) - set(gains),
+            None,
+            is_open=verdict.is_open,
+        ),
     )
 
 

@@ -16,8 +16,7 @@ from estimator.side_by_side import side_by_side, together
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.fitting import coefficients_of, fit, run
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.start import hold, settling
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.trace.start import hold, settled_from
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class AngleReader:
             observer = Observer(problem.device, problem.settings, problem.controller)
             hold(observer)
             read = run(observer, problem.record).angle
-            start = min(settling(problem.settings, problem.device), len(read) // THRESHOLDS.start.most)
+            start = settled_from(problem.settings, problem.device, len(read))
             self._known[asked] = np.asarray(read[start:])
         return self._known[asked]
 

@@ -8,7 +8,9 @@ its likelihood has the declaration in it, and its covariance, too.
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 
+from estimator.side_by_side import side_by_side
 from estimator.trace import promises
 from estimator.trace.candidates import kind
 from estimator.trace.claims import constants_of
@@ -40,16 +42,18 @@ def reconciled(
     one_of_each: dict[str, str] = {}
     for name in look.watched:
         one_of_each.setdefault(kind(name), name)
-    base = fit(part, passes=1)
+    carried = [part.effects, *({**part.effects, name: look.watched[name]} for name in one_of_each.values())]
+    base, *others = side_by_side(
+        [partial(fit, part.carrying(effects), passes=1) for effects in carried],
+        lambda done: progress("conflict", done, len(carried)),
+    )
     models: dict[str, Fitted] = {}
     standing: dict[str, float] = {}
-    for done, name in enumerate(one_of_each.values(), 1):
-        model = fit(part.carrying({**part.effects, name: look.watched[name]}), passes=1)
+    for name, model in zip(one_of_each.values(), others, strict=True):
         gain = model.likelihood - base.likelihood
         if gain > surprise(degrees(name, part.device.axes), len(one_of_each)) and not _conflicts(part, model):
             models[name] = model
             standing[name] = gain - schwarz(numbers(name, part.device.axes), base.estimates.innovation.size)
-        progress("conflict", done, len(one_of_each))
     if not models:
         return None
     ranked = sorted(models, key=lambda name: -standing[name])

@@ -15,6 +15,11 @@ class Verdict(Enum):
     PARTLY = "partly explained"
     UNEXPLAINED = "unexplained"
 
+    @property
+    def is_open(self) -> bool:
+        """Whether something is left that is not accounted for."""
+        return self in (Verdict.PARTLY, Verdict.UNEXPLAINED)
+
 
 @dataclass(frozen=True)
 class Interval:

@@ -15,7 +15,7 @@ from estimator.trace.nameless import Innovations
 from estimator.trace.prediction import free_run_error
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
-from estimator.trace.start import hold, settling
+from estimator.trace.start import hold, settled_from
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scoring
@@ -50,7 +50,7 @@ def examine(problem: Problem, split: int) -> Examination:
     split = split // every * every
     estimates, alone = together(lambda: run(observer, record, every=every), lambda: free_run_error(problem))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    settled = min(settling(settings, device), split // THRESHOLDS.start.most) // every * every
+    settled = settled_from(settings, device, split) // every * every
     begin, end = slice(settled, split), slice(split, len(record) // every * every)
     parts = []
     for rows in (begin, end):

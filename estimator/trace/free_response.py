@@ -14,9 +14,9 @@ from estimator.observer import Observer
 from estimator.settings import Gain
 from estimator.trace.fitting import run
 from estimator.trace.free_run_model import fitted
+from estimator.trace.look import is_lost
 from estimator.trace.problem import Problem
-from estimator.trace.start import settling
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.trace.start import settled_from
 
 
 def loses_what_a_free_run_follows(part: Problem) -> bool:
@@ -27,11 +27,10 @@ def loses_what_a_free_run_follows(part: Problem) -> bool:
     if np.any(record.drive):
         return False
     observer = Observer(device, replace(part.settings, gain=Gain.EKF), part.controller)
-    first = min(settling(part.settings, device), len(record) // THRESHOLDS.start.most)
+    first = settled_from(part.settings, device, len(record))
     missed = run(observer, record).innovation[first:]
-    amplitude = np.abs(device.sense_gain) * device.amplitude
-    if not np.sqrt(np.nanmean((missed / amplitude) ** 2)) >= THRESHOLDS.scan.locked:
-        return False
+    if not np.isfinite(missed).any() or not is_lost(missed, device):
+        return False  # without a single number the observer diverges, which is another matter
     try:
         free = fitted(part, tuple(part.effects), None, slice(first, None)).fit
     except ModelError:

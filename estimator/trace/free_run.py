@@ -4,7 +4,7 @@ Without a rate that wanders and a control that corrects, such a record is one lo
 start make of it.  A free run sees there what an observer, corrected at every sample, would take up.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -20,12 +20,12 @@ from estimator.simulation import simulate
 from estimator.trace import promises
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
 from estimator.trace.determined import undetermined
-from estimator.trace.diagnosis import Classes, Confusable, Diagnosis, Found, Interval, Rejected, Verdict
+from estimator.trace.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
 from estimator.trace.free_run_model import estimates_of
 from estimator.trace.nameless import Innovations, contest
-from estimator.trace.probability import beside_nothing, classes, doubted
+from estimator.trace.probability import stated
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.record import Record
@@ -77,24 +77,15 @@ def trace_free_run(
         reasons=(_summary(verdict, named, errors), *against),
         share=errors.share if named else None,
         left=after.findings if verdict is Verdict.PARTLY else (),
-        probabilities=_probabilities(found, named, why, claim, verdict),
+        probabilities=stated(
+            found.accounts,
+            {name: name for name in named},
+            set(why) - set(named),
+            claim.contest,
+            is_open=verdict.is_open,
+        ),
         undetermined=undetermined(found.after),
     )
-
-
-def _probabilities(
-    found: SimulationTrace, named: tuple[str, ...], why: Mapping[str, str], claim: Claim, verdict: Verdict
-) -> tuple[Classes, ...]:
-    """Of each effect that is named, else of the record."""
-    is_open = verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
-    if named:
-        return tuple(
-            classes(name, doubted(found.accounts[name], set(why) - set(named)), claim.contest, is_open=is_open)
-            for name in named
-            if name in found.accounts
-        )
-    first = next(iter(found.accounts.values()), None)
-    return () if first is None else (classes(None, beside_nothing(first), claim.contest, is_open=is_open),)
 
 
 def _unequal_masses(problem: Problem, found: SimulationTrace, named: tuple[str, ...]) -> tuple[Confusable, ...]:

@@ -6,6 +6,7 @@ from itertools import count
 
 import numpy as np
 
+from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.trace.candidates import Parameters, kind, watch_list
 from estimator.trace.criterion import threshold
@@ -60,11 +61,15 @@ def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> O
     """The model as it is to be scanned: without forgetting where it is nearly right, with the memory of the bench where
     the motion would get away from it.
     """
-    amplitude = np.abs(device.sense_gain) * device.amplitude
-    lost = float(np.sqrt(np.nanmean((model.estimates.innovation / amplitude) ** 2)))
-    if lost < _SET.locked:
+    if not is_lost(model.estimates.innovation, device):
         return replace(model.settings, gain=Gain.EKF)
     return replace(settings, gain=Gain.FADING, effects=coefficients_of(model.observer))
+
+
+def is_lost(innovation: Array, device: Device) -> bool:
+    """Whether innovations (n, axes) V are so large that the observer does not follow the motion."""
+    amplitude = np.abs(device.sense_gain) * device.amplitude
+    return not np.sqrt(np.nanmean((innovation / amplitude) ** 2)) < _SET.locked
 
 
 def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> dict[str, Parameters]:

@@ -110,6 +110,29 @@ def classes(effect: str | None, accounts: Iterable[Account], contest: Contest | 
     return Classes(effect, dict(sorted(found.items(), key=lambda item: -item[1])))
 
 
+def stated(
+    accounts: Mapping[str | None, tuple[Account, ...]],
+    named: Mapping[str, str],
+    against: Collection[str],
+    contest: Contest | None,
+    *,
+    is_open: bool,
+) -> tuple[Classes, ...]:
+    """Of each effect that is named, else once of the record.
+
+    accounts: by who was taken; named: as they were taken, and how each is called; against: kinds that a promise speaks
+    against; contest, is_open: as of `classes`.
+    """
+    if not named:
+        first = next(iter(accounts.values()), None)
+        return () if first is None else (classes(None, beside_nothing(first), contest, is_open=is_open),)
+    return tuple(
+        classes(called, doubted(accounts[name], against), contest, is_open=is_open)
+        for name, called in named.items()
+        if name in accounts
+    )
+
+
 def _ahead(contest: Contest) -> float:
     """Likelihood of something nameless over that of what was named: beside it, where that does more than may be left,
     or in its place.

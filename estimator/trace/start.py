@@ -37,6 +37,11 @@ def hold(observer: Observer) -> None:
     observer.prior[constants:] = 0.0
 
 
+def settled_from(settings: ObserverSettings, device: Device, samples: int) -> int:
+    """First of so many samples that is scored: behind the start, but not beyond a share of a short record."""
+    return min(settling(settings, device), samples // _SET.most)
+
+
 def settling(settings: ObserverSettings, device: Device) -> int:
     """Samples after which a start from the declared guess is over."""
     return int(_SET.memories * min(settings.memory, _SET.longest_memory) * device.sample_rate)

@@ -250,20 +250,18 @@ def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None)
         return
     if sense is not None or nonreciprocal is None:
         return
-    for axis, (own, beside) in enumerate((("hx", "hy"), ("hy", "hx"))):
-        gain = 1.0 + drive[own].value
-        if not _nothing(drive[beside], drive[own]) or gain <= 0.0:
-            continue
-        share = 0.5 * (system.stiffness[0, 1] + system.stiffness[1, 0]) * (1.0 - gain) / (1.0 + gain)
-        expected = share if axis == 1 else -share
-        if nonreciprocal.low <= expected <= nonreciprocal.high or _near(nonreciprocal.value, expected):
+    for axis, gain in _of_one_axis(drive):
+        share = _coupling(system) * (1.0 - gain) / (1.0 + gain)
+        if _shows(nonreciprocal, share if axis == 1 else -share):
             coriolis = np.diag([gain, 1.0] if axis == 0 else [1.0, gain]) @ system.coriolis
-            heavier = replace(system, coriolis=coriolis)
             # The effect counts masses and forces by the mass of x; effects add up.
             declare = _effect("unequal_masses", m=(1.0 / gain if axis == 1 else gain) - 1.0)
             if axis == 0:
                 declare += " and " + _effect("drive_gain", hx=gain - 1.0, hy=1.0 - 1.0 / gain)
-            yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None, heavier)
+            yield Equivalent(
+                "drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None,
+                replace(system, coriolis=coriolis),
+            )  # fmt: skip
 
 
 def _of_sense_gain(named: Intervals, system: System, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
@@ -273,18 +271,32 @@ def _of_sense_gain(named: Intervals, system: System, nonreciprocal: Interval | N
     drive = named.get("drive_gain")
     if drive is None or "sense_gain" in named or nonreciprocal is None:
         return
-    for axis, (own, beside) in enumerate((("hx", "hy"), ("hy", "hx"))):
-        gain = 1.0 + drive[own].value
-        if not _nothing(drive[beside], drive[own]) or gain <= 0.0:
-            continue
-        share = 0.5 * (system.stiffness[0, 1] + system.stiffness[1, 0]) * (gain**2 - 1.0) / (gain**2 + 1.0)
-        expected = share if axis == 0 else -share
-        if nonreciprocal.low <= expected <= nonreciprocal.high or _near(nonreciprocal.value, expected):
+    for axis, gain in _of_one_axis(drive):
+        share = _coupling(system) * (gain**2 - 1.0) / (gain**2 + 1.0)
+        if _shows(nonreciprocal, share if axis == 0 else -share):
             scale = np.diag([gain, 1.0] if axis == 0 else [1.0, gain])
             declare = _effect("sense_gain", gy=gain - 1.0) if axis == 1 else ""
             yield Equivalent(
                 "drive_gain", "sense_gain", gain - 1.0, VARYING_RATE, declare, None, displaced(system, scale)
             )
+
+
+def _of_one_axis(drive: Mapping[str, Interval]) -> Iterator[tuple[int, float]]:
+    """The axis whose drive alone has another gain, and that gain."""
+    for axis, (own, beside) in enumerate((("hx", "hy"), ("hy", "hx"))):
+        gain = 1.0 + drive[own].value
+        if _nothing(drive[beside], drive[own]) and gain > 0.0:
+            yield axis, gain
+
+
+def _coupling(system: System) -> float:
+    """The symmetric part of what couples the axes."""
+    return float(0.5 * (system.stiffness[0, 1] + system.stiffness[1, 0]))
+
+
+def _shows(found: Interval, expected: float) -> bool:
+    """Whether a coefficient may be what is expected."""
+    return found.low <= expected <= found.high or _near(found.value, expected)
 
 
 def mass_of_nonreciprocal(kxy: float, kn: float) -> float | None:

@@ -28,7 +28,7 @@ from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.look import bounds
 from estimator.trace.nameless import Contest
-from estimator.trace.probability import beside_nothing, classes, doubted
+from estimator.trace.probability import stated
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
@@ -187,17 +187,9 @@ def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[
 
 
 def _probabilities(found: _Judged) -> tuple[Classes, ...]:
-    """Of each effect that is named, else of the record."""
-    accounts, contest = found.selection.accounts, found.contest
-    if not found.named:
-        first = next(iter(accounts.values()))
-        return (classes(None, beside_nothing(first), contest, is_open=found.is_open),)
-    against = {kind(name) for name in found.why} - {kind(name) for name in found.named}
-    return tuple(
-        classes(_short(name, found.named), doubted(accounts[name], against), contest, is_open=found.is_open)
-        for name in found.named
-        if name in accounts
-    )
+    named = {name: _short(name, found.named) for name in found.named}
+    against = {kind(name) for name in found.why} - {kind(name) for name in named}
+    return stated(found.selection.accounts, named, against, found.contest, is_open=found.is_open)
 
 
 def _in_part(named: Effects, claim: promises.Claim) -> str:

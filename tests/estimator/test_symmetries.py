@@ -184,14 +184,19 @@ def test_unequal_masses_are_two_gains_of_one_axis() -> None:
     assert one.system.coriolis == pytest.approx(math.sqrt(1.03) * made.coriolis)  # of a rate √m times as large
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-def test_unequal_masses_are_a_drive_gain_of_one_axis_and_a_stiffness_that_is_not_symmetric(axis: int) -> None:
-    mass, kxy = 1.03, 0.03
+def seen_of_mass(axis, mass, kxy):
+    """What a trace names, its constants and kn, where an axis has so many times the mass of the other."""
     kn = 0.5 * kxy * (1.0 - 1.0 / mass) * (1.0 if axis == 1 else -1.0)
     gains = [is_(0.0), is_(0.0)]
     gains[axis] = is_(1.0 / mass - 1.0)
     named = {"drive_gain": {"hx": gains[0], "hy": gains[1]}, "nonreciprocal_stiffness": {"kn": is_(kn)}}
-    symmetric = replace(CONSTANTS, stiffness=(1.02, 0.98, 0.5 * kxy * (1.0 + 1.0 / mass)))
+    return named, replace(CONSTANTS, stiffness=(1.02, 0.98, 0.5 * kxy * (1.0 + 1.0 / mass))), kn
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_unequal_masses_are_a_drive_gain_of_one_axis_and_a_stiffness_that_is_not_symmetric(axis: int) -> None:
+    mass, kxy = 1.03, 0.03
+    named, symmetric, kn = seen_of_mass(axis, mass, kxy)
     found = of(named, symmetric, is_(kn))
     assert set(found) == {"unequal_masses"}
     assert found["unequal_masses"].size == pytest.approx(0.03)
@@ -306,11 +311,7 @@ def test_masses_declared_in_the_words_of_the_list_are_the_two_gains_that_were_na
 @pytest.mark.parametrize("axis", [0, 1])
 def test_masses_declared_for_a_drive_gain_of_one_axis_are_the_system_that_is_meant(axis: int) -> None:
     mass, kxy = 1.03, 0.03
-    kn = 0.5 * kxy * (1.0 - 1.0 / mass) * (1.0 if axis == 1 else -1.0)
-    gains = [is_(0.0), is_(0.0)]
-    gains[axis] = is_(1.0 / mass - 1.0)
-    named = {"drive_gain": {"hx": gains[0], "hy": gains[1]}, "nonreciprocal_stiffness": {"kn": is_(kn)}}
-    symmetric = replace(CONSTANTS, stiffness=(1.02, 0.98, 0.5 * kxy * (1.0 + 1.0 / mass)))
+    named, symmetric, kn = seen_of_mass(axis, mass, kxy)
     one = of(named, symmetric, is_(kn))["unequal_masses"]
     weight = np.eye(2)
     weight[axis, axis] = mass
