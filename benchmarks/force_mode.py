@@ -23,7 +23,7 @@ from hil.bench import override
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
-from hil.score import score
+from hil.scoring import score
 
 DURATION_S = 30.0
 SEGMENT_S = 1.0

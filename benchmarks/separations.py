@@ -31,7 +31,7 @@ from hil.loop.run import run
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.separate import separable, separate
-from hil.trace import trace
+from hil.tracing import trace
 
 DRAW = 12
 DEVICES = 30

@@ -79,7 +79,7 @@ def one(setting: str, seed: int) -> dict[str, Any]:
     from hil.loop.run import run
     from hil.records.runfolder import RunFolder
     from hil.records.truth import read_truth
-    from hil.score import angle_error_rad, score, scored_window
+    from hil.scoring import angle_error_rad, score, scored_window
 
     bench = override(bench_with(setting), {"loop": {"seed": seed}}, setting)
     with tempfile.TemporaryDirectory() as place:

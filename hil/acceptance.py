@@ -101,7 +101,7 @@ class BoardUnderTest:
         WireError as `hil.loop.run.run`.
         """
         from hil.loop.run import run
-        from hil.score import score
+        from hil.scoring import score
 
         self._require_consent()
         if truth and not self.emulated:

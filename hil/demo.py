@@ -36,7 +36,7 @@ def demo(
     from hil.records.result import load_result, save_result
     from hil.records.runfolder import RunFolder
     from hil.report.page import write_report
-    from hil.trace import trace
+    from hil.tracing import trace
 
     path = examples.find("bench", EXAMPLE)
     options = (duration_s, seed)
@@ -108,7 +108,7 @@ def _run(bench: Bench, scenario: str, out: Path, truth: Path, progress: Watcher)
 
 def _score(run: Path, truth: Path, progress: Watcher) -> None:
     """Raises InputError for a run that ended too early for it."""
-    from hil.score import score
+    from hil.scoring import score
 
     progress(Progress("score", 0, 0))
     score(run, truth)

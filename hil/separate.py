@@ -13,7 +13,7 @@ from hil.loop.run import run
 from hil.progress import Watcher
 from hil.records.diagnosis import Confusable, Diagnosis
 from hil.records.runfolder import RunFolder
-from hil.trace import Traced, trace
+from hil.tracing import Traced, trace
 
 _MARGIN = 1.2  # of the energy's swing under modulation, as a limit
 

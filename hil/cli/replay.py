@@ -36,7 +36,7 @@ def replay(
     from hil.cli.progress import watching
     from hil.cli.show import finish
     from hil.examples import find
-    from hil.replay import replay as replay_record
+    from hil.replaying import replay as replay_record
 
     path = find("bench", bench)
     declared = load_bench(path)

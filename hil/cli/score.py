@@ -24,7 +24,7 @@ def score(run: Run, truth: TruthFile, json: Json = False) -> None:
     """
     from hil.cli.show import finish, say
     from hil.report.page import write_report
-    from hil.score import score as compare
+    from hil.scoring import score as compare
 
     told = f"{run}: nothing of it was changed"
     try:

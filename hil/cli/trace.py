@@ -9,7 +9,7 @@ from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name
 
 if TYPE_CHECKING:
     from hil.bench import Bench
-    from hil.trace import Traced
+    from hil.tracing import Traced
 
 Add = Annotated[
     Path | None,
@@ -74,7 +74,7 @@ def trace(
     if (arm or link is not None) and not live:
         raise InputError("--link and --arm belong to --live; give it, or leave them out")
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
-    from hil.trace import trace_file  # loads the estimator: after what can be refused without it
+    from hil.tracing import trace_file  # loads the estimator: after what can be refused without it
 
     with watching("trace", whole=True) as watch:
         done = trace_file(capture_in(capture), path, out, name=name, fraction=fraction, report=report, progress=watch)

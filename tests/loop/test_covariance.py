@@ -16,7 +16,7 @@ from hil.loop.tracks import column_of
 from hil.nees import nees
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
-from hil.replay import replay
+from hil.replaying import replay
 from hil.wire.inproc import InprocLink
 from hil.wire.messages import ClockMode
 from tests.loop import gyro

@@ -9,7 +9,7 @@ from hil.bench import load_bench, override
 from hil.examples import find
 from hil.loop.run import run
 from hil.records.result import Result
-from hil.score import score
+from hil.scoring import score
 
 pytestmark = pytest.mark.slow  # whole runs
 

@@ -15,7 +15,7 @@ from hil.interchange.importer import import_record
 from hil.records.estimates import Estimates
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
-from hil.replay import replay
+from hil.replaying import replay
 from hil.wire.messages import ClockMode
 from tests.loop import gyro
 from tests.loop.closed import HandPaced, board, close_loop, waiting

@@ -6,7 +6,7 @@ import pytest
 import hil.records.blocks
 from hil.captured import pieces_of_samples, samples_of
 from hil.records.capture import Capture
-from hil.replay import _parts
+from hil.replaying import _parts
 
 EVERY, STRIDE = 5, 60
 

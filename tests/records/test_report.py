@@ -17,7 +17,7 @@ from hil.records.estimates import read_estimates
 from hil.records.result import Part, load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
-from hil.score import score
+from hil.scoring import score
 from tests.records.test_diagnosis import answer
 
 pytestmark = pytest.mark.slow  # whole pages
@@ -357,7 +357,7 @@ def test_white_noise_has_the_density_the_floor_is_drawn_at():
 
 def test_importing_the_report_does_not_import_matplotlib():
     program = (
-        "import sys, hil.report, hil.score\n"
+        "import sys, hil.report, hil.scoring\n"
         "print(sorted({'matplotlib', 'scipy'} & {name.split('.')[0] for name in sys.modules}))"
     )
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout == b"[]\n"

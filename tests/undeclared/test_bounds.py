@@ -12,7 +12,7 @@ from estimator.trace.problem import Problem
 from estimator.trace.tracing import trace
 from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
-from hil.trace import record_of
+from hil.tracing import record_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a loop of 24,000 samples and its trace
 

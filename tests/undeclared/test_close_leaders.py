@@ -8,7 +8,7 @@ from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from benchmarks.undeclared.record import write_capture
 from device_emulator.scenario import Scenario
 from hil.bench.template import template, values_of
-from hil.trace import trace_file
+from hil.tracing import trace_file
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a trace that carries thirteen, where the kernels may be new
 

@@ -11,10 +11,10 @@ from device_emulator.scenario import Scenario
 from estimator.trace.diagnosis import Verdict
 from estimator.trace.problem import Problem
 from estimator.trace.tracing import trace
-from hil import replay
+from hil.captured import control_of
 from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
-from hil.trace import record_of
+from hil.tracing import record_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a loop of 24,000 samples and a trace with a climb
 
@@ -30,7 +30,7 @@ def test_its_size_and_the_velocity_at_which_it_turns_over_lie_in_their_intervals
     scenario = Scenario.model_validate(table)
     write_capture(tmp_path / "capture.arrow", close_loop(scenario, bench, SAMPLES, seed=2, every=1000), scenario, None)
     capture = read_capture(tmp_path / "capture.arrow")
-    problem = Problem(record_of(capture), device, observer_settings_of(bench), replay.control_of(bench, capture))
+    problem = Problem(record_of(capture), device, observer_settings_of(bench), control_of(bench, capture))
     said = trace(problem, split=round(0.6 * SAMPLES))
     assert said.verdict is Verdict.EXPLAINED
     (found,) = said.effects

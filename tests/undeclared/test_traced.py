@@ -11,14 +11,14 @@ from benchmarks.undeclared.population import Order
 from benchmarks.undeclared.record import make
 from estimator.side_by_side import WORKERS
 from estimator.trace.problem import Problem
-from hil import replay
 from hil.bench import load_bench
+from hil.captured import control_of
 from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.records.diagnosis import to_model
 
 engine = pytest.importorskip("estimator.trace.tracing")
-tracing = pytest.importorskip("hil.trace")
+tracing = pytest.importorskip("hil.tracing")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # closed loops, and whole traces of them
 
@@ -33,7 +33,7 @@ def said_of(place: Path) -> dict[str, Any]:
             tracing.record_of(capture),
             device_of(bench),
             observer_settings_of(bench),
-            replay.control_of(bench, capture),
+            control_of(bench, capture),
         ),
         split=round(0.6 * SAMPLES),
     )

@@ -23,7 +23,7 @@ from hil.rate_sensor import fitting_rows, trace_rate_sensor
 from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
-from hil.replay import require_fit
+from hil.replaying import require_fit
 from hil.time_left import TimeLeft
 
 FRACTION = 0.6
