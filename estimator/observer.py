@@ -17,9 +17,10 @@ from estimator.kernel.layout import MAX_EFFECTS, MAX_ENTRIES, MAX_LATENCY, MAX_S
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Sensed, Variant
 from estimator.side_by_side import stop_if_abandoned
 
+_OF_DISPLACEMENT = (Source.INTEGRAL, Source.RESONATOR)
 _PORTION = 4096
 """Samples in one call of a kernel: a tenth of a second where many effects are carried."""
 
@@ -223,6 +224,9 @@ class Observer:
         # An offset that is not estimated is a disturbance of the measurement: the gain must not take it for motion.
         ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
         record["twin"] = fading or ignored > 0.0
+        self._require_senses(device)
+        for axis, sensed in enumerate(device.sensed):
+            record["sensed"][0, axis] = sensed.value
         for axis in range(device.axes):
             record["noise"][0, axis] = (device.noise[axis] / scaling.sense(axis)) ** 2
             record["ignored"][0, axis] = (ignored / scaling.sense(axis)) ** 2
@@ -239,6 +243,16 @@ class Observer:
         if controller is not None:
             self._control(record, controller)
         return record
+
+    def _require_senses(self, device: Device) -> None:
+        """Refuse what is only known of a displacement."""
+        if not any(sensed is not Sensed.DISPLACEMENT for sensed in device.sensed):
+            return
+        if device.axes != 1:
+            raise ModelError("velocity or acceleration is sensed on a single axis only; trace axis by axis")
+        for _, effect in self.effects:
+            if effect.delayed is not None or any(s.source in _OF_DISPLACEMENT for s in effect.signals):
+                raise ModelError(f"effect {effect.name} is known of a sensed displacement only; leave it out")
 
     def _enlist(self, record: NDArray[np.void]) -> None:
         """The effects, what they depend on, and which path they delay."""

@@ -25,9 +25,21 @@ class Gain(Enum):
     FADING = "fading"  # EKF with fading memory (claims 4, 10, 15, 24)
 
 
+class Sensed(Enum):
+    """What a sense channel shows; the value is the number of times that the displacement is differentiated."""
+
+    DISPLACEMENT = 0
+    VELOCITY = 1
+    ACCELERATION = 2
+
+
 @dataclass(frozen=True)
 class Device:
     """What the data sheet declares, normalised by the mass.
+
+    sensed: what each channel shows, displacement where it is empty; the sense_gain of a channel that shows velocity or
+    acceleration is in V/m all the same, of a vibration at ω0: its own gain times ω0 or ω0².  sense_unit: what a "volt"
+    is called, where the sensor has another unit.
 
     stiffness [1/s²] and damping [1/s] are (xx, yy, xy), or one number for a single axis; sense_gain [V/m] and noise [V
     rms per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s²; angular_gain is
@@ -44,6 +56,8 @@ class Device:
     drive_gain: float = 1.0
     target_stiffness: float | None = None
     angular_gain: float = 1.0
+    sensed: tuple["Sensed", ...] = ()
+    sense_unit: str = "V"
 
     @property
     def axes(self) -> int:

@@ -53,6 +53,7 @@ SETTINGS = np.dtype(
         ("twin", "i8"),  # 1: the actual covariance C is carried beside P
         ("stationary", "i8"),  # 1: gains from the table, no Riccati recursion from then on
         ("takeover", "f8"),  # time from which the table is used
+        ("sensed", "i8", (MAX_AXES,)),  # what a channel shows: 0 displacement, 1 velocity, 2 acceleration
         ("noise", "f8", (MAX_AXES,)),  # variance of the measurement
         ("ignored", "f8", (MAX_AXES,)),  # variance of what may be in it and is not estimated
         ("force_noise", "f8", (MAX_AXES,)),  # velocity variance per unit of time

@@ -14,6 +14,7 @@ from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import drive_at, flow, sensed_before
 from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
+from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import advance_signals, signal_values
 
 _sense = generated().sense
@@ -394,9 +395,16 @@ def predict_measurement(
     full = work[6]
     predicted = work[10]
     full[:] = 0.0
-    _sense(settings.model, x[states:], x[:states], predicted, full)
-    if settings.effect_count > 0:
-        sense_effects(settings, memory, x, u, h, work)
+    if senses_otherwise(settings):
+        drive_at(u, 1.0, work[15])
+        signal_values(settings, memory, memory.time + h, work[16])
+        sensed_otherwise(
+            settings, x[states:], x[:states], work[12:17], predicted, full[:, :states], full[:, states:]
+        )  # fmt: skip
+    else:
+        _sense(settings.model, x[states:], x[:states], predicted, full)
+        if settings.effect_count > 0:
+            sense_effects(settings, memory, x, u, h, work)
     measured = False
     for channel in range(settings.axes):
         usable = np.isfinite(z[channel])

@@ -5,6 +5,7 @@ import numpy as np
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import flow, part_of
 from estimator.kernel.layout import MAX_DEGREE, MAX_DELAY, MAX_SIGNALS, Floats, Record
+from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import line_values
 
 _sense = generated().sense
@@ -67,6 +68,7 @@ def free_run(
     time = 0.0
     for i in range(settings.signal_count):
         signals[i] = settings.signal_parameters[i, 0]  # what is not a constant is written over as it moves
+    otherwise = senses_otherwise(settings)
     drive = np.zeros(2)
     predicted = np.zeros(2)
     by_states = np.zeros((2, states))
@@ -102,7 +104,11 @@ def free_run(
         by_states[:] = 0.0
         by_constants[:] = 0.0
         line_values(settings, time, signals)
-        sensed_at(settings, c, s, drive, signals, predicted, by_states, by_constants)
+        if otherwise:
+            push[3][:] = drive
+            sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
+        else:
+            sensed_at(settings, c, s, drive, signals, predicted, by_states, by_constants)
         for axis in range(settings.axes):
             sensed[m, axis] = predicted[axis]
             if sensitive:

@@ -11,7 +11,7 @@ from estimator.oracle.evaluation import evaluated
 from estimator.oracle.flow import flow
 from estimator.oracle.pattern import PatternAngle, pattern, pattern_gradient
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Sensed, Variant
 
 SURPRISED, ATTENTION, FASTEST = 3.0, 0.05, 0.1
 
@@ -30,6 +30,8 @@ class NumpyObserver(Observer):
         super().__init__(device, settings, controller)
         if self.effects:
             raise ModelError(f"backend '{self.backend}' runs the base model; take [effects] out or use backend 'numba'")
+        if any(sensed is not Sensed.DISPLACEMENT for sensed in device.sensed):
+            raise ModelError(f"backend '{self.backend}' senses displacement; use backend 'numba'")
         self._model = evaluated(self.number)
         self._fading = settings.gain is not Gain.EKF
         self._fade = math.exp(1.0 / (settings.memory * device.sample_rate)) if self._fading else 1.0

@@ -1,0 +1,121 @@
+"""Channels that show velocity or acceleration: free run and observer beside SciPy's solution of the same equation."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from estimator.errors import ModelError
+from estimator.observer import Observer
+from estimator.refinement import refine
+from estimator.scaling import Array
+from estimator.settings import Device, Gain, ObserverSettings, Sensed
+from estimator.simulation import simulate
+
+RATE, K, D, B, K3, D3 = 400.0, (2 * np.pi * 20.0) ** 2, 2.5, 1.3, 6.0e8, 1.0e5
+AMPLITUDE, SAMPLES = 1e-3, 1200
+
+
+def device(sensed: Sensed, noise: float = 1e-6, stiffness: float = K, damping: float = D) -> Device:
+    """A beam of 20 Hz whose sensor gives 1 V per m, m/s or m/s²."""
+    return Device(
+        sample_rate=RATE,
+        stiffness=(stiffness,),
+        damping=(damping,),
+        amplitude=AMPLITUDE,
+        sense_gain=(float(np.sqrt(stiffness)) ** sensed.value,),
+        noise=(noise,),
+        drive_gain=B,
+        sensed=(sensed,),
+    )
+
+
+def truth(drive: Array, effects: bool) -> Array:
+    """x, ẋ, ẍ (3, n) from SciPy under a drive that is held over each interval, from x = 1 mm, ẋ = 0.02 m/s."""
+    k3, d3 = (K3, D3) if effects else (0.0, 0.0)
+
+    def slope(_: float, state: Array, u: float) -> Array:
+        x, v = state
+        return np.array([v, -K * x - D * v - k3 * x**3 - d3 * x**2 * v + B * u])
+
+    state, rows = np.array([1e-3, 0.02]), []
+    for m, u in enumerate(drive):
+        if m:
+            solved = solve_ivp(slope, (0.0, 1.0 / RATE), state, "DOP853", args=(u,), rtol=1e-11, atol=1e-15)
+            state = solved.y[:, -1]
+        rows.append([*state, slope(0.0, state, u)[1]])
+    return np.array(rows).T
+
+
+@pytest.fixture(scope="module")
+def drive() -> Array:
+    """Noise of 3 m/s², held."""
+    return np.random.default_rng(3).normal(0.0, 3.0, SAMPLES)
+
+
+@pytest.mark.parametrize("sensed", list(Sensed))
+@pytest.mark.parametrize("effects", [False, True])
+def test_free_run_shows_what_scipy_computes(sensed: Sensed, effects: bool, drive: Array) -> None:
+    carried = {"cubic_stiffness": {"k3x": K3}, "nonlinear_damping": {"d3x": D3}} if effects else {}
+    seen = truth(drive, effects)[sensed.value]
+    observer = Observer(device(sensed), ObserverSettings(gain=Gain.EKF, effects=carried))
+    state = observer.state.copy()
+    state[:2] = 1e-3, 0.02
+    ran = simulate(observer, state, drive[:, None])
+    error = np.abs(ran.sensed[1:, 0] - seen[1:]) / np.max(np.abs(seen))
+    assert np.max(error) < (2e-5 if effects else 1e-9)
+
+
+@pytest.mark.parametrize("sensed", list(Sensed))
+def test_derivatives_are_those_of_differences(sensed: Sensed, drive: Array) -> None:
+    carried: dict[str, dict[str, float]] = {
+        "cubic_stiffness": {"k3x": K3},
+        "nonlinear_damping": {"d3x": D3},
+        "sense_quadratic": {"a2x": 20.0},
+        "drive_feedthrough": {"fdx": 1e-7},
+    }
+    observer = Observer(device(sensed), ObserverSettings(gain=Gain.EKF, effects=carried))
+    state = observer.state.copy()
+    state[:2] = 1e-3, 0.02
+    driven = drive[:300, None]
+    exact = simulate(observer, state, driven, sensitive=True).sensitivity[1:, 0]
+    for i, name in enumerate(observer.names):
+        size = {"phi_x": 1e-3, "fdx": 1e-8}.get(name, 1e-5 * max(abs(state[i]), 1e-6))
+        low, high = (simulate(observer, state + sign * size * np.eye(len(state))[i], driven) for sign in (-1, 1))
+        by_differences = (high.sensed - low.sensed)[1:, 0] / (2 * size)
+        assert np.max(np.abs(exact[:, i] - by_differences)) < 1e-4 * np.max(np.abs(by_differences)), name
+
+
+@pytest.mark.parametrize("sensed", [Sensed.VELOCITY, Sensed.ACCELERATION])
+def test_a_noisy_record_gives_back_its_constants(sensed: Sensed, drive: Array) -> None:
+    seen = truth(drive, True)[sensed.value]
+    noise = 1e-3 * float(np.std(seen))
+    sense = (seen + np.random.default_rng(5).normal(0.0, noise, SAMPLES))[:, None]
+    sense[0] = np.nan  # no drive acts at the first sample: what it shows of an acceleration is anybody's guess
+    settings = ObserverSettings(gain=Gain.EKF, effects={"cubic_stiffness": {}, "nonlinear_damping": {}})
+    observer = Observer(device(sensed, noise, 1.01 * K, 1.2 * D), settings)
+    start = observer.state.copy()
+    fit = refine(observer, sense, drive[:, None], start=start)
+    for name, true in {"kxx": K, "dxx": D, "drive_gain_x": B, "k3x": K3, "d3x": D3, "x": 1e-3, "vx": 0.02}.items():
+        low, high = fit.interval(name)
+        half = (high - low) / 2
+        assert abs(fit.value(name) - true) < 2 * half, name
+        assert half < 0.2 * abs(true), name
+    assert fit.rmse[0] == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize("sensed", [Sensed.VELOCITY, Sensed.ACCELERATION])
+def test_the_observer_follows_and_its_innovation_is_the_noise(sensed: Sensed, drive: Array) -> None:
+    seen = truth(drive, True)[sensed.value]
+    noise = 1e-3 * float(np.std(seen))
+    sense = (seen + np.random.default_rng(7).normal(0.0, noise, SAMPLES))[:, None]
+    carried = {"cubic_stiffness": {"k3x": K3}, "nonlinear_damping": {"d3x": D3}}
+    observer = Observer(device(sensed, noise), ObserverSettings(gain=Gain.EKF, effects=carried))
+    estimates = observer.run(sense, drive[:, None])
+    late = estimates.innovation[SAMPLES // 2 :, 0]
+    assert np.std(late) == pytest.approx(noise, rel=0.15)
+    assert np.std(estimates.of("x")[SAMPLES // 2 :] - truth(drive, True)[0, SAMPLES // 2 :]) < 2e-3 * AMPLITUDE
+
+
+def test_what_is_known_of_a_displacement_only_is_refused() -> None:
+    with pytest.raises(ModelError, match="displacement only"):
+        Observer(device(Sensed.VELOCITY), ObserverSettings(effects={"sense_delay": {}}))
