@@ -1,0 +1,79 @@
+"""The bench as a library: `import hil` in a notebook or a script.
+
+    import hil
+
+    run = hil.run("s-slow", link="inproc:s-slow", clock="lockstep", duration_s=5)
+    run.angle.values, run.rate.values, run.verdict
+    trace = hil.trace(run)
+    better = trace.add_to(run.bench)
+
+Nothing is loaded before it is asked for: the emulator and the wire import this package and stay light.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from estimator.errors import ModelError
+    from hil.bench import Bench, RateSensorBench
+    from hil.errors import InputError
+    from hil.library.finished_run import Run
+    from hil.library.series import Series
+    from hil.library.tracing import Trace
+    from hil.library.verbs import load, load_bench, replay, run, score, trace
+    from hil.loop.run import Interrupted
+    from hil.wire.errors import WireError
+
+__all__ = [
+    "Bench",
+    "InputError",
+    "Interrupted",
+    "ModelError",
+    "RateSensorBench",
+    "Run",
+    "Series",
+    "Trace",
+    "WireError",
+    "__version__",
+    "load",
+    "load_bench",
+    "replay",
+    "run",
+    "score",
+    "trace",
+]
+
+__version__: str
+
+_HOMES = {
+    "Bench": "hil.bench",
+    "InputError": "hil.errors",
+    "Interrupted": "hil.loop.run",
+    "ModelError": "estimator.errors",
+    "RateSensorBench": "hil.bench",
+    "Run": "hil.library.finished_run",
+    "Series": "hil.library.series",
+    "Trace": "hil.library.tracing",
+    "WireError": "hil.wire.errors",
+    "load": "hil.library.verbs",
+    "load_bench": "hil.library.verbs",
+    "replay": "hil.library.verbs",
+    "run": "hil.library.verbs",
+    "score": "hil.library.verbs",
+    "trace": "hil.library.verbs",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("gyrohil")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

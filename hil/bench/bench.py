@@ -73,6 +73,15 @@ class Bench(Section):
             )
         return self
 
+    def with_(self, **sections: Mapping[str, Any]) -> "Bench":
+        """A bench with some keys replaced, by section: `bench.with_(loop={"duration_s": 5.0})`, checked as a whole
+        again.  Raises InputError with the key, and what was expected.
+        """
+        table = self.model_dump()
+        if unknown := set(sections) - set(table):
+            raise InputError(f"{unknown.pop()}: no section of a bench; there are {', '.join(table)}")
+        return override(self, sections, f"{self.device.name or 'bench'} with changes")
+
     @property
     def target_stiffness_per_s2(self) -> float:
         """Stiffness of the controlled oscillator per unit mass, 1/s²; its root is the scale of time."""

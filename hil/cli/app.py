@@ -1,5 +1,7 @@
 """The table of verbs."""
 
+from typing import Annotated
+
 import typer
 
 from hil.cli.check import check
@@ -13,10 +15,29 @@ from hil.cli.key import key
 from hil.cli.record import record
 from hil.cli.replay import replay
 from hil.cli.run import run
+from hil.cli.runs import ls, show
 from hil.cli.score import score
 from hil.cli.trace import trace
 
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"gyrohil {version('gyrohil')}")
+        raise typer.Exit
+
+
+def _hil(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """What stands before a verb."""
+
+
 app = typer.Typer(
+    callback=_hil,
     help="Hardware-in-the-loop bench for angle-measuring gyros: close the loop with a board, real or "
     "emulated, record everything, and judge the angle.",
     epilog="Start with: hil demo",
@@ -25,5 +46,5 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, check, import_, export, key):
+for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, ls, show, check, import_, export, key):
     app.command(verb.__name__.rstrip("_"))(verb)

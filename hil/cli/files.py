@@ -5,8 +5,17 @@ from pathlib import Path
 from hil.errors import InputError
 
 
+def run_folder(place: Path) -> Path:
+    """The run folder meant by ``place``: `last` is the newest run in runs/, unless a file or folder has that name."""
+    from hil.cli.options import RUNS
+    from hil.records.listing import LAST, last_run
+
+    return last_run(RUNS) if str(place) == LAST and not place.exists() else place
+
+
 def capture_in(place: Path) -> Path:
-    """The capture meant by ``place``: a run folder stands for the one in it."""
+    """The capture meant by ``place``: a run folder stands for the one in it, `last` for that of the newest run."""
+    place = run_folder(place)
     return place / "capture.arrow" if place.is_dir() else place
 
 

@@ -8,7 +8,7 @@ import typer
 BenchArgument = Annotated[str, typer.Argument(metavar="BENCH", help="Bench file, or the name of an example (s-slow).")]
 BenchOption = Annotated[str, typer.Option("--bench", "-b", help="Bench file, or the name of an example (silverbox).")]
 CaptureArgument = Annotated[
-    Path, typer.Argument(metavar="CAPTURE", help="A capture.arrow, or the run folder it is in.")
+    Path, typer.Argument(metavar="CAPTURE", help="A capture.arrow, the run folder it is in, or `last`, the newest run.")
 ]
 Duration = Annotated[float | None, typer.Option("--duration", help="Length of the run in bench seconds.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, alone on standard output.")]

@@ -7,7 +7,7 @@ import typer
 
 from hil.cli.options import Json
 
-Run = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.")]
+Run = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, or `last`, the newest run.")]
 TruthFile = Annotated[Path, typer.Option("--truth", help="File the emulated board wrote (hil run --truth).")]
 
 
@@ -20,12 +20,14 @@ def score(run: Run, truth: TruthFile, json: Json = False) -> None:
 
     \b
       hil run s-slow --truth truth.arrow
-      hil score runs/20250314T092653-s-slow --truth truth.arrow
+      hil score last --truth truth.arrow
     """
+    from hil.cli.files import run_folder
     from hil.cli.show import finish, say
     from hil.report.page import write_report
     from hil.scoring import score as compare
 
+    run = run_folder(run)
     told = f"{run}: nothing of it was changed"
     try:
         compare(run, truth)

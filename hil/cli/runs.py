@@ -1,0 +1,82 @@
+"""``hil ls`` and ``hil show``: the runs that are there, and what one of them came to."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.options import RUNS, Json
+
+if TYPE_CHECKING:
+    from hil.records.listing import Listed
+
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Where runs were recorded.")]
+Place = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run or a trace, or `last`, the newest run.")]
+
+
+def ls(folder: Folder = RUNS, json: Json = False) -> None:
+    """List the runs and traces of a folder, oldest first, with their verdicts.
+
+    Examples:
+
+    \b
+      hil ls
+      hil ls bench3/runs --json
+    """
+    from hil.cli.show import print_json
+    from hil.records.listing import listed
+
+    found = list(listed(folder))
+    if json:
+        print_json({"folder": str(folder), "runs": [_as_json(one) for one in found]})
+    else:
+        _print(found, folder)
+
+
+def show(run: Place, json: Json = False) -> None:
+    """Show again what a run or a trace came to; the exit code is its own.
+
+    Examples:
+
+    \b
+      hil show last
+      hil show runs/20250314-092653-s-slow --json
+    """
+    from hil.cli.files import run_folder
+
+    folder = run_folder(run)
+    if (folder / "diagnosis.json").exists():
+        from hil.cli.show_diagnosis import finish as finish_trace
+        from hil.records.diagnosis import load_diagnosis
+
+        finish_trace(folder, load_diagnosis(folder / "diagnosis.json"), as_json=json)
+    from hil.cli.show import finish
+    from hil.errors import InputError
+    from hil.records.runfolder import RunFolder
+
+    if not RunFolder.open(folder).result_path.exists():
+        raise InputError(f"{folder}: no result.json; `hil replay {folder}` works its figures out")
+    finish(folder, as_json=json)
+
+
+def _as_json(one: "Listed") -> dict[str, object]:
+    return {
+        "path": str(one.path),
+        "kind": one.kind,
+        "verdict": one.verdict or None,
+        "seconds": one.seconds,
+        "effects": list(one.named),
+        "unreadable": one.unreadable or None,
+    }
+
+
+def _print(found: list["Listed"], folder: Path) -> None:
+    from hil.errors import printable
+
+    if not found:
+        print(printable(f"{folder}: no runs yet; next: hil run s-slow"))
+    width = max((len(one.path.name) for one in found), default=0)
+    for one in found:
+        told = one.unreadable or ", ".join(one.named) or ("" if one.seconds is None else f"{one.seconds:.4g} s")
+        verdict = one.verdict or ("unreadable" if one.unreadable else "no verdict yet")
+        print(printable(f"{one.path.name:<{width}}  {one.kind:<5}  {verdict:<16}  {told}".rstrip()))

@@ -1,0 +1,85 @@
+"""Columns over one time base, as NumPy arrays with their units."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Named columns, (n,) each, over the bench time `t_s` (n,) in seconds.
+
+    units: by column, "" where it is a number; header: what else is to be known of them, for `to_arrow`.
+    """
+
+    t_s: Floats
+    columns: Mapping[str, npt.NDArray[Any]]
+    units: Mapping[str, str]
+    header: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return int(self.t_s.size)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        """The column called `name`, (n,). Raises InputError with the names there are."""
+        if name not in self.columns:
+            raise InputError(f"{name}: no such column; there are {', '.join(self.columns)}")
+        return self.columns[name]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        values = np.asarray(self.values, dtype=dtype)
+        return values.copy() if copy else values
+
+    @property
+    def values(self) -> npt.NDArray[Any]:
+        """The first column, which is the quantity itself, (n,)."""
+        return next(iter(self.columns.values()))
+
+    @property
+    def unit(self) -> str:
+        """Unit of `values`."""
+        return self.units[next(iter(self.columns))]
+
+    def since(self, t_s: float) -> "Series":
+        """The part from that bench time on."""
+        first = int(np.searchsorted(self.t_s, t_s))
+        return Series(self.t_s[first:], {n: v[first:] for n, v in self.columns.items()}, self.units, self.header)
+
+    def to_arrow(self) -> "pyarrow.Table":
+        """A table with t_s and the columns; units in the metadata of each field, the header in that of the table."""
+        import pyarrow as pa
+
+        arrays = {"t_s": self.t_s, **self.columns}
+        units = {"t_s": "s", **self.units}
+        fields = [pa.field(n, pa.array(v[:0]).type, metadata={"unit": units[n]}) for n, v in arrays.items()]
+        return pa.table(list(arrays.values()), schema=pa.schema(fields, metadata=dict(self.header)))
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A frame over t_s. Raises InputError where pandas is not installed."""
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("to_pandas: pandas is not installed; pip install pandas, or use to_arrow") from None
+        return pd.DataFrame(dict(self.columns), index=pd.Index(self.t_s, name="t_s"))
+
+    def __repr__(self) -> str:
+        named = ", ".join(f"{name} [{self.units[name]}]" if self.units[name] else name for name in self.columns)
+        span = f"{self.t_s[0]:g} … {self.t_s[-1]:g} s" if len(self) else "empty"
+        return f"<Series {span}, {len(self)} rows: {named}>"

@@ -1,0 +1,195 @@
+"""What one does with a bench: run it, replay a record, trace what its model lacks, score, load what there is.
+
+Benches are given as objects, as paths, or by the name of an example.  Records are given as runs, as paths of a run
+folder or a capture, or as arrays by the names of an interchange CSV.  Whatever cannot be used raises `InputError` with
+one line that names the place and the cure.
+"""
+
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import numpy.typing as npt
+
+from estimator.backend import Backend
+from hil.bench import Bench, RateSensorBench, load_any_bench
+from hil.bench import load_bench as bench_at
+from hil.emulation import is_emulated, located
+from hil.errors import InputError, printable
+from hil.examples import find
+from hil.library.arrays import write_capture
+from hil.library.finished_run import Run
+from hil.library.tracing import Trace
+from hil.progress import Progress, Watcher
+from hil.records.capture import Hold
+from hil.records.runfolder import RunFolder
+
+AnyBench = Bench | RateSensorBench | Path | str
+Record = Run | Path | str | Mapping[str, npt.ArrayLike]
+RUNS = Path("runs")
+
+
+def alarms_only(progress: Progress) -> None:
+    """What nobody may miss goes to standard error, the rest nowhere."""
+    if progress.alarm:
+        print(printable(f"hil: UNSAFE: {progress.alarm}"), file=sys.stderr, flush=True)
+
+
+def load(place: Path | str) -> Run | Trace:
+    """What `hil run`, `hil replay` or `hil trace` left in a folder."""
+    folder = Path(place)
+    if (folder / "diagnosis.json").exists():
+        from hil.records.diagnosis import load_diagnosis
+
+        return Trace(folder, load_diagnosis(folder / "diagnosis.json"))
+    return Run(RunFolder.open(folder))
+
+
+def load_bench(name: Path | str) -> Bench:
+    """The bench file at a path, or the example of that name."""
+    return bench_at(find("bench", str(name)))
+
+
+def run(
+    bench: Bench | Path | str,
+    *,
+    link: str | None = None,
+    arm: bool = False,
+    open_loop: bool = False,
+    duration_s: float | None = None,
+    clock: Literal["lockstep", "paced", "real"] | None = None,
+    seed: int | None = None,
+    name: str | None = None,
+    note: str | None = None,
+    truth: Path | str | None = None,
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+) -> Run:
+    """Connect to a board, arm it, close the loop, record, and judge.
+
+    link: default the bench file's.  `pty:SCENARIO` and `inproc:SCENARIO` start an emulated board; any other may lead to
+    something that moves, and is armed with `arm=True` only.  truth: file for the emulated board's truth.
+    The run is recorded below `out`.  Raises InputError or WireError where no run could begin, Interrupted after Ctrl-C
+    with SAFE sent and the record closed.
+    """
+    from hil.loop.run import run as run_loop
+
+    declared = bench if isinstance(bench, Bench) else load_bench(bench)
+    given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
+    declared = declared.with_(
+        loop={key: value for key, value in given.items() if value is not None},
+        controller={"enabled": False} if open_loop else {},
+    )
+    if (place := link or declared.link.url) is None:
+        raise InputError("no link: give link=…, or [link] url in the bench file")
+    url = located(place, beside=None if isinstance(bench, Bench) else find("bench", str(bench)))
+    if not is_emulated(url) and not arm:
+        raise InputError(f"{url}: arming a board needs arm=True")
+    file = None if truth is None else Path(truth)
+    if file is not None and not is_emulated(url):
+        raise InputError(f"truth: {url} is not started here; give --truth to its hil emulate")
+    if file is not None and file.exists():
+        raise InputError(f"{file}: exists already; give another name, or remove it")
+    done = run_loop(
+        declared, url, Path(out), open_loop=open_loop, truth=file, note=note, progress=progress
+    )  # fmt: skip
+    return _run_at(done.folder)
+
+
+def replay(
+    record: Record,
+    bench: Bench | Path | str | None = None,
+    *,
+    name: str | None = None,
+    backend: Backend | None = None,
+    hold: Hold = "zoh",
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+) -> Run:
+    """Run the observer of a bench over a record; a new run below `out`.  bench: default that of a run.  hold: what the
+    drive of arrays does between samples.
+    """
+    from hil.replaying import replay as replay_record
+
+    declared = _bench_for(record, bench)
+    if isinstance(declared, RateSensorBench):
+        raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
+    declared = declared.with_(loop={"name": name or f"{declared.loop.name}-replay"})
+    with _captured(record, hold) as capture:
+        return _run_at(replay_record(capture, declared, Path(out), backend=backend, progress=progress).folder)
+
+
+def trace(
+    record: Record,
+    bench: AnyBench | None = None,
+    *,
+    fraction: float | None = None,
+    name: str | None = None,
+    hold: Hold = "zoh",
+    report: bool = True,
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+) -> Trace:
+    """Find the effect that the model lacks on a record; the answer is kept below `out`.
+
+    bench: default that of a run.  fraction: share of the record that is fitted, the rest only judges.  hold: what the
+    drive of arrays does between samples.
+    """
+    from hil.tracing import trace as trace_record
+    from hil.tracing import trace_file
+
+    declared = _bench_for(record, bench)
+    with _captured(record, hold) as capture:
+        if isinstance(declared, RateSensorBench):
+            if not isinstance(bench, str | Path):
+                raise InputError(f"{declared.device.name}: a rate sensor; give the path of its bench file")
+            done = trace_file(
+                capture, find("bench", str(bench)), Path(out),
+                name=name, fraction=fraction, report=report, progress=progress,
+            )  # fmt: skip
+        else:
+            declared = declared.with_(loop={"name": name or f"{declared.loop.name}-trace"})
+            done = trace_record(capture, declared, Path(out), fraction=fraction, report=report, progress=progress)
+    return Trace(done.folder, done.diagnosis)
+
+
+def score(run: Run | Path | str, truth: Path | str) -> Run:
+    """Compare a run with the truth that its emulated board wrote; the figures are in `.result` then."""
+    from hil.scoring import score as compare
+
+    place = run.path if isinstance(run, Run) else Path(run)
+    compare(place, Path(truth))
+    return _run_at(place)
+
+
+def _run_at(folder: Path | None) -> Run:
+    assert folder is not None  # only a dry run leaves none
+    return Run(RunFolder.open(folder))
+
+
+def _bench_for(record: Record, bench: AnyBench | None) -> Bench | RateSensorBench:
+    if isinstance(bench, Bench | RateSensorBench):
+        return bench
+    if bench is not None:
+        return load_any_bench(find("bench", str(bench)))
+    if isinstance(record, Run):
+        return record.bench
+    if isinstance(record, str | Path) and (Path(record) / "bench.toml").exists():
+        return load_any_bench(Path(record) / "bench.toml")
+    raise InputError("no bench: give the bench file that declares the device of this record")
+
+
+@contextmanager
+def _captured(record: Record, hold: Hold) -> Iterator[Path]:
+    """The capture of a record; of arrays one that lasts as long as it is needed."""
+    if isinstance(record, Mapping):
+        with tempfile.TemporaryDirectory() as place:
+            capture = Path(place) / "arrays.arrow"
+            write_capture(record, capture, hold=hold)
+            yield capture
+        return
+    place_of = record.path if isinstance(record, Run) else Path(record)
+    yield place_of / "capture.arrow" if place_of.is_dir() else place_of

@@ -1,0 +1,69 @@
+"""The runs and traces in a folder, oldest first."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from hil.errors import InputError
+from hil.records.result import load_result
+from hil.records.runfolder import RunFolder
+
+LAST = "last"
+"""What stands for the newest run, wherever a run is named."""
+
+Kind = Literal["run", "trace"]
+_STAMP = len("20250314-092653")
+
+
+class Listed(NamedTuple):
+    """A run or a trace: its folder; verdict, "" where it has none yet; bench seconds of a run; what a trace named;
+    why the folder cannot be read, "" else.
+    """
+
+    path: Path
+    kind: Kind
+    verdict: str
+    seconds: float | None = None
+    named: tuple[str, ...] = ()
+    unreadable: str = ""
+
+
+def listed(folder: Path) -> Iterator[Listed]:
+    """All of them.  Raises InputError where there is no such folder."""
+    for place in _by_time(folder):
+        try:
+            yield _trace(place) if (place / "diagnosis.json").exists() else _run(place)
+        except InputError as error:
+            kind: Kind = "trace" if (place / "diagnosis.json").exists() else "run"
+            yield Listed(place, kind, "", unreadable=str(error))
+
+
+def last_run(folder: Path) -> Path:
+    """The newest run below `folder`.  Raises InputError where there is none."""
+    runs = [place for place in _by_time(folder) if RunFolder(place).capture_path.exists()]
+    if not runs:
+        raise InputError(f"{LAST}: no run in {folder}/; make one (hil run s-slow), or name its folder")
+    return runs[-1]
+
+
+def _by_time(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; runs are kept in runs/ where hil is called, or give --out")
+    parts = ("result.json", "diagnosis.json", "capture.arrow", "estimates.arrow")
+    found = [place for place in folder.iterdir() if any((place / part).exists() for part in parts)]
+    return sorted(found, key=lambda place: (place.name[:_STAMP], place.stat().st_mtime_ns))
+
+
+def _run(place: Path) -> Listed:
+    run = RunFolder(place)
+    if not run.result_path.exists():
+        return Listed(place, "run", "")
+    result = load_result(run.result_path)
+    return Listed(place, "run", result.verdict or "", result.seconds)
+
+
+def _trace(place: Path) -> Listed:
+    from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which the rest needs not
+
+    diagnosis = load_diagnosis(place / "diagnosis.json")
+    return Listed(place, "trace", diagnosis.verdict, named=tuple(effect.name for effect in diagnosis.effects))

@@ -1,0 +1,146 @@
+"""`import hil`: a run, its arrays, a replay and a trace of it, as README and docs/library.md promise."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hil
+from hil.records.runfolder import RunFolder
+
+RATE = 4000.0
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> hil.Run:
+    place = tmp_path_factory.mktemp("library")
+    bench = hil.load_bench("s-slow").with_(loop={"duration_s": 3.0, "settle_s": 1.0})
+    return hil.run(bench, link="inproc:s-slow", clock="lockstep", truth=place / "truth.arrow", out=place)
+
+
+def test_importing_loads_nothing_heavy() -> None:
+    program = "import hil, sys; print(*[m for m in ('numpy', 'numba', 'pyarrow', 'estimator') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_all_that_is_offered_is_there() -> None:
+    for name in hil.__all__:
+        assert getattr(hil, name) is not None
+    assert set(dir(hil)) == set(hil.__all__)
+    with pytest.raises(AttributeError, match="nonsense"):
+        hil.nonsense  # noqa: B018
+
+
+def test_a_run_as_arrays(run: hil.Run) -> None:
+    kept = RunFolder(run.path)
+    assert kept.estimates is not None
+    assert kept.capture is not None
+    assert run.verdict in ("good", "failed")
+    assert np.array_equal(run.angle.values, kept.estimates["angle_rad"])
+    assert (run.angle.unit, run.rate.unit) == ("rad", "rad/s")
+    assert np.array_equal(run.rate["sd_rate_rad_s"], kept.estimates.sd("rate_rad_s"))
+    assert list(run.angle.columns) == ["angle_rad", "angle_u_rad", "valid"]
+    assert len(run.capture) == 3 * RATE
+    assert np.allclose(run.capture["vy_V"], kept.capture.sense_V[:, 1])
+    assert run.capture.units["ux_mps2"] == "mps2"
+    assert run.innovation.values.std() < 10.0 * np.median(run.innovation["s_x_V"])
+    late = run.angle.since(2.0)
+    assert late.t_s[0] >= 2.0
+    assert late.values[-1] == run.angle.values[-1]
+    assert np.asarray(late).shape == late.t_s.shape
+    assert run.report().stat().st_size > 10_000
+
+
+def test_tables_keep_units_and_values(run: hil.Run) -> None:
+    table = run.angle.to_arrow()
+    assert table.column_names == ["t_s", "angle_rad", "angle_u_rad", "valid"]
+    assert table.schema.field("angle_u_rad").metadata[b"unit"] == b"rad"
+    frame = run.angle.to_pandas()
+    assert frame.index.name == "t_s"
+    assert np.array_equal(frame["angle_rad"].to_numpy(), run.angle.values)
+
+
+def test_a_replay_of_a_run_by_its_own_bench_is_the_same(run: hil.Run, tmp_path: Path) -> None:
+    again = hil.replay(run, out=tmp_path)
+    assert np.allclose(again.rate.values, run.rate.values, atol=1e-9)
+    assert again.path.parent == tmp_path
+
+
+def test_arrays_without_a_file_are_replayed_as_the_record_is(run: hil.Run, tmp_path: Path) -> None:
+    arrays = {"t_s": run.capture.t_s, **run.capture.columns}
+    from_arrays = hil.replay(arrays, run.bench, out=tmp_path)
+    assert np.allclose(from_arrays.rate.values, run.rate.values, atol=1e-6)
+
+
+def test_a_bench_with_some_keys_replaced(run: hil.Run) -> None:
+    bench = run.bench.with_(loop={"duration_s": 2.5}, effects={"cubic_stiffness": {"k3x": 1e12}})
+    assert bench.loop.duration_s == 2.5
+    assert bench.effects == {"cubic_stiffness": {"k3x": 1e12}}
+    assert run.bench.loop.duration_s == 3.0
+    with pytest.raises(hil.InputError, match="loops: no section"):
+        run.bench.with_(loops={})
+    with pytest.raises(hil.InputError, match="duration_s"):
+        run.bench.with_(loop={"duration_s": -1.0})
+
+
+def test_a_score_puts_the_truth_beside_the_run(run: hil.Run) -> None:
+    scored = hil.score(run, run.path.parent / "truth.arrow")
+    assert scored.result.angle is not None
+    assert run.result is not None
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"t_s": [0.0, 1.0]}, "vx_V"),
+        ({"vx_V": [0.0, 1.0]}, "no column t_s"),
+        ({"t_s": [0.0, 1.0, 2.0], "vx_V": [1.0, 2.0]}, "vx_V: 2 values where t_s has 3"),
+        ({"t_s": [0.0, 2.0, 1.0], "vx_V": [1.0, 2.0, 3.0]}, "not later"),
+        ({"t_s": [0.0, 1.0], "vx_V": [1.0, float("nan")]}, r"vx_V\[1\]: nan is no measurement"),
+        ({"t_s": [0.0, 1.0], "vx_V": [[1.0], [2.0]]}, "shape"),
+        ({"t_s": [0.0, 1.0], "vx_V": ["a", "b"]}, "no array of numbers"),
+        ({"t_s": [0.0], "vx_V": [1.0]}, "at least two"),
+    ],
+)
+def test_arrays_that_are_no_record_are_refused_with_the_column(columns: dict, words: str, tmp_path: Path) -> None:
+    with pytest.raises(hil.InputError, match=words) as told:
+        hil.replay(columns, "s-slow", out=tmp_path)
+    assert "\n" not in str(told.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_board_that_may_move_is_not_armed_unasked() -> None:
+    with pytest.raises(hil.InputError, match="needs arm=True"):
+        hil.run("s-slow", link="serial:/dev/ttyACM0")
+
+
+def test_what_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(hil.InputError, match="no run folder"):
+        hil.load(tmp_path)
+    with pytest.raises(hil.InputError, match="no such bench file"):
+        hil.load_bench("s-slov")
+    with pytest.raises(hil.InputError, match="no bench"):
+        hil.replay(tmp_path / "capture.arrow")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)  # a whole trace
+def test_from_a_run_to_its_effect_and_back(tmp_path: Path) -> None:
+    first = hil.run("s-undeclared", link="inproc:s-undeclared", clock="lockstep", duration_s=10.0, out=tmp_path)
+    told: list[str] = []
+    trace = hil.trace(first, out=tmp_path, progress=lambda progress: told.append(progress.stage))
+    assert trace.verdict == "explained"
+    assert [effect.name for effect in trace.effects] == ["cubic_stiffness"]
+    assert "effects" in told
+    assert trace.report().exists()
+    figure = trace.plot()
+    assert len(figure.axes) == 2
+    kept = hil.load(trace.path)
+    assert isinstance(kept, hil.Trace)
+    assert kept.diagnosis == trace.diagnosis
+    better = hil.replay(first, trace.add_to(first.bench), out=tmp_path)
+    settled = 2.0
+    assert better.innovation.since(settled).values.std() < 0.7 * first.innovation.since(settled).values.std()
