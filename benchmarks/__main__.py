@@ -36,6 +36,7 @@ BENCHMARKS = {
     "gain_mode": "gain mode in lockstep: angle per rotation, estimates beside force mode",
     "stream": "gain mode over a pty in real time: 100, 250 kS/s, and as fast as it goes",
     "clock": "offset and skew of a board's clock, found in real time over a pty",
+    "laboratory": "emulated records as laboratories have them: velocity, g, µstrain, moving bases, filters, pools",
     "stream_parts": "what a streamed row costs the host, part by part",
     "can_codec": "CAN FD frames of four channels, made and read",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",

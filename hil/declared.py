@@ -18,18 +18,21 @@ from hil.wire.spec import SPEC
 def device_of(bench: Bench) -> settings.Device:
     """The declared device per unit mass."""
     device = bench.device
-    axes = device.axes
+    axes, order = device.axes, device.sense.order
+    omega0 = math.sqrt(bench.target_stiffness_per_s2)
     return settings.Device(
         sample_rate=device.sample_rate_Hz,
         stiffness=device.stiffness_per_s2,
         damping=device.damping_per_s,
         amplitude=device.amplitude_m,
-        sense_gain=device.sense_gains_V_per_m,
+        sense_gain=tuple(gain * omega0**order for gain in device.sense_gains_V_per_m),
         noise=(device.sense.noise_V,) * axes,
         mass=device.mass_kg,
         drive_gain=device.drive_mps2_per_unit,
         target_stiffness=bench.target_stiffness_per_s2,
         angular_gain=device.calibration.angular_gain,
+        sensed=(settings.Sensed(order),) * axes,
+        sense_unit=device.sense.unit,
     )
 
 

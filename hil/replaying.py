@@ -11,9 +11,9 @@ from estimator.errors import ModelError
 from estimator.gaps import observe
 from estimator.observer import Observer
 from hil.bench import Bench
-from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
+from hil.captured import Samples, control_of, device_for, drives_of, gaps_of, pieces_of_samples
 from hil.compiler import require_compiler
-from hil.declared import device_of, observer_settings_of
+from hil.declared import observer_settings_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
 from hil.loop.run import RunResult, conclude, new_folder
@@ -40,7 +40,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     try:
         observer = make_observer(
             backend or bench.observer.backend,
-            device_of(bench),
+            device_for(bench, record),
             observer_settings_of(bench),
             control_of(bench, record),
         )
@@ -67,6 +67,11 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
         raise InputError(
             f"{place}: drive recorded in {record.drive_unit}, but [device.drive] unit = "
             f"{device.drive.unit!r}; give its own bench file"
+        )
+    if record.sense_unit != device.sense.unit:
+        raise InputError(
+            f"{place}: sensed in {record.sense_unit}, but [device.sense] unit = {device.sense.unit!r}; "
+            f'set unit = "{record.sense_unit}" with gain and noise in it, or give its own bench file'
         )
     if record.uniform and abs(record.tick_rate_Hz / device.sample_rate_Hz - 1.0) > 1e-3:
         raise InputError(

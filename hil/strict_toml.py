@@ -8,7 +8,7 @@ import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -78,6 +78,12 @@ def one_line(error: ValidationError, model: type[BaseModel]) -> str:
     return f"{text} (and {others} more)" if others else text
 
 
+def near_or_all(word: str, there: Sequence[str]) -> str:
+    """As `suggestion`, of the columns of a file."""
+    near = difflib.get_close_matches(word, there, n=1, cutoff=0.6)
+    return f"did you mean {near[0]!r}?" if near else f"the file has: {', '.join(there)}"
+
+
 def suggestion(word: str, known: Sequence[str]) -> str:
     """``did you mean …?`` for a near miss, otherwise the list of what is known."""
     near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
@@ -145,7 +151,11 @@ def _model_at(model: type[BaseModel], loc: Sequence[str | int]) -> type[BaseMode
     """The nested model class that a location leads to, or None where it leaves the models."""
     for part in loc:
         field = model.model_fields.get(str(part))
-        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
+        if field is None:
             return None
-        model = field.annotation
+        inner = [one for one in (field.annotation, *get_args(field.annotation)) if one is not None]
+        table = next((one for one in inner if isinstance(one, type) and issubclass(one, BaseModel)), None)
+        if table is None:
+            return None
+        model = table
     return model

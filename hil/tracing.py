@@ -9,13 +9,13 @@ from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.side_by_side import interruptible, workers
 from estimator.trace import diagnosis as traced
-from estimator.trace.fitness import require_traceable
+from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
 from estimator.trace.thresholds import THRESHOLDS
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
-from hil.captured import control_of, drives_of, record_of
+from hil.captured import control_of, device_for, drives_of, record_of
 from hil.compiler import require_compiler
-from hil.declared import device_of, observer_settings_of
+from hil.declared import observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
@@ -82,7 +82,7 @@ def trace(
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)
-    device, settings = device_of(bench), observer_settings_of(bench)
+    device, settings = device_for(bench, captured), observer_settings_of(bench)
     record = record_of(captured, drives_of(captured, device))
     split = int(captured.tick[held_out] - captured.tick[0]) if captured.uniform else held_out
     try:
@@ -99,7 +99,13 @@ def trace(
         found = interruptible(lambda: search(problem, split=split, progress=told))
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
-    diagnosis = to_model(found, record=_called(capture), bench=bench.device.name)
+    diagnosis = to_model(
+        found,
+        record=_called(capture),
+        bench=bench.device.name,
+        sense_unit=bench.device.sense.unit,
+        prepared=(*captured.prepared, *remarks(record, device)),
+    )
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)
     if report:

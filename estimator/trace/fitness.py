@@ -11,6 +11,8 @@ from estimator.trace.record import Record
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.fitness
+_STRETCHES = 200  # at the end of the scale, that are looked at
+_FEWEST_BEFORE, _MOST_BEFORE = 4, 20  # samples before each
 
 
 def require_traceable(record: Record, device: Device, split: int) -> None:
@@ -73,14 +75,15 @@ def _strongest(sense: Array, rate: float) -> float:
 
 
 def _require_whole_tops(series: Array, name: str) -> None:
-    """A cut-off top leaves many samples at exactly one value, and few just below it."""
+    """A cut-off top leaves many samples at exactly one value, and few just below it, and is reached at speed."""
     if not len(series):
         return
     cut = 0
     for values in (series, -series):
-        _, counts = np.unique(values, return_counts=True)
+        codes, counts = np.unique(values, return_counts=True)
         beside = counts[-1 - _SET.beside_end : -1]
-        if len(beside) and counts[-1] > max(_SET.end_samples, _SET.end_excess * float(np.mean(beside))):
+        crowded = len(beside) and counts[-1] > max(_SET.end_samples, _SET.end_excess * float(np.mean(beside)))
+        if crowded and reached_at_speed(values, float(np.median(np.diff(codes)))):
             cut += int(counts[-1])
     if cut > _SET.clipped_share * len(series):
         raise ModelError(
@@ -89,11 +92,61 @@ def _require_whole_tops(series: Array, name: str) -> None:
         )
 
 
+def remarks(record: Record, device: Device) -> tuple[str, ...]:
+    """What is odd about the samples and no reason to refuse them: a motion that stands still, codes that are coarse."""
+    said = []
+    for axis, noise in enumerate(device.noise):
+        series = record.sense[:, axis]
+        series = series[np.isfinite(series)]
+        if len(series) < _SET.fewest_samples:
+            continue
+        name, unit = f"sense channel {'xy'[axis]}", device.sense_unit
+        code = float(np.median(np.diff(np.unique(series)))) if np.ptp(series) > 0.0 else 0.0
+        if code > math.sqrt(12.0) * noise:
+            rounding = code / math.sqrt(12.0)
+            said.append(
+                f"{name} comes in codes of {code:.3g} {unit}, which is a noise of {rounding:.3g} {unit} by itself; "
+                f"declare that much at least, not {noise:.3g} {unit}"
+            )
+            continue
+        still = longest_stand(series)
+        moving = len(series) // max(int(np.sum(np.diff(series) != 0.0)), 1)
+        if still > max(_SET.end_samples, 4 * moving):
+            said.append(f"{name} stands still for up to {still} samples at a time: it is held, and not clipped")
+    return tuple(said)
+
+
+def longest_stand(series: Array) -> int:
+    """The most samples in a row that are equal."""
+    edges = np.flatnonzero(np.diff(series) != 0.0)
+    return int(np.max(np.diff(np.concatenate([[-1], edges, [len(series) - 1]]))))
+
+
+def reached_at_speed(values: Array, code: float) -> bool:
+    """Whether a series runs into its largest value as into a wall, as one that is cut off does.
+
+    The parabola through the samples before each stretch at that value is carried on over the stretch.  Of what comes to
+    rest there (friction that holds) it does not lead beyond the value by more than two codes; of what was cut off it
+    does, half of the times at least.
+    """
+    top = np.max(values)
+    at_top = np.concatenate([[False], values == top, [False]])
+    first, after = np.flatnonzero(np.diff(at_top)).reshape(-1, 2).T
+    beyond = []
+    for begin, end in zip(first[:_STRETCHES], after[:_STRETCHES], strict=True):
+        before = min(max(end - begin, _FEWEST_BEFORE), _MOST_BEFORE)
+        if begin >= before:
+            parabola = np.polyfit(np.arange(-before, 0), values[begin - before : begin] - top, 2)
+            beyond.append(np.max(np.polyval(parabola, np.arange(min(end - begin, before)))))
+    return bool(beyond) and bool(np.median(beyond) > _SET.beyond_end * code)
+
+
 def _require_excitation(record: Record, device: Device) -> None:
     moved = np.nanstd(record.sense, axis=0)
     noise = np.array(device.noise)
     if np.all(moved < _SET.moves * noise):
         raise ModelError(
-            f"nothing moves: {np.max(moved):.3g} V rms where the declared noise is {np.max(noise):.3g} V; "
+            f"nothing moves: {np.max(moved):.3g} {device.sense_unit} rms where the declared noise is "
+            f"{np.max(noise):.3g} {device.sense_unit}; "
             "record with the drive on, or ring the mass down"
         )

@@ -74,7 +74,7 @@ def trace_free_run(
         residual_before=before.residual,
         residual_after=after.residual,
         split=split,
-        reasons=(_summary(verdict, named, errors), *against),
+        reasons=(_summary(verdict, named, errors, device.sense_unit), *against),
         share=errors.share if named else None,
         left=after.findings if verdict is Verdict.PARTLY else (),
         probabilities=stated(
@@ -175,9 +175,10 @@ def judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
     return Verdict.PARTLY if promises.holds_in_part(claim) else Verdict.UNEXPLAINED, against
 
 
-def _summary(verdict: Verdict, named: tuple[str, ...], errors: Errors) -> str:
-    was = f", was {errors.before:.3g} V" if named else ""
-    off = f"a free run of the part held out is {errors.after:.3g} V rms off{was}; the noise is {errors.floor:.3g} V"
+def _summary(verdict: Verdict, named: tuple[str, ...], errors: Errors, unit: str) -> str:
+    was = f", was {errors.before:.3g} {unit}" if named else ""
+    noise = f"the noise is {errors.floor:.3g} {unit}"
+    off = f"a free run of the part held out is {errors.after:.3g} {unit} rms off{was}; {noise}"
     if verdict is not Verdict.PARTLY:
         return off
     return f"{promises.acts_like(named)}: {errors.share:.1%} of the power above the noise goes; {off}"

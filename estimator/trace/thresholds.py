@@ -34,6 +34,9 @@ class Fitness:
         5.0, "× the samples just below the end", "A sine has a few times more samples at its top than beside it."
     )
     beside_end: int = _set(5, "values of the converter", "These are what the count at the end is compared with.")
+    beyond_end: float = _set(
+        2.0, "codes beyond the end", "So far leads the motion before it, where it was cut off and does not stand still."
+    )
     clipped_share: float = _set(1e-3, "share of the samples", "So few move no coefficient by its interval.")
     samples_a_cycle: float = _set(4.0, "samples", "Below this the third harmonic folds onto the resonance.")
     line_share: float = _set(

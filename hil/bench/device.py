@@ -1,9 +1,9 @@
 """The device as its data sheet describes it: oscillator, sense chain, drive chain."""
 
 import math
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from hil.bench.calibration import Calibration
 from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix
@@ -13,11 +13,20 @@ class Sense(Section):
     """The sense chain: voltage per displacement, offset and noise."""
 
     gain_V_per_m: Numbers
-    """volts per metre at the sense output, signed; one number, or one per axis"""
+    """volts per metre at the sense output, signed; one number, or one per axis; per m/s or m/s² as `senses` says"""
+    senses: Literal["displacement", "velocity", "acceleration"] = "displacement"
+    """what the channel shows (other than displacement: axes = 1)"""
+    unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
+    """what a volt of this table is, where the sensor has its own unit: px, µstrain, mm, mm/s, g; as in its record"""
     noise_V: Positive
     """rms noise of one sample, quantisation included"""
     offset_sd_V: NotNegative = 0.0
     """how far from zero the offset may be (one standard deviation)"""
+
+    @property
+    def order(self) -> int:
+        """How often the displacement is differentiated to give what the channel shows."""
+        return ("displacement", "velocity", "acceleration").index(self.senses)
 
 
 class Drive(Section):
@@ -78,6 +87,10 @@ class Device(Section):
         check_matrix("damping_N_s_per_m", "d", self.damping_N_s_per_m, self.axes)
         if len(self.sense.gain_V_per_m) not in (1, self.axes) or 0 in self.sense.gain_V_per_m:
             raise ValueError(f"[device.sense] gain_V_per_m: expected one number or {self.axes}, none of them 0")
+        if self.axes != 1 and self.sense.senses != "displacement":
+            raise ValueError(
+                f'[device.sense] senses: "{self.sense.senses}" is for axes = 1; trace the axes one by one, or integrate'
+            )
         lowest = min(self.stiffness_N_per_m[: self.axes])
         if self.axes == 2 and lowest <= 0:
             raise ValueError("stiffness_N_per_m: the diagonal must be positive, or nothing oscillates")

@@ -38,15 +38,15 @@ def _device(bench: "Bench") -> Iterator[str]:
         yield f"[device] sample_rate_Hz: {device.sample_rate_Hz:g} Hz is beyond {FASTEST_HZ:g}; the unit is hertz"
     if bench.controller.enabled and device.amplitude_m > LARGEST_M:  # a record from elsewhere may have units of its own
         yield f"[device] amplitude_m: {device.amplitude_m:g} m is beyond {LARGEST_M:g}; the unit is metres"
-    volts = device.amplitude_m * max(abs(gain) for gain in device.sense_gains_V_per_m)
-    if volts > LARGEST_V:
+    omega0 = math.sqrt(bench.target_stiffness_per_s2)
+    volts = device.amplitude_m * max(abs(gain) for gain in device.sense_gains_V_per_m) * omega0**device.sense.order
+    if volts > LARGEST_V and device.sense.unit == "V":
         yield f"[device.sense] gain_V_per_m: the amplitude would be {volts:.3g} V; the unit is volts per metre"
     if not LEAST_SNR <= volts / device.sense.noise_V <= GREATEST_SNR:
         yield (
             f"[device.sense] noise_V: the amplitude is {volts / device.sense.noise_V:.3g} times the noise of a sample; "
             f"expected {LEAST_SNR:g} to {GREATEST_SNR:g}: check amplitude_m, gain_V_per_m and noise_V"
         )
-    omega0 = math.sqrt(bench.target_stiffness_per_s2)
     if not math.isfinite(omega0) or math.tau * device.sample_rate_Hz > SLOWEST * omega0:
         yield (
             f"[device] mass_kg: {omega0 / math.tau:.3g} Hz is no resonance for {device.sample_rate_Hz:g} "

@@ -48,7 +48,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     say = partial(_say, console)
     say(diagnosis.record, style="bold", end="  ")
     say(diagnosis.verdict, style=style)
-    for reason in (*diagnosis.reasons, *diagnosis.undetermined):
+    for reason in (*diagnosis.prepared, *diagnosis.reasons, *diagnosis.undetermined):
         say(f"  {reason}")
     for shares in diagnosis.probabilities:
         say(f"  {probable(shares)}")
@@ -74,9 +74,9 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     if diagnosis.share is not None and diagnosis.verdict == "partly explained":
         console.print()
         say(f"accounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
-    _say_findings(console, "what is left looks like", diagnosis.left)
+    _say_findings(console, "what is left looks like", diagnosis.left, diagnosis.sense_unit)
     heading = "what the residual looks like without it" if diagnosis.effects else "what the residual holds"
-    _say_findings(console, heading, diagnosis.findings)
+    _say_findings(console, heading, diagnosis.findings, diagnosis.sense_unit)
     for pair in diagnosis.confusable:
         alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
         told = f"to tell them apart: {pair.separate_by}" if pair.separate_by else "no experiment tells them apart"
@@ -92,14 +92,14 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             say(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report")
 
 
-def _say_findings(console: "Console", heading: str, findings: "tuple[Finding, ...]") -> None:
-    from hil.report.numbers import quantity
+def _say_findings(console: "Console", heading: str, findings: "tuple[Finding, ...]", unit: str) -> None:
+    from hil.report.numbers import sensed
 
     if findings:
         console.print()
         _say(console, heading)
     for finding in findings[:_FINDINGS]:
-        size = "" if finding.size_V is None else f"{quantity(finding.size_V, 'V'):>9}  "
+        size = "" if finding.size_V is None else f"{sensed(finding.size_V, unit):>9}  "
         _say(console, f"  {size}{finding.text}")
 
 
@@ -118,22 +118,22 @@ def _fits(diagnosis: "Diagnosis") -> "Table":
         fits, headings = fits[::2], ("fitted", "held out")
     for heading in headings:
         table.add_column(heading, justify="right")
-    for label, cells in _rows(fits):
+    for label, cells in _rows(fits, diagnosis.sense_unit):
         if any(cells):
             table.add_row(label, *cells)
     return table
 
 
-def _rows(fits: "tuple[Fit, ...]") -> Iterator[tuple[str, list[str]]]:
-    from hil.report.numbers import quantity
+def _rows(fits: "tuple[Fit, ...]", own: str) -> Iterator[tuple[str, list[str]]]:
+    from hil.report.numbers import sensed
 
     def shown(value: float | None, unit: str) -> str:
-        return "" if value is None else quantity(value, unit)
+        return "" if value is None else sensed(value, unit)
 
-    yield "residual, rms", [shown(fit.innovation_rms, "V") for fit in fits]
-    yield "noise floor", [shown(fit.noise_floor, "V") for fit in fits]
+    yield "residual, rms", [shown(fit.innovation_rms, own) for fit in fits]
+    yield "noise floor", [shown(fit.noise_floor, own) for fit in fits]
     yield "residual / floor", ["" if fit.ratio is None else f"{fit.ratio:.4g}" for fit in fits]
     yield "white? (Ljung–Box p)", ["" if fit.whiteness_p is None else f"{fit.whiteness_p:.2g}" for fit in fits]
-    yield "free run, rms error", [shown(fit.simulation_rmse, "V") for fit in fits]
+    yield "free run, rms error", [shown(fit.simulation_rmse, own) for fit in fits]
     yield "angle error, rms", [shown(fit.angle_error_rms_rad, "rad") for fit in fits]
     yield "rate error, rms", [shown(fit.rate_error_rms_rad_s, "rad/s") for fit in fits]

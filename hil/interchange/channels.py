@@ -8,30 +8,48 @@ from hil.records.capture import DRIVE_UNITS
 _X_DRIVES = tuple(f"ux_{unit}" for unit in DRIVE_UNITS)
 _Y_DRIVES = tuple(f"uy_{unit}" for unit in DRIVE_UNITS)
 
+OWN = ("vx", "vy")
+"""Sense channels in the sensor's own unit; of a map only, which says the unit."""
+SENSED = {"vx": "vx_sensed", "vy": "vy_sensed"}
+"""What those are called in a capture."""
+
 CHANNELS = ("t_s", "vx_V", "vy_V", *_X_DRIVES, *_Y_DRIVES, "rate_rad_s", "temp_C")
 """Every legal column name, in the order in which files are written."""
+_OF_MAPS = (*CHANNELS, *OWN, "base")
 
 
-def fault_in(names: Sequence[str], *, needs_time: bool) -> str | None:
-    """What is wrong with this set of channels, with the cure; None when it can be a record."""
+def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) -> str | None:
+    """What is wrong with this set of channels, of a file or of a map, with the cure; None when it can be a record."""
+    known = _OF_MAPS if mapped else CHANNELS
     for name in names:
-        if name not in CHANNELS:
-            near = difflib.get_close_matches(name, CHANNELS, n=1)
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
             cure = f"did you mean {near[0]}?" if near else f"known are {', '.join(CHANNELS)}, others need --map"
             return f"column {name!r} is not known; {cure}"
         if names.count(name) > 1:
             return f"column {name!r} appears twice; keep one"
     if needs_time and "t_s" not in names:
         return "no column t_s; add it, or state sampling_rate_Hz in a --map file"
-    if "vx_V" not in names:
-        return "no column vx_V; a record needs at least one sensed voltage"
+    x_senses = [name for name in names if name in ("vx_V", "vx")]
+    y_senses = [name for name in names if name in ("vy_V", "vy")]
+    if not x_senses:
+        return "no column vx_V; a record needs at least one sensed voltage" + (
+            ", or vx in the sensor's own unit" if mapped else ""
+        )
+    if len(x_senses) > 1 or len(y_senses) > 1:
+        return "an axis both in volts and in a unit of its own; keep one of the two"
+    if y_senses and y_senses[0][2:] != x_senses[0][2:]:
+        return f"{x_senses[0]} and {y_senses[0]}; give both axes in volts, or both in the sensor's own unit"
     x_drives = [name for name in names if name in _X_DRIVES]
     y_drives = [name for name in names if name in _Y_DRIVES]
     if len(x_drives) > 1 or len(y_drives) > 1:
         return f"two drives of one axis ({', '.join(x_drives + y_drives)}); keep the one in the drive's own unit"
-    if "vy_V" not in names and y_drives:
+    if "base" in names and (x_drives or y_senses):
+        other = "a drive" if x_drives else "two axes"
+        return f"base beside {other}; a base moves one axis and is its only drive: leave one of them out"
+    if not y_senses and y_drives:
         return f"column {y_drives[0]} without vy_V; add vy_V, or leave y out for a single-axis device"
-    if "vy_V" in names and [name[2:] for name in x_drives] != [name[2:] for name in y_drives]:
+    if y_senses and [name[2:] for name in x_drives] != [name[2:] for name in y_drives]:
         given = ", ".join(x_drives + y_drives)
         return f"two axes but the drives are {given}; give ux and uy in one unit, or neither"
     return None

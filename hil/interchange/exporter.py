@@ -39,7 +39,8 @@ def channels(capture: Capture) -> dict[str, npt.NDArray[Any]]:
     """The interchange columns of a capture, in SI units and in the order of the file."""
     axes = "xy"[: capture.axes]
     columns: dict[str, npt.NDArray[Any]] = {"t_s": capture.t_s}
-    columns |= {f"v{axis}_V": capture.sense_V[:, index] for index, axis in enumerate(axes)}
+    suffix = "V" if capture.sense_unit == "V" else "sensed"  # in the sensor's own unit, which its header says
+    columns |= {f"v{axis}_{suffix}": capture.sense_V[:, index] for index, axis in enumerate(axes)}
     if capture.has_drive:
         columns |= {f"u{axis}_{capture.drive_unit}": capture.drive[:, index] for index, axis in enumerate(axes)}
     columns |= {f"rate_{axis}_rad_s": values for axis, values in rates_rad_s(capture).items()}
@@ -69,6 +70,9 @@ def _write_parquet(capture: Capture, path: Path) -> None:
         "hold": capture.hold,
         "latency_ticks": capture.latency_ticks,
         "segments": capture.segments,
+        "sense_unit": capture.sense_unit,
+        "covariates": capture.covariates,
+        "prepared": capture.prepared,
         "complete": capture.complete,
         "identity": capture.header.get("identity"),
     }

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.interchange.channels import CHANNELS, fault_in
-from hil.interchange.mapping import RecordMap, locate, locate_where, read_map
+from hil.interchange.channels import CHANNELS, SENSED, fault_in
+from hil.interchange.mapping import RecordMap, delimiter_meant, locate, locate_where, read_map
 from hil.interchange.matlab import is_matlab, read_vectors
+from hil.interchange.preparation import prepared
 from hil.interchange.table import Table, read_columns, read_header
 from hil.interchange.uniformity import first_not_increasing, spacing
 from hil.records.atomic import replacing
@@ -27,6 +28,7 @@ class _Record(NamedTuple):
     hold: Hold
     segments: Mapping[str, tuple[int, int]]
     steady: bool = False
+    mapping: RecordMap | None = None
 
 
 def import_record(
@@ -49,18 +51,27 @@ def import_record(
     """
     record = _read_plain(source) if map_file is None else _read_mapped(source, read_map(map_file))
     rate_Hz, uniform = _time_base(source, record, nonuniform)
+    if hold is not None:
+        record = record._replace(hold=hold)
     channels = dict(record.channels)
-    count = record.lines.size
     if "t_s" not in channels:
-        channels["t_s"] = np.arange(count) / rate_Hz
-    names = [name for name in CHANNELS if name in channels]
+        channels["t_s"] = np.arange(record.lines.size) / rate_Hz
+    record = record._replace(channels=channels)
+    try:
+        made = prepared(record.channels, record.segments, record.hold, rate_Hz, uniform, record.mapping)
+    except ValueError as error:
+        raise InputError(f"{source if map_file is None else map_file}: {error}") from None
+    channels, count = made.channels, len(made.channels["t_s"])
+    names = [name for name in (*CHANNELS, *SENSED.values()) if name in channels]
     layout = import_layout(
         names,
-        tick_rate_Hz=rate_Hz,
+        tick_rate_Hz=made.rate_Hz,
         uniform=uniform,
-        hold=hold or record.hold,
-        segments=record.segments,
+        hold=record.hold,
+        segments=made.segments,
         steady=record.steady,
+        sense_unit="V" if record.mapping is None else record.mapping.sense_unit,
+        told=made.told,
     )
     rows = np.empty(count, layout.dtype)
     rows["tick"] = np.arange(count)
@@ -76,6 +87,9 @@ def _read_plain(source: Path) -> _Record:
     if is_matlab(source):
         raise InputError(f"{source}: a MATLAB file; give a --map that says which variable is which channel")
     header = read_header(source)
+    if (mark := delimiter_meant(header, ",")) is not None:
+        shown = "\\t" if mark == "\t" else mark
+        raise InputError(f'{source}:1: the line is one cell; give a --map with delimiter = "{shown}"')
     fault = fault_in(header, needs_time=True)
     if fault:
         raise InputError(f"{source}:1: {fault}")
@@ -106,7 +120,7 @@ def _read_mapped(source: Path, mapping: RecordMap) -> _Record:
         channels[channel] = factor * table.values[:, index] + addition
     segments = _segments(source, mapping, table)
     rate_Hz = 1.0 if mapping.steady else mapping.sampling_rate_Hz
-    return _Record(channels, table.lines, rate_Hz, mapping.hold, segments, mapping.steady)
+    return _Record(channels, table.lines, rate_Hz, mapping.hold, segments, mapping.steady, mapping)
 
 
 def _segments(source: Path, mapping: RecordMap, table: Table) -> dict[str, tuple[int, int]]:

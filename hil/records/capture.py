@@ -79,6 +79,27 @@ class Capture:
         return bool(self.header.get("steady", False))
 
     @property
+    def sense_unit(self) -> str:
+        """Unit of the sense channels: V, or the sensor's own."""
+        name = self._pick("vx_")
+        return "V" if name is None else str(self.header["columns"][name]["unit"])
+
+    @property
+    def covariates(self) -> dict[str, float]:
+        """What was other on other records of the same device, by name: a load, a serial number."""
+        return dict(self.header.get("covariates", {}))
+
+    @property
+    def noise_gain(self) -> float:
+        """What the filter that the record passed leaves of white noise, rms over rms."""
+        return float(self.header.get("noise_gain", 1.0))
+
+    @property
+    def prepared(self) -> tuple[str, ...]:
+        """What was done to the record as it was imported, a sentence each."""
+        return tuple(self.header.get("prepared", ()))
+
+    @property
     def hold(self) -> Hold:
         """What the drive does between samples."""
         hold: Hold = self.header["hold"]
@@ -234,24 +255,27 @@ def import_layout(
     hold: Hold,
     segments: Mapping[str, tuple[int, int]],
     steady: bool = False,
+    sense_unit: str = "V",
+    told: Mapping[str, Any] | None = None,
 ) -> Layout:
     """Layout of an imported capture: tick, then SI columns named as in the interchange CSV (`t_s`, `vx_V`,
-    …).
+    …), of a sensor with a unit of its own `vx_sensed`; `told` goes into the header as it is.
     """
     columns = [TICK]
     for name in names:
         drive = name.startswith(("ux_", "uy_"))
-        unit = name.split("_", 1)[1] if drive else unit_of(name)
+        unit = name.split("_", 1)[1] if drive else sense_unit if name.endswith("_sensed") else unit_of(name)
         columns.append(Column(name, "f8", unit, clock=BENCH if name == "t_s" else ""))
     header = {
         "tick_rate_Hz": tick_rate_Hz,
-        "axes": 2 if "vy_V" in names else 1,
+        "axes": 2 if any(name.startswith("vy_") for name in names) else 1,
         "hold": hold,
         "latency_ticks": 0,
         "time": TIME_IMPORTED,
         "uniform": uniform,
         **({"steady": True} if steady else {}),
         "segments": {name: list(rows) for name, rows in segments.items()},
+        **(told or {}),
         "identity": None,
     }
     return Layout("capture", tuple(columns), block_rows_for(tick_rate_Hz), header)

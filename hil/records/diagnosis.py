@@ -72,7 +72,7 @@ class Finding(_Model):
 
     kind: str
     text: str
-    size_V: float | None = Field(description="rms of that part of the residual")
+    size_V: float | None = Field(description="rms of that part of the residual, in sense_unit")
     significance: float | None = Field(description="In standard deviations, the many places looked at allowed for")
     points_at: tuple[str, ...]
 
@@ -87,12 +87,14 @@ class Channel(_Model):
 class Fit(_Model):
     """How well a model predicts a part of the record. Null: not finite, or no reference to measure against."""
 
-    innovation_rms: float | None = Field(description="V, over all axes")
-    noise_floor: float | None = Field(description="V, over all axes: what a complete model would leave")
+    innovation_rms: float | None = Field(description="In sense_unit, over all axes")
+    noise_floor: float | None = Field(description="In sense_unit, over all axes: what a complete model would leave")
     ratio: float | None = Field(description="The one over the other, the mean of the axes' squares")
     whiteness_p: float | None = Field(description="Ljung and Box")
     simulation_rmse: float | None = Field(
-        description="V, of free runs that see the drive only: over the whole part, for a gyro over 20 cycles each"
+        description=(
+            "In sense_unit, of free runs that see the drive only: over the whole part, for a gyro over 20 cycles each"
+        )
     )
     angle_error_rms_rad: float | None = None
     rate_error_rms_rad_s: float | None = None
@@ -145,6 +147,10 @@ class Diagnosis(_Model):
     angle_moved_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, by all that brings the residual down"
     )
+    sense_unit: str = Field(default="V", description="Unit of what is sensed: V, or the sensor's own, as px or µstrain")
+    prepared: tuple[str, ...] = Field(
+        default=(), description="What was done to the record as it was imported: a base taken as drive, a filter"
+    )
     record: str = Field(description="Name of the record")
     bench: str = Field(description="[device] name of the bench file")
     samples: Count
@@ -154,7 +160,9 @@ class Diagnosis(_Model):
     )
 
 
-def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
+def to_model(
+    found: traced.Diagnosis, *, record: str, bench: str, sense_unit: str = "V", prepared: tuple[str, ...] = ()
+) -> Diagnosis:
     """The engine's answer as it is written."""
     return Diagnosis(
         verdict=found.verdict.value,
@@ -182,6 +190,8 @@ def to_model(found: traced.Diagnosis, *, record: str, bench: str) -> Diagnosis:
             Probabilities(effect=one.effect, classes=dict(one.probabilities)) for one in found.probabilities
         ),
         undetermined=found.undetermined,
+        sense_unit=sense_unit,
+        prepared=prepared,
         record=record,
         bench=bench,
         samples=len(found.residual_before.innovation),

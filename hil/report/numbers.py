@@ -4,6 +4,7 @@ import math
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PREFIXED = ("V", "rad", "rad/s")
 _THIN, _SPACE, _MINUS = "\u202f", "\u00a0", "\u2212"
 
 
@@ -21,6 +22,11 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
         return significant(value)
     factor, prefix = prefix_for(value)
     return f"{significant(value * factor, digits)}{_SPACE}{prefix}{unit}".rstrip()
+
+
+def sensed(value: float, unit: str, digits: int = 3) -> str:
+    """What a sense channel shows: volts with a prefix, a sensor's own unit, as px or µstrain, as it is."""
+    return quantity(value, unit, digits) if unit in _PREFIXED else f"{significant(value, digits)}{_SPACE}{unit}"
 
 
 def significant(value: float, digits: int = 3) -> str:

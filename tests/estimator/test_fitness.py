@@ -7,7 +7,7 @@ import pytest
 
 from estimator.errors import ModelError
 from estimator.settings import Device
-from estimator.trace.fitness import require_traceable
+from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.record import Record
 
 RATE, RESONANCE, VOLTS, NOISE = 4000.0, 200.0, 0.089, 9e-5
@@ -92,3 +92,51 @@ def test_the_advised_length_is_enough() -> None:
     advised = re.search(r"record ([\d.]+) s", str(caught.value))
     assert advised is not None
     check(ride(seconds=1.05 * float(advised.group(1))))
+
+
+SLOW = Device(sample_rate=1000.0, stiffness=(400.0,), damping=(1.0,), amplitude=1.0, sense_gain=(1.0,), noise=(1e-4,))
+
+
+def held_by_friction(code: float) -> Record:
+    """A driven mass that a friction of 3 m/s² holds at every turning point, told in codes; by small steps of Euler's
+    scheme, with Karnopp's rule."""
+    samples, parts = 12000, 20
+    x, v, seen, u = 0.0, 0.0, np.zeros(samples), np.zeros(samples)
+    for m in range(samples):
+        u[m] = 5.0 * np.sin(2 * np.pi * 0.5 * m / 1000.0)
+        for _ in range(parts):
+            free = u[m] - 400.0 * x - 20.0 * v
+            if v == 0.0 and abs(free) <= 3.0:
+                continue
+            before = v
+            v += (free - 3.0 * (np.sign(v) or np.sign(free))) / 1000.0 / parts
+            v = 0.0 if before * v < 0.0 else v
+            x += v / 1000.0 / parts
+        seen[m] = round(x / code) * code
+    return Record(seen[:, None], u[:, None, None], np.full(samples, 1e-3))
+
+
+def test_what_stands_still_is_not_clipped() -> None:
+    """It lies at its ends half of the time, and comes to rest there."""
+    record = held_by_friction(1e-5)
+    assert np.mean(record.sense == record.sense.max()) > 0.01, "the end is crowded"
+    require_traceable(record, SLOW, 7000)
+    (said,) = remarks(record, SLOW)
+    assert "stands still" in said
+    assert "not clipped" in said
+
+
+def test_the_same_mass_before_a_wall_is_clipped() -> None:
+    record = held_by_friction(1e-5)
+    cut = np.minimum(record.sense, 0.6 * record.sense.max())
+    with pytest.raises(ModelError, match="is clipped"):
+        require_traceable(Record(cut, record.drive, record.step), SLOW, 7000)
+
+
+def test_coarse_codes_are_told_with_their_noise() -> None:
+    record = ride()
+    said = remarks(Record(np.round(record.sense / 0.012) * 0.012, record.drive, record.step), DEVICE)
+    assert len(said) == 2
+    assert "codes of 0.012 V" in said[0]
+    assert "noise of 0.00346 V" in said[0]
+    assert remarks(record, DEVICE) == ()

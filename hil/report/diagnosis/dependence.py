@@ -39,7 +39,8 @@ def draw(material: Material) -> Drawing | None:
     series = [(before.components[name], FIRST, "residual")]
     if material.changed:
         series = [(before.components[name], SECOND, "before"), (after.components[name], FIRST, "after")]
-    factor, prefix = prefix_for(float(np.std(series[0][0])))
+    own = material.device.sense_unit
+    factor, prefix = prefix_for(float(np.std(series[0][0]))) if own == "V" else (1.0, "")
     for ax, (label, against) in zip(axes, panels, strict=True):
         for values, colour, word in series:
             _scatter(ax, against, values * factor, colour, word)
@@ -47,7 +48,7 @@ def draw(material: Material) -> Drawing | None:
         ax.margins(x=0.03)
     middle = [np.quantile(values * factor, [0.005, 0.995]) for values, _, _ in series]
     fit_to(axes[0], *middle)
-    axes[0].set_ylabel(f"{prefix}V")
+    axes[0].set_ylabel(f"{prefix}{own}")
     legend(axes[-1])
     caption = (
         f"The innovation's part {name} the ellipse: a point per four cycles, lines the means of bins. "

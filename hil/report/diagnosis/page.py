@@ -15,7 +15,7 @@ from hil.report.diagnosis import dependence, evidence, intervals, level, spectru
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.material import Material
 from hil.report.numbering import Figures
-from hil.report.numbers import count, quantity, significant
+from hil.report.numbers import count, quantity, sensed, significant
 
 _WORDS = {
     "adequate": ("good", "Adequate"),
@@ -85,7 +85,12 @@ def page_of(
     declarable: whether a bench file can declare the effects.
     """
     tone, word = _WORDS[diagnosis.verdict]
-    said = (*diagnosis.reasons, *diagnosis.undetermined, *map(tables.probable, diagnosis.probabilities))
+    said = (
+        *diagnosis.prepared,
+        *diagnosis.reasons,
+        *diagnosis.undetermined,
+        *map(tables.probable, diagnosis.probabilities),
+    )
     why = (markup.paragraph(_sentence(reason)) for reason in said)
     partly = diagnosis.verdict == "partly explained"
     error = "Error before and after" if diagnosis.effects else "Error"
@@ -99,8 +104,10 @@ def page_of(
             pictures.effect,
         ),
         markup.section("error", error, tables.fits(diagnosis), pictures.error),
-        markup.section("left", "What is left", tables.findings(diagnosis.left)),
-        markup.section("residual", _held(diagnosis), tables.findings(diagnosis.findings), pictures.residual),
+        markup.section("left", "What is left", tables.findings(diagnosis.left, diagnosis.sense_unit)),
+        markup.section(
+            "residual", _held(diagnosis), tables.findings(diagnosis.findings, diagnosis.sense_unit), pictures.residual
+        ),
         markup.section("alike", "What this record cannot tell apart", tables.confusable(diagnosis)),
         markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
         markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
@@ -176,21 +183,27 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     entries: list[tuple[str, str, str]] = []
     for what, fit in (("Residual before" if changed else "Residual", before), ("Residual after", after)):
         if fit.ratio is not None and (changed or fit is before):
-            entries.append((what, f"{significant(fit.ratio)} ×", f"the noise floor; {_volts(fit.innovation_rms)}"))
+            entries.append(
+                (
+                    what,
+                    f"{significant(fit.ratio)} ×",
+                    f"the noise floor; {_rms(fit.innovation_rms, diagnosis.sense_unit)}",
+                )
+            )
     for what, was, now, unit in (
         ("Angle error", before.angle_error_rms_rad, after.angle_error_rms_rad, "rad"),
         ("Rate error", before.rate_error_rms_rad_s, after.rate_error_rms_rad_s, "rad/s"),
-        ("Free run, error", before.simulation_rmse, after.simulation_rmse, "V"),
+        ("Free run, error", before.simulation_rmse, after.simulation_rmse, diagnosis.sense_unit),
     ):
         if was is not None and now is not None and changed:
-            entries.append((what, quantity(now, unit), f"rms; before {quantity(was, unit)}"))
+            entries.append((what, sensed(now, unit), f"rms; before {sensed(was, unit)}"))
     if diagnosis.angle_moved_rad is not None:
         entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), "at most, by what was found"))
     return entries
 
 
-def _volts(value: float | None) -> str:
-    return "" if value is None else f"{quantity(value, 'V')} rms"
+def _rms(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{sensed(value, unit)} rms"
 
 
 def _sentence(text: str) -> str:

@@ -18,7 +18,8 @@ def draw(material: Material) -> Drawing | None:
     rate, resonance = material.sample_rate_Hz, material.resonance_Hz
     axes = before.shape[1]
     floors = np.array(material.found.held_out_after.noise_floor) * np.sqrt(2.0 / rate)
-    factor, prefix = prefix_for(float(np.median(floors)))
+    own = material.device.sense_unit
+    factor, prefix = prefix_for(float(np.median(floors))) if own == "V" else (1.0, "")
     curves = [(before, FIRST, "residual")]
     if material.changed:
         curves = [(before, SECOND, "before"), (after, FIRST, "after")]
@@ -33,7 +34,7 @@ def draw(material: Material) -> Drawing | None:
         ax.axhline(floors[axis] * factor, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
         ax.set_ylim(min(*low, floors[axis] * factor) / 1.4, max(*high, floors[axis] * factor) * 3.0)
         plain_log_ticks(ax.yaxis)
-        ax.set_ylabel(f"ν{'xy'[axis]} / ({prefix}V/√Hz)")
+        ax.set_ylabel(f"ν{'xy'[axis]} / ({prefix}{own}/√Hz)")
         for order in range(1, _MOST + 1):
             if order * resonance < 0.98 * rate / 2:
                 ax.axvline(order * resonance, color=MUTED, linewidth=0.7, dashes=(1, 2))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from hil.records.diagnosis import Coefficient, Diagnosis, Finding, Probabilities
 from hil.report.markup import table
 from hil.report.names import shown_unit
-from hil.report.numbers import count, plus_minus, quantity, significant
+from hil.report.numbers import count, plus_minus, quantity, sensed, significant
 
 _SHOWN = 0.01  # probability from which on an account is listed
 _FIGURES = {
@@ -31,7 +31,8 @@ def fits(diagnosis: Diagnosis) -> str:
     for key, (label, unit) in _FIGURES.items():
         values: list[float | None] = [getattr(fit, key) for fit in columns]
         if any(value is not None for value in values):
-            rows.append((label, *(_chance(value) if key == "whiteness_p" else _shown(value, unit) for value in values)))
+            own = diagnosis.sense_unit if unit == "V" else unit
+            rows.append((label, *(_chance(value) if key == "whiteness_p" else _shown(value, own) for value in values)))
     caption = (
         f"Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the choice "
         "never saw"
@@ -53,12 +54,12 @@ def coefficients(diagnosis: Diagnosis) -> str:
     return table(caption, head, [row[: len(head)] for row in rows], (1, 2)) if rows else ""
 
 
-def findings(found: Sequence[Finding]) -> str:
+def findings(found: Sequence[Finding], unit: str = "V") -> str:
     """What a residual holds."""
     rows = [
         (
             finding.text,
-            "" if finding.size_V is None else quantity(finding.size_V, "V"),
+            "" if finding.size_V is None else sensed(finding.size_V, unit),
             "" if finding.significance is None else significant(finding.significance, 2),
             ", ".join(_plain(name) for name in finding.points_at[:3]) + (" …" if len(finding.points_at) > 3 else ""),
         )
@@ -110,7 +111,7 @@ def probable(one: Probabilities) -> str:
 def _shown(value: float | None, unit: str) -> str:
     if value is None:
         return "–"
-    return quantity(value, unit) if unit else significant(value)
+    return sensed(value, unit) if unit else significant(value)
 
 
 def _chance(value: float | None) -> str:

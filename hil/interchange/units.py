@@ -1,0 +1,65 @@
+"""Units that a map may name, and what leads from each to SI; what a sensor's own unit says of what it senses."""
+
+from typing import NamedTuple
+
+from hil.strict_toml import suggestion
+
+_TURN_RAD = 6.283185307179586
+_G = 9.80665
+
+# unit → (factor, addition) that lead to the channel's SI unit
+UNITS: dict[str, dict[str, tuple[float, float]]] = {
+    "s": {"s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "ns": (1e-9, 0.0)},
+    "V": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0)},
+    "N": {"N": (1.0, 0.0), "mN": (1e-3, 0.0), "uN": (1e-6, 0.0)},
+    "mps2": {"m/s^2": (1.0, 0.0), "mps2": (1.0, 0.0), "g": (_G, 0.0)},
+    "rad_s": {
+        "rad/s": (1.0, 0.0),
+        "deg/s": (_TURN_RAD / 360, 0.0),
+        "deg/h": (_TURN_RAD / 360 / 3600, 0.0),
+        "rpm": (_TURN_RAD / 60, 0.0),
+    },
+    "C": {"degC": (1.0, 0.0), "K": (1.0, -273.15)},
+}
+
+
+class Motion(NamedTuple):
+    """How often a displacement is differentiated to give what is in this unit, and SI for one of it."""
+
+    order: int
+    factor: float
+
+
+MOTIONS = {
+    **{unit: Motion(0, factor) for unit, factor in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3))},
+    **{unit: Motion(0, factor) for unit, factor in (("um", 1e-6), ("µm", 1e-6), ("nm", 1e-9))},
+    **{unit: Motion(1, factor) for unit, factor in (("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6), ("µm/s", 1e-6))},
+    **{unit: Motion(2, factor) for unit, factor in (("m/s^2", 1.0), ("mps2", 1.0), ("g", _G), ("mg", 1e-3 * _G))},
+}
+"""Units of displacement, velocity and acceleration."""
+
+NAMES = ("displacement", "velocity", "acceleration")
+LONGEST = 16
+
+
+def factor_and_addition(dimension: str, unit: str) -> tuple[float, float]:
+    """What leads to SI from a unit of that dimension. Raises ValueError with the nearest known unit."""
+    known = UNITS[dimension]
+    if unit not in known:
+        raise ValueError(f"unit: {unit!r} is not known; {suggestion(unit, list(known))}")
+    return known[unit]
+
+
+def motion_of(unit: str) -> Motion:
+    """What a base that moves is given in. Raises ValueError for anything else."""
+    if unit not in MOTIONS:
+        raise ValueError(f"unit: {unit!r} is no unit of a motion; {suggestion(unit, list(MOTIONS))}")
+    return MOTIONS[unit]
+
+
+def require_own_unit(unit: str) -> None:
+    """A sensor's own unit is a short word. Raises ValueError for what is none."""
+    if not unit or len(unit) > LONGEST or not unit.isprintable() or unit != unit.strip():
+        raise ValueError(
+            f"unit: {unit!r} is no unit; give a word of at most {LONGEST} letters, as px, µstrain, mm or g"
+        )
