@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device
 from estimator.trace.record import Record
 from hil.bench import Bench
-from hil.declared import device_of
 from hil.records.capture import Capture, RowFlag
 
 _LEARNT = 50_000  # rows from which is learnt how the drive goes
@@ -155,12 +153,6 @@ def control_of(bench: Bench, record: Capture) -> ControllerSettings | None:
         virtual_rotation=bench.controller.virtual_rotation_rad_s,
         virtual_reversal=bench.virtual_reversal_s,
     )
-
-
-def device_for(bench: Bench, record: Capture) -> Device:
-    """The declared device as this record shows it: behind the filter that it passed there is less noise."""
-    device = device_of(bench)
-    return replace(device, noise=tuple(noise * record.noise_gain for noise in device.noise))
 
 
 def record_of(captured: Capture, drives: Drives | None = None) -> Record:

@@ -11,9 +11,9 @@ from estimator.errors import ModelError
 from estimator.gaps import observe
 from estimator.observer import Observer
 from hil.bench import Bench
-from hil.captured import Samples, control_of, device_for, drives_of, gaps_of, pieces_of_samples
+from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
 from hil.compiler import require_compiler
-from hil.declared import observer_settings_of
+from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
 from hil.loop.run import RunResult, conclude, new_folder
@@ -40,7 +40,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     try:
         observer = make_observer(
             backend or bench.observer.backend,
-            device_for(bench, record),
+            device_of(bench, record.noise_gain),
             observer_settings_of(bench),
             control_of(bench, record),
         )

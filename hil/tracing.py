@@ -13,9 +13,9 @@ from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
 from estimator.trace.thresholds import THRESHOLDS
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
-from hil.captured import control_of, device_for, drives_of, record_of
+from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
-from hil.declared import observer_settings_of
+from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
@@ -82,7 +82,7 @@ def trace(
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)
-    device, settings = device_for(bench, captured), observer_settings_of(bench)
+    device, settings = device_of(bench, captured.noise_gain), observer_settings_of(bench)
     record = record_of(captured, drives_of(captured, device))
     split = int(captured.tick[held_out] - captured.tick[0]) if captured.uniform else held_out
     try:
