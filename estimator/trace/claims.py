@@ -1,6 +1,6 @@
 """The claim of a trace of two axes: what its models say, and what the part held out says of it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +10,14 @@ from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.trace.candidates import kind
 from estimator.trace.certainty import TWO_SIDED, widening
+from estimator.trace.constancy import constancies
 from estimator.trace.diagnosis import Fit
 from estimator.trace.engine import Estimate
 from estimator.trace.examination import Examination
 from estimator.trace.fitting import Fitted, log_likelihood
 from estimator.trace.nameless import contest
 from estimator.trace.problem import Problem
-from estimator.trace.promises import Claim, Constant, Errors, Level, Vote, is_positive
+from estimator.trace.promises import Claim, Constant, Departure, Errors, Level, Vote, is_positive
 from estimator.trace.selection import Selection
 
 
@@ -37,7 +38,18 @@ def claim_of(problem: Problem, selection: Selection, before: Examination, after:
         levels=_levels(problem, selection, effects, split),
         votes=_votes(problem, before, after, split),
         contest=contest(before.innovations, after.innovations, split),
+        departures=_departures(problem.part(slice(0, split)), selection, effects),
     )
+
+
+def _departures(problem: Problem, selection: Selection, names: Iterable[str]) -> dict[str, Departure]:
+    """Of these effects, over the part that was fitted: what departs by δ from a coefficient c gains δ² where c has
+    gained c².
+    """
+    return {
+        name: Departure(float(np.sqrt(one.excess / max(selection.gain[name], one.excess, 1.0))), one.chance)
+        for name, one in constancies(problem, selection.after, names).items()
+    }
 
 
 def residual_of(before: Fit, after: Fit, samples: float) -> Errors:

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Generic, Protocol, TypeVar
 
+from estimator.trace.criterion import TIE
+
 Fit = TypeVar("Fit")
 Look = TypeVar("Look")
 
@@ -308,7 +310,7 @@ def _best(
         if not trial.score.gain > trial.score.bar:
             why = f"gains {trial.score.gain:.4g}, and {trial.score.bar:.4g} would be needed"
             verdicts[name] = Outcome.TOO_DEAR, why
-    for name in ranked(trials):
+    for name in _lawful_first(model, trials):
         if verdicts[name][0] is Outcome.TOO_DEAR:
             if rules.dissent is Dissent.NEXT:
                 continue
@@ -324,6 +326,26 @@ def _best(
         if rules.dissent is Dissent.AGAIN:
             return None, True
     return None, False
+
+
+def _lawful_first(model: Model[Fit, Look], trials: Mapping[str, Trial[Fit]]) -> list[str]:
+    """By likelihood less price; where the best has a coefficient of the wrong sign, one that the record does not tell
+    from it and that has none goes before.
+    """
+    names = ranked(trials)
+
+    def lawful(name: str) -> bool:
+        return unphysical({name: model.coefficients(trials[name].fit).get(name, {})}) is None
+
+    if not names or lawful(names[0]):
+        return names
+    enough = trials[names[0]].score.standing - TIE
+    for name in names[1:]:
+        if not trials[name].score.standing > enough:
+            break
+        if lawful(name):
+            return [name, *(other for other in names if other != name)]
+    return names
 
 
 def _tried(model: Model[Fit, Look], trials: Mapping[str, Trial[Fit]], verdicts: _Verdicts) -> tuple[Tried, ...]:

@@ -95,7 +95,8 @@ class ObserverModel:
         models = dict(zip(names, carried, strict=True))
         searched: dict[str, Searched] = {}
         reached = tried[leader(tried)].score.gain if tried else -np.inf
-        near = worth_refining(models, base, reached, look.watched)
+        gains = {name: trial.score.gain for name, trial in tried.items()}
+        near = worth_refining(models, base, gains, look.watched)
         for done, name in enumerate(near, 1):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
             models[name], searched[name] = refine_parameters(self.problem, models[name], name, to_beat=best)

@@ -7,7 +7,7 @@ two axes, the free run, the rate sensor.
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from scipy.stats import f as f_distribution
 
@@ -104,6 +104,16 @@ class Vote:
 
 
 @dataclass(frozen=True)
+class Departure:
+    """By how much the coefficients of an effect differ from part to part of the record, rms, in their own size, noise
+    taken off; chance: the probability that noise makes as much.
+    """
+
+    size: float
+    chance: float
+
+
+@dataclass(frozen=True)
 class Claim:
     """What is about to be said: the effects with their coefficients by name, and all that may speak against it."""
 
@@ -113,6 +123,7 @@ class Claim:
     levels: tuple[Level, ...] = ()
     votes: tuple[Vote, ...] = ()
     contest: Contest | None = None
+    departures: Mapping[str, Departure] = field(default_factory=dict)
 
 
 def fell(claim: Claim) -> tuple[str, ...]:
@@ -173,6 +184,18 @@ def nameless(claim: Claim) -> tuple[str, ...]:
     )
 
 
+def constant(claim: Claim) -> tuple[str, ...]:
+    """An effect of the right form has the same coefficients throughout; of another form, each amplitude, drive and rate
+    asks for others.
+    """
+    return tuple(
+        f"{_plain(name)} has other coefficients in each part of the record, by {departure.size:.0%} of their size and "
+        "more than noise makes: something else acts like it"
+        for name, departure in claim.departures.items()
+        if departure.size > _SET.constant and departure.chance < THRESHOLDS.criterion.chance
+    )
+
+
 def outdone(claim: Claim) -> tuple[str, ...]:
     """Where something stood there for sure, a name that does as well as a force without one is good for a part: less
     only if the force is ahead by as much as tells two accounts apart.
@@ -184,7 +207,7 @@ def outdone(claim: Claim) -> tuple[str, ...]:
 
 
 GUARDS: tuple[Callable[[Claim], tuple[str, ...]], ...] = (
-    fell, at_floor, signs, beyond_zero, constants, levels, votes, nameless,
+    fell, at_floor, signs, beyond_zero, constants, levels, votes, nameless, constant,
 )  # fmt: skip
 """All that must hold of what is explained."""
 

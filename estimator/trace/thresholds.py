@@ -178,6 +178,9 @@ class Promises:
     floor_chance: float = _set(
         0.01, "probability", "Of a residual at the floor to lie above what is allowed, where few samples tell."
     )
+    constant: float = _set(
+        0.1, "of a coefficient", "What differs by less from part to part may be a second, smaller cause."
+    )
     never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
     polarity: float = _set(
         2.0, "× the declared gain, or its inverse", "A channel the other way round has its gain, but for some percent."

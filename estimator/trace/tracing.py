@@ -1,6 +1,6 @@
 """From a record to a diagnosis: which effect the model lacks, how large it is, and what the error is with it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -114,15 +114,18 @@ def _judged(
 ) -> _Judged:
     """Hold what was selected to what the words promise.
 
-    An effect that a guard of its own speaks against is taken out and the rest fitted anew.  Where something is left,
-    so are those that explain little beside the largest.
+    An effect that a guard of its own speaks against is taken out and the rest fitted anew; where that is its sign, what
+    it explained is something else's, and the rest no more than a part.  Where something is left, so are those that
+    explain little beside the largest.
     """
     part, known = problem.part(slice(0, split)), problem.effects
     why: dict[str, str] = {}
+    elses: list[str] = []
     resonance = float(np.sqrt(problem.device.target)) / (2.0 * np.pi)
     while True:
-        selection, weak = _without_weak(part, selection, known)
-        why |= weak
+        selection, nothing, unlawful = _without_weak(part, selection, known)
+        why |= nothing | unlawful
+        elses += unlawful
         named = {name: given for name, given in selection.effects.items() if name not in known}
         after = examine(problem.carrying(selection.effects), split) if named else before
         claim = claim_of(problem, selection, before, after, split)
@@ -135,6 +138,9 @@ def _judged(
                 backwards = runs_backwards(claim.constants)
                 conflict = (*conflict, backwards) if backwards else conflict
                 return _in_conflict(problem, selection, after, split, why, (*conflict, *reasons), progress)
+            if named and elses:
+                told = (_in_part(named, claim), _of_something_else(elses), *reasons)
+                return _Judged(Verdict.PARTLY, named, selection, after, why, told, share, claim.contest, is_open=True)
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
             return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest, is_open=False)
         gains = {name: selection.gain[name] for name in named}
@@ -174,16 +180,27 @@ def _in_conflict(
     return _Judged(Verdict.PARTLY, named, instead, after, why, (said, *reasons), None, None, is_open=False)
 
 
-def _without_weak(part: Problem, selection: Selection, known: Effects) -> tuple[Selection, dict[str, str]]:
-    """Less the effects that are of the wrong sign or may as well be nothing, one after another; and why."""
-    why: dict[str, str] = {}
+def _without_weak(
+    part: Problem, selection: Selection, known: Effects
+) -> tuple[Selection, dict[str, str], dict[str, str]]:
+    """Less the effects that are of the wrong sign or may as well be nothing, one after another; and why, of those that
+    may be nothing and of those that would be something else.
+    """
+    nothing: dict[str, str] = {}
+    unlawful: dict[str, str] = {}
     while True:
-        weak = promises.weak({name: given for name, given in selection.coefficients.items() if name not in known})
+        given = {name: given for name, given in selection.coefficients.items() if name not in known}
+        weak = promises.weak(given)
         if not weak:
-            return selection, why
+            return selection, nothing, unlawful
         least = min(weak, key=lambda name: selection.gain.get(name, 0.0))
-        why[least] = weak[least]
+        (unlawful if promises.wrong_sign(least, given[least]) else nothing)[least] = weak[least]
         selection = without(part, selection, (least,))
+
+
+def _of_something_else(unlawful: Iterable[str]) -> str:
+    names = " and ".join(kind(name).replace("_", " ") for name in unlawful)
+    return f"what {names} of the other sign would explain is left: it is something else's"
 
 
 def _probabilities(found: _Judged) -> tuple[Classes, ...]:

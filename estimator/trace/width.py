@@ -6,6 +6,7 @@ from estimator.trace.candidates import LINES, Parameters, kind
 from estimator.trace.criterion import TIE, surprise
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
+from estimator.trace.kin import are_kin, kin_of
 from estimator.trace.look import Look
 from estimator.trace.nested import with_simpler
 from estimator.trace.scan import Scan
@@ -22,9 +23,10 @@ def hopeful(
 ) -> list[str]:
     """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
-    First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by; and
-    where the best leaves something, every kind once.  Where it leaves nothing, but the scan stood before much, or the
-    best is a line, with which anything may be drawn, a short part of the record is asked about every kind.
+    First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by;
+    then those akin to the best; and where the best leaves something, every kind once.  Where it leaves nothing, but the
+    scan stood before much, or the best is a line, with which anything may be drawn, a short part of the record is asked
+    about every kind.
     gains: of those that were tried; behind: what is seen behind the best of them; screened: those that a short part of
     the record speaks for.
     """
@@ -34,13 +36,15 @@ def hopeful(
     near = within_reach(look.serious, leaders, max(gains[name] for name in gains if name in leaders))
     if names := [name for name in near if name not in gains]:
         return names
-    if set(gains) - {*leaders, *near}:
+    best = max(gains, key=lambda name: gains[name])
+    if names := kin_of(best, look.evidence, gains):
+        return names
+    if any(name not in (*leaders, *near) and not are_kin(best, name) for name in gains):
         return []
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
     others = second_thoughts(look.evidence, gains)
     if not is_small(behind(), max(gains.values())):
         return others[: _SET.batch] + screened(others[_SET.batch :])
-    best = max(gains, key=lambda name: gains[name])
     return screened(others) if look.seen.ratio**2 > 1.0 + _SET.power or kind(best) in LINES else []
 
 
@@ -92,13 +96,20 @@ def second_thoughts(found: Mapping[str, Evidence], tried: Collection[str]) -> li
 
 
 def worth_refining(
-    models: Mapping[str, Fitted], base: Fitted, reached: float, watched: Mapping[str, Parameters]
+    models: Mapping[str, Fitted],
+    base: Fitted,
+    tried: Mapping[str, float],
+    watched: Mapping[str, Parameters],
 ) -> list[str]:
     """Of those that come near the best, the ones with parameters; of two of a kind, or with the same parameters, the
-    better.
+    better.  Those akin to the best come near it when theirs are right.
+
+    tried: gains over `base` of those that were carried before.
     """
-    leading = max(reached, *(fitted.likelihood - base.likelihood for fitted in models.values()))
-    near = [name for name, fitted in models.items() if fitted.likelihood - base.likelihood > _SET.refined * leading]
+    gains = dict(tried) | {name: fitted.likelihood - base.likelihood for name, fitted in models.items()}
+    best = max(gains, key=lambda name: gains[name])
+    share = {name: _SET.as_good if are_kin(best, name) else _SET.refined for name in models}
+    near = [name for name in models if gains[name] > share[name] * gains[best]]
     near.sort(key=lambda name: -models[name].likelihood)
     taken: list[str] = []
     for name in near:

@@ -11,6 +11,7 @@ from estimator.settings import Device, ObserverSettings
 from estimator.trace import angle, claims, examination, fitting, observer_model
 from estimator.trace.angle import AngleReader
 from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
+from estimator.trace.constancy import Constancy
 from estimator.trace.parameters import NOTHING, Searched
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
@@ -138,7 +139,7 @@ def series(before: float, after: float):
 
 def test_the_gain_of_a_claim_is_that_of_the_part_held_out(monkeypatch):
     """Of a model that fits its own part better by far and the rest worse, Σ(ν₀² − ν₁²) of the rest alone."""
-    for name in ("constants_of", "_rate", "_levels", "_votes", "contest"):
+    for name in ("constants_of", "_rate", "_levels", "_votes", "contest", "_departures"):
         monkeypatch.setattr(claims, name, lambda *args: ())
     fit = SimpleNamespace(innovation_rms=(1.0, 1.0), noise_floor=(1.0, 1.0))
     was, now = (
@@ -155,6 +156,18 @@ def test_the_gain_of_a_claim_is_that_of_the_part_held_out(monkeypatch):
     assert not claim.residual.fell
     assert claim.residual.samples == 2 * (N - SPLIT)
     assert set(claim.effects) == {"drag"}  # the drive gain was known
+
+
+def test_a_departure_is_in_the_coefficients_own_size(monkeypatch):
+    """What gains 9 of 900 beyond chance departs by a tenth; none by more than all of it, what chance makes by none."""
+    found = {"drag": Constancy(40.0, 31), "drive_gain": Constancy(500.0, 31), "sense_gain": Constancy(20.0, 31)}
+    monkeypatch.setattr(claims, "constancies", lambda *args: found)
+    selection = SimpleNamespace(after=None, gain={"drag": 900.0, "drive_gain": 50.0, "sense_gain": 70.0})
+    departures = claims._departures(problem(), selection, list(found))
+    assert {name: one.size for name, one in departures.items()} == pytest.approx(
+        {"drag": 0.1, "drive_gain": 1.0, "sense_gain": 0.0}
+    )
+    assert departures["drag"].chance == found["drag"].chance
 
 
 def test_the_residual_is_in_multiples_of_the_lower_floor():

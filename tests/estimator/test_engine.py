@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import pytest
 
-from estimator.trace.criterion import extended, schwarz, surprise, threshold
+from estimator.trace.criterion import TIE, extended, schwarz, surprise, threshold
 from estimator.trace.engine import (
     Chosen,
     Dissent,
@@ -94,6 +94,21 @@ def names(found):
 
 def outcomes(one):
     return {each.name: each.outcome for each in one.tried}
+
+
+@pytest.mark.parametrize(
+    ("behind", "first"),
+    [(0.9 * TIE, "friction"), (1.1 * TIE, "drag")],  # no further than the record cannot tell
+)
+def test_of_two_that_are_not_told_apart_the_one_is_taken_whose_sign_is_right(behind, first):
+    wrong = {"drag": Worth(500.0, low=-2.0, high=-1.0), "other": Worth(500.0 - 0.1 * TIE, low=-2.0, high=-1.0)}
+    effects = {**wrong, "friction": Worth(500.0 - behind, low=1.0, high=2.0)}
+    found = chosen(effects, rules(most=1, signs=False))
+    assert names(found) == [first]
+    # Either sign, where it may be either; a price counts as a gain does.
+    assert names(chosen(effects | {"drag": Worth(500.0, positive=False)}, rules(most=1, signs=False))) == ["drag"]
+    dear = {"friction": Worth(500.0 + behind, price=1.0 + 2.0 * behind)}
+    assert names(chosen(effects | dear, rules(most=1, signs=False))) == [first]
 
 
 @pytest.mark.parametrize("dissent", Dissent)

@@ -12,7 +12,7 @@ from estimator.trace import claims, free_run, tracing
 from estimator.trace.diagnosis import Fit, Verdict
 from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
 from estimator.trace.problem import Problem
-from estimator.trace.promises import Claim, Constant, Errors, Vote
+from estimator.trace.promises import Claim, Constant, Departure, Errors, Vote
 from estimator.trace.record import Record
 
 SURE, NOTHING = Estimate(0.05, 0.04, 0.06), Estimate(-1.9, -7.0, 3.0)
@@ -101,6 +101,31 @@ def test_friction_that_drives_is_not_named(judged):
     assert (found.verdict, found.named) == (Verdict.UNEXPLAINED, {})
     assert found.reasons[0] == "a line is left"
     assert any("negative fx" in reason for reason in found.reasons)
+
+
+def test_what_friction_that_drives_would_explain_is_left(judged):
+    """What is named beside it explains a part, though the residual is the noise; where nothing is, nothing was."""
+    wrong = {"drag": {"dqx": Estimate(-2.0, -3.0, -1.0, positive=True)}}
+    found = judged(
+        {"cubic_isotropic": {"k3": SURE}, **wrong},
+        {"cubic_isotropic": 36_000.0, "drag": 861.0},
+        {("cubic_isotropic",): errors(1.14, 1.008)},
+    )
+    assert (found.verdict, set(found.named), found.is_open) == (Verdict.PARTLY, {"cubic_isotropic"}, True)
+    assert found.reasons[0].startswith("something acts like cubic isotropic")
+    assert found.reasons[1] == "what drag of the other sign would explain is left: it is something else's"
+    assert judged(wrong, {"drag": 861.0}, {(): errors(1.0, 1.0)}).verdict is Verdict.ADEQUATE
+
+
+def test_what_is_not_the_same_throughout_acts_so_or_goes_where_it_is_the_lesser(judged):
+    """A drive delay, and a line whose size is another in each part of the record: the drive's slew."""
+    residuals = {("drive_delay", "interference"): errors(1.04, 1.007), ("drive_delay",): errors(1.04, 1.02)}
+    given = {"drive_delay": {"tux": SURE}, "interference": {"lcx": SURE}}
+    gain = {"drive_delay": 7906.0, "interference": 394.0}
+    departing = {"drive_delay": Departure(0.2, 0.0), "interference": Departure(1.0, 0.0)}
+    found = judged(given, gain, residuals, departures=departing)
+    assert (found.verdict, set(found.named)) == (Verdict.PARTLY, {"drive_delay"})
+    assert any("other coefficients in each part" in reason for reason in found.reasons)
 
 
 def test_what_the_part_held_out_does_not_bear_out_is_not_there(judged):

@@ -10,7 +10,7 @@ from scipy.stats import f
 from estimator.trace import promises
 from estimator.trace.engine import Estimate
 from estimator.trace.nameless import Contest
-from estimator.trace.promises import Claim, Constant, Errors, Level, Vote
+from estimator.trace.promises import Claim, Constant, Departure, Errors, Level, Vote
 
 SURE = Estimate(0.05, 0.04, 0.06)
 HOLDS = Claim(
@@ -19,6 +19,7 @@ HOLDS = Claim(
     constants=(Constant("dxx", 1.1, 1.0, 1.2, declared=1.0, deviation=0.5, positive=True),),
     levels=(Level("sense_clipping", -1.0, 1.0, lowest=-0.99, highest=1.002, noise=1e-3),),
     votes=(Vote("error of the angle", "rad", Errors(0.2, 0.01, 0.01, samples=1.0)),),
+    departures={"drive_gain": Departure(0.5, 1e-3)},  # by chance
 )
 
 
@@ -46,6 +47,7 @@ def test_what_holds_has_nothing_against_it() -> None:
         ("constants", {"constants": (Constant("dxx", -0.9, -1.0, -0.8, declared=0.9, deviation=0.6, positive=True),)}),
         ("levels", {"levels": (Level("saturation", 0.2, 5.2, lowest=0.2, highest=5.8, noise=1e-3),)}),
         ("levels", {"levels": (Level("saturation", 0.2, 5.2, lowest=0.1, highest=5.2, noise=1e-3),)}),
+        ("constant", {"departures": {"drive_gain": Departure(0.11, 1e-5)}}),
         ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.22, 0.24, 0.003, samples=1.0)),)}),
         ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.041, 0.038, 0.003, samples=1.0)),)}),
         ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.041, math.nan, 0.003, samples=1.0)),)}),
@@ -192,3 +194,14 @@ def test_a_residual_of_less_than_one_sample_is_one() -> None:
     few = Errors(900.0, 60.0, 1.0, samples=0.1, floor_samples=0.1)
     assert few.at_floor is (math.sqrt(f.isf(0.01, 1.0, 1.0)) >= 60.0)
     assert not Errors(900.0, 64.0, 1.0, samples=0.1, floor_samples=0.1).at_floor
+
+
+def test_coefficients_that_differ_a_little_may_do_so_for_sure() -> None:
+    assert promises.broken(replace(HOLDS, departures={"drive_gain": Departure(0.09, 0.0)})) == ()
+
+
+def test_what_is_not_constant_may_be_said_to_act_so() -> None:
+    departing = replace(HOLDS, departures={"drive_gain": Departure(0.3, 0.0)})
+    (said,) = promises.broken(departing)
+    assert "by 30% of their size" in said
+    assert promises.holds_in_part(departing)

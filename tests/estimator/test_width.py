@@ -134,6 +134,51 @@ def test_what_a_threshold_may_turn_into_is_carried_beside_it() -> None:
     assert "drive_gain" not in asked(view, {})  # it is carried already, or barred
 
 
+def test_laws_of_damping_are_carried_beside_one_another_whatever_they_promise() -> None:
+    """Friction was 514 in truth where the scan promised 178, and damping that falls with the displacement 514."""
+    friction = [item("dry_friction:1", 178.0), item("dry_friction:2", 3.0)]
+    view = look(item("nonlinear_damping", 520.0), item("cubic_damping", 518.0), item("law", 300.0), *friction)
+    leaders = asked(view, {})
+    tried = dict.fromkeys(leaders, 300.0) | {"nonlinear_damping": 514.0, "cubic_damping": 514.0}
+    assert asked(view, tried) == ["dry_friction:1", "dry_friction:2"]
+    assert asked(view, tried | {"dry_friction:1": 530.0, "dry_friction:2": 520.0}) == []
+    # Where something else is ahead, they are not asked for.
+    assert asked(view, tried | {"law": 600.0}) == []
+
+
+def test_behind_the_laws_of_damping_every_kind_is_carried_all_the_same() -> None:
+    view = look(item("drag", 900.0), item("cubic_damping", 30.0), *(item(name, 29.0) for name in KINDS[:3]))
+    leaders = asked(view, {})
+    tried = dict.fromkeys(leaders, 900.0) | {"cubic_damping": 800.0}
+    others = [name for name in KINDS[:3] if name not in leaders]
+    assert others
+    assert asked(view, tried, left=500.0) == others
+
+
+def test_a_law_of_damping_is_improved_that_has_half_of_what_the_best_has() -> None:
+    """How slow the mass is where friction turns over decides how much it explains."""
+    base = SimpleNamespace(likelihood=1000.0)
+    models = {
+        name: SimpleNamespace(likelihood=1000.0 + gain)
+        for name, gain in {
+            "drag": 861.0,
+            "dry_friction:1": 350.0,
+            "dry_friction:2": 755.0,
+            "interference:1": 755.0,
+        }.items()
+    }
+    watched = {
+        "drag": {},
+        "dry_friction:1": {"v0": 1.0},
+        "dry_friction:2": {"v0": 10.0},
+        "interference:1": {"omega": 7.0},
+    }
+    assert worth_refining(models, base, {}, watched) == ["dry_friction:2"]
+    without = {name: model for name, model in models.items() if name != "drag"}
+    assert worth_refining(without, base, {"drag": 861.0}, watched) == ["dry_friction:2"]
+    assert worth_refining(without, base, {"law": 861.0}, watched) == []
+
+
 def test_who_is_within_a_tenth_of_the_best_gain_has_its_parameters_improved() -> None:
     """Of two of a kind, or with one parameter between them, the better; who has none stays as it is."""
     base = SimpleNamespace(likelihood=1000.0)
@@ -144,9 +189,9 @@ def test_who_is_within_a_tenth_of_the_best_gain_has_its_parameters_improved() ->
     models = {name: SimpleNamespace(likelihood=1000.0 + gain) for name, gain in gains.items()}
     watched = {name: {"limit": float(at)} for at, name in enumerate(gains)}
     watched |= {"drive_gain": {}, "interference:1": {"omega": 7.0}, "base_vibration:1": {"omega": 7.0}}
-    assert worth_refining(models, base, -np.inf, watched) == ["drive_saturation:2", "interference:1"]
-    assert worth_refining(models, base, 107.0, watched) == ["drive_saturation:2"]
-    assert worth_refining(models, base, 200.0, watched) == []
+    assert worth_refining(models, base, {}, watched) == ["drive_saturation:2", "interference:1"]
+    assert worth_refining(models, base, {"electrostatic_drive": 107.0}, watched) == ["drive_saturation:2"]
+    assert worth_refining(models, base, {"electrostatic_drive": 200.0}, watched) == []
 
 
 @pytest.mark.parametrize(("likeness", "tried"), [(0.975, True), (0.965, False)])

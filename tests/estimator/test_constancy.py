@@ -1,0 +1,90 @@
+"""Whether coefficients are the same throughout: beside least squares, by chance alone, and on a drive that changes."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from estimator.trace.constancy import Constancy, constancies, constancy
+from estimator.trace.fitting import fit
+from estimator.trace.problem import Problem
+from estimator.trace.scan import PARTS
+from estimator.trace.separation import EXPERIMENTS, loop_record
+from tests.estimator.test_scan import DEVICE, SETTINGS
+
+ROWS = 40
+
+
+def seen(signature, innovation):
+    """What a scan keeps of a signature (parts, rows, k) and of white innovations (parts, rows)."""
+    normal = np.einsum("pri,prj->pij", signature, signature)
+    score = np.einsum("pri,pr->pi", signature, innovation)
+    return SimpleNamespace(columns={"law": slice(0, signature.shape[2])}, normal=normal, score=score)
+
+
+def misfit(signature, innovation):
+    """Sum of squares that least squares leave."""
+    found, *_ = np.linalg.lstsq(signature, innovation, rcond=None)
+    return float(np.sum((innovation - signature @ found) ** 2))
+
+
+def test_the_gain_is_what_least_squares_of_each_part_leave_less_than_those_of_all() -> None:
+    random = np.random.default_rng(1)
+    signature = random.standard_normal((PARTS, ROWS, 2))
+    innovation = random.standard_normal((PARTS, ROWS)) + signature[:, :, 0] * np.linspace(-1.0, 3.0, PARTS)[:, None]
+    each = sum(misfit(*part) for part in zip(signature, innovation, strict=True))
+    one = misfit(signature.reshape(-1, 2), innovation.ravel())
+    found = constancy(seen(signature, innovation), "law")
+    assert found.gain == pytest.approx(one - each)
+    assert found.degrees == 2 * PARTS - 2
+    assert found.excess == pytest.approx(found.gain - found.degrees)
+    assert found.chance < 1e-100
+
+
+def test_a_coefficient_that_is_off_by_as_much_everywhere_is_constant() -> None:
+    random = np.random.default_rng(2)
+    signature = random.standard_normal((PARTS, ROWS, 1))
+    noise = random.standard_normal((PARTS, ROWS))
+    right, off = (constancy(seen(signature, noise + by * signature[:, :, 0]), "law") for by in (0.0, 5.0))
+    assert off.gain == pytest.approx(right.gain)
+
+
+def test_white_innovations_are_as_probable_as_chance_says() -> None:
+    random = np.random.default_rng(3)
+    # As large in one part as in another it need not be: a drive that is off for a while.
+    signature = random.standard_normal((PARTS, ROWS, 2)) * np.geomspace(1.0, 30.0, PARTS)[:, None, None]
+    chances = [constancy(seen(signature, random.standard_normal((PARTS, ROWS))), "law").chance for _ in range(400)]
+    assert kstest(chances, "uniform").pvalue > 1e-3
+
+
+def test_a_part_that_says_nothing_of_a_coefficient_counts_for_none() -> None:
+    random = np.random.default_rng(4)
+    signature = random.standard_normal((PARTS, ROWS, 1))
+    signature[:8] = 0.0
+    assert constancy(seen(signature, random.standard_normal((PARTS, ROWS))), "law").degrees == PARTS - 8 - 1
+
+
+def test_less_than_chance_is_no_excess() -> None:
+    assert Constancy(gain=20.0, degrees=31).excess == 0.0
+    assert Constancy(gain=0.0, degrees=0).chance == 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("swing", [0.0, 0.03])
+def test_a_drive_gain_that_changes_on_the_way_is_seen_and_one_that_does_not_is_not(swing: float) -> None:
+    experiment = next(one for one in EXPERIMENTS if one.name == "all")
+    record = loop_record(experiment, DEVICE, SETTINGS, latency=1)
+    gain = 1.05 + swing * np.sign(np.sin(2.0 * np.pi * 3.0 * np.arange(len(record)) / len(record)))
+    problem = Problem(replace(record, drive=record.drive / gain[:, None, None]), DEVICE, SETTINGS)
+    model = fit(problem.carrying({"drive_gain": {}}))
+    found = constancies(problem, model, ["drive_gain"])["drive_gain"]
+    assert (found.chance < 1e-4) is (swing > 0.0)
+
+
+def test_nothing_is_asked_of_no_effect_or_of_a_model_that_has_no_likelihood() -> None:
+    diverged = SimpleNamespace(likelihood=-np.inf)
+    record = SimpleNamespace(part=lambda rows: None)
+    assert constancies(Problem(record, DEVICE, SETTINGS), diverged, ["drag"]) == {}
+    assert constancies(Problem(record, DEVICE, SETTINGS), SimpleNamespace(likelihood=1.0), []) == {}
