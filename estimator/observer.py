@@ -268,10 +268,12 @@ class Observer:
                 p.symbol: given[p.name] / self.scaling.coefficient(p) if p.name in given else p.default
                 for p in effect.parameters
             }
+            symbols = [coefficient.symbol for coefficient in effect.coefficients]
             for signal in effect.signals:
                 if signals == MAX_SIGNALS:
                     raise ModelError(f"more than {MAX_SIGNALS} signals for the effects; leave one of them out")
-                record["signals"][0, signals] = signal.source.value, signal.axis
+                behind = first + symbols.index(signal.behind) if signal.behind is not None else -1
+                record["signals"][0, signals] = signal.source.value, signal.axis, behind
                 own = [scaled[signal.symbol]] if signal.source is Source.PARAMETER else list(scaled.values())
                 record["signal_parameters"][0, signals, : len(own)] = own
                 signals += 1

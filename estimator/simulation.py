@@ -14,7 +14,7 @@ from estimator.kernel.flow import taylor_order
 from estimator.observer import Observer
 from estimator.scaling import Array
 
-_REMEMBERED = (Source.TEMPERATURE, Source.INTEGRAL, Source.RESONATOR)
+_REMEMBERED = (Source.TEMPERATURE, Source.INTEGRAL, Source.RESONATOR, Source.LAG, Source.WANE)
 _LONGEST = 0.3  # of 1/ω0, the longest part of a step: an effect of 15 % is then integrated to 3e-6 of the amplitude
 
 

@@ -83,11 +83,11 @@ def expected(name: str, tables: list[Table], sections: Table, device: Table) -> 
     if name == "drive_dead_band":
         return Expected((name,), {"zx": 1.0, "zy": 1.0}, {"band": c["width_x"]})
     if name == "temperature_stiffness":
-        kxx, kyy, _ = device["stiffness_per_s2"]
-        return Expected((name,), {"ktx": c["tc"] * kxx, "kty": c["tc"] * kyy})
+        kxx, kyy, kxy = device["stiffness_per_s2"]
+        return Expected((name,), {"ktx": c["tc"] * kxx, "kty": c["tc"] * kyy, "ktxy": c["tc"] * kxy})
     if name == "temperature_damping":
-        dxx, dyy, _ = device["damping_per_s"]
-        return Expected((name,), {"dtx": c["tc"] * dxx, "dty": c["tc"] * dyy})
+        dxx, dyy, dxy = device["damping_per_s"]
+        return Expected((name,), {"dtx": c["tc"] * dxx, "dty": c["tc"] * dyy, "dtxy": c["tc"] * dxy})
     if name == "temperature_offset":
         return Expected((name,), {"ptx": c["tc_x"] / gain, "pty": c["tc_y"] / gain})
     return Expected((), {})  # outside the catalogue, or nothing to name

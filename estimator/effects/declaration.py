@@ -35,6 +35,8 @@ class Source(Enum):
     RESONATOR = 5  # p of p̈ + 2ζω ṗ + ω² p = drive of an axis, with ω, ζ the first two parameters
     DIRECTION = 6  # tanh(v/v0) of an axis, v0 the first parameter; the flow stops where the velocity turns
     DECAY = 7  # exp(−λt) from the first sample on, with λ the parameter of that axis
+    LAG = 8  # drive of an axis behind a first-order lag, its time constant the coefficient `behind`
+    WANE = 9  # exp(−t/T) from the first sample on, T the coefficient `behind`
 
 
 class Delayed(Enum):
@@ -68,11 +70,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Signal:
-    """A series that an effect depends on beside state and drive, computed sample by sample from what is measured."""
+    """A series that an effect depends on beside state and drive, computed sample by sample from what is measured.
+
+    behind: the effect's coefficient that it hangs on, where it does.
+    """
 
     symbol: sp.Symbol
     source: Source
     axis: int = 0
+    behind: sp.Symbol | None = None
 
 
 @dataclass(frozen=True)
@@ -103,7 +109,9 @@ class Effect:
     """Force per unit mass added to (ẍ, ÿ), and displacement added to what each axis senses, in scaled units.
 
     `force` and `sense` may depend on states, drives, coefficients, signals and the constants of the base model; both
-    are zero where not given.  `delayed` names the path that is late by the coefficients, one per axis.
+    are zero where not given.  `delayed` names the path that is late by the coefficients, one per axis.  `alone` is what
+    a single axis senses, whose base model has other constants, where `sense` depends on those of two axes.  `shown` are
+    its equations, a line an axis, where the expressions are only their solution.
 
     An effect without coefficients is `declared_only`: what it does no record can tell from something else, so it is
     never a candidate of a search, and whoever measured it otherwise gives its parameters.
@@ -121,6 +129,8 @@ class Effect:
     parameters: tuple[Parameter, ...] = ()
     signals: tuple[Signal, ...] = ()
     delayed: Delayed | None = None
+    alone: sp.Expr | None = None
+    shown: tuple[str, ...] = ()
 
     @property
     def declared_only(self) -> bool:
@@ -140,12 +150,13 @@ class Effect:
             return replace(self, coefficients=self.coefficients[:1])
         absent = {y: 0, vy: 0, uy: 0}
         force = sp.sympify(self.force[0]).subs(absent)
-        sense = sp.sympify(self.sense[0]).subs(absent)
+        sense = sp.sympify(self.sense[0] if self.alone is None else self.alone).subs(absent)
         left = tuple(c for c in self.coefficients if c.symbol in force.free_symbols | sense.free_symbols)
         if not left:
             return None
         zero = sp.Integer(0)
-        return replace(self, coefficients=left, force=(force, zero), sense=(sense, zero))
+        signals = self.signals if self.alone is None else ()
+        return replace(self, coefficients=left, force=(force, zero), sense=(sense, zero), signals=signals)
 
 
 def si_unit(length: int, time: int, kelvin: int = 0) -> str:

@@ -13,6 +13,8 @@ def equations(effect: Effect) -> tuple[str, ...]:
             f"{what} {axis}(t) → {axis}(t − {coefficient.symbol})"
             for axis, coefficient in zip("xy", effect.coefficients, strict=False)
         )
+    if effect.shown:
+        return effect.shown
     lines = []
     for expressions, left in ((effect.force, "{axis}̈ += {term}"), (effect.sense, "sensed {axis} += {term}")):
         for axis, expression in zip("xy", expressions, strict=True):

@@ -20,6 +20,8 @@ _SIGNALS = {
     Source.RESONATOR: "p of p̈ + 2 zeta omega ṗ + omega² p = u{axis}",
     Source.DIRECTION: "tanh(v{axis}/v0)",
     Source.DECAY: "exp(−leak_{axis} t) from the first sample on",
+    Source.LAG: "u{axis} behind a first-order lag of {behind}",
+    Source.WANE: "exp(−t/{behind}) from the first sample on",
 }
 
 
@@ -40,7 +42,8 @@ def _entry(effect: Effect) -> str:
             lines.append(f"- parameters, given and not estimated (a trace searches for them): {named}")
     for signal in effect.signals:
         if signal.source is not Source.PARAMETER:
-            lines.append(f"- `{signal.symbol}`: {_SIGNALS[signal.source].format(axis='xy'[signal.axis])}")
+            meaning = _SIGNALS[signal.source].format(axis="xy"[signal.axis], behind=signal.behind)
+            lines.append(f"- `{signal.symbol}`: {meaning}")
     lines.append(f"- signature: {effect.signature}")
     for name, separator in effect.look_alikes.items():
         lines.append(f"- looks like {name.replace('_', ' ')}; told apart: {separator}")

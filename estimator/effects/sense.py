@@ -3,12 +3,31 @@
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
-from estimator.model.gyro import phi_x, phi_y, ux, uy, vx, vy, x, y
+from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate, ux, uy, vx, vy, x, y
 
 gy, ey, ex, a2x, a2y, a3x, a3y, fdx, fdy = sp.symbols("gy ey ex a2x a2y a3x a3y fdx fdy")
 tlx, tly, hpx, hpy, clx, cly, ix, iy, level = sp.symbols("tlx tly hpx hpy clx cly ix iy level")
 odx, ody, wane_x, wane_y, leak_x, leak_y = sp.symbols("odx ody wane_x wane_y leak_x leak_y")
 rx, ry, px, py, omega, zeta = sp.symbols("rx ry px py omega_p zeta_p")
+ux_behind_x, uy_behind_x, ux_behind_y, uy_behind_y = sp.symbols("ux_behind_x uy_behind_x ux_behind_y uy_behind_y")
+olx, oly, start_x, start_y = sp.symbols("olx oly start_x start_y")
+
+
+def smoothed_velocities(lag: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
+    """What a first-order lag leaves of ẋ and ẏ, its own start being over: exact for the base model.
+
+    With ṡ = A s + B u, the lag q + T q̇ = s is q = (I + T A)⁻¹ (s − T B l), l the drive behind the same lag: at every
+    frequency of the motion, that of each mode and its sidebands, and of a drive that steps from sample to sample.
+    Solved for the velocities; behind the lag, a position is x − T times its velocity there.
+    """
+    own_x, own_y = kxx - rate**2, kyy - rate**2
+    xx, yy = 1 + lag * (lag * own_x - dxx), 1 + lag * (lag * own_y - dyy)
+    xy, yx = (lag * (lag * kxy - dxy + turn) for turn in (2 * rate, -2 * rate))
+    of_x = vx + lag * (own_x * x + kxy * y - push_x)
+    of_y = vy + lag * (kxy * x + own_y * y - push_y)
+    determinant = xx * yy - xy * yx
+    return (yy * of_x - xy * of_y) / determinant, (xx * of_y - yx * of_x) / determinant
+
 
 SENSE_GAIN = Effect(
     name="sense_gain",
@@ -70,9 +89,27 @@ SENSE_LOW_PASS = Effect(
     coefficients=(
         Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True),
         Coefficient(tly, "tly", 0.1, 0, 1, positive=True),
+        Coefficient(olx, "olx", 1.0, 1),
+        Coefficient(oly, "oly", 1.0, 1),
     ),
-    sense=(-tlx * (vx + tlx * x) / (1 + tlx**2), -tly * (vy + tly * y) / (1 + tly**2)),
-    source="1/(1 + sT) at the resonance, s² = −ω0²",
+    signals=(
+        Signal(ux_behind_x, Source.LAG, 0, tlx),
+        Signal(uy_behind_x, Source.LAG, 1, tlx),
+        Signal(ux_behind_y, Source.LAG, 0, tly),
+        Signal(uy_behind_y, Source.LAG, 1, tly),
+        Signal(start_x, Source.WANE, 0, tlx),
+        Signal(start_y, Source.WANE, 1, tly),
+    ),
+    sense=(
+        -tlx * smoothed_velocities(tlx, ux_behind_x, uy_behind_x)[0] + olx * start_x,
+        -tly * smoothed_velocities(tly, ux_behind_y, uy_behind_y)[1] + oly * start_y,
+    ),
+    shown=(
+        "sensed x = q + phi_x, tlx*q̇ + q = x, at first off by olx",
+        "sensed y = q + phi_y, tly*q̇ + q = y, at first off by oly",
+    ),
+    alone=-tlx * (vx + tlx * x) / (1 + tlx**2),
+    source="1/(1 + sT) of the motion that the base model has, from a start of its own; on a single axis at s² = −ω0²",
     signature="a delay T and a gain 1 − (ωT)²/2",
     undone=Undone.MAP,
     look_alikes={"sense_delay": "nothing, far above the resonance"},

@@ -1,20 +1,28 @@
-"""What moves with a measured temperature, per kelvin from the first reading on."""
+"""What moves with a measured temperature, per kelvin from the first reading on.
+
+Stiffness and damping are matrices, k(T) and d(T): Young's modulus scales the cross-stiffness with the rest, and a
+stress in the package does not; so each entry has a coefficient of its own, and the matrix stays symmetric.
+"""
 
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
 from estimator.model.gyro import vx, vy, x, y
 
-warmth, ktx, kty, dtx, dty, ptx, pty = sp.symbols("warmth ktx kty dtx dty ptx pty")
+warmth, ktx, kty, ktxy, dtx, dty, dtxy, ptx, pty = sp.symbols("warmth ktx kty ktxy dtx dty dtxy ptx pty")
 
 _WARMTH = (Signal(warmth, Source.TEMPERATURE),)
 
 TEMPERATURE_STIFFNESS = Effect(
     name="temperature_stiffness",
     title="Stiffness that moves with the temperature",
-    coefficients=(Coefficient(ktx, "ktx", 1e-3, 0, -2, -1), Coefficient(kty, "kty", 1e-3, 0, -2, -1)),
+    coefficients=(
+        Coefficient(ktx, "ktx", 1e-3, 0, -2, -1),
+        Coefficient(kty, "kty", 1e-3, 0, -2, -1),
+        Coefficient(ktxy, "ktxy", 1e-3, 0, -2, -1),
+    ),
     signals=_WARMTH,
-    force=(-ktx * warmth * x, -kty * warmth * y),
+    force=(-warmth * (ktx * x + ktxy * y), -warmth * (ktxy * x + kty * y)),
     source="Young's modulus of silicon, −60 ppm/K; Senturia 2001, ch. 8",
     signature="a slow residual that moves with the temperature channel",
     undone=Undone.CANCEL,
@@ -24,9 +32,13 @@ TEMPERATURE_STIFFNESS = Effect(
 TEMPERATURE_DAMPING = Effect(
     name="temperature_damping",
     title="Damping that moves with the temperature",
-    coefficients=(Coefficient(dtx, "dtx", 1e-4, 0, -1, -1), Coefficient(dty, "dty", 1e-4, 0, -1, -1)),
+    coefficients=(
+        Coefficient(dtx, "dtx", 1e-4, 0, -1, -1),
+        Coefficient(dty, "dty", 1e-4, 0, -1, -1),
+        Coefficient(dtxy, "dtxy", 1e-4, 0, -1, -1),
+    ),
     signals=_WARMTH,
-    force=(-dtx * warmth * vx, -dty * warmth * vy),
+    force=(-warmth * (dtx * vx + dtxy * vy), -warmth * (dtxy * vx + dty * vy)),
     source="gas and thermoelastic damping; Senturia 2001, ch. 8",
     signature="a slow residual that moves with the temperature channel",
     undone=Undone.CANCEL,

@@ -402,6 +402,7 @@ def flow(
 @compiled
 def sensed_before(
     settings: Record,
+    time: float,
     past: Floats,
     c: Floats,
     s: Floats,
@@ -411,10 +412,12 @@ def sensed_before(
     a: Floats,
     b: Floats,
     out: Floats,
+    push: Push,
 ) -> None:
-    """Columns out of the state at the delay of one sense axis (constants at settings.sense_delay) before state s.
+    """Columns out of the state at the delay of one sense axis (constants at settings.sense_delay) before state s, which
+    is that of `time`.
 
-    u is the drive of the interval that ends at s; effects, small, are left out of that short way.
+    u is the drive of the interval that ends at s; its force is taken as it was recorded, late or not.
     """
     states = s.shape[0]
     for i in range(states):
@@ -432,7 +435,8 @@ def sensed_before(
             reversed_drive = part_of(u, 1.0, -length)
         else:
             reversed_drive = part_of(past[back - 1, : u.shape[0], : u.shape[1]], 1.0, -length)
-        taylor(settings.model, c, reversed_drive, -length * h, settings.order, out.shape[1], a, b, out)
+        advance_columns(settings, time, c, reversed_drive, -length * h, out.shape[1], a, b, out, push)
+        time -= length * h
         left -= length
         back += 1
         if not left > 0.0:

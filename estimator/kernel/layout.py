@@ -41,7 +41,7 @@ SETTINGS = np.dtype(
         ("pushes", "i8"),  # effects among them that are forces
         ("kinked", "i8"),  # a force depends on the direction of motion
         ("signal_count", "i8"),
-        ("signals", "i8", (MAX_SIGNALS, 2)),  # source of each, and its axis
+        ("signals", "i8", (MAX_SIGNALS, 3)),  # source of each, its axis, index of its coefficient among the constants
         ("signal_parameters", "f8", (MAX_SIGNALS, 2)),  # a constant's value in the first
         ("sense_delay", "i8"),  # index of its first coefficient among the constants, −1 without
         ("drive_delay", "i8"),

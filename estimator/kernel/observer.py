@@ -366,7 +366,9 @@ def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: flo
     if settings.sense_delay >= 0:
         for axis in range(settings.axes):
             row = 2 * axis
-            sensed_before(settings, memory.past, c, x[:states], u, h, axis, a, b, out)
+            sensed_before(
+                settings, memory.time + h, memory.past, c, x[:states], u, h, axis, a, b, out, work[12:17]
+            )  # fmt: skip
             predicted[axis] += out[row, 0] - x[row]
             full[axis, row] -= 1.0
             for j in range(states + settings.flow_constants):
@@ -437,7 +439,7 @@ def predict(
     before[:] = s
     predict_state(settings, active, memory, x, u, h, work)
     if settings.signal_count > 0:
-        advance_signals(settings, memory, before, s, u, h)
+        advance_signals(settings, memory, x[settings.states :], before, s, u, h)
     if settings.axes == 2:
         predict_angle(settings, memory, c if settings.twin == 1 else p, h)
         move_angle(memory, g)

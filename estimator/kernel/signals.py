@@ -14,6 +14,8 @@ _INTEGRAL = Source.INTEGRAL.value
 _RESONATOR = Source.RESONATOR.value
 _DIRECTION = Source.DIRECTION.value
 _DECAY = Source.DECAY.value
+_LAG = Source.LAG.value
+_WANE = Source.WANE.value
 
 
 @compiled
@@ -52,10 +54,39 @@ def signal_values(settings: Record, memory: Record, time: float, w: Floats) -> N
 
 
 @compiled
-def advance_signals(settings: Record, memory: Record, before: Floats, after: Floats, u: Floats, h: float) -> None:
+def lagged(value: float, u: Floats, axis: int, share: float) -> float:
+    """What a first-order lag makes of the drive u (axes, degree + 1) of an axis over one interval, exactly; share: its
+    time constant over the interval.
+
+    Behind the lag, a polynomial is itself less its derivatives in turn, times the time constant; what the start departs
+    from that decays.
+    """
+    if not share > 0.0:  # none, or a lead, which has no such answer
+        total = 0.0
+        for n in range(u.shape[1]):
+            total += u[axis, n]
+        return total
+    first = 0.0
+    last = 0.0
+    at_first = 1.0
+    at_last = 1.0
+    for n in range(u.shape[1]):
+        if n > 0:
+            at_first *= -share * n
+            at_last = 1.0 - share * n * at_last
+        first += u[axis, n] * at_first
+        last += u[axis, n] * at_last
+    return last + (value - first) * math.exp(-1.0 / share)
+
+
+@compiled
+def advance_signals(
+    settings: Record, memory: Record, c: Floats, before: Floats, after: Floats, u: Floats, h: float
+) -> None:
     """Carry the signals' recursions in memory over an interval h.
 
-    before, after: states at its ends; u (axes, degree + 1) the drive, of which the mean over the interval is taken.
+    c: the constants; before, after: states at its ends; u (axes, degree + 1) the drive, of which a resonator takes the
+    mean over the interval.  memory.time is that of its beginning.
     """
     for i in range(settings.signal_count):
         source = settings.signals[i, 0]
@@ -66,6 +97,11 @@ def advance_signals(settings: Record, memory: Record, before: Floats, after: Flo
             x = 2 * axis
             grown = 0.5 * h * (before[x] + after[x]) + h * h / 12.0 * (before[x + 1] - after[x + 1])
             memory.signals[i, 0] = math.exp(-settings.signal_parameters[i, axis] * h) * memory.signals[i, 0] + grown
+        elif source == _LAG:
+            memory.signals[i, 0] = lagged(memory.signals[i, 0], u, axis, c[settings.signals[i, 2]] / h)
+        elif source == _WANE:
+            lag = c[settings.signals[i, 2]]
+            memory.signals[i, 0] = math.exp(-(memory.time + h) / lag) if lag > 0.0 else 0.0
         elif source == _RESONATOR:
             mean = 0.0
             for n in range(u.shape[1]):

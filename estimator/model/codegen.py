@@ -248,8 +248,7 @@ def _effect(model: Model, effect: Effect) -> str:
 
     Arguments: constants c, states s, drive u, signals w, index of the first coefficient among the constants and of the
     first signal in w, then what to add to: values (axes,), derivatives by states (axes, states) and by constants
-    (axes, constants).  What the sense takes from the base model's constants is not differentiated by them: that is of
-    the effect's second order.
+    (axes, constants).  What is clipped is not differentiated by the offset in it: that is of the effect's second order.
     """
     states = [state.symbol for state in model.states]
     constants = [constant.symbol for constant in model.constants]
@@ -265,8 +264,7 @@ def _effect(model: Model, effect: Effect) -> str:
             pairs += [
                 (f"by_constants[{axis}, first + {j}]", sp.diff(expression, c)) for j, c in enumerate(coefficients)
             ]
-            if what == "force":
-                pairs += [(f"by_constants[{axis}, {j}]", sp.diff(expression, constants[j])) for j in flowing]
+            pairs += [(f"by_constants[{axis}, {j}]", sp.diff(expression, constants[j])) for j in flowing]
         pairs = [(name, sp.sympify(e)) for name, e in pairs if e != 0]
         used = _free(e for _, e in pairs)
         lines = ["@compiled", f"def {model.name}_{effect.name}_{what}({_EFFECT_ARGUMENTS}):"]

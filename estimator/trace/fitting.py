@@ -2,7 +2,8 @@
 
 One pass from the declared guess finds the constants, a second begins with them and with a spread of many of their
 standard deviations: linearised about the right place from the first sample on, its likelihood and covariance mean what
-they say, while what is counted twice is one part in a hundred.
+they say, while what is counted twice is one part in a hundred.  Where a coefficient leaves even that spread, as one may
+that acts by more than its first power, the pass was linearised about the wrong place and another follows.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +18,10 @@ from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import PARTS
-from estimator.trace.start import begin_about
+from estimator.trace.start import begin_about, spread_of_coefficients
+from estimator.trace.thresholds import THRESHOLDS
+
+_SET = THRESHOLDS.start
 
 
 @dataclass(frozen=True)
@@ -100,22 +104,28 @@ def run(observer: Observer, record: Record, every: int | None = None) -> Estimat
 
 
 def fit(problem: Problem, passes: int = 2) -> Fitted:
-    """Estimate constants and effects over the record without forgetting, beginning again with what was found."""
+    """Estimate constants and effects over the record without forgetting, beginning again with what was found; with
+    `passes` of two, more often where the second shows that the first did not come near enough.
+    """
     device = problem.device
     current = replace(problem.settings, gain=Gain.EKF)
     previous: Observer | None = None
-    for _ in range(passes):
+    for number in range(passes + (_SET.again if passes > 1 else 0)):
         observer = Observer(device, current, problem.controller)
         if not problem.effects and device.axes == 2 and current.variant is Variant.FULL:
             observer.record["twin"] = 1  # an EKF's covariance is its own twin; carried as such it runs in registers
         if previous is not None:
             begin_about(observer, previous)
+        coefficients = slice(len(observer.x) - len(spread_of_coefficients(observer)), None)
+        begun, spread = observer.x[coefficients].copy(), spread_of_coefficients(observer)
         estimates = run(observer, problem.record)
         previous = observer
         if not np.all(np.isfinite(observer.x)):
             break
         found = constants_of(observer) | _steady_rate(problem, observer)
         current = replace(current, initial={**current.initial, **found}, effects=coefficients_of(observer))
+        if number + 1 >= passes and np.all(np.abs(observer.x[coefficients] - begun) <= spread):
+            break
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)
     return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf)
 

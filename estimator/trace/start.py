@@ -1,6 +1,9 @@
 """How a pass over a record begins: about what an earlier one found, or with coefficients that stay as they are."""
 
+import numpy as np
+
 from estimator.observer import Observer
+from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from estimator.trace.thresholds import THRESHOLDS
 
@@ -26,9 +29,19 @@ def begin_about(observer: Observer, previous: Observer) -> None:
     observer.c[:] = observer.p
 
 
+def first_coefficient(observer: Observer) -> int:
+    """Row of the covariance from which on the coefficients of the effects stand."""
+    return observer.states + len(observer.active) - sum(len(e.coefficients) for _, e in observer.effects)
+
+
+def spread_of_coefficients(observer: Observer) -> Array:
+    """Standard deviations (k,) of the effects' coefficients as they are now, scaled."""
+    return np.asarray(np.sqrt(np.diagonal(observer.p)[first_coefficient(observer) :]))
+
+
 def hold(observer: Observer) -> None:
     """Keep the coefficients of all effects where they are: known, so that nothing of them is learnt or forgotten."""
-    first = observer.states + len(observer.active) - sum(len(e.coefficients) for _, e in observer.effects)
+    first = first_coefficient(observer)
     for covariance in (observer.p, observer.c):
         covariance[first:, :] = 0.0
         covariance[:, first:] = 0.0

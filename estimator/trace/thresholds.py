@@ -90,6 +90,9 @@ class Start:
     wider: float = _set(
         10.0, "× the standard deviations of the pass before", "What is counted twice is one part in a hundred."
     )
+    again: int = _set(
+        2, "passes", "Beyond two, while a coefficient leaves the spread that a pass began with: each squares the error."
+    )
     memories: float = _set(3.0, "memories of the observer", "A start from the guess has decayed to a twentieth.")
     longest_memory: float = _set(1.0, "s", "An observer of longer memory has settled its motion by then.")
     most: int = _set(4, "1 / share of the record", "A short record is not scored by its last part alone.")

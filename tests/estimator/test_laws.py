@@ -26,7 +26,12 @@ RATE, KXX, KYY, KXY, DXX, DYY, DXY = 7.0, 1.9e7, 2.0e7, 3e5, 4.0, 5.0, 0.6
 SIGNALS = {"warmth": (7.0, 0, 0), "cosine": (0.6, 0, 0), "sine": (-0.8, 0, 0), "directionx": (1.0, 0, 0)}
 SIGNALS |= {"directiony": (-1.0, 0, 0), "wane_x": (0.4, 0, 0), "wane_y": (0.3, 0, 0)}
 SIGNALS |= {"ix": (2e-8, 1, 1), "iy": (-3e-8, 1, 1), "px": (4e-6, 1, 0), "py": (5e-6, 1, 0)}
-"""By symbol: value in SI, powers of metre and second. K; displacement summed over time; displacement of a mode."""
+LAGGED = {"ux_behind_x": 280.0, "uy_behind_x": -170.0, "ux_behind_y": 260.0, "uy_behind_y": -150.0}
+SIGNALS |= {name: (value, 1, -2) for name, value in LAGGED.items()}
+SIGNALS |= {"start_x": (0.02, 0, 0), "start_y": (0.03, 0, 0)}
+"""By symbol: value in SI, powers of metre and second. K; displacement summed over time; displacement of a mode; drive
+behind a lag.
+"""
 
 Law = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace], tuple[float, float]]
 
@@ -60,9 +65,25 @@ FORCES: dict[str, Law] = {
         (1 / 1.25 - 1) * (s.uy - KXY * s.x - KYY * s.y - DXY * s.vx - DYY * s.vy - 2 * RATE * s.vx),
     ),
     "drive_polarity": lambda s, c, g: (-2 * s.ux, 0.0),
-    "temperature_stiffness": lambda s, c, g: (-c.ktx * 7.0 * s.x, -c.kty * 7.0 * s.y),
-    "temperature_damping": lambda s, c, g: (-c.dtx * 7.0 * s.vx, -c.dty * 7.0 * s.vy),
+    # The symmetric matrices k(T) and d(T), 7 K from where they began.
+    "temperature_stiffness": lambda s, c, g: tuple(
+        -7.0 * np.array([[c.ktx, c.ktxy], [c.ktxy, c.kty]]) @ np.array([s.x, s.y])
+    ),
+    "temperature_damping": lambda s, c, g: tuple(
+        -7.0 * np.array([[c.dtx, c.dtxy], [c.dtxy, c.dty]]) @ np.array([s.vx, s.vy])
+    ),
 }
+
+
+def settled(lag: float, s: SimpleNamespace, ux: float, uy: float) -> np.ndarray:
+    """[x, ẋ, y, ẏ] behind the lag T: q + T q̇ = s with ṡ = A s + B u is (I + T A)⁻¹ (s − T B l), l the drive behind
+    it.
+    """
+    kxx, kyy = KXX - RATE**2, KYY - RATE**2
+    a = np.array([[0, 1, 0, 0], [-kxx, -DXX, -KXY, 2 * RATE - DXY], [0, 0, 0, 1], [-KXY, -2 * RATE - DXY, -kyy, -DYY]])
+    now = np.array([s.x, s.vx - lag * ux, s.y, s.vy - lag * uy])
+    return np.linalg.solve(np.eye(4) + lag * a, now)
+
 
 SENSES: dict[str, Law] = {
     "sense_polarity": lambda s, c, g: (-2 * s.x, 0.0),
@@ -71,10 +92,9 @@ SENSES: dict[str, Law] = {
     "sense_quadratic": lambda s, c, g: (c.a2x * s.x**2, c.a2y * s.y**2),
     "sense_cubic": lambda s, c, g: (c.a3x * s.x**3, c.a3y * s.y**3),
     "drive_feedthrough": lambda s, c, g: (c.fdx * s.ux, c.fdy * s.uy),
-    # x/(1 + jωτ) − x of a motion of frequency ω0, v being jω0 x
-    "sense_low_pass": lambda s, c, g: tuple(
-        float((lambda z: z / (1.0 + 1j * OMEGA0 * tau) - z)(q - 1j * v / OMEGA0).real)
-        for tau, q, v in ((c.tlx, s.x, s.vx), (c.tly, s.y, s.vy))
+    "sense_low_pass": lambda s, c, g: (
+        settled(c.tlx, s, LAGGED["ux_behind_x"], LAGGED["uy_behind_x"])[0] - s.x + c.olx * 0.02,
+        settled(c.tly, s, LAGGED["ux_behind_y"], LAGGED["uy_behind_y"])[2] - s.y + c.oly * 0.03,
     ),
     "sense_high_pass": lambda s, c, g: (-c.hpx * 2e-8 + c.odx * 0.4, c.hpy * 3e-8 + c.ody * 0.3),
     "parasitic_mode": lambda s, c, g: (c.rx * 4e-6, c.ry * 5e-6),
