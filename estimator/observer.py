@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.dither import dither_start
-from estimator.effects.catalogue import effect_for
+from estimator.effects.catalogue import OWN, effect_for
 from estimator.effects.declaration import Source
 from estimator.errors import ModelError
 from estimator.kernel import block
 from estimator.kernel.flow import taylor_order
 from estimator.kernel.layout import MAX_EFFECTS, MAX_ENTRIES, MAX_LATENCY, MAX_SIGNALS, MEMORY, OUTPUT, SETTINGS
+from estimator.kernel.own import address
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
@@ -91,7 +92,7 @@ class Observer:
             math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain, device.angular_gain
         )
         self.volts = np.array([self.scaling.sense(axis) for axis in range(device.axes)])  # of a unit of length
-        self.effects = tuple(effect_for(name, device.axes) for name in settings.effects)
+        self.effects = tuple(effect_for(name, device.axes, device.own) for name in settings.effects)
         self.carried = len(self.effects) - watched
         coefficients = [coefficient for _, effect in self.effects for coefficient in effect.coefficients]
         self.names = (*self.model.names, *(coefficient.name for coefficient in coefficients))
@@ -260,7 +261,8 @@ class Observer:
         for path in ("sense_delay", "drive_delay", "watched_sense_delay", "watched_drive_delay"):
             record[path] = -1
         for index, (number, effect) in enumerate(self.effects):
-            record["effects"][0, index] = number, first, signals
+            code = address(effect, self.model) if number == OWN else number
+            record["effects"][0, index] = code, first, signals
             if effect.delayed is not None:
                 record[f"{'' if index < self.carried else 'watched_'}{effect.delayed.value}_delay"] = first
             given = self.settings.effects[effect.name]

@@ -40,7 +40,8 @@ class Scaling:
 
     def coefficient(self, coefficient: Coefficient | Parameter) -> float:
         """SI value of one scaled unit of an effect's coefficient or parameter."""
-        return self.length**coefficient.length * self.omega0**-coefficient.time
+        volts = abs(self.sense(0)) ** coefficient.volt if coefficient.volt else 1.0
+        return volts * self.length**coefficient.length * self.omega0**-coefficient.time
 
     def state(self, model: Model) -> Array:
         """SI value of one scaled unit of each entry of the state vector, (states + constants,)."""

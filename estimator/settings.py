@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
+from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 
 
@@ -43,7 +44,8 @@ class Device:
 
     stiffness [1/s²] and damping [1/s] are (xx, yy, xy), or one number for a single axis; sense_gain [V/m] and noise [V
     rms per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s²; angular_gain is
-    the rotation of the pattern over that of the board.
+    the rotation of the pattern over that of the board; own are effects beside the catalogue, which an observer may
+    carry and a trace name like those in it.
     """
 
     sample_rate: float
@@ -58,6 +60,7 @@ class Device:
     angular_gain: float = 1.0
     sensed: tuple["Sensed", ...] = ()
     sense_unit: str = "V"
+    own: tuple[Effect, ...] = ()
 
     @property
     def axes(self) -> int:

@@ -1,20 +1,21 @@
 """Effects written into a bench file that exists: text is added, the rest of the file stays as it is."""
 
 import math
-import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from estimator.errors import ModelError
 from hil.bench import Bench
-from hil.bench.text import toml_value
+from hil.bench.own import OwnCoefficient, OwnEffect, own_table
+from hil.bench.toml import toml_key, toml_value
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Coefficient, Diagnosis
-from hil.strict_toml import parse_table
+from hil.strict_toml import parse_table, table_of
 
 _COLUMN = 36  # where the remarks begin
 
@@ -71,6 +72,50 @@ def add_effects(source: Path, target: Path, additions: Iterable[Addition]) -> No
     write_text(target, text)
 
 
+def write_custom(
+    bench_text: str,
+    name: str,
+    forces: Sequence[str],
+    coefficients: Mapping[str, tuple[float, str]],
+    *,
+    title: str = "",
+    remark: str = "",
+) -> str:
+    """`bench_text` with the effect [effects.custom.NAME] added, which the next run carries; the rest stays.
+
+    forces: laws of the force per unit mass along x and y in the grammar of [effects.custom], "" where there is none;
+    coefficients: first guess (SI per unit mass) and unit of each.  Raises InputError for a law or a unit that is none,
+    for a name that is declared already, and for a file that nothing can be added to.
+    """
+    place = f"[effects.custom.{name}]"
+    before = table_of(bench_text.encode(), "bench file")
+    effects = before.get("effects", {})
+    if name in effects or name in effects.get("custom", {}):
+        raise InputError(f"{place} is declared already; take another name")
+    force_x, force_y = (*forces, "")[:2]
+    own = OwnEffect(
+        title=title,
+        force_x=force_x,
+        force_y=force_y,
+        coefficients={key: OwnCoefficient(unit=unit, start=start) for key, (start, unit) in coefficients.items()},
+    )
+    try:
+        own.declared(name)
+    except ModelError as error:
+        raise InputError(f"{place} {error}") from None
+    head, *rows = own_table(name, own)
+    lines = [head.ljust(_COLUMN) + f"  # {remark}" if remark else head, *rows]
+    text = bench_text.rstrip("\n") + "\n\n" + "\n".join(lines) + "\n"
+    expected = {**effects, "custom": {**effects.get("custom", {}), name: own.model_dump(exclude_defaults=True)}}
+    try:
+        after = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        after = {}
+    if after != {**before, "effects": expected}:
+        raise InputError(f"{place} cannot be added; write [effects] as one table per effect")
+    return text
+
+
 def _with_board(text: str, table: dict[str, Any], source: Path, target: Path) -> tuple[str, dict[str, Any]]:
     """The text, and what it says, with the scenario beside `source` named by its path, where `target` is elsewhere."""
     link = table.get("link")
@@ -86,14 +131,11 @@ def _with_board(text: str, table: dict[str, Any], source: Path, target: Path) ->
 
 
 def _table(addition: Addition) -> str:
-    rows = [(f"[effects.{_key(addition.name)}]", addition.remark)]
-    rows += [(f"{_key(key)} = {toml_value(value)}", remark) for key, (value, remark) in addition.coefficients.items()]
+    rows = [(f"[effects.{toml_key(addition.name)}]", addition.remark)]
+    rows += [
+        (f"{toml_key(key)} = {toml_value(value)}", remark) for key, (value, remark) in addition.coefficients.items()
+    ]
     return "\n" + "".join((line.ljust(_COLUMN) + f"  # {remark}" if remark else line) + "\n" for line, remark in rows)
-
-
-def _key(name: str) -> str:
-    """A key of TOML: in quotes where it is not bare, as `interference:2` is not."""
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)
 
 
 def _rounded(found: Coefficient) -> float:

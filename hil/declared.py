@@ -8,6 +8,7 @@ from estimator.gain_matrix import BoardFilter, luenberger, pair
 from estimator.uncertainty import Calibration
 from hil.bench import Bench
 from hil.errors import InputError
+from hil.own_effects import carried, own_effects
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.links import open_link
@@ -33,6 +34,7 @@ def device_of(bench: Bench, noise_gain: float = 1.0) -> settings.Device:
         angular_gain=device.calibration.angular_gain,
         sensed=(settings.Sensed(order),) * axes,
         sense_unit=device.sense.unit,
+        own=own_effects(bench),
     )
 
 
@@ -51,7 +53,7 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
         initial |= {name: value / unit for name, value in zip(names, values or (), strict=False)}
     drive_noise = bench.device.drive.noise_mps2_per_rtHz
     return settings.ObserverSettings(
-        effects=bench.effects,
+        effects=carried(bench),
         reference=bench.loop.settle_s,
         open_loop=bench.device.axes == 2 and not bench.controller.enabled,
         variant=settings.Variant(observer.variant),

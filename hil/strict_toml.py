@@ -8,7 +8,7 @@ import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -135,7 +135,7 @@ def _place(model: type[BaseModel], loc: Sequence[str | int]) -> str:
     for part in loc:
         if isinstance(part, int):
             key += f"[{part}]"
-        elif not key and _model_at(model, [*sections, part]) is not None:
+        elif not key and _table_at(model, [*sections, part]) is not None:
             sections.append(part)
         else:
             key = f"{key}.{part}" if key else part
@@ -149,13 +149,24 @@ def _place(model: type[BaseModel], loc: Sequence[str | int]) -> str:
 
 def _model_at(model: type[BaseModel], loc: Sequence[str | int]) -> type[BaseModel] | None:
     """The nested model class that a location leads to, or None where it leaves the models."""
+    table = _table_at(model, loc)
+    return table if _is_model(table) else None
+
+
+def _table_at(model: type[BaseModel], loc: Sequence[str | int]) -> Any:
+    """The model class, or the dictionary of them, that a location leads to; None where it leaves both."""
+    table: Any = model
     for part in loc:
-        field = model.model_fields.get(str(part))
-        if field is None:
-            return None
-        inner = [one for one in (field.annotation, *get_args(field.annotation)) if one is not None]
-        table = next((one for one in inner if isinstance(one, type) and issubclass(one, BaseModel)), None)
+        if get_origin(table) is dict:
+            inner = [get_args(table)[1]]
+        else:
+            field = table.model_fields.get(str(part))
+            inner = [] if field is None else [field.annotation, *get_args(field.annotation)]
+        table = next((one for one in inner if get_origin(one) is dict or _is_model(one)), None)
         if table is None:
             return None
-        model = table
-    return model
+    return table
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)

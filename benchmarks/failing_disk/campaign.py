@@ -15,7 +15,7 @@ from benchmarks.failing_disk.disk import FAULTS, HARMLESS, REMOVES, Disk, Fault
 from hil import examples
 from hil.bench import load_bench, override
 from hil.bench.template import template, values_of
-from hil.bench.text import toml_value
+from hil.bench.toml import toml_value
 from hil.emulation import emulator
 from hil.errors import InputError
 from hil.records.check import check

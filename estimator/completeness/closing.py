@@ -208,7 +208,7 @@ def information_of(seen: Scan, turning: Turning, device: Device) -> Information:
     coefficients: list[Coefficient] = []
     places: list[int] = []
     for name, columns in seen.columns.items():
-        _, effect = effect_for(name, device.axes)
+        _, effect = effect_for(name, device.axes, device.own)
         places += range(turning.columns[name].start, turning.columns[name].stop)
         for c, plausible in zip(effect.coefficients, seen.plausible[columns], strict=True):
             coefficients.append(Coefficient(name, c.name.partition(":")[0], c.unit, float(plausible)))

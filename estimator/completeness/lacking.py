@@ -97,7 +97,7 @@ def leading(
     models = {name: fit(compared.carrying({**effects, name: watched[name]})) for name in names}
     gains = {name: model.likelihood - without.likelihood for name, model in models.items()}
     best = max(gains, key=lambda name: gains[name] - price(name, device, compared.record))
-    _, effect = effect_for(best, device.axes)
+    _, effect = effect_for(best, device.axes, device.own)
     candidates = len(seen.columns) * tries(watched[best], len(record))
     if not gains[best] > surprise(len(effect.coefficients), candidates):
         return None
@@ -135,7 +135,7 @@ def tries(parameters: Parameters, samples: int) -> int:
 
 def price(name: str, device: Device, record: Record) -> float:
     """What the numbers of an effect cost in likelihood (Schwarz 1978)."""
-    return schwarz(numbers(name, device.axes), record.sense.size)
+    return schwarz(numbers(name, device), record.sense.size)
 
 
 def angle_of(moves: Array, values: Array, covariance: Array) -> Interval:

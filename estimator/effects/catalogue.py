@@ -1,5 +1,7 @@
 """All effects, numbered: the number is what a compiled kernel dispatches on."""
 
+from collections.abc import Sequence
+
 from estimator.effects import damping, delay, drive, equivalent, line, sense, stiffness, temperature
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
@@ -49,18 +51,24 @@ def names() -> tuple[str, ...]:
     return tuple(effect.name for effect in EFFECTS)
 
 
-def effect_for(name: str, axes: int) -> tuple[int, Effect]:
-    """Number and declaration of an effect on a device with that many axes.
+OWN = -1
+"""In place of the number of an effect that is not of this catalogue: `estimator.kernel.own` has its code."""
+
+
+def effect_for(name: str, axes: int, own: Sequence[Effect] = ()) -> tuple[int, Effect]:
+    """Number and declaration of an effect on a device with that many axes; `own` are those beside the catalogue.
 
     An effect that is there more than once has a label behind a colon, `interference:2`.
 
     Raises ModelError for an unknown name, and for an effect of which a single axis has nothing.
     """
     kind, _, label = name.partition(":")
-    if kind not in names():
-        raise ModelError(f"no effect {kind!r}; known: {', '.join(names())}")
-    number = names().index(kind)
-    effect = EFFECTS[number].on(axes)
+    known = (*names(), *(effect.name for effect in own))
+    if kind not in known:
+        raise ModelError(f"no effect {kind!r}; known: {', '.join(known)}")
+    index = known.index(kind)
+    number = index if index < len(EFFECTS) else OWN
+    effect = (*EFFECTS, *own)[index].on(axes)
     if effect is None:
         raise ModelError(f"effect {kind!r} needs two axes")
     return number, effect.labelled(label) if label else effect

@@ -37,6 +37,7 @@ class Source(Enum):
     DECAY = 7  # exp(−λt) from the first sample on, with λ the parameter of that axis
     LAG = 8  # drive of an axis behind a first-order lag, its time constant the coefficient `behind`
     WANE = 9  # exp(−t/T) from the first sample on, T the coefficient `behind`
+    TIME = 10  # since the first sample
 
 
 class Delayed(Enum):
@@ -50,8 +51,9 @@ class Delayed(Enum):
 class Parameter:
     """A number of an effect that is given, not estimated: a frequency, a threshold; tracing searches for it.
 
-    length, time: powers of metre and second in its SI unit, per unit mass; default: in scaled units, where there is a
-    sensible one; choices: the only values it may have, none: any; above: below or at that there is no such device.
+    length, time, kelvin, volt: powers of metre, second, kelvin and volt in its SI unit, per unit mass; default: in
+    scaled units, where there is a sensible one; choices: the only values it may have, none: any; above: below or at
+    that there is no such device; tried: in scaled units, from where a trace begins its search.
     """
 
     symbol: sp.Symbol
@@ -61,11 +63,14 @@ class Parameter:
     default: float | None = None
     choices: tuple[float, ...] = ()
     above: float = -math.inf
+    kelvin: int = 0
+    volt: int = 0
+    tried: tuple[float, ...] = ()
 
     @property
     def unit(self) -> str:
         """The SI unit."""
-        return si_unit(self.length, self.time)
+        return si_unit(self.length, self.time, self.kelvin, self.volt)
 
 
 @dataclass(frozen=True)
@@ -85,9 +90,10 @@ class Signal:
 class Coefficient:
     """A number an effect has.
 
-    length, time, kelvin: powers of metre, second and kelvin in its SI unit, per unit mass; plausible: its largest
-    likely size in scaled units (amplitude 1, ω0 1), the standard deviation with which it enters an observer; positive:
-    a negative value would be no such effect (friction that drives).
+    length, time, kelvin, volt: powers of metre, second, kelvin and volt in its SI unit, per unit mass, a scaled unit of
+    voltage being that of the amplitude on x; plausible: its largest likely size in scaled units (amplitude 1, ω0 1),
+    the standard deviation with which it enters an observer; positive: a negative value would be no such effect
+    (friction that drives).
     """
 
     symbol: sp.Symbol
@@ -97,11 +103,12 @@ class Coefficient:
     time: int = 0
     kelvin: int = 0
     positive: bool = False
+    volt: int = 0
 
     @property
     def unit(self) -> str:
         """The SI unit."""
-        return si_unit(self.length, self.time, self.kelvin)
+        return si_unit(self.length, self.time, self.kelvin, self.volt)
 
 
 @dataclass(frozen=True)
@@ -159,9 +166,10 @@ class Effect:
         return replace(self, coefficients=left, force=(force, zero), sense=(sense, zero), signals=signals)
 
 
-def si_unit(length: int, time: int, kelvin: int = 0) -> str:
-    """Unit of those powers of metre, second and kelvin."""
-    powers = [(name, power) for name, power in (("m", length), ("s", time), ("K", kelvin)) if power]
+def si_unit(length: int, time: int, kelvin: int = 0, volt: int = 0) -> str:
+    """Unit of those powers of metre, second, kelvin and volt."""
+    named = (("m", length), ("s", time), ("K", kelvin), ("V", volt))
+    powers = [(name, power) for name, power in named if power]
     above = "·".join(name + _superscript(power) for name, power in powers if power > 0)
     below = "·".join(name + _superscript(-power) for name, power in powers if power < 0)
     return (above or "1") + (f"/({below})" if "·" in below else f"/{below}" if below else "")

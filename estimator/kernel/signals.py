@@ -16,6 +16,7 @@ _DIRECTION = Source.DIRECTION.value
 _DECAY = Source.DECAY.value
 _LAG = Source.LAG.value
 _WANE = Source.WANE.value
+_TIME = Source.TIME.value
 
 
 @compiled
@@ -28,6 +29,8 @@ def line_values(settings: Record, time: float, w: Floats) -> None:
             w[i] = math.sin(settings.signal_parameters[i, 0] * time)
         elif settings.signals[i, 0] == _DECAY:
             w[i] = math.exp(-settings.signal_parameters[i, settings.signals[i, 1]] * time)
+        elif settings.signals[i, 0] == _TIME:
+            w[i] = time
 
 
 @compiled

@@ -6,12 +6,13 @@ So one generated function serves values and Jacobian alike, on an array whose co
 constants].
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from estimator.effects.declaration import Effect
+from estimator.kernel.pointer import FORCE, SENSE
 from estimator.model.declaration import Model
 
 _PRINTER = PythonCodePrinter({"fully_qualified_modules": True})
@@ -22,6 +23,7 @@ import math
 
 from estimator.kernel.compiled import compiled, inlined
 from estimator.kernel.lanes import gather, lane, put, put_columns, take
+from estimator.kernel.pointer import LEAST_ADDRESS, call_force, call_sense
 
 
 '''
@@ -243,6 +245,56 @@ def _jumps(model: Model) -> str:
 _EFFECT_ARGUMENTS = "c, s, u, w, first, signal, value, by_states, by_constants"
 
 
+def _additions(model: Model, effect: Effect, what: str) -> list[tuple[str, int, int, sp.Expr]]:
+    """What an effect adds to force or sense, where it is not zero: to `value` of an axis, to `by_states` of an axis and
+    a state, to `by_constants` of an axis and a constant, to `by_own` of an axis and one of its coefficients.
+    """
+    states = [state.symbol for state in model.states]
+    constants = [constant.symbol for constant in model.constants]
+    coefficients = [coefficient.symbol for coefficient in effect.coefficients]
+    flowing = [constants.index(constant.symbol) for constant in model.flow_constants]
+    found = []
+    for axis, expression in enumerate(getattr(effect, what)[: model.axes]):
+        found.append(("value", axis, 0, expression))
+        found += [("by_states", axis, j, sp.diff(expression, s)) for j, s in enumerate(states)]
+        found += [("by_own", axis, j, sp.diff(expression, c)) for j, c in enumerate(coefficients)]
+        found += [("by_constants", axis, j, sp.diff(expression, constants[j])) for j in flowing]
+    return [(kind, axis, j, sp.sympify(e)) for kind, axis, j, e in found if e != 0]
+
+
+def _body(model: Model, effect: Effect, what: str, places: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
+    """Lines that add it; `places` says where each kind of addition goes, `sources` where each kind of symbol is."""
+    pairs = [(places[kind].format(axis=axis, j=j), e) for kind, axis, j, e in _additions(model, effect, what)]
+    used = _free(e for _, e in pairs)
+    lines = []
+    for kind, symbols in (
+        ("constants", [constant.symbol for constant in model.constants]),
+        ("coefficients", [coefficient.symbol for coefficient in effect.coefficients]),
+        ("states", [state.symbol for state in model.states]),
+        ("inputs", model.inputs),
+        ("signals", [signal.symbol for signal in effect.signals]),
+    ):
+        lines += _unpack(symbols, sources[kind], used)
+    lines += [line.replace("] = ", "] += ", 1) for line in _assignments(pairs, sources["shared"], "    ")]
+    return lines if pairs else ["    return"]
+
+
+_PLACES = {
+    "value": "value[{axis}]",
+    "by_states": "by_states[{axis}, {j}]",
+    "by_own": "by_constants[{axis}, first + {j}]",
+    "by_constants": "by_constants[{axis}, {j}]",
+}
+_SOURCES = {
+    "constants": "c[{i}]",
+    "coefficients": "c[first + {i}]",
+    "states": "s[{i}]",
+    "inputs": "u[{i}]",
+    "signals": "w[signal + {i}]",
+    "shared": "t",
+}
+
+
 def _effect(model: Model, effect: Effect) -> str:
     """`<model>_<effect>_force` and `_sense`: add force or sensed displacement and its derivatives to what is there.
 
@@ -250,46 +302,64 @@ def _effect(model: Model, effect: Effect) -> str:
     first signal in w, then what to add to: values (axes,), derivatives by states (axes, states) and by constants
     (axes, constants).  What is clipped is not differentiated by the offset in it: that is of the effect's second order.
     """
-    states = [state.symbol for state in model.states]
-    constants = [constant.symbol for constant in model.constants]
-    coefficients = [coefficient.symbol for coefficient in effect.coefficients]
-    signals = [signal.symbol for signal in effect.signals]
-    flowing = [constants.index(constant.symbol) for constant in model.flow_constants]
     parts = []
-    for what, expressions in (("force", effect.force), ("sense", effect.sense)):
-        pairs: list[tuple[str, sp.Expr]] = []
-        for axis, expression in enumerate(expressions[: model.axes]):
-            pairs.append((f"value[{axis}]", expression))
-            pairs += [(f"by_states[{axis}, {j}]", sp.diff(expression, s)) for j, s in enumerate(states)]
-            pairs += [
-                (f"by_constants[{axis}, first + {j}]", sp.diff(expression, c)) for j, c in enumerate(coefficients)
-            ]
-            pairs += [(f"by_constants[{axis}, {j}]", sp.diff(expression, constants[j])) for j in flowing]
-        pairs = [(name, sp.sympify(e)) for name, e in pairs if e != 0]
-        used = _free(e for _, e in pairs)
+    for what in ("force", "sense"):
         lines = ["@compiled", f"def {model.name}_{effect.name}_{what}({_EFFECT_ARGUMENTS}):"]
-        lines += _unpack(constants, "c[{i}]", used) + _unpack(coefficients, "c[first + {i}]", used)
-        lines += _unpack(states, "s[{i}]", used) + _unpack(model.inputs, "u[{i}]", used)
-        lines += _unpack(signals, "w[signal + {i}]", used)
-        lines += [line.replace("] = ", "] += ", 1) for line in _assignments(pairs, "t", "    ")]
-        if not pairs:
-            lines.append("    return")
-        parts.append("\n".join(lines))
+        parts.append("\n".join(lines + _body(model, effect, what, _PLACES, _SOURCES)))
     return "\n\n\n".join(parts)
+
+
+_OWN_HEADER = '''"""Generated from the declaration of one effect; not to be edited."""
+
+import math
+
+from estimator.kernel.own import reached_by_address
+
+'''
+_OWN_ARGUMENTS = (
+    "_c, _s, _step, _u, _w, _first, _signal, _value, _by_states, _states_row, _by_constants, _constants_row"
+)
+_OWN_PLACES = {
+    "value": "_value[{axis}]",
+    "by_states": "_by_states[{axis} * _states_row + {j}]",
+    "by_own": "_by_constants[{axis} * _constants_row + _first + {j}]",
+    "by_constants": "_by_constants[{axis} * _constants_row + {j}]",
+}
+_OWN_SOURCES = {
+    "constants": "_c[{i}]",
+    "coefficients": "_c[_first + {i}]",
+    "states": "_s[{i} * _step]",
+    "inputs": "_u[{i}]",
+    "signals": "_w[_signal + {i}]",
+    "shared": "_t",
+}
+
+
+def own_effect(model: Model, effect: Effect) -> str:
+    """Source of a module with `add(what, …)`, the function behind an address (`estimator.kernel.pointer`) that does for
+    one effect what the generated dispatchers do for the catalogue.
+
+    Its own names begin with an underscore, so that a coefficient may have any other.
+    """
+    lines = [_OWN_HEADER, "@reached_by_address", f"def add(_what, {_OWN_ARGUMENTS}):"]
+    for number, what in ((FORCE, "force"), (SENSE, "sense")):
+        body = _body(model, effect, what, _OWN_PLACES, _OWN_SOURCES)
+        if body != ["    return"]:
+            lines += [f"    if _what == {number}:", *("    " + line for line in body)]
+    return "\n".join([*lines, "    return 0"]) + "\n"
 
 
 def _dispatch_effects(models: Sequence[Model], effects: Sequence[Effect], what: str) -> str:
     lines = ["@compiled", f"def effect_{what}(effect, model, {_EFFECT_ARGUMENTS}):"]
-    branch = "if"
+    lines += ["    if effect >= LEAST_ADDRESS:", f"        call_{what}(effect, {_EFFECT_ARGUMENTS})"]
     for number, effect in enumerate(effects):
         for index, model in enumerate(models):
             present = effect.on(model.axes)
             if present is not None and any(expression != 0 for expression in getattr(present, what)):
                 lines += [
-                    f"    {branch} effect == {number} and model == {index}:",
+                    f"    elif effect == {number} and model == {index}:",
                     f"        {model.name}_{effect.name}_{what}({_EFFECT_ARGUMENTS})",
                 ]
-                branch = "elif"
     return "\n".join(lines)
 
 

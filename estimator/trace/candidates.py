@@ -4,6 +4,8 @@ A frequency is taken from the residual's lines and from where it follows the dri
 signal reach.
 """
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
@@ -11,7 +13,7 @@ from scipy.signal import csd, welch
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Source
 from estimator.residual.spectrum import lines, periodogram
-from estimator.scaling import Array
+from estimator.scaling import Array, Scaling
 from estimator.settings import Device
 from estimator.trace.record import Record
 from estimator.trace.thresholds import THRESHOLDS
@@ -35,7 +37,7 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
     innovation, deviation (n, axes) V: of an observer that carries what is known so far.
     """
     watched: dict[str, Parameters] = {}
-    for effect in EFFECTS:
+    for effect in (*EFFECTS, *device.own):
         if effect.declared_only or effect.on(device.axes) is None or not _has_signals(effect.signals, record):
             continue
         if effect.delayed is not None and not np.any(record.drive):
@@ -48,9 +50,24 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
     for name in ("dry_friction", "dry_friction_asymmetric"):
         for label, share in enumerate(_SET.rest, start=1):
             watched[f"{name}:{label}"] = {"v0": share * device.amplitude * omega0}
+    watched |= _of_own(device, record)
     watched |= _of_lines(record, device, innovation / deviation)
     watched |= _of_thresholds(record, device)
     watched |= _of_modes(record, device, innovation / deviation)
+    return watched
+
+
+def _of_own(device: Device, record: Record) -> dict[str, Parameters]:
+    """Effects beside the catalogue that have parameters, each at the values that its declaration has a trace try."""
+    scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
+    watched = {}
+    for effect in device.own:
+        if not effect.parameters or effect.on(device.axes) is None or not _has_signals(effect.signals, record):
+            continue
+        tried = [p.tried or ((p.default,) if p.default is not None else ()) for p in effect.parameters]
+        for label, values in enumerate(product(*tried), start=1):
+            given = zip(effect.parameters, values, strict=True)
+            watched[f"{effect.name}:{label}"] = {p.name: value * scaling.coefficient(p) for p, value in given}
     return watched
 
 

@@ -22,7 +22,7 @@ def covariance_of(name: str, model: Fitted, searched: Searched) -> Array:
     parameters' own uncertainty moves them by.
     """
     observer = model.observer
-    _, effect = effect_for(name, observer.device.axes)
+    _, effect = effect_for(name, observer.device.axes, observer.device.own)
     rows = [observer.estimated.index(c.name) for c in effect.coefficients]
     covariance = observer.covariance[np.ix_(rows, rows)].copy()
     if searched.names:

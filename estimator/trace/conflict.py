@@ -51,9 +51,9 @@ def reconciled(
     standing: dict[str, float] = {}
     for name, model in zip(one_of_each.values(), others, strict=True):
         gain = model.likelihood - base.likelihood
-        if gain > surprise(degrees(name, part.device.axes), len(one_of_each)) and not _conflicts(part, model):
+        if gain > surprise(degrees(name, part.device), len(one_of_each)) and not _conflicts(part, model):
             models[name] = model
-            standing[name] = gain - schwarz(numbers(name, part.device.axes), base.estimates.innovation.size)
+            standing[name] = gain - schwarz(numbers(name, part.device), base.estimates.innovation.size)
     if not models:
         return None
     ranked = sorted(models, key=lambda name: -standing[name])

@@ -84,7 +84,7 @@ def coefficients_of(observer: Observer) -> dict[str, dict[str, float]]:
 
 def parameters_of(model: Fitted, name: str) -> dict[str, float]:
     """The parameters of one of a model's effects, without its coefficients, SI."""
-    _, effect = effect_for(name, model.observer.device.axes)
+    _, effect = effect_for(name, model.observer.device.axes, model.observer.device.own)
     given = model.settings.effects[name]
     return {p.name: given[p.name] for p in effect.parameters if p.name in given}
 

@@ -211,7 +211,7 @@ def _rmse(fit: Refined) -> float:
 
 
 def _coefficients(name: str, found: SimulationTrace, device: Device) -> dict[str, float]:
-    _, effect = effect_for(name, device.axes)
+    _, effect = effect_for(name, device.axes, device.own)
     return {c.name: found.after.value(c.name) for c in effect.coefficients}
 
 
@@ -226,7 +226,7 @@ def _examined(problem: Problem, fit: Refined, split: int) -> Examination:
 
 
 def _found(name: str, found: SimulationTrace, device: Device) -> Found:
-    _, effect = effect_for(name, device.axes)
+    _, effect = effect_for(name, device.axes, device.own)
     return Found(
         name=name,
         title=effect.title,

@@ -147,7 +147,7 @@ def parts_of(part: Record, skip: int) -> tuple[Rows, Rows]:
 def candidates(device: Device, settings: ObserverSettings) -> tuple[str, ...]:
     """Effects that the device can have, that need nothing given (no frequency, no threshold) and can be run freely."""
     possible = []
-    for name in (effect.name for effect in EFFECTS if not effect.declared_only):
+    for name in (effect.name for effect in (*EFFECTS, *device.own) if not effect.declared_only):
         if name in settings.effects:
             continue
         try:

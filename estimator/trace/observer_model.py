@@ -7,6 +7,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
+from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.trace.certainty import TWO_SIDED, covariance_of
 from estimator.trace.criterion import TIE, schwarz, surprise
@@ -147,17 +148,17 @@ class ObserverModel:
         return Carrying(self.problem, less, searched), score
 
     def _degrees(self, name: str) -> int:
-        return degrees(name, self.problem.device.axes)
+        return degrees(name, self.problem.device)
 
     def _numbers(self, name: str) -> int:
-        return numbers(name, self.problem.device.axes)
+        return numbers(name, self.problem.device)
 
 
 def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str, Mapping[str, Estimate]]:
     """The coefficients of all that a model carries, with the intervals of its observer, widened by its innovations."""
     found = {}
     for name, given in coefficients_of(model.observer).items():
-        _, effect = effect_for(name, model.observer.device.axes)
+        _, effect = effect_for(name, model.observer.device.axes, model.observer.device.own)
         with np.errstate(invalid="ignore"):
             covariance = covariance_of(name, model, searched.get(name, NOTHING))
             half = TWO_SIDED * np.sqrt(np.diagonal(covariance))
@@ -169,14 +170,14 @@ def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str
     return found
 
 
-def degrees(name: str, axes: int) -> int:
+def degrees(name: str, device: Device) -> int:
     """How many coefficients an effect has."""
-    return len(effect_for(name, axes)[1].coefficients)
+    return len(effect_for(name, device.axes, device.own)[1].coefficients)
 
 
-def numbers(name: str, axes: int) -> int:
+def numbers(name: str, device: Device) -> int:
     """How many coefficients and parameters it has."""
-    _, effect = effect_for(name, axes)
+    _, effect = effect_for(name, device.axes, device.own)
     return len(effect.coefficients) + len(effect.parameters)
 
 
@@ -191,4 +192,4 @@ def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bo
         [partial(foresight, problem.carrying({**effects, **more}), seen) for more in ({}, added)]
     )
     share = _SET.borne_out * (1.0 - _SET.learnt) * (model.likelihood - base.likelihood)
-    return carried - without > min(share, surprise(degrees(name, problem.device.axes), 1))
+    return carried - without > min(share, surprise(degrees(name, problem.device), 1))

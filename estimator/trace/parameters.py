@@ -56,7 +56,7 @@ def refine_parameters(
     before: how surely they were found earlier, with less of the record or fewer effects; to_beat: twice the
     log-likelihood that another model has: one that comes nowhere near it is left as it is.
     """
-    _, effect = effect_for(name, problem.device.axes)
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
     given = model.settings.effects[name]
     names = tuple(p.name for p in effect.parameters if p.name in given)
     if not names:
@@ -238,6 +238,6 @@ class Hill:
         return np.asarray((moved[:, 1::2] - moved[:, ::2]) / apart)
 
     def _coefficients(self, model: Fitted) -> Array:
-        _, effect = effect_for(self.name, self.problem.device.axes)
+        _, effect = effect_for(self.name, self.problem.device.axes, self.problem.device.own)
         found = coefficients_of(model.observer)[self.name]
         return np.array([found[c.name.partition(":")[0]] for c in effect.coefficients])

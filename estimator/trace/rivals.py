@@ -76,7 +76,7 @@ def _watched(look: Look, reached: float) -> list[Account]:
 
 
 def _numbers(look: Look, name: str) -> int:
-    return numbers(name, look.seen.observer.device.axes)
+    return numbers(name, look.seen.observer.device)
 
 
 def dispersion(model: Fitted, other: Fitted) -> float:

@@ -249,7 +249,7 @@ def _short(name: str, named: Effects) -> str:
 
 
 def _found(name: str, named: Effects, selection: Selection, reader: AngleReader) -> Found:
-    _, effect = effect_for(name, reader.problem.device.axes)
+    _, effect = effect_for(name, reader.problem.device.axes, reader.problem.device.own)
     spread = covariance_of(name, selection.after, selection.searched[name])
     return Found(
         name=_short(name, named),
@@ -265,7 +265,7 @@ def _found(name: str, named: Effects, selection: Selection, reader: AngleReader)
 def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Interval]:
     """Coefficients and searched parameters with their 95 % intervals; a coefficient moves with the parameters."""
     model, searched = selection.after, selection.searched[name]
-    _, effect = effect_for(name, device.axes)
+    _, effect = effect_for(name, device.axes, device.own)
     given, found = selection.effects[name], selection.coefficients[name]
     intervals = {
         symbol: Interval(one.value, one.low, one.high, c.unit)
@@ -360,7 +360,7 @@ def _rejected(
     for name, item in last.look.evidence.items():
         if kind(name) in kinds or kind(name) in rejected:
             continue
-        _, effect = effect_for(name, device.axes)
+        _, effect = effect_for(name, device.axes, device.own)
         bound = {
             c.name.partition(":")[0]: _interval(float(value), float(sd), c.unit)
             for c, value, sd in zip(

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from hil.bench.device import Device
 from hil.bench.loop import Controller, Limits, Link, Loop
 from hil.bench.observer import Observer
+from hil.bench.own import Effects
 from hil.bench.plausible import implausible
 from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import Section, check_matrix
@@ -31,7 +32,7 @@ class Bench(Section):
     """table [controller]"""
     limits: Limits = Limits()
     """table [limits]"""
-    effects: dict[str, dict[str, float]] = Field(default_factory=dict)
+    effects: Effects = Field(default_factory=lambda: Effects.model_validate({}))
     """What the base model lacks and the observer is to carry: one table per effect with first guesses of its
     coefficients, in SI per unit mass (0 where not given). The effects and their coefficients stand in effects.md."""
 

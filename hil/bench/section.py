@@ -9,7 +9,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(gt=0, le=1)]
 
 
-def _as_tuple(value: Any) -> Any:
+def as_tuple(value: Any) -> Any:
     """TOML arrays become tuples, a lone number a tuple of one; the rest is for pydantic to refuse."""
     if isinstance(value, list):
         return tuple(value)
@@ -18,7 +18,7 @@ def _as_tuple(value: Any) -> Any:
 
 Numbers = Annotated[
     tuple[float, ...],
-    BeforeValidator(_as_tuple),
+    BeforeValidator(as_tuple),
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}, "minItems": 1}]}),
 ]
 

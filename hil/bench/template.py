@@ -4,11 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from hil.bench.bench import Bench
-from hil.bench.text import keys, meaning, sections, toml_value
+from hil.bench.own import own_table
+from hil.bench.text import keys, meaning, sections
+from hil.bench.toml import toml_key, toml_value
 
 Values = Mapping[str, Mapping[str, Any]]
 
-EFFECTS = "effects"
+EFFECTS, CUSTOM = "effects", "effects.custom"
 _COLUMN = 44  # where the remarks begin
 
 
@@ -30,8 +32,10 @@ def template(known: Values, heading: str) -> str:
                 default = "" if field.default is None else f" {toml_value(field.default)}"
                 lines.append(_remarked(f"# {key} ={default}", meaning(field)))
     for name, coefficients in known.get(EFFECTS, {}).items():
-        lines += ["", f"[{EFFECTS}.{name}]"]
-        lines += [f"{key} = {toml_value(value)}" for key, value in coefficients.items()]
+        lines += ["", f"[{EFFECTS}.{toml_key(name)}]"]
+        lines += [f"{toml_key(key)} = {toml_value(value)}" for key, value in coefficients.items()]
+    for name, own in known.get(CUSTOM, {}).items():
+        lines += ["", *own_table(name, own)]
     return "\n".join(lines) + "\n"
 
 
@@ -57,7 +61,8 @@ def values_of(bench: Bench) -> dict[str, dict[str, Any]]:
             table = getattr(table, part)
         given = {key: getattr(table, key) for key, _ in keys(model)}
         said[path] = {key: value for key, value in given.items() if value is not None}
-    said[EFFECTS] = dict(bench.effects)
+    said[EFFECTS] = dict(bench.effects.named)
+    said[CUSTOM] = dict(bench.effects.custom)
     return said
 
 

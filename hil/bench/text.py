@@ -5,15 +5,19 @@
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from estimator.custom.grammar import DEEPEST, FUNCTIONS, LARGEST_EXPONENT, LONGEST
+from estimator.custom.names import QUANTITIES
 from hil.bench.bench import Bench
+from hil.bench.own import Effects, OwnCoefficient, OwnEffect, OwnParameter
 from hil.bench.rate_sensor import RateSensorBench
+from hil.bench.toml import toml_value
 
 INTRODUCTION = """\
 # Bench file
@@ -24,6 +28,30 @@ beside this page is the same as a JSON Schema. Both are generated: `python -m hi
 """
 
 
+OWN = (
+    ("effects.custom.NAME", OwnEffect),
+    ("effects.custom.NAME.coefficients.SYMBOL", OwnCoefficient),
+    ("effects.custom.NAME.parameters.SYMBOL", OwnParameter),
+)
+
+GRAMMAR = """
+### Laws
+
+A law has numbers, names, `+ - * / **`, parentheses and the functions {functions}
+of one argument; {longest} characters, {deepest} deep, exponents up to {exponent}, which are numbers. It is parsed,
+never run; what is more than arithmetic is refused. `force_x`, `force_y` come out in m/s², `sense_x`, `sense_y` in m or
+in V: units are checked, and the line that refuses a law says which unit its coefficient should have. A coefficient's
+unit has whole powers. [How to](../how-to.md#an-effect-of-your-own).
+
+| name | unit | what it is |
+|---|---|---|
+{names}
+`abs`, `sqrt`, `r` and `v` are rounded off below 1e-9 of the amplitude, the root of what is below zero is that of zero.
+`sign(vx)` and `sign(vy)` turn over as tanh(v/v_rest) does; `v_rest` is a parameter then, 0.01 amplitude · omega0 where
+[effects.NAME] does not give it. The sign of anything else turns over within a hundredth of amplitude, omega0 and their
+products.
+"""
+
 SENSOR = """
 # Bench file of a rate-output sensor
 
@@ -31,17 +59,6 @@ A sensor that puts out a rate as a voltage has `[device] axes = 0`, and of the s
 other keys; its schema is `rate-sensor.schema.json`. Its record has a reference for the rate in `rate_rad_s` and its
 output in `vx_V`.
 """
-
-
-def toml_value(value: Any) -> str:
-    """A scalar or a list of scalars in TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(toml_value(item) for item in value)}]"
-    return repr(value)
 
 
 def json_schema(file: type[BaseModel] = Bench) -> str:
@@ -53,13 +70,20 @@ def json_schema(file: type[BaseModel] = Bench) -> str:
 def reference() -> str:
     """The reference page in Markdown: one table per section."""
     effects = " ".join((Bench.model_fields["effects"].description or "").split())
-    parts = [INTRODUCTION, *_tables(Bench), f"\n## [effects.NAME]\n\n{effects}\n", SENSOR, *_tables(RateSensorBench)]
+    parts = [INTRODUCTION, *_tables(Bench, sections(Bench)), f"\n## [effects.NAME]\n\n{effects}\n"]
+    parts += [*_tables(Bench, OWN), _grammar(), SENSOR, *_tables(RateSensorBench, sections(RateSensorBench))]
     return "".join(parts)
 
 
-def _tables(file: type[BaseModel]) -> Iterator[str]:
+def _grammar() -> str:
+    names = "".join(f"| `{name}` | {one.unit} | {one.meaning} |\n" for name, one in QUANTITIES.items())
+    functions = ", ".join(f"`{name}`" for name in FUNCTIONS)
+    return GRAMMAR.format(functions=functions, longest=LONGEST, deepest=DEEPEST, exponent=LARGEST_EXPONENT, names=names)
+
+
+def _tables(file: type[BaseModel], listed: Iterable[tuple[str, type[BaseModel]]]) -> Iterator[str]:
     definitions = file.model_json_schema()["$defs"]
-    for path, model in sections(file):
+    for path, model in listed:
         yield f"\n## [{path}]\n\n{(model.__doc__ or '').strip()}\n"
         yield "\n| key | value | default | meaning |\n|---|---|---|---|\n"
         schema = definitions[model.__name__]["properties"]
@@ -70,6 +94,8 @@ def _tables(file: type[BaseModel]) -> Iterator[str]:
 def sections(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
     """Every table below ``model`` with its dotted name, in the order of the file."""
     for name, field in model.model_fields.items():
+        if field.annotation is Effects:  # its tables have names of their own
+            continue
         if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             below = f"{path}.{name}" if path else name
             yield below, field.annotation
@@ -96,6 +122,8 @@ def _kind(schema: dict[str, Any]) -> str:
     (option,) = choices
     if "const" in option or "enum" in option:
         return " · ".join(f"`{toml_value(value)}`" for value in option.get("enum", [option.get("const")]))
+    if option.get("type") == "object":
+        return "tables"
     words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}
     bounds = (("exclusiveMinimum", ">"), ("minimum", "≥"), ("exclusiveMaximum", "<"), ("maximum", "≤"))
     limits = [f"{sign} {option[word]:g}" for word, sign in bounds if word in option]
@@ -105,6 +133,8 @@ def _kind(schema: dict[str, Any]) -> str:
 def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "**required**"
+    if field.default_factory is not None:
+        return "none"
     return "–" if field.default is None else f"`{toml_value(field.default)}`"
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.addition import Addition, add_effects
+from hil.addition import Addition, add_effects, write_custom
 from hil.bench import load_bench
 from hil.emulation import located
 from hil.errors import InputError
@@ -23,10 +23,9 @@ def test_the_rest_of_the_file_stays_as_it_is(tmp_path: Path) -> None:
     for line in old.splitlines():
         assert line in new or line.startswith("url")
     bench = load_bench(tmp_path / "new.bench.toml")
-    assert bench.effects == {"cubic_stiffness": {"k3x": 9.97e12, "k3y": 3e12}, "sense_gain": {"gy": -0.01}}
-    assert bench.model_copy(update={"effects": {}, "link": None}) == load_bench(source).model_copy(
-        update={"link": None}
-    )
+    assert bench.effects.named == {"cubic_stiffness": {"k3x": 9.97e12, "k3y": 3e12}, "sense_gain": {"gy": -0.01}}
+    apart = {"effects": None, "link": None}
+    assert bench.model_copy(update=apart) == load_bench(source).model_copy(update=apart)
     assert "# ± 2e10 1/(m²·s²)" in new
 
 
@@ -50,7 +49,7 @@ def test_more_can_be_added_to_what_is_there(tmp_path: Path) -> None:
     first, second = tmp_path / "first.bench.toml", tmp_path / "second.bench.toml"
     add_effects(find("bench", "s-slow"), first, [GAIN])
     add_effects(first, second, [CUBIC, LINE])
-    effects = load_bench(second).effects
+    effects = load_bench(second).effects.named
     assert set(effects) == {"sense_gain", "cubic_stiffness", "interference:2"}
     assert effects["interference:2"] == {"ax:2": 1e-9, "ω": 311.0}
     with pytest.raises(InputError, match=r"\[effects.sense_gain\] is declared already"):
@@ -64,3 +63,42 @@ def test_a_form_that_cannot_be_added_to_is_refused(tmp_path: Path) -> None:
     source.write_text("effects = {sense_gain = {gy = 0.0}}\n" + text, encoding="utf-8")
     with pytest.raises(InputError, match="one table per effect"):
         add_effects(source, tmp_path / "new.bench.toml", [CUBIC])
+
+
+QUINTIC = {"k5": (2.5e21, "1/(m⁴·s²)")}
+LAWS = ("-k5 * x * r**4", "-k5 * y * r**4")
+
+
+def test_a_form_is_written_as_an_effect_of_its_own(tmp_path: Path) -> None:
+    old = find("bench", "s-undeclared").read_text(encoding="utf-8")
+    new = write_custom(old, "quintic", LAWS, QUINTIC, title="Along the radius", remark="seen in ride")
+    assert new.startswith(old.rstrip("\n"))
+    (tmp_path / "new.bench.toml").write_text(new, encoding="utf-8")
+    bench = load_bench(tmp_path / "new.bench.toml")
+    own = bench.effects.custom["quintic"]
+    assert (own.force_x, own.force_y, own.title, own.carried) == (*LAWS, "Along the radius", True)
+    assert (own.coefficients["k5"].start, own.coefficients["k5"].unit) == QUINTIC["k5"]
+    again = write_custom(new, "more", ("", "-g * vy"), {"g": (0.0, "1/s")})
+    (tmp_path / "new.bench.toml").write_text(again, encoding="utf-8")
+    assert set(load_bench(tmp_path / "new.bench.toml").effects.custom) == {"quintic", "more"}
+
+
+@pytest.mark.parametrize(
+    ("name", "laws", "coefficients", "complaint"),
+    [
+        ("quintic", ("__import__('os')", ""), QUINTIC, r"\[effects.custom.quintic\] force_x: ''' at character 12"),
+        ("quintic", LAWS, {"k5": (0.0, "1/s²")}, r"the unit of k5 should be 1/\(m⁴·s²\)"),
+        ("quintic]\n[link", LAWS, QUINTIC, "name: begins with a small letter"),
+        ("there", LAWS, QUINTIC, r"\[effects.custom.there\] is declared already"),
+        ("sense_gain", LAWS, QUINTIC, r"\[effects.custom.sense_gain\] is declared already"),
+    ],
+)
+def test_a_form_that_is_none_is_not_written(
+    name: str, laws: tuple[str, str], coefficients: dict[str, tuple[float, str]], complaint: str
+) -> None:
+    there = '[effects.sense_gain]\ngy = 0.0\n[effects.custom.there]\nforce_x = "-q*x"\ncoefficients.q.unit = "1/s²"\n'
+    with pytest.raises(InputError, match=complaint) as error:
+        write_custom(there, name, laws, coefficients)
+    assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match="cannot be added"):
+        write_custom("effects = {sense_gain = {gy = 0.0}}\n", "quintic", LAWS, QUINTIC)

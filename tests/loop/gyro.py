@@ -7,7 +7,7 @@ from typing import Any
 from hil import examples
 from hil.bench import Bench, load_bench, override
 from hil.bench.template import template, values_of
-from hil.bench.text import toml_value
+from hil.bench.toml import toml_value
 
 RATE_HZ = 4000.0
 

@@ -77,7 +77,7 @@ def test_the_bench_as_run_keeps_its_effects(tmp_path: Path) -> None:
     bench = override(load_bench(Path(find("bench", "s-slow"))), changes, "test")
     done = run(bench, f"inproc:{scenario}", tmp_path, progress=lambda _: None)
     assert done.folder is not None
-    assert load_bench(done.folder / "bench.toml").effects == {"sense_gain": {"gy": 0.01}}
+    assert load_bench(done.folder / "bench.toml").effects.named == {"sense_gain": {"gy": 0.01}}
 
 
 CLOCK = ("[faults]\nclock_skew = 0.01", {"clock_rate": {"delta": 1.0 / 1.01 - 1.0}})
