@@ -1,6 +1,7 @@
 """From what is declared, by bench file and board, to what the estimator needs."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from estimator import settings
@@ -17,11 +18,13 @@ from hil.wire.spec import SPEC
 
 
 def device_of(bench: Bench, noise_gain: float = 1.0) -> settings.Device:
-    """The declared device per unit mass; noise_gain: what a filter that its record passed left of the noise."""
+    """The declared device per unit mass, with the effects beside the catalogue that it can have; noise_gain: what a
+    filter that its record passed left of the noise.
+    """
     device = bench.device
     axes, order = device.axes, device.sense.order
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
-    return settings.Device(
+    declared = settings.Device(
         sample_rate=device.sample_rate_Hz,
         stiffness=device.stiffness_per_s2,
         damping=device.damping_per_s,
@@ -34,8 +37,8 @@ def device_of(bench: Bench, noise_gain: float = 1.0) -> settings.Device:
         angular_gain=device.calibration.angular_gain,
         sensed=(settings.Sensed(order),) * axes,
         sense_unit=device.sense.unit,
-        own=own_effects(bench),
     )
+    return replace(declared, own=own_effects(bench, declared))
 
 
 def observer_settings_of(bench: Bench) -> settings.ObserverSettings:

@@ -9,12 +9,14 @@ The entry point has the name of its effect and leads to an `estimator.custom.Dec
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 from estimator.custom import Declaration
+from estimator.custom.declaration import UNNAMED
 from estimator.errors import ModelError
+from estimator.settings import Device
 from hil.bench import Bench
 from hil.errors import InputError, printable
 
@@ -44,8 +46,8 @@ def packaged() -> Packaged:
     return Packaged(found, broken)
 
 
-def own_effects(bench: Bench) -> "tuple[Effect, ...]":
-    """The effects beside the catalogue that the device of `bench` can have, those of the bench file first.
+def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
+    """The effects beside the catalogue that `device`, that of `bench`, can have, those of the bench file first.
 
     What a package brings and cannot be used is left out.  Raises InputError where `bench` itself declares or names
     such an effect.
@@ -53,14 +55,14 @@ def own_effects(bench: Bench) -> "tuple[Effect, ...]":
     if not bench.effects.custom and not entry_points(group=GROUP):
         return ()
     taken = _Taken()
-    axes, scaling = bench.device.axes, _scaling(bench)
+    axes, scaling = device.axes, _scaling(device)
     for name, one in bench.effects.custom.items():
         try:
             taken.add(one.declared(name).effect(scaling, axes))
         except ModelError as error:
             raise InputError(f"[effects.custom.{name}] {error}") from None
     brought = packaged()
-    named = {name.partition(":")[0] for name in bench.effects.named}
+    named = {name.partition(":")[0] for name in bench.effects.named} - set(bench.effects.custom)
     if wrong := sorted(named & set(brought.broken)):
         raise InputError(brought.broken[wrong[0]])
     for name, declared in brought.effects.items():
@@ -82,17 +84,9 @@ def carried(bench: Bench) -> dict[str, dict[str, float]]:
     return {**effects, **{name: given for name, given in declared.items() if name not in effects}}
 
 
-def complaints(bench: Bench) -> list[str]:
-    """A line for each effect of a package that is left out for what is wrong with it."""
-    brought = packaged()
-    lines = [f"{line}; it is left out" for line in brought.broken.values()]
-    taken, axes, scaling = _Taken(), bench.device.axes, _scaling(bench)
-    for name, declared in brought.effects.items():
-        try:
-            taken.add(declared.effect(scaling, axes) if isinstance(declared, Declaration) else declared)
-        except ModelError as error:
-            lines.append(f"effect {name!r} of a package: {error}; it is left out")
-    return lines
+def left_out() -> list[str]:
+    """A line for each effect of a package that cannot be used for what is wrong with it."""
+    return [f"{line}; it is left out" for line in packaged().broken.values()]
 
 
 class _Taken:
@@ -118,11 +112,12 @@ class _Taken:
         self.effects.append(effect)
 
 
-def _scaling(bench: Bench) -> Any:
+def _scaling(device: Device) -> Any:
     from estimator.scaling import Scaling
 
-    device = bench.device
-    return Scaling(math.sqrt(bench.target_stiffness_per_s2), device.amplitude_m, device.sense_gains_V_per_m)
+    return Scaling(
+        math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain, device.angular_gain
+    )
 
 
 def _loaded(entry: EntryPoint) -> "Declaration | Effect":
@@ -144,7 +139,7 @@ def _loaded(entry: EntryPoint) -> "Declaration | Effect":
         )
     if found.name != entry.name:
         raise ModelError(f"its effect is called {found.name!r}; give both the same name")
-    return found
+    return replace(found, source=_package(entry)) if found.source == UNNAMED else found
 
 
 def _require_sound(effect: "Effect") -> None:

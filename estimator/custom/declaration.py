@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 PLAUSIBLE = 0.05
 """Of a coefficient where nothing is given: its force a twentieth of the spring's at amplitude."""
 
+UNNAMED = "declared by its user"
+"""Source of what does not say where it is from."""
+
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _SYMBOL = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
 _MOST = 16  # coefficients, and parameters
@@ -68,7 +71,7 @@ class Declaration:
     coefficients: Mapping[str, Coefficient] = field(default_factory=dict)
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     title: str = ""
-    source: str = "declared by its user"
+    source: str = UNNAMED
     signature: str = "what its law says"
 
     def __post_init__(self) -> None:

@@ -41,7 +41,7 @@ A law has numbers, names, `+ - * / **`, parentheses and the functions {functions
 of one argument; {longest} characters, {deepest} deep, exponents up to {exponent}, which are numbers. It is parsed,
 never run; what is more than arithmetic is refused. `force_x`, `force_y` come out in m/s², `sense_x`, `sense_y` in m or
 in V: units are checked, and the line that refuses a law says which unit its coefficient should have. A coefficient's
-unit has whole powers. [How to](../how-to.md#an-effect-of-your-own).
+unit has whole powers. [How to](../how-to.md#-add-an-effect-of-your-own).
 
 | name | unit | what it is |
 |---|---|---|

@@ -33,6 +33,7 @@ def replay(
     """
     from hil.bench import load_bench, override
     from hil.cli.files import capture_in
+    from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish
     from hil.examples import find
@@ -41,6 +42,7 @@ def replay(
     path = find("bench", bench)
     declared = load_bench(path)
     declared = override(declared, {"loop": {"name": name or f"{declared.loop.name}-replay"}}, str(path))
+    prepare(declared)
     with watching("replay") as watch:
         done = replay_record(capture_in(capture), declared, out, backend=backend, progress=watch)
     assert done.folder is not None  # only a dry run leaves none

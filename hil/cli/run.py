@@ -59,6 +59,7 @@ def run(
     """
     from hil.bench import load_bench, override
     from hil.cli import consent
+    from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish, show_identity
     from hil.emulation import is_emulated, located
@@ -79,6 +80,7 @@ def run(
         raise InputError(f"--truth: {truth}: exists already; give another name, or remove it")
     if not dry_run and not is_emulated(url):
         consent.require(url, declared, given=arm, open_loop=open_loop)
+    prepare(declared)
     from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it
 
     with watching(declared.loop.name) as watch:
