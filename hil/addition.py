@@ -9,7 +9,7 @@ from typing import Any
 
 from estimator.errors import ModelError
 from hil.bench import Bench
-from hil.bench.own import OwnCoefficient, OwnEffect, own_table
+from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter, own_table
 from hil.bench.toml import toml_key, toml_value
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
@@ -78,25 +78,32 @@ def write_custom(
     forces: Sequence[str],
     coefficients: Mapping[str, tuple[float, str]],
     *,
+    sensed: Sequence[str] = (),
+    parameters: Mapping[str, tuple[float, str]] | None = None,
     title: str = "",
     remark: str = "",
 ) -> str:
     """`bench_text` with the effect [effects.custom.NAME] added, which the next run carries; the rest stays.
 
     forces: laws of the force per unit mass along x and y in the grammar of [effects.custom], "" where there is none;
-    coefficients: first guess (SI per unit mass) and unit of each.  Raises InputError for a law or a unit that is none,
-    for a name that is declared already, and for a file that nothing can be added to.
+    sensed: laws of what is added to the sensed displacement, alike; coefficients: first guess (SI per unit mass) and
+    unit of each; parameters: value and unit.  Raises InputError for a law or a unit that is none, for a name that is
+    declared already, and for a file that nothing can be added to.
     """
     place = f"[effects.custom.{name}]"
     before = table_of(bench_text.encode(), "bench file")
     effects = before.get("effects", {})
     if name in effects or name in effects.get("custom", {}):
         raise InputError(f"{place} is declared already; take another name")
-    force_x, force_y = (*forces, "")[:2]
+    force_x, force_y, *_ = (*forces, "", "")
+    sense_x, sense_y, *_ = (*sensed, "", "")
     own = OwnEffect(
         title=title,
         force_x=force_x,
         force_y=force_y,
+        sense_x=sense_x,
+        sense_y=sense_y,
+        parameters={key: OwnParameter(unit=unit, value=value) for key, (value, unit) in (parameters or {}).items()},
         coefficients={key: OwnCoefficient(unit=unit, start=start) for key, (start, unit) in coefficients.items()},
     )
     try:

@@ -46,13 +46,18 @@ def packaged() -> Packaged:
     return Packaged(found, broken)
 
 
+def may_have_any(bench: Bench) -> bool:
+    """Whether the bench file or a package declares one; quickly known."""
+    return bool(bench.effects.custom) or bool(entry_points(group=GROUP))
+
+
 def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
     """The effects beside the catalogue that `device`, that of `bench`, can have, those of the bench file first.
 
     What a package brings and cannot be used is left out.  Raises InputError where `bench` itself declares or names
     such an effect.
     """
-    if not bench.effects.custom and not entry_points(group=GROUP):
+    if not may_have_any(bench):
         return ()
     taken = _Taken()
     axes, scaling = device.axes, _scaling(device)

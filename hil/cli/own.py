@@ -14,8 +14,11 @@ def prepare(bench: "Bench") -> None:
     Raises InputError for one that the bench file declares or names and that is none.
     """
     from hil.cli.show import say
+    from hil.own_effects import left_out, may_have_any
+
+    if not may_have_any(bench):
+        return
     from hil.declared import device_of
-    from hil.own_effects import left_out
 
     device = device_of(bench)
     for line in left_out():

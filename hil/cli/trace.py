@@ -59,6 +59,7 @@ def trace(
     """
     from hil.bench import RateSensorBench, load_any_bench
     from hil.cli.files import capture_in, fresh
+    from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import say
     from hil.cli.show_diagnosis import finish
@@ -74,6 +75,8 @@ def trace(
     if (arm or link is not None) and not live:
         raise InputError("--link and --arm belong to --live; give it, or leave them out")
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
+    if not isinstance(declared, RateSensorBench):
+        prepare(declared)
     from hil.tracing import trace_file  # loads the estimator: after what can be refused without it
 
     with watching("trace", whole=True) as watch:

@@ -78,9 +78,14 @@ def test_a_form_is_written_as_an_effect_of_its_own(tmp_path: Path) -> None:
     own = bench.effects.custom["quintic"]
     assert (own.force_x, own.force_y, own.title, own.carried) == (*LAWS, "Along the radius", True)
     assert (own.coefficients["k5"].start, own.coefficients["k5"].unit) == QUINTIC["k5"]
-    again = write_custom(new, "more", ("", "-g * vy"), {"g": (0.0, "1/s")})
+    again = write_custom(
+        new, "more", ("", "-g * vy"), {"g": (0.0, "1/s")}, sensed=("g * x * s0",), parameters={"s0": (1e-3, "s")}
+    )
     (tmp_path / "new.bench.toml").write_text(again, encoding="utf-8")
-    assert set(load_bench(tmp_path / "new.bench.toml").effects.custom) == {"quintic", "more"}
+    effects = load_bench(tmp_path / "new.bench.toml").effects.custom
+    assert set(effects) == {"quintic", "more"}
+    assert (effects["more"].force_x, effects["more"].sense_x, effects["more"].sense_y) == ("", "g * x * s0", "")
+    assert effects["more"].parameters["s0"].value == 1e-3
 
 
 @pytest.mark.parametrize(
