@@ -64,10 +64,10 @@ ALIKE: dict[str, tuple[Declaration, dict[str, float]]] = {
     "temperature_stiffness": (
         Declaration(
             "mine",
-            force=("-p*T*x", "-q*T*y"),
-            coefficients={"p": Coefficient("1/(s²·K)"), "q": Coefficient("1/(s²·K)")},
+            force=("-T * (p*x + n*y)", "-T * (n*x + q*y)"),
+            coefficients={name: Coefficient("1/(s²·K)") for name in "pqn"},
         ),
-        {"p": 1e3, "q": -2e3},
+        {"p": 1e3, "q": -2e3, "n": 3e2},
     ),
     "base_vibration": (
         Declaration(
