@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled, generated
+from estimator.kernel.lanes import put, take
 from estimator.kernel.layout import MAX_DELAY, Floats, Record
 from estimator.kernel.signals import directions, line_values
 
@@ -19,6 +20,9 @@ _field_columns = generated().field_columns
 _taylor = generated().taylor
 _effect_force = generated().effect_force
 _MAX_ORDER = 60
+_NORM, _TOLERANCE = 1.5, 1e-14
+_LONGEST = np.array([(_TOLERANCE * math.factorial(n + 1)) ** (1.0 / (n + 1)) / _NORM for n in range(_MAX_ORDER)])
+"""By order, the interval that it does for (`taylor_order`)."""
 Push = tuple[Floats, Floats, Floats, Floats, Floats]  # force, its derivatives by states, by constants; drive; signals
 _DRIFTS = (
     0.07534696026989288842,
@@ -38,7 +42,7 @@ _KICKS = (
 
 
 @cache
-def taylor_order(h: float, norm: float = 1.5, tolerance: float = 1e-14) -> int:
+def taylor_order(h: float, norm: float = _NORM, tolerance: float = _TOLERANCE) -> int:
     """Order whose remainder (h·norm)^(n+1)/(n+1)! is below `tolerance`.
 
     A drive of that degree needs as many orders more.  Raises ModelError when the step is so long that no sensible order
@@ -60,9 +64,13 @@ def taylor(
     t/h.
 
     columns is 1 or all of the model's and more; a is scratch of out's shape; b, scratch of the other flows, is left as
-    it is.
+    it is.  order is what the longest interval asks for: over a shorter one the terms beyond its own are rounding.
     """
-    _taylor(model, c, u, h, order, columns, a, out)
+    degree = u.shape[1] - 1
+    own = 2
+    while own < order - degree and abs(h) >= _LONGEST[own]:
+        own += 1
+    _taylor(model, c, u, h, own + degree, columns, a, out)
 
 
 @compiled
@@ -85,23 +93,39 @@ def effect_forces(settings: Record, c: Floats, s: Floats, push: Push) -> None:
 def push_columns(
     settings: Record, c: Floats, weight: float, columns: int, at: Floats, start: Floats, out: Floats, push: Push
 ) -> None:
-    """out ← start with the velocities pushed by weight × the effects' forces at the columns `at`, sensitivities
-    alike.
+    """Velocities of out ← those of start, pushed by weight × the effects' forces at the columns `at`, sensitivities
+    alike; start may be out, `at` not.  columns is 1 or all of out's.
     """
     force, by_states, by_constants = push[:3]
     states = out.shape[0]
     effect_forces(settings, c, at[:, 0], push)
     for axis in range(settings.axes):
         row = 2 * axis + 1
-        out[row, 0] = start[row, 0] + weight * force[axis]
-        for j in range(1, columns):
-            total = 0.0
-            for i in range(states):
-                total += by_states[axis, i] * at[i, j]
-            column = j - 1 - states
-            if column >= 0:
-                total += by_constants[axis, settings.sense_constants + column]
-            out[row, j] = start[row, j] + weight * total
+        pushed = start[row, 0] + weight * force[axis]
+        if columns > 1:
+            add_rows(by_states[axis], weight, row, at, start, out)
+            for j in range(1 + states, columns):
+                out[row, j] += weight * by_constants[axis, settings.sense_constants + j - 1 - states]
+        out[row, 0] = pushed
+
+
+@compiled
+def add_rows(weights: Floats, weight: float, row: int, at: Floats, start: Floats, out: Floats) -> None:
+    """A row of out ← that of start and the rows of `at`, each times its weight and `weight`, column by column."""
+    columns = out.shape[1]
+    fours = columns - columns % 4
+    place = row * columns
+    for j in range(0, fours, 4):
+        put(out, place + j, take(start, place + j, 4))
+    for j in range(fours, columns):
+        out[row, j] = start[row, j]
+    for i in range(out.shape[0]):
+        w = weight * weights[i]
+        if w != 0.0:  # few are not
+            for j in range(0, fours, 4):
+                put(out, place + j, take(out, place + j, 4) + w * take(at, i * columns + j, 4))
+            for j in range(fours, columns):
+                out[row, j] += w * at[i, j]
 
 
 @compiled
@@ -115,19 +139,16 @@ def drive_at(u: Floats, at: float, out: Floats) -> None:
 
 
 @compiled
-def kick(
-    settings: Record, c: Floats, weight: float, columns: int, a: Floats, b: Floats, out: Floats, push: Push
-) -> None:
-    """Give the velocities in the columns of out the impulse weight × the effects' forces.
+def kick(settings: Record, c: Floats, weight: float, columns: int, b: Floats, out: Floats, push: Push) -> None:
+    """Give the velocities in the columns of out the impulse weight × the effects' forces; b is scratch of its shape.
 
     A force that depends on the velocity changes during the impulse: it is taken from its middle.
     """
-    for i in range(out.shape[0]):
+    for i in range(0, out.shape[0], 2):
         for j in range(columns):
-            a[i, j] = out[i, j]
             b[i, j] = out[i, j]
-    push_columns(settings, c, 0.5 * weight, columns, a, a, b, push)
-    push_columns(settings, c, weight, columns, b, a, out, push)
+    push_columns(settings, c, 0.5 * weight, columns, out, out, b, push)
+    push_columns(settings, c, weight, columns, b, out, out, push)
 
 
 @compiled
@@ -175,7 +196,7 @@ def advance_columns(
         if stage < len(_KICKS):
             drive_at(u, at, push[3])
             line_values(settings, time + at * h, push[4])
-            kick(settings, c, _KICKS[stage] * h, columns, a, b, out, push)
+            kick(settings, c, _KICKS[stage] * h, columns, b, out, push)
 
 
 @compiled

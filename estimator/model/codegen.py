@@ -89,9 +89,9 @@ def _field_columns(model: Model) -> str:
 def _taylor(model: Model) -> str:
     """`<model>_taylor(c, u, h, order, columns, a, out)`: advance the columns of out by their Taylor series over h.
 
-    u (axes, degree + 1) is the drive in normalised time, a scratch of out's shape; columns is 1 or all.  The columns
-    are taken four at a time, everything read before anything is written: so the compiler puts them side by side into
-    vector registers.
+    u (axes, degree + 1) is the drive in normalised time, a scratch of out's shape; columns is 1 or all.  Where those of
+    the base model fill vector registers they are lanes.  Elsewhere the columns are taken four at a time, everything
+    read before anything is written: so the compiler puts them side by side into such registers.
     """
     m, n = model.system_matrices()
     rows = range(m.rows)
@@ -150,6 +150,8 @@ def _taylor(model: Model) -> str:
     lines += [f"            total{i} += b{i}" for i in rows]
     lines += [f"        out[{i}, 0] = total{i}" for i in rows]
     lines.append("        return")
+    if base % 4 == 0:
+        return "\n".join([_taylor_lanes(model), "", "", *lines, f"    {model.name}_taylor_lanes(c, u, h, order, out)"])
     lines.append("    for j in range(columns):")
     lines += [f"        a[{i}, j] = out[{i}, j]" for i in rows]
     lines += ["    for n in range(order):", "        scale = h / (n + 1)"]
@@ -163,40 +165,48 @@ def _taylor(model: Model) -> str:
     return "\n".join(lines)
 
 
-def _flow_lanes(model: Model) -> str:
-    """`<model>_flow_lanes(c, s, u, h, order, out)`: the flow and its sensitivities over h, all columns side by side.
+def _width(model: Model) -> int:
+    """Columns [state | ∂/∂s0 | ∂/∂flow constants] side by side, filled up to a multiple of four."""
+    return -(-(1 + len(model.states) + len(model.flow_constants)) // 4) * 4
 
-    out[:w · rows] ← the rows of [state | ∂/∂s0 | ∂/∂flow constants], w numbers each (the columns, filled up to a
-    multiple of four); out[w · rows:] ← the same column by column.  Models of four states only, so that columns, too,
-    are lanes.
-    """
-    m, n = model.system_matrices()
-    rows = range(m.rows)
-    states = [state.symbol for state in model.states]
-    used_constants = [constant.symbol for constant in model.constants]
-    columns = 1 + len(states) + len(model.flow_constants)
-    width = -(-columns // 4) * 4
-    varying = [(f"m{i}_{j}", m[i, j]) for i in rows for j in range(m.cols) if not m[i, j].is_number]
-    forcing = [[sum((n[i, j] * model.inputs[j] for j in range(n.cols)), sp.Integer(0))] for i in rows]
-    for i in rows:
-        forcing[i] += [sp.Integer(0)] * len(states)
-        forcing[i] += [sp.diff(model.field[i], constant.symbol) for constant in model.flow_constants]
-        forcing[i] += [sp.Integer(0)] * (width - columns)
-    forces = [(f"f{i}_{j}", e) for i in rows for j, e in enumerate(forcing[i]) if e != 0]
-    used = _free(e for _, e in varying) | _free(e for _, e in forces)
 
-    lines = ["@inlined", f"def {model.name}_flow_lanes(c, s, u, h, order, out):"]
-    lines += _unpack(used_constants, "c[{i}]", used)
+def _lanes_prologue(model: Model) -> list[str]:
+    """Lines that name what the terms of a series in lanes are made of."""
+    m, forcing = model.system_matrices()[0], _forcing(model)
+    varying = [(f"m{i}_{j}", m[i, j]) for i in range(m.rows) for j in range(m.cols) if not m[i, j].is_number]
+    used = _free(e for _, e in varying) | _free(e for row in forcing for e in row)
+    lines = _unpack([constant.symbol for constant in model.constants], "c[{i}]", used)
     lines += _assignments(varying, "w", "    ")
     lines.append("    degree = u.shape[1] - 1")
-    for i in rows:
-        ones = ["1.0" if j == 1 + i else "0.0" for j in range(1, width)]
-        lines.append(f"    a{i} = gather(({', '.join([f's[{i}]', *ones])}))")
-        lines.append(f"    total{i} = a{i}")
-    lines += ["    for n in range(order):", "        scale = h / (n + 1)"]
-    lines += [f"        {s} = u[{k}, n] if n <= degree else 0.0" for k, s in enumerate(model.inputs) if s in used]
-    lines += [f"        {s} = lane(a{i}, 0)" for i, s in enumerate(states) if s in used]
-    lines += _assignments(forces, "v", "        ")
+    return lines
+
+
+def _forcing(model: Model) -> list[list[sp.Expr]]:
+    """What is added to each row of the columns, beside M a, in every term of the series."""
+    n = model.system_matrices()[1]
+    columns = 1 + len(model.states) + len(model.flow_constants)
+    forcing = []
+    for i in range(n.rows):
+        row: list[sp.Expr] = [sum((n[i, j] * model.inputs[j] for j in range(n.cols)), sp.Integer(0))]
+        row += [sp.Integer(0)] * len(model.states)
+        row += [sp.diff(model.field[i], constant.symbol) for constant in model.flow_constants]
+        forcing.append(row + [sp.Integer(0)] * (_width(model) - columns))
+    return forcing
+
+
+def _series(model: Model, indent: str, forced: bool) -> list[str]:
+    """Lines that add to the lanes total0, total1, … the terms of the series behind the lanes a0, a1, …; forced: whether
+    these are the base model's columns, which have more than M a in each term.
+    """
+    m, _ = model.system_matrices()
+    rows = range(m.rows)
+    forcing = _forcing(model) if forced else [[] for _ in rows]
+    forces = [(f"f{i}_{j}", e) for i in rows for j, e in enumerate(forcing[i]) if e != 0]
+    used = _free(e for _, e in forces)
+    lines = ["for n in range(order):", "    scale = h / (n + 1)"]
+    lines += [f"    {s} = u[{k}, n] if n <= degree else 0.0" for k, s in enumerate(model.inputs) if s in used]
+    lines += [f"    {s.symbol} = lane(a{i}, 0)" for i, s in enumerate(model.states) if s.symbol in used]
+    lines += _assignments(forces, "v", "    ")
     for i in rows:
         terms = []
         for j in range(m.cols):
@@ -207,11 +217,54 @@ def _flow_lanes(model: Model) -> str:
         if any(e != 0 for e in forcing[i]):
             named = [f"f{i}_{j}" if e != 0 else "0.0" for j, e in enumerate(forcing[i])]
             terms.append(f"gather(({', '.join(named)}))")
-        lines.append(f"        b{i} = scale * ({' + '.join(terms)})")
-    lines += [f"        a{i} = b{i}" for i in rows]
-    lines += [f"        total{i} = total{i} + b{i}" for i in rows]
+        lines.append(f"    b{i} = scale * ({' + '.join(terms)})")
+    lines += [f"    a{i} = b{i}" for i in rows]
+    lines += [f"    total{i} = total{i} + b{i}" for i in rows]
+    return [indent + line for line in lines]
+
+
+def _taylor_lanes(model: Model) -> str:
+    """`<model>_taylor_lanes(c, u, h, order, out)`: what `<model>_taylor` does with all columns of out, those of the
+    base model side by side and the others, of effects, by fours.
+    """
+    rows, width = range(len(model.states)), _width(model)
+    lines = ["@compiled", f"def {model.name}_taylor_lanes(c, u, h, order, out):", *_lanes_prologue(model)]
+    lines.append("    columns = out.shape[1]")
+    lines += [f"    a{i} = take(out, {i} * columns, {width})" for i in rows]
+    lines += [f"    total{i} = a{i}" for i in rows]
+    lines += _series(model, "    ", forced=True)
+    lines += [f"    put(out, {i} * columns, total{i})" for i in rows]
+    lines.append(f"    {model.name}_taylor_more(c, h, order, out)")
+    more = ["@compiled", f"def {model.name}_taylor_more(c, h, order, out):"]
+    more += [line for line in _lanes_prologue(model) if "degree" not in line]
+    more += ["    columns = out.shape[1]", f"    for j in range({width}, columns, 4):"]
+    for i in rows:
+        there = [f"out[{i}, j]", *(f"out[{i}, j + {q}] if j + {q} < columns else 0.0" for q in (1, 2, 3))]
+        more.append(f"        a{i} = gather(({', '.join(there)}))")
+    more += [f"        total{i} = a{i}" for i in rows]
+    more += _series(model, "        ", forced=False)
+    for q in range(4):
+        more.append(f"        if j + {q} < columns:")
+        more += [f"            out[{i}, j + {q}] = lane(total{i}, {q})" for i in rows]
+    return "\n".join([*more, "", "", *lines])
+
+
+def _flow_lanes(model: Model) -> str:
+    """`<model>_flow_lanes(c, s, u, h, order, out)`: the flow and its sensitivities over h, all columns side by side.
+
+    out[:w · rows] ← the rows of [state | ∂/∂s0 | ∂/∂flow constants], w numbers each (the columns, filled up to a
+    multiple of four); out[w · rows:] ← the same column by column.  Models of four states only, so that columns, too,
+    are lanes.
+    """
+    rows, width = range(len(model.states)), _width(model)
+    lines = ["@inlined", f"def {model.name}_flow_lanes(c, s, u, h, order, out):", *_lanes_prologue(model)]
+    for i in rows:
+        ones = ["1.0" if j == 1 + i else "0.0" for j in range(1, width)]
+        lines.append(f"    a{i} = gather(({', '.join([f's[{i}]', *ones])}))")
+        lines.append(f"    total{i} = a{i}")
+    lines += _series(model, "    ", forced=True)
     lines += [f"    put(out, {i * width}, total{i})" for i in rows]
-    lines.append(f"    put_columns(out, {m.rows * width}, {', '.join(f'total{i}' for i in rows)})")
+    lines.append(f"    put_columns(out, {len(rows) * width}, {', '.join(f'total{i}' for i in rows)})")
     return "\n".join(lines)
 
 

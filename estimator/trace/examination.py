@@ -48,7 +48,7 @@ def examine(problem: Problem, split: int) -> Examination:
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
     every = 1 if len(record) <= _SET.states else max(int(cycle / _SET.states_a_cycle), 1)
     split = split // every * every
-    estimates, alone = together(lambda: run(observer, record, every=every), lambda: free_run_error(problem))
+    estimates, alone = together(lambda: run(observer, record, every=every), lambda: free_run_error(problem, split))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
     settled = settled_from(settings, device, split) // every * every
     begin, end = slice(settled, split), slice(split, len(record) // every * every)

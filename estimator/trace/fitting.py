@@ -103,14 +103,17 @@ def run(observer: Observer, record: Record, every: int | None = None) -> Estimat
     return replace(estimates, innovation=np.where(np.isfinite(record.sense), estimates.innovation, np.nan))
 
 
-def fit(problem: Problem, passes: int = 2) -> Fitted:
+def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> Fitted:
     """Estimate constants and effects over the record without forgetting, beginning again with what was found; with
     `passes` of two, more often where the second shows that the first did not come near enough.
+
+    about: an observer with the same effects that a pass over part of the record came to, whose settings the problem
+    has: begun about it, one pass is as good as a second, and followed by others where that would be.
     """
     device = problem.device
     current = replace(problem.settings, gain=Gain.EKF)
-    previous: Observer | None = None
-    for number in range(passes + (_SET.again if passes > 1 else 0)):
+    previous = about
+    for number in range(passes + (_SET.again if passes > 1 or about is not None else 0)):
         observer = Observer(device, current, problem.controller)
         if not problem.effects and device.axes == 2 and current.variant is Variant.FULL:
             observer.record["twin"] = 1  # an EKF's covariance is its own twin; carried as such it runs in registers

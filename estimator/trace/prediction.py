@@ -13,30 +13,50 @@ from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
+from estimator.trace.record import Record
 from estimator.trace.start import hold, settling
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scoring
 
 
-def free_run_error(problem: Problem) -> Array:
-    """What free runs were off by at their samples, (n, axes) V; NaN where the record was followed."""
+def free_run_error(problem: Problem, split: int) -> Array:
+    """What free runs were off by at their samples, (n, axes) V; NaN where the record was followed.
+
+    Of a long record, in as many samples before `split` and behind it as the angle is read on.
+    """
+    record = problem.record
+    errors = np.full((len(record), problem.device.axes), np.nan)
+    first, last = max(split - _SET.read, 0), min(split + _SET.read, len(record))
+    _run_freely(problem, first, last, errors)
+    return errors
+
+
+def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
+    """Fill `errors` (n, axes) between these samples of the record."""
     record, device, settings = problem.record, problem.device, problem.settings
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
     free = round(_SET.free_cycles * cycle)
     fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
     observer = Observer(device, replace(settings, gain=fading), problem.controller)
     hold(observer)
+    _begin_at(observer, record, first)
     seen = observer.record["noise"].copy()
-    errors = np.full((len(record), device.axes), np.nan)
-    begin = max(min(settling(settings, device), len(record) // _SET.settled), 1)
-    run(observer, record.part(slice(0, begin)))
-    while begin + free <= len(record):
+    begin = first + max(min(settling(settings, device), (last - first) // _SET.settled), 1)
+    run(observer, record.part(slice(first, begin)))
+    while begin + free <= last:
         rows = slice(begin, begin + free)
         observer.record["noise"] = seen * _SET.unseen
         errors[rows] = run(observer, record.part(rows)).innovation
         observer.record["noise"] = seen
         begin = rows.stop + _SET.followed * free
-        if begin + free <= len(record):
+        if begin + free <= last:
             run(observer, record.part(slice(rows.stop, begin)))
-    return errors
+
+
+def _begin_at(observer: Observer, record: Record, first: int) -> None:
+    """What the effects' coefficients count from is the record's own beginning: its time, its first temperature."""
+    observer.memory["time"] = float(np.sum(record.step[:first])) * observer.scaling.omega0
+    temperature = record.channels.get("temperature")
+    if temperature is not None and len(temperature):
+        observer.first_temperature = float(temperature[0])

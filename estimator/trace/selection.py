@@ -80,10 +80,14 @@ def select(problem: Problem, progress: Progress) -> Selection:
     effects = coefficients_of(chosen.fit.fitted.observer)
     whole = len(problem.record) > len(compared.record)
     pruned_too = len(effects) < len(model.observer.effects)
-    before, last = together(
-        lambda: fit(problem) if whole else start.fitted,
-        lambda: fit(problem.under(model.settings).carrying(effects)) if whole or pruned_too else model,
-    )
+
+    def over_the_whole() -> Fitted:
+        found = chosen.fit.fitted
+        if whole and math.isfinite(found.likelihood):
+            return fit(problem.under(found.settings), passes=1, about=found.observer)
+        return fit(problem.under(model.settings).carrying(effects)) if whole or pruned_too else model
+
+    before, last = together(lambda: fit(problem) if whole else start.fitted, over_the_whole)
     if not chosen.more and (whole or len(chosen.gains) > 1):
         for name in chosen.gains:  # what a parameter should be depends on the record and on what else is carried
             last, searched[name] = refine_parameters(problem, last, name, before=searched[name])

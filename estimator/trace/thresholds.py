@@ -237,7 +237,9 @@ class Scoring:
     followed: int = _set(3, "× the free cycles", "The observer has recovered by then.")
     unseen: float = _set(1e12, "× the variance of the noise", "Such a measurement changes nothing.")
     settled: int = _set(8, "1 / share of the record", "A free run begins there at the latest.")
-    read: int = _set(100_000, "samples", "The angle is read once for each possibility: more costs minutes.")
+    read: int = _set(
+        100_000, "samples", "The angle is read once for each possibility, and a free run is long: more costs minutes."
+    )
 
 
 @dataclass(frozen=True)

@@ -198,7 +198,7 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     monkeypatch.setattr(examination, "run", lambda observer, record, every: estimates)
     monkeypatch.setattr(examination, "analyse", analyse)
     free = np.where(n[:, None] < SPLIT, 3.0, 4.0) * np.ones((1, 2))
-    monkeypatch.setattr(examination, "free_run_error", lambda problem: free)
+    monkeypatch.setattr(examination, "free_run_error", lambda problem, split: free)
     monkeypatch.setattr(examination, "replace", lambda what, **changes: SimpleNamespace(**{**vars(what), **changes}))
     found = examination.examine(asked, SPLIT)
     (fitting_part, fitted_sense), (held_out, rest) = parts

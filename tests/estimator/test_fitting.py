@@ -1,10 +1,14 @@
-"""The second pass of a fit begins with what the first one found, and is no worse for it."""
+"""The second pass of a fit begins with what the first one found, and is no worse for it; free runs of a model."""
+
+from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.linalg import expm
 
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
-from estimator.trace.fitting import fit
+from estimator.trace import prediction
+from estimator.trace.fitting import coefficients_of, constants_of, fit
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 
@@ -92,3 +96,45 @@ def test_an_effect_far_from_linear_is_fitted_about_where_it_is() -> None:
         deviation = sure[observer.estimated.index(name)]
         assert deviation < 1e-3 * lag
         assert abs(off) < 4.0 * deviation
+
+
+LINE = 2.0 * np.pi * 3000.0
+VOLTS = {"lcx": 0.02, "lsx": -0.01, "lcy": 0.005, "lsy": 0.015}
+HUM = {"interference": {"omega": LINE, **{name: volts / 4e4 for name, volts in VOLTS.items()}}}
+
+
+def hummed(record: Record) -> Record:
+    """With a line on both sense channels, of 40 times the noise; time counts from one step before the first sample."""
+    time = np.cumsum(record.step)
+    line = np.column_stack([np.cos(LINE * time), np.sin(LINE * time)])
+    return replace(record, sense=record.sense + line @ np.reshape(list(VOLTS.values()), (2, 2)).T)
+
+
+def test_begun_about_a_part_of_the_record_one_pass_says_what_two_do() -> None:
+    settings = ObserverSettings(
+        memory=0.09, spread=Spread(rate=1.25, stiffness=0.018, damping=0.6), process_noise=ProcessNoise(rate=1e-3)
+    )
+    problem = Problem(hummed(ring_down(RATE)), DEVICE, settings).carrying({"interference": {"omega": LINE}})
+    part = fit(problem.part(slice(0, N // 4)))
+    one, two = fit(problem.under(part.settings), passes=1, about=part.observer), fit(problem)
+    deviation = dict(zip(two.observer.estimated, np.sqrt(np.diagonal(two.observer.covariance)).tolist(), strict=True))
+    for name, value in constants_of(two.observer).items():
+        if deviation.get(name):
+            assert abs(constants_of(one.observer)[name] - value) < 0.1 * deviation[name], name
+    found, known = coefficients_of(one.observer)["interference"], coefficients_of(two.observer)["interference"]
+    for name in VOLTS:
+        assert abs(found[name] - known[name]) < 0.1 * deviation[name], name
+    widths = [np.sqrt(np.diagonal(model.observer.covariance)) for model in (one, two)]
+    np.testing.assert_allclose(widths[0], widths[1], rtol=0.02)
+
+
+def test_free_runs_of_a_long_record_are_around_the_split_and_count_time_from_its_beginning(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reach, split = 4000, 9000
+    monkeypatch.setattr(prediction, "_SET", replace(prediction._SET, read=reach))
+    settings = ObserverSettings(memory=0.005, initial={"rate": RATE})
+    errors = prediction.free_run_error(Problem(hummed(ring_down(RATE)), DEVICE, settings).carrying(HUM), split)
+    there = np.flatnonzero(np.all(np.isfinite(errors), axis=1))
+    assert split - reach < there[0] < split < there[-1] < split + reach
+    assert np.sqrt(np.nanmean(errors**2)) < 0.01  # the line alone is 0.016

@@ -94,6 +94,27 @@ def test_taylor_series_and_matrix_exponential_agree_in_value_and_sensitivity(num
     np.testing.assert_allclose(kernel_flow(number, c, s, u, 0.9), expected, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("more", range(6))
+@pytest.mark.parametrize("part", [1.0, 0.5, 0.07, -0.09])
+@pytest.mark.parametrize("number", [GYRO, OSCILLATOR])
+def test_over_part_of_an_interval_every_column_goes_as_far_as_the_matrix_exponential(
+    number: int, part: float, more: int
+) -> None:
+    """With the order that the whole interval asks for; behind the rest those of effects, which nothing pushes."""
+    c, s, u = some_case(number, 2, seed=10 + more)
+    states, model = len(s), 1 + len(s) + len(MODELS[number].flow_constants)
+    a, b, out = (np.zeros((states, model + more)) for _ in range(3))
+    out[:, 0] = s
+    out[:, 1:] = np.random.default_rng(more).standard_normal(out[:, 1:].shape)
+    begun = out.copy()
+    taylor(number, c, u, 0.5 * part, taylor_order(0.5) + 2, model + more, a, b, out)
+    value, transition, sensitivity = oracle_flow(evaluated(number), c, s, u, 0.5 * part)
+    expected = transition @ begun
+    expected[:, 0] = value
+    expected[:, 1 + states : model] += sensitivity
+    np.testing.assert_allclose(out, expected, rtol=0, atol=2e-13)
+
+
 def test_flow_can_be_run_backwards() -> None:
     c, s, u = some_case(GYRO, 3, seed=9)
     after = kernel_flow(GYRO, c, s, u, 0.9)[:, 0]
