@@ -11,8 +11,6 @@ from estimator.trace.record import Record
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.fitness
-_STRETCHES = 200  # at the end of the scale, that are looked at
-_FEWEST_BEFORE, _MOST_BEFORE = 4, 20  # samples before each
 
 
 def require_traceable(record: Record, device: Device, split: int) -> None:
@@ -133,8 +131,9 @@ def reached_at_speed(values: Array, code: float) -> bool:
     at_top = np.concatenate([[False], values == top, [False]])
     first, after = np.flatnonzero(np.diff(at_top)).reshape(-1, 2).T
     beyond = []
-    for begin, end in zip(first[:_STRETCHES], after[:_STRETCHES], strict=True):
-        before = min(max(end - begin, _FEWEST_BEFORE), _MOST_BEFORE)
+    fewest, most = _SET.before_stretch
+    for begin, end in zip(first[: _SET.stretches], after[: _SET.stretches], strict=True):
+        before = min(max(end - begin, fewest), most)
         if begin >= before:
             parabola = np.polyfit(np.arange(-before, 0), values[begin - before : begin] - top, 2)
             beyond.append(np.max(np.polyval(parabola, np.arange(min(end - begin, before)))))

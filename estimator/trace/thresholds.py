@@ -37,6 +37,10 @@ class Fitness:
     beyond_end: float = _set(
         2.0, "codes beyond the end", "So far leads the motion before it, where it was cut off and does not stand still."
     )
+    stretches: int = _set(200, "stretches at the end", "The median of so many no longer changes.")
+    before_stretch: tuple[int, int] = _set(
+        (4, 20), "samples, fewest and most", "A parabola needs three, and holds for a small part of a cycle only."
+    )
     clipped_share: float = _set(1e-3, "share of the samples", "So few move no coefficient by its interval.")
     samples_a_cycle: float = _set(4.0, "samples", "Below this the third harmonic folds onto the resonance.")
     line_share: float = _set(

@@ -38,7 +38,7 @@ def general(observer: Observer) -> Observer:
     """The same observer through the kernels that do everything: a signal that no effect reads is nothing for the other
     one.
     """
-    observer.record["signals"][0, 0] = Source.PARAMETER.value, 0
+    observer.record["signals"][0, 0] = Source.PARAMETER.value, 0, 0
     observer.record["signal_count"] = 1
     assert not plain(observer)
     return observer
