@@ -28,3 +28,11 @@ def covariance_of(name: str, model: Fitted, searched: Searched) -> Array:
     if searched.names:
         covariance += searched.moves @ searched.covariance @ searched.moves.T
     return np.asarray(widening(model) ** 2 * covariance)
+
+
+def interval_of(parameter: str, value: float, model: Fitted, searched: Searched) -> tuple[float, float]:
+    """95 % interval of a searched parameter, all of which are positive.  Where the likelihood had no top along it, the
+    record says nothing of it: from nothing to infinity.
+    """
+    half = TWO_SIDED * widening(model) * searched.deviation(parameter)
+    return (value - half, value + half) if half > 0.0 else (0.0, np.inf)

@@ -13,7 +13,7 @@ from estimator.side_by_side import side_by_side, together
 from estimator.trace import promises
 from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
-from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
+from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.claims import claim_of
 from estimator.trace.conflict import reconciled, runs_backwards
 from estimator.trace.criterion import threshold
@@ -273,7 +273,8 @@ def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Int
     }
     for p in effect.parameters:
         if p.name in searched.names:
-            intervals[p.name] = _interval(given[p.name], widening(model) * searched.deviation(p.name), p.unit)
+            low, high = interval_of(p.name, given[p.name], model, searched)
+            intervals[p.name] = Interval(given[p.name], low, high, p.unit)
     return intervals
 
 

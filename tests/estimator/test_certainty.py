@@ -10,7 +10,7 @@ from estimator.effects.catalogue import effect_for
 from estimator.settings import Device, ObserverSettings
 from estimator.trace import angle, claims, examination, fitting, observer_model
 from estimator.trace.angle import AngleReader
-from estimator.trace.certainty import TWO_SIDED, covariance_of, widening
+from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of, widening
 from estimator.trace.constancy import Constancy
 from estimator.trace.parameters import NOTHING, Searched
 from estimator.trace.problem import Problem
@@ -74,6 +74,13 @@ def test_what_a_searched_parameter_moves_the_coefficients_by_is_in_their_covaria
     expected = 4.0 * (COVARIANCE + 4.0 * np.array([[0.01, -0.02], [-0.02, 0.04]]))
     np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), searched), expected, rtol=1e-12)
     np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), NOTHING), 4.0 * COVARIANCE, rtol=1e-12)
+
+
+def test_a_parameter_along_which_the_likelihood_has_no_top_is_told_as_not_determined():
+    found = Searched(("limit", "v0"), np.diag([0.25, 0.0]), np.zeros((2, 2)))
+    low, high = interval_of("limit", 7.0, fitted(2.0), found)
+    assert (low, high) == pytest.approx((7.0 - norm.ppf(0.975), 7.0 + norm.ppf(0.975)))
+    assert interval_of("v0", 1.2e-5, fitted(2.0), found) == (0.0, np.inf)
 
 
 @pytest.mark.parametrize("weights", [(1.0, 0.0), (0.3, 1.0), (1.0, -1.0)])
