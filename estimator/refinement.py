@@ -97,7 +97,7 @@ def refine(
         raise ModelError(f"{int(np.sum(chosen))} samples for {len(index)} unknowns; give a longer record")
     noise = np.asarray(observer.device.noise)
     weight = np.broadcast_to(1.0 / noise, sense.shape)[chosen]
-    scale = _scales(observer)[index]
+    scale = scales(observer)[index]
     cache: dict[bytes, tuple[Array, Array]] = {}
 
     def run(scaled: Array) -> tuple[Array, Array]:
@@ -144,26 +144,26 @@ def refine(
         )
 
     solution, worth = solved(origin, 1.0), 1.0
-    if given and (worth := _worth(run(solution)[0])) > 1.0:
+    if given and (worth := worth_of(run(solution)[0])) > 1.0:
         solution = solved(solution, worth)
     state[index] = solution * scale
     deviation = np.zeros(len(names))
     weighted, jacobian = run(solution)
     told = np.zeros(len(index))
     told[at] = (worth / sure) ** 2
-    deviation[index] = np.sqrt(np.diagonal(_covariance(jacobian, weighted, told, worth))) * np.abs(scale)
+    deviation[index] = np.sqrt(np.diagonal(covariance_of(jacobian, weighted, told, worth))) * np.abs(scale)
     residual = sense - simulate(observer, state, drive, step=step).sensed
     rmse = np.array([np.sqrt(np.mean(r[c] ** 2)) for r, c in zip(residual.T, chosen.T, strict=True)])
     information = _information(jacobian, weighted) / np.outer(scale, scale)
     return Refined(names, wanted, state, deviation, residual, rmse, given, information)
 
 
-def _worth(weighted: Array) -> float:
+def worth_of(weighted: Array) -> float:
     """By how much a residual over the declared noise is larger than white noise of that size, correlation included."""
     return float(np.sqrt(np.mean(weighted**2) * len(weighted) / effective_samples(weighted)))
 
 
-def _scales(observer: Observer) -> Array:
+def scales(observer: Observer) -> Array:
     """SI size of a likely change of each entry of the state vector: the spread it enters the observer with."""
     factors = np.array(np.abs(observer.factors))
     spread = np.sqrt(np.concatenate([observer.motion_spread, observer.spread]))
@@ -171,7 +171,7 @@ def _scales(observer: Observer) -> Array:
     return np.asarray(factors)
 
 
-def _covariance(jacobian: Array, residual: Array, told: Array, worth: float) -> Array:
+def covariance_of(jacobian: Array, residual: Array, told: Array, worth: float) -> Array:
     """Covariance of least squares whose residual is coloured: (JᵀJ + P)⁻¹ (Jᵀ Σ J + w² P) (JᵀJ + P)⁻¹, Σ from its own
     spectrum, P the information of what is declared, whose weight w was.
     """

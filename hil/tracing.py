@@ -101,7 +101,7 @@ def trace(
         raise InputError(f"{capture}: {error}") from None
     diagnosis = to_model(
         found,
-        record=_called(capture),
+        record=called(capture),
         bench=bench.device.name,
         sense_unit=bench.device.sense.unit,
         prepared=(*captured.prepared, *remarks(record, device)),
@@ -157,7 +157,7 @@ def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path
         share=found.share,
         probabilities=found.probabilities,
     )
-    diagnosis = to_model(answer, record=_called(capture), bench=bench.device.name)
+    diagnosis = to_model(answer, record=called(capture), bench=bench.device.name)
     folder = make_run_folder(out, name)
     write_text(folder / "bench.toml", source.read_text(encoding="utf-8"))
     save_diagnosis(folder / "diagnosis.json", diagnosis)
@@ -169,7 +169,7 @@ def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path
     return Traced(folder, diagnosis)
 
 
-def _called(capture: Path) -> str:
+def called(capture: Path) -> str:
     """What a record is called: its run folder's name, or its own."""
     return capture.resolve().parent.name if capture.name == "capture.arrow" else capture.stem
 

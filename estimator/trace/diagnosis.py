@@ -135,6 +135,20 @@ class Classes:
 
 
 @dataclass(frozen=True)
+class Dependence:
+    """A constant of the model, or a coefficient, that goes with a covariate of the records: `value` where that is at
+    `reference`, `slope` for one of the covariate; `evidence` as of `Found`.
+    """
+
+    name: str
+    covariate: str
+    reference: float
+    value: Interval
+    slope: Interval
+    evidence: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest.
 
@@ -142,7 +156,8 @@ class Diagnosis:
     the residual down is carried, None where nothing does; share: of the residual's power above the noise floor, on the
     part held out, what the effects account for, None where none are named; left: what the residual still holds with
     the effects, where something is left; probabilities: one for each effect that is named, one where none is, none
-    where nobody was carried; undetermined: sentences on constants that a free run does not determine.
+    where nobody was carried; undetermined: sentences on constants that a free run does not determine; dependences: of
+    several records, what goes with their covariate.
     """
 
     verdict: Verdict
@@ -163,3 +178,4 @@ class Diagnosis:
     left: tuple[Finding, ...] = ()
     probabilities: tuple[Classes, ...] = ()
     undetermined: tuple[str, ...] = ()
+    dependences: tuple[Dependence, ...] = ()

@@ -40,7 +40,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     from rich.console import Console
 
     from hil.report.diagnosis.equations import plain
-    from hil.report.diagnosis.tables import estimate, probable
+    from hil.report.diagnosis.tables import dependence, estimate, probable
     from hil.report.numbers import quantity
 
     console = Console(highlight=False, soft_wrap=True)
@@ -64,6 +64,10 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
         say(f"  {effect.undone}{rest}")
+    for goes in diagnosis.dependences:
+        console.print()
+        say(f"{goes.name} depends on {goes.covariate}", style="bold")
+        say(f"  {dependence(goes)}")
     console.print()
     console.print(_fits(diagnosis))
     if diagnosis.angle_moved_rad is not None:

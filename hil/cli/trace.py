@@ -1,7 +1,7 @@
 """``hil trace``: from the residual of a record to the effect that the model lacks."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -27,12 +27,27 @@ Live = Annotated[
     typer.Option("--live", help="Make the experiment that tells apart what the record cannot, on the board at --link."),
 ]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw report.html; without it, for many records.")]
+More = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="[CAPTURE …]", help="Further records of the same device, to be traced together with it."),
+]
+Covariate = Annotated[
+    str | None,
+    typer.Option("--covariate", help="What was other on each of several records, and coefficients may depend on."),
+]
+HoldOut = Annotated[
+    list[str] | None,
+    typer.Option("--hold-out", help="Name of a record that only judges; repeatable.  [default: a third of them]"),
+]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board for it; emulated ones need none.")]
 
 
 def trace(
     capture: CaptureArgument,
     bench: BenchOption,
+    more: More = None,
+    covariate: Covariate = None,
+    hold_out: HoldOut = None,
     out: Out = RUNS,
     name: Name = None,
     add: Add = None,
@@ -46,8 +61,10 @@ def trace(
     """Find the effect that the model lacks.
 
     Looks at what the observer of a bench file leaves of a record, tries the effects of the catalogue on one part of
-    it, and judges them on the other, which the choice never saw. Writes diagnosis.json and report.html. Exit code 0:
-    nothing is missing, or what is missing has been found; 1: something is missing, and nothing accounts for all of it.
+    it, and judges them on the other, which the choice never saw. Several records are traced together, each beginning
+    by itself, and judged by whole records that nothing was fitted to. Writes diagnosis.json and report.html. Exit
+    code 0: nothing is missing, or what is missing has been found; 1: something is missing, and nothing accounts for
+    all of it.
 
     Examples:
 
@@ -56,6 +73,7 @@ def trace(
       hil trace runs/first --bench s-undeclared --add better.bench.toml
       hil trace runs/first --bench my.bench.toml --live --link serial:/dev/ttyACM0 --arm
       hil trace silverbox.arrow --bench silverbox --json
+      hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
     """
     from hil.bench import RateSensorBench, load_any_bench
     from hil.cli.files import capture_in, fresh
@@ -74,6 +92,13 @@ def trace(
         raise InputError(f"{path}: a rate sensor, which no observer runs on; leave out --add and --live")
     if (arm or link is not None) and not live:
         raise InputError("--link and --arm belong to --live; give it, or leave them out")
+    if more:
+        if live or fraction is not None:
+            raise InputError("several records: they are held out whole and there is no --live; leave out that and "
+                             "--fraction")  # fmt: skip
+        _together([capture, *more], path, out, name, covariate, hold_out or [], add, report=report, json=json)
+    if covariate is not None or hold_out:
+        raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
     if not isinstance(declared, RateSensorBench):
         prepare(declared)
@@ -92,6 +117,35 @@ def trace(
             say(f"{add}: written; it declares {', '.join(one.name for one in found)}")
         else:
             say(f"{add}: not written; there is nothing to add")
+    finish(done.folder, done.diagnosis, as_json=json)
+
+
+def _together(
+    captures: list[Path],
+    bench: Path,
+    out: Path,
+    name: str | None,
+    covariate: str | None,
+    hold_out: list[str],
+    add: Path | None,
+    *,
+    report: bool,
+    json: bool,
+) -> NoReturn:
+    """Trace several records, and leave."""
+    from hil.cli.files import capture_in
+    from hil.cli.progress import watching
+    from hil.cli.show_diagnosis import finish
+    from hil.errors import InputError
+    from hil.pooling import trace_pool_files
+
+    if add is not None:
+        raise InputError("--add: of several records no bench file is written; copy what was found into [effects]")
+    with watching("trace", whole=True) as watch:
+        done = trace_pool_files(
+            [capture_in(each) for each in captures], bench, out, name=name, covariate=covariate, held_out=hold_out,
+            report=report, progress=watch,
+        )  # fmt: skip
     finish(done.folder, done.diagnosis, as_json=json)
 
 

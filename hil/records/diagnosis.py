@@ -43,6 +43,17 @@ class Effect(_Model):
     )
 
 
+class Dependence(_Model):
+    """A constant of the model, or a coefficient, that goes with a covariate of the records traced together."""
+
+    name: str
+    covariate: str
+    reference: float = Field(description="Of the covariate: there the constant is `at_reference`")
+    at_reference: Coefficient
+    per_unit: Coefficient = Field(description="Change with one of the covariate, in the unit given by one of that")
+    evidence: float | None = Field(description="As in effects")
+
+
 class Confusable(_Model):
     """Two effects that this record cannot tell apart."""
 
@@ -143,6 +154,9 @@ class Diagnosis(_Model):
     undetermined: tuple[str, ...] = Field(
         default=(), description="Constants of which a free run says less than the bench file, and what it says of them"
     )
+    dependences: tuple[Dependence, ...] = Field(
+        default=(), description="Of several records traced together: what goes with their covariate"
+    )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, by all that brings the residual down"
@@ -190,6 +204,7 @@ def to_model(
             Probabilities(effect=one.effect, classes=dict(one.probabilities)) for one in found.probabilities
         ),
         undetermined=found.undetermined,
+        dependences=tuple(_dependence(one) for one in found.dependences),
         sense_unit=sense_unit,
         prepared=prepared,
         record=record,
@@ -226,6 +241,17 @@ def _effect(found: traced.Found) -> Effect:
         evidence=_finite(found.evidence),
         undone=found.undone,
         angle_bound_rad=_finite(found.angle_bound),
+    )
+
+
+def _dependence(one: traced.Dependence) -> Dependence:
+    return Dependence(
+        name=one.name,
+        covariate=one.covariate,
+        reference=one.reference,
+        at_reference=_coefficient(one.value),
+        per_unit=_coefficient(one.slope),
+        evidence=_finite(one.evidence),
     )
 
 

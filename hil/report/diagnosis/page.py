@@ -101,6 +101,7 @@ def page_of(
             "What the missing part acts like" if partly else _missing(diagnosis),
             equations_of(diagnosis, declarable=declarable),
             tables.coefficients(diagnosis),
+            tables.dependences(diagnosis),
             pictures.effect,
         ),
         markup.section("error", error, tables.fits(diagnosis), pictures.error),

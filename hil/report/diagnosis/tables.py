@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from hil.records.diagnosis import Coefficient, Diagnosis, Finding, Probabilities
+from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities
 from hil.report.markup import table
 from hil.report.names import shown_unit
 from hil.report.numbers import count, plus_minus, quantity, sensed, significant
@@ -52,6 +52,30 @@ def coefficients(diagnosis: Diagnosis) -> str:
         head.pop()
     caption = "Coefficients, SI per unit mass, ± half of the 95 % interval"
     return table(caption, head, [row[: len(head)] for row in rows], (1, 2)) if rows else ""
+
+
+def dependences(diagnosis: Diagnosis) -> str:
+    """What goes with the covariate of the records."""
+    rows = [
+        (
+            one.name,
+            f"{one.covariate} = {significant(one.reference)}",
+            estimate(one.at_reference),
+            f"{_estimate(one.per_unit)} {shown_unit(one.per_unit.unit)} per {one.covariate}",
+            _interval(one.per_unit),
+        )
+        for one in diagnosis.dependences
+    ]
+    head = ("constant", "at", "value", "changes by", "95 % interval")
+    return table("What depends on the covariate, linearly", head, rows, (2, 3, 4)) if rows else ""
+
+
+def dependence(one: Dependence) -> str:
+    """The same of one, in a line."""
+    return (
+        f"{one.name} = {estimate(one.at_reference)} at {one.covariate} = {significant(one.reference)}, and changes by "
+        f"{_estimate(one.per_unit)} {shown_unit(one.per_unit.unit)} with one of {one.covariate}, 95 %"
+    )
 
 
 def findings(found: Sequence[Finding], unit: str = "V") -> str:

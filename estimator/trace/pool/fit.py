@@ -1,0 +1,240 @@
+"""One set of constants under the free runs of several records: least squares over all of them at once.
+
+Motion and offset of each record are its own.  A constant that depends on the covariate is c + s z, with z the covariate
+less its mean, over its spread.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from estimator.errors import ModelError
+from estimator.observer import Observer
+from estimator.refinement import Declared, covariance_of, refine, scales, worth_of
+from estimator.scaling import Array
+from estimator.settings import Gain
+from estimator.side_by_side import stop_if_abandoned
+from estimator.simulation import simulate
+from estimator.trace.determined import declared
+from estimator.trace.engine import Estimate
+from estimator.trace.pool.members import Level, Pool, Rows
+from estimator.trace.record import Record
+from estimator.trace.thresholds import THRESHOLDS
+
+_SET = THRESHOLDS.free_runs
+_MOST_RUNS = 60
+_BEGINNING = 4  # 1 / share of a record that was held out, which sets where its free run begins
+_T95 = 1.959963984540054
+_OUT_OF_BOUNDS = 1e6
+
+
+@dataclass(frozen=True)
+class PooledRun:
+    """What was fitted, SI.
+
+    own (records, own names): motion at the first sample and offsets; shared, slopes: values by name, slopes for one
+    spread of the covariate; deviation: of these, a slope's under `slope_name`; residual: of each record (n, axes).
+    """
+
+    effects: tuple[str, ...]
+    observer: Observer
+    level: Level
+    own: Array
+    shared: Mapping[str, float]
+    slopes: Mapping[str, float]
+    deviation: Mapping[str, float]
+    residual: tuple[Array, ...]
+    known: Mapping[str, Declared]
+
+    def state(self, record: int, z: float) -> Array:
+        """The state vector with which that record is run."""
+        return np.concatenate([self.own[record], self.constants(z)])
+
+    def constants(self, z: float) -> Array:
+        """What is shared at a scaled covariate, in the observer's order."""
+        return np.array([value + self.slopes.get(name, 0.0) * z for name, value in self.shared.items()])
+
+    def estimate(self, name: str) -> Estimate:
+        """A shared value with its 95 % interval, where the covariate is at its mean."""
+        half = _T95 * self.deviation[name]
+        return Estimate(self.shared[name], self.shared[name] - half, self.shared[name] + half)
+
+    def slope(self, name: str) -> Estimate:
+        """By how much it changes with one of the covariate, in the covariate's own unit."""
+        value, half = self.slopes[name], _T95 * self.deviation[slope_name(name)]
+        value, half = value / self.level.spread, half / self.level.spread
+        return Estimate(value, value - half, value + half)
+
+    def spread_out(self, rows: Rows) -> Array:
+        """The residual at these rows, one after another (k,)."""
+        return np.concatenate([r[mask].ravel() for r, mask in zip(self.residual, rows.masks, strict=True)])
+
+
+def slope_name(name: str) -> str:
+    """What a slope is called beside its constant."""
+    return f"{name} by covariate"
+
+
+def observer_of(pool: Pool, effects: Sequence[str]) -> Observer:
+    """An observer that carries these effects, as the bench has it else."""
+    carried = {name: dict(pool.settings.effects.get(name, {})) for name in effects}
+    return Observer(pool.device, replace(pool.settings, gain=Gain.EKF, effects=carried))
+
+
+def own_names(observer: Observer) -> tuple[str, ...]:
+    """What each record has by itself: the motion at its start, the offsets of its channels."""
+    return observer.names[: observer.states + len(observer.model.sense_constants)]
+
+
+def simulated(run: PooledRun, record: Record, state: Array, *, sensitive: bool = False) -> tuple[Array, Array]:
+    """sensed (n, axes), sensitivity (n, axes, all) of one record."""
+    made = simulate(run.observer, state, record.drive, step=record.step, sensitive=sensitive)
+    return made.sensed, made.sensitivity
+
+
+def columns_of(own: int, record: int, records: int, z: float, sensitivity: Array, slopes: Sequence[int]) -> Array:
+    """Derivatives (rows, unknowns) of rows of one record by [own of every record | shared | slopes], from those by its
+    state vector (rows, state); slopes: places of their constants in that.
+    """
+    rows = len(sensitivity)
+    before, after = np.zeros((rows, own * record)), np.zeros((rows, own * (records - record - 1)))
+    return np.hstack([before, sensitivity[:, :own], after, sensitivity[:, own:], z * sensitivity[:, slopes]])
+
+
+def fitted(
+    pool: Pool,
+    effects: tuple[str, ...],
+    slopes: tuple[str, ...],
+    start: PooledRun,
+    rows: Rows,
+    *,
+    in_earnest: bool = False,
+) -> PooledRun:
+    """The pool with these effects and slopes, fitted to these rows from what `start` found; in earnest to the end, else
+    with a few free runs, as far as it takes to compare.
+
+    Raises ModelError where the free run of a record leaves all bounds.
+    """
+    observer = observer_of(pool, effects)
+    own, records, level = len(own_names(observer)), len(pool.members), start.level
+    names = observer.names[own:]
+    guess = dict(zip(names, observer.state[own:].tolist(), strict=True))
+    shared = {name: start.shared.get(name, guess[name]) for name in names}
+    begun = {name: start.slopes.get(name, 0.0) for name in slopes}
+    free = [name for name in names if name in observer.estimated]
+    size = scales(observer)
+    by_name = dict(zip(observer.names, size.tolist(), strict=True))
+    unknowns = np.concatenate([np.tile(size[:own], records), [by_name[n] for n in (*free, *slopes)]])
+    at_free = [observer.names.index(name) for name in free]
+    at_slopes = [observer.names.index(name) for name in slopes]
+    z = [level.scaled(member.covariate) for member in pool.members]
+    noise = np.array(pool.device.noise)
+    chosen = [mask[:, None] & np.isfinite(m.record.sense) for mask, m in zip(rows.masks, pool.members, strict=True)]
+    known = {name: one for name, one in declared(observer).items() if name in free and one.deviation > 0.0}
+    places = np.array([own * records + free.index(name) for name in known], dtype=np.int64)
+    middle = np.array([one.value for one in known.values()]) / unknowns[places]
+    sure = np.array([one.deviation for one in known.values()]) / np.abs(unknowns[places])
+
+    def run_of(theta: Array) -> PooledRun:
+        values = theta * unknowns
+        now = shared | dict(zip(free, values[own * records :], strict=False))
+        tilted = dict(zip(slopes, values[own * records + len(free) :], strict=True))
+        mine = values[: own * records].reshape(records, own)
+        return PooledRun(effects, observer, level, mine, now, tilted, {}, (), known)
+
+    cache: dict[bytes, tuple[Array, Array]] = {}
+
+    def rows_of(theta: Array) -> tuple[Array, Array]:
+        stop_if_abandoned()
+        key = theta.tobytes()
+        if key in cache:
+            return cache[key]
+        cache.clear()
+        trial, residuals, jacobians = run_of(theta), [], []
+        for number, member in enumerate(pool.members):
+            keep = chosen[number]
+            weight = np.broadcast_to(1.0 / noise, keep.shape)[keep]
+            try:
+                sensed, sensitivity = simulated(trial, member.record, trial.state(number, z[number]), sensitive=True)
+            except ModelError:
+                if theta is origin:
+                    raise
+                residuals.append(np.full(len(weight), _OUT_OF_BOUNDS))
+                jacobians.append(np.zeros((len(weight), len(theta))))
+                continue
+            derivative = sensitivity[keep][:, [*range(own), *at_free]]
+            tilts = [own + free.index(observer.names[at]) for at in at_slopes]
+            residuals.append((sensed - member.record.sense)[keep] * weight)
+            columns = columns_of(own, number, records, z[number], derivative, tilts)
+            jacobians.append(columns * unknowns * weight[:, None])
+        cache[key] = np.concatenate(residuals), np.vstack(jacobians)
+        return cache[key]
+
+    origin = np.concatenate([start.own.ravel(), [shared[name] for name in free], list(begun.values())]) / unknowns
+    rows_of(origin)
+
+    runs, tolerance = (_MOST_RUNS, 1e-9) if in_earnest else (_SET.on_the_way, 1e-5)
+
+    def solved(begin: Array, worth: float) -> Array:
+        prior = np.zeros((len(places), len(begin)))
+        prior[np.arange(len(places)), places] = worth / sure
+        return np.asarray(
+            least_squares(
+                lambda theta: np.concatenate([rows_of(theta)[0], worth * (theta[places] - middle) / sure]),
+                begin,
+                jac=lambda theta: np.vstack([rows_of(theta)[1], prior]),
+                x_scale="jac",
+                ftol=tolerance,
+                xtol=tolerance,
+                gtol=1e-2 * tolerance,
+                max_nfev=runs,
+            ).x
+        )
+
+    theta = solved(origin, 1.0)
+    worth = worth_of(rows_of(theta)[0])
+    if worth > 1.0 and in_earnest:
+        theta = solved(theta, worth)
+    weighted, jacobian = rows_of(theta)
+    told = np.zeros(len(theta))
+    told[places] = (max(worth, 1.0) / sure) ** 2
+    deviation = np.sqrt(np.diagonal(covariance_of(jacobian, weighted, told, max(worth, 1.0)))) * np.abs(unknowns)
+    tail = dict(zip([*free, *map(slope_name, slopes)], deviation[own * records :].tolist(), strict=True))
+    found = run_of(theta)
+    tail = dict.fromkeys(names, 0.0) | tail
+    left = tuple(
+        member.record.sense - simulated(found, member.record, found.state(number, z[number]))[0]
+        for number, member in enumerate(pool.members)
+    )
+    return replace(found, deviation=tail, residual=left)
+
+
+def error_on(run: PooledRun, pool: Pool) -> tuple[Array, ...]:
+    """Residual (n, axes) of free runs on records that were not fitted; the first quarter of each sets motion and offset
+    and is NaN.  Of the offset is known what those of the fitted records were.
+    """
+    observer, own = run.observer, own_names(run.observer)
+    offsets = own[observer.states :]
+    before = run.own[:, observer.states :]
+    known = {
+        name: Declared(float(np.mean(column)), max(float(np.std(column)), 0.1 * pool.device.noise[0]))
+        for name, column in zip(offsets, before.T, strict=True)
+    }
+    errors = []
+    for member in pool.members:
+        record = member.record
+        start = np.concatenate([np.zeros(len(own)), run.constants(run.level.scaled(member.covariate))])
+        start[observer.states : len(own)] = np.mean(before, axis=0)
+        first = max(_SET.scored_from, len(record) // _BEGINNING)
+        begun = record.part(slice(0, first))
+        free = [name for name in own if name in observer.estimated]
+        state = refine(
+            observer, begun.sense, begun.drive, start=start, free=free, step=begun.step,
+            known={name: one for name, one in known.items() if name in free},
+        ).state  # fmt: skip
+        error = record.sense - simulate(observer, state, record.drive, step=record.step).sensed
+        error[:first] = np.nan
+        errors.append(np.asarray(error))
+    return tuple(errors)

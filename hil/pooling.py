@@ -1,0 +1,124 @@
+"""Several records of one device traced together: captures in, one diagnosis out."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.side_by_side import interruptible, workers
+from estimator.trace.fitness import remarks, require_traceable
+from estimator.trace.pool.members import Member, Pool, held_out_by_default
+from hil.bench import RateSensorBench, load_any_bench, override
+from hil.captured import drives_of, record_of
+from hil.compiler import require_compiler
+from hil.declared import device_of, observer_settings_of
+from hil.errors import InputError
+from hil.loop.run import new_folder
+from hil.progress import Progress, Watcher
+from hil.records.capture import Capture, read_capture
+from hil.records.diagnosis import save_diagnosis, to_model
+from hil.replaying import require_fit
+from hil.tracing import Traced, called
+
+_ALIKE = 1e-3  # relative, of the noise that filters leave of records traced together
+
+
+@np.errstate(all="ignore")  # a free run that diverged is told by its figures, not by NumPy
+def trace_pool_files(
+    captures: Sequence[Path],
+    bench_path: Path,
+    out: Path,
+    *,
+    name: str | None,
+    covariate: str | None,
+    held_out: Sequence[str] = (),
+    report: bool = True,
+    progress: Watcher,
+) -> Traced:
+    """Trace the records at `captures` together by the bench file; a new folder below `out` has the answer.
+
+    covariate: a number that each record carries (`[covariates]` of its map) on which constants and coefficients may
+    depend; held_out: names of the records that only judge, by default a third of them.  Raises InputError for records
+    that cannot be traced together; nothing is left then.
+    """
+    require_compiler()
+    workers()
+    declared = load_any_bench(bench_path)
+    if isinstance(declared, RateSensorBench):
+        raise InputError(f"{bench_path}: a rate sensor; its records are traced one by one")
+    bench = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench_path))
+    records = [read_capture(place) for place in captures]
+    for place, record in zip(captures, records, strict=True):
+        require_fit(record, bench, place)
+    names = _names(captures)
+    device = device_of(bench, _noise_gain(captures, records))
+    members = []
+    for place, record, each in zip(captures, records, names, strict=True):
+        numbers = record_of(record, drives_of(record, device))
+        try:
+            require_traceable(numbers, device, len(numbers) // 2)
+        except ModelError as error:
+            raise InputError(f"{place}: {error}") from None
+        members.append(Member(each, numbers, _covariate(place, record, covariate)))
+    pool = Pool(tuple(members), device, observer_settings_of(bench), covariate)
+    judges = _judges(names, held_out) or held_out_by_default(pool)
+    from estimator.trace.pool.trace import trace_pool
+
+    def told(stage: str, done: int, total: int) -> None:
+        progress(Progress(stage, done, total))
+
+    try:
+        found = interruptible(lambda: trace_pool(pool, judges, told))
+    except ModelError as error:
+        raise InputError(f"{len(captures)} records: {error}") from None
+    said = [remark for record in records for remark in record.prepared]
+    said += [f"{member.name}: {remark}" for member in members for remark in remarks(member.record, device)]
+    diagnosis = to_model(
+        found,
+        record=f"{len(names)} records: {', '.join(names)}",
+        bench=bench.device.name,
+        sense_unit=bench.device.sense.unit,
+        prepared=tuple(dict.fromkeys(said)),
+    )
+    folder = new_folder(out, bench)
+    save_diagnosis(folder / "diagnosis.json", diagnosis)
+    if report:
+        from hil.report.diagnosis.pool import write_pool_report
+
+        write_pool_report(folder, diagnosis)
+    return Traced(folder, diagnosis)
+
+
+def _names(captures: Sequence[Path]) -> list[str]:
+    names = [called(place) for place in captures]
+    if twice := next((each for each in names if names.count(each) > 1), None):
+        raise InputError(f"{twice}: named twice; records of a trace have names of their own, rename one of the files")
+    return names
+
+
+def _covariate(place: Path, record: Capture, name: str | None) -> float:
+    if name is None:
+        return 0.0
+    if name not in record.covariates:
+        there = ", ".join(record.covariates) or "none"
+        raise InputError(
+            f"{place}: no covariate {name}; it has: {there}. Import it with covariates = {{ {name} = … }} in its map"
+        )
+    return record.covariates[name]
+
+
+def _noise_gain(captures: Sequence[Path], records: Sequence[Capture]) -> float:
+    first = records[0].noise_gain
+    for place, record in zip(captures, records, strict=True):
+        if not math.isclose(record.noise_gain, first, rel_tol=_ALIKE):
+            raise InputError(f"{place}: filtered otherwise than {captures[0]}; import all records with one [filter]")
+    return first
+
+
+def _judges(names: Sequence[str], held_out: Sequence[str]) -> tuple[int, ...]:
+    for each in held_out:
+        if each not in names:
+            raise InputError(f"--hold-out: no record {each}; there are: {', '.join(names)}")
+    return tuple(sorted({names.index(each) for each in held_out}))
