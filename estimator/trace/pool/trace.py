@@ -322,9 +322,8 @@ def _summary(
     pool: Pool, judges: Pool, errors: tuple[tuple[Array, ...], ...], noise: float, said: tuple[str, ...]
 ) -> tuple[str, ...]:
     unit = pool.device.sense_unit
-    lines = [
-        f"{len(pool.members)} records fitted, {len(judges.members)} held out but for where they begin; the noise is {noise:.3g} {unit}"
-    ]
+    counts = f"{len(pool.members)} records fitted, {len(judges.members)} held out but for where they begin"
+    lines = [f"{counts}; the noise is {noise:.3g} {unit}"]
     for member, was, now in zip(judges.members, *errors, strict=True):
         rms = [float(np.sqrt(np.nanmean(each**2))) for each in (was, now)]
         where = f", {pool.covariate} = {member.covariate:g}," if pool.covariate else ""
