@@ -135,6 +135,8 @@ def _line(z: Array, alone: Sequence[Refined], name: str) -> tuple[float, float] 
     """
     values = np.array([fit.value(name) for fit in alone])
     open_to = np.array([fit.deviation[fit.names.index(name)] for fit in alone])
+    if not np.all(open_to > 0.0):
+        return None  # no record says anything of it: what its values do is rounding
     size = float(np.sum(z**2))
     middle, slope = float(np.mean(values)), float(z @ values) / size
     free = len(z) - 2
