@@ -1,0 +1,187 @@
+"""The reference page of maps, written from what reads them: `python -m hil.interchange.page`."""
+
+from types import UnionType
+from typing import Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from hil.interchange.mapping import Columns, Filter, RecordMap, Source
+from hil.interchange.units import MOTIONS, NAMES, UNITS
+
+_CHANNELS = {
+    "t_s": "time",
+    "vx_V": "what the sensor of x shows, in volts",
+    "vy_V": "the same of y",
+    "vx": "what the sensor of x shows, in a unit of its own: any word of up to 16 letters, kept as it is",
+    "vy": "the same of y",
+    "base": "motion of the base of a single axis, which is its drive",
+    "ux_mps2": "drive of x, force per unit mass",
+    "ux_N": "drive of x, force",
+    "ux_V": "drive of x, voltage",
+    "uy_mps2": "drive of y, force per unit mass",
+    "uy_N": "drive of y, force",
+    "uy_V": "drive of y, voltage",
+    "rate_rad_s": "reference for the rate",
+    "temp_C": "temperature",
+}
+
+_INTRODUCTION = """\
+# Maps
+
+A map tells `hil import FILE --map MAP` how a file that was written elsewhere becomes a record: which column is what, in
+which unit, and what was done to it. TOML, UTF-8; unknown keys are errors, with the nearest one that is known. The file
+is delimited text, plain or gzipped, or MATLAB before 7.3, whose vectors are the columns. Generated: `python -m
+hil.interchange.page`.
+
+A file whose header is already `t_s, vx_V, vy_V, ux_mps2, uy_mps2` (or `_V`, `_N`), with `rate_rad_s`, `temp_C` where
+there are any and without y of a single axis, needs no map.
+
+```toml
+# beam.map.toml: a beam on a shaker, filmed; the shaker's displacement beside it
+hold = "bandlimited"
+delimiter = ";"
+covariates = { load_kg = 0.25 }
+
+[columns]
+t_s = { column = "time", unit = "ms" }
+vx = { column = "tip", unit = "px", offset = -512.0 }
+base = { column = "shaker", unit = "mm" }
+
+[filter]
+low_Hz = 2.0
+high_Hz = 60.0
+decimate = 4
+
+[segments]
+train = [0, 6000]
+test = [6000, 10000]
+```
+
+    hil import beam.csv --map beam.map.toml          an example's name will do as well: --map silverbox
+    hil trace beam.arrow --bench beam.bench.toml
+
+What the map leaves open the bench file says, and the two must agree: `[device] axes` and `sample_rate_Hz` (behind the
+filter), `[device.drive] unit`, and `[device.sense] unit`, `senses` and `gain_V_per_m`: in which unit the sensor shows
+what, and how much of it for a metre, for 1 m/s or 1 m/s² ([bench file](bench.md)). With `unit = "px"` a volt in the
+names of its keys is a pixel.
+"""
+
+_COLUMN = """
+value = (`scale` · cell + `offset`) in `unit`: `scale` comes first, so that `offset` is in the unit. Degrees of a
+reference angle are no channel: what is compared is the rate, `rate_rad_s`; differentiate an angle before the import,
+positive about the axis that leads from x to y.
+"""
+
+_UNITS = """
+Further units go through `scale`: kilonewtons are `unit = "N", scale = 1e3`. A `base` takes those of a motion, and its
+unit says what is given:
+"""
+
+_BASE = """
+Beside its base a mass feels minus the base's acceleration as a force per unit mass: the record's drive is that, in
+m/s² (`[device.drive] unit = "mps2"`). Displacement and velocity are differentiated by a spline of degree 7 through the
+samples; noise in them grows with the square of the frequency, so give a filter with them. A sensor that stands beside
+the base, as a laser vibrometer does, sees the base as well: `frame = "absolute"`, with a unit of motion, takes it off.
+`hold = "zoh"` has no meaning for a base. [Why so](../decisions/laboratory-records.md).
+"""
+
+_HOLD = """
+| `hold` | the drive's value in row m |
+|---|---|
+| `"zoh"` | acted over the whole interval that ends at t_m: a converter that holds |
+| `"foh"` | is that at t_m; straight lines between |
+| `"bandlimited"` | is that at t_m; what a recorder behind an anti-alias filter saw, smooth between |
+
+`hil import --hold` overrides it; a free response has no drive, and `"zoh"` will do.
+"""
+
+_FILTER = """
+Runs forwards and backwards, so that nothing is late, on sense and drive alike; reference rate and temperature are only
+decimated. With `decimate` a further filter of 80 dB keeps what is below 0.4 of the new rate, and nothing folds; an edge
+beyond that is refused. Both ends, where the filter has not settled, are left out, and segments move with their rows.
+The noise that is left is computed and told in the diagnosis; `[device.sense] noise_V` stays that of a sample of the
+file. Needs even time, and no drive that is held. Keep the third harmonic in the band where a spring that stiffens is looked
+for: two modes of one record are imported twice, each with its own band.
+"""
+
+_SEGMENTS = """
+Rows [first, one past the last], counted from 0 among those that `where` keeps, before any filter; within `rows`, where
+that is given. `train` and a segment that begins where it ends split the record for `hil trace`; the others are names.
+"""
+
+_ERRORS = """
+## When it does not fit
+
+| the file | key |
+|---|---|
+| is read as one cell a line | `delimiter = ";"`, or `"\\t"`: the message names what it saw |
+| has lines before its header | `skip_lines = 3` |
+| has no header | `header = false`, and columns by position from 1 |
+| has no time | `sampling_rate_Hz = 1000.0` |
+| has uneven time | none: `hil import --nonuniform`, each step with its own length |
+| is in one table with others | `where = { sensor = "CRS03" }` |
+| holds a table of steady states | `steady = true`, no time; for rate sensors |
+| needs other numbers | `scale`, `offset` of a column |
+| has a decimal comma | none: write points |
+"""
+
+
+def page() -> str:
+    """The whole page in Markdown."""
+    parts = [_INTRODUCTION, "\n## Keys\n", _keys(RecordMap, skip=("columns", "segments", "filter")), _HOLD]
+    parts += ["\n## [columns]\n", "\nA table for each channel that the record has; x and y in one unit.\n"]
+    parts += ["\n| channel | is | unit |\n|---|---|---|\n"]
+    parts += [f"| `{name}` | {_CHANNELS[name]} | {_units_of(name)} |\n" for name in Columns.model_fields]
+    parts += ["\n", _keys(Source), _COLUMN, _UNITS, "\n| unit | base and `frame` take it as |\n|---|---|\n"]
+    for order, what in enumerate(NAMES):
+        units = ", ".join(f"`{unit}`" for unit, motion in MOTIONS.items() if motion.order == order)
+        parts.append(f"| {units} | {what} |\n")
+    parts += [_BASE, "\n## [filter]\n\n", _keys(Filter), _FILTER, "\n## [segments]\n", _SEGMENTS, _ERRORS]
+    return "".join(parts)
+
+
+def _keys(model: type[BaseModel], skip: tuple[str, ...] = ()) -> str:
+    lines = ["\n| key | value | default | meaning |\n", "|---|---|---|---|\n"]
+    for name, field in model.model_fields.items():
+        if name not in skip:
+            lines.append(f"| `{name}` | {_kind(field.annotation)} | {_default(field)} | {field.description} |\n")
+    return "".join(lines)
+
+
+def _units_of(channel: str) -> str:
+    if channel in ("vx", "vy"):
+        return "any"
+    if channel == "base":
+        return "see below"
+    return ", ".join(f"`{unit}`" for unit in UNITS[channel.split("_", 1)[1]])
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "**required**"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value == {}:
+        return "–"
+    return f"`{str(value).lower() if isinstance(value, bool) else repr(value)}`".replace("'", '"')
+
+
+def _kind(annotation: object) -> str:
+    """What a key takes, in words."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return " · ".join(f'`"{each}"`' for each in inner)
+    if origin in (Union, UnionType):
+        return " or ".join(_kind(each) for each in inner if each is not type(None))
+    if origin is tuple:
+        return "two whole numbers"
+    if origin is dict:
+        return "table of texts" if inner[1] is str else "table of numbers"
+    if origin is not None and inner:  # Annotated
+        return _kind(inner[0])
+    words = {"str": "text", "float": "number", "int": "whole number", "bool": "true, false"}
+    return words[getattr(annotation, "__name__", "")]
+
+
+if __name__ == "__main__":
+    print(page(), end="")

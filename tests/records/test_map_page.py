@@ -1,0 +1,32 @@
+"""docs/reference/maps.md is what the maps are, and what it shows can be imported."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hil.interchange.mapping import Columns, Filter, RecordMap, Source
+from hil.interchange.page import page
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "maps.md"
+
+
+def test_the_page_is_current():
+    assert PAGE.read_text(encoding="utf-8") == page(), "python -m hil.interchange.page > docs/reference/maps.md"
+
+
+@pytest.mark.parametrize("model", [RecordMap, Columns, Source, Filter])
+def test_every_key_stands_on_it_with_its_meaning(model):
+    for name, field in model.model_fields.items():
+        assert f"`{name}`" in page() or f"[{name}]" in page(), name
+        if model is not Columns:
+            assert field.description or name in ("columns", "segments"), name
+    assert "| None |" not in page()
+
+
+def test_its_example_is_a_map():
+    (example,) = re.findall(r"```toml\n(.*?)```", page(), re.DOTALL)
+    mapping = RecordMap.model_validate(tomllib.loads(example))
+    assert mapping.sense_unit == "px"
+    assert mapping.band(1000.0).rate_after_Hz == 250.0
