@@ -101,8 +101,8 @@ Runs forwards and backwards, so that nothing is late, on sense and drive alike; 
 decimated. With `decimate` a further filter of 80 dB keeps what is below 0.4 of the new rate, and nothing folds; an edge
 beyond that is refused. Both ends, where the filter has not settled, are left out, and segments move with their rows.
 The noise that is left is computed and told in the diagnosis; `[device.sense] noise_V` stays that of a sample of the
-file. Needs even time, and no drive that is held. Keep the third harmonic in the band where a spring that stiffens is looked
-for: two modes of one record are imported twice, each with its own band.
+file. Needs even time, and no drive that is held. Keep the third harmonic in the band where a spring that stiffens is
+looked for: two modes of one record are imported twice, each with its own band.
 """
 
 _SEGMENTS = """
