@@ -37,6 +37,69 @@ _KEY_FILE = [
     )
 ]
 
+
+_TRACE = {
+    "angle": "certainty",
+    "by_simulation": "by_simulation",
+    "candidates": "candidates",
+    "certainty": "certainty",
+    "claims": "certainty promised",
+    "conflict": "conflict promised",
+    "criterion": "engine certainty width",
+    "determined": "determined",
+    "diagnosis": "promised",
+    "dispersion": "nameless rivals",
+    "engine": "engine promised by_simulation",
+    "evidence": "evidence width scan",
+    "examination": "certainty",
+    "fitness": "fitness",
+    "fitting": "fitting parameters certainty",
+    "free_response": "free_response",
+    "free_run": "promised by_simulation",
+    "free_run_model": "by_simulation",
+    "judgement": "judgement",
+    "look": "candidates width",
+    "nameless": "nameless",
+    "nested": "nested",
+    "observer_model": "certainty parameters",
+    "parameters": "parameters",
+    "prediction": "certainty",
+    "probability": "probability rivals",
+    "problem": "certainty fitting",
+    "promises": "promises promised conflict",
+    "record": "certainty promised",
+    "rivals": "rivals",
+    "scan": "scan",
+    "selection": "conflict",
+    "separation": "candidates scan parameters",
+    "start": "fitting parameters certainty",
+    "symmetries": "symmetries",
+    "thresholds": "thresholds threshold_screening",
+    "thresholds_page": "thresholds",
+    "tracing": "promised",
+    "width": "width",
+}
+_RESIDUAL = {
+    "analysis": "residual",
+    "demodulation": "residual",
+    "dependence": "residual",
+    "effective": "judgement determined",
+    "floor": "residual judgement",
+    "significance": "residual candidates",
+    "spectrum": "residual judgement",
+    "suspects": "residual",
+    "whiteness": "residual",
+}
+_RATE_SENSOR = (
+    *("catalogue", "chain_model", "characteristic", "declaration", "dynamics", "model", "record", "surroundings"),
+    "trace",
+)
+
+
+def _of_estimator(tests: str) -> list[str]:
+    return [f"tests/estimator/test_{name}.py" for name in tests.split()]
+
+
 TESTS: dict[str, list[str]] = {
     "hil.verdict": ["tests/verdict/test_judge.py"],
     "hil.verdict.angle": ["tests/verdict/test_angle.py"],
@@ -65,26 +128,8 @@ TESTS: dict[str, list[str]] = {
     "estimator.completeness.lacking": _CLOSING,
     "estimator.completeness.turning": _CLOSING,
     "estimator.gaps": ["tests/estimator/test_gaps.py"],
-    "estimator.trace.angle": ["tests/estimator/test_certainty.py"],
-    "estimator.trace.candidates": ["tests/estimator/test_candidates.py"],
-    "estimator.trace.certainty": ["tests/estimator/test_certainty.py"],
-    "estimator.trace.claims": ["tests/estimator/test_certainty.py", "tests/estimator/test_promised.py"],
-    "estimator.trace.criterion": ["tests/estimator/test_engine.py"],
-    "estimator.trace.engine": ["tests/estimator/test_engine.py"],
-    "estimator.trace.evidence": ["tests/estimator/test_evidence.py", "tests/estimator/test_width.py"],
-    "estimator.trace.examination": ["tests/estimator/test_certainty.py"],
-    "estimator.trace.fitness": ["tests/estimator/test_fitness.py"],
-    "estimator.trace.judgement": ["tests/estimator/test_judgement.py"],
-    "estimator.trace.promises": ["tests/estimator/test_promises.py"],
-    "estimator.trace.rivals": ["tests/estimator/test_rivals.py"],
-    "estimator.trace.symmetries": ["tests/estimator/test_symmetries.py"],
-    "estimator.trace.tracing": ["tests/estimator/test_promised.py"],
-    "estimator.trace.width": ["tests/estimator/test_width.py"],
-    "estimator.residual.demodulation": ["tests/estimator/test_residual.py"],
-    "estimator.residual.dependence": ["tests/estimator/test_residual.py"],
-    "estimator.residual.effective": ["tests/estimator/test_judgement.py"],
-    "estimator.residual.floor": ["tests/estimator/test_residual.py"],
-    "estimator.residual.significance": ["tests/estimator/test_residual.py"],
-    "estimator.residual.spectrum": ["tests/estimator/test_residual.py"],
-    "estimator.residual.whiteness": ["tests/estimator/test_residual.py"],
+    **{f"estimator.trace.{module}": _of_estimator(tests) for module, tests in _TRACE.items()},
+    **{f"estimator.residual.{module}": _of_estimator(tests) for module, tests in _RESIDUAL.items()},
+    **{f"estimator.rate_sensor.{module}": ["tests/rate_sensor/test_trace.py"] for module in _RATE_SENSOR},
+    **{f"estimator.rate_sensor.{module}": ["tests/rate_sensor/test_allan.py"] for module in ("allan", "noise")},
 }

@@ -1,6 +1,7 @@
 """docs/results/thresholds.md: what changes at half and at double of each threshold."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 from benchmarks.thresholds.change import SIDES, changed
@@ -21,35 +22,40 @@ def page(found: Mapping[str, Any]) -> str:
     baseline = found["baseline"]
     lines = [_INTRODUCTION, "| record | as the thresholds are |", "|---|---|"]
     lines += [f"| {record} | {answer['verdict']} |" for record, answer in baseline.items()]
-    told = [one for one in each(THRESHOLDS) if any(one.name in found[side] for side in SIDES)]
-    lines += ["", "## Those that change an answer", "", "| threshold | is | half | double |", "|---|---|---|---|"]
-    lines += [_row(one, found) for one in told]
-    silent = [one.name for one in each(THRESHOLDS) if one not in told and not _open(one.name, found)]
-    lines += ["", "## Those that change none", "", _INERT, ""]
-    lines += [f"- `{name}`{_read(name, found)}" for name in silent]
-    if left := [one.name for one in each(THRESHOLDS) if _open(one.name, found)]:
-        lines += ["", "## Not told apart yet", "", _LEFT, "", ", ".join(f"`{name}`" for name in left)]
+    for group in fields(THRESHOLDS):
+        own = [one for one in each(THRESHOLDS) if one.name.startswith(f"{group.name}.")]
+        lines += ["", f"## {group.name}", "", "| threshold | is | why | half | double |", "|---|---|---|---|---|"]
+        lines += [_row(one, found) for one in own]
+    if left := [one.name for one in each(THRESHOLDS) if not all(_measured(one.name, side, found) for side in SIDES)]:
+        lines += ["", "## Open", "", _LEFT, "", ", ".join(f"`{name}`" for name in left)]
     return "\n".join(lines) + "\n"
 
 
-_INERT = (
-    "Neither half nor double changes what is said of these records. That is what a threshold between two clear cases "
-    "looks like, and what a superfluous one looks like, too."
-)
-_LEFT = (
-    "These were changed together with others, some answer changed, and the time given was over before it was known by "
-    "whom; or they were not asked at all."
-)
+_LEFT = "On no record is it known yet what these do at half or at double, or they are younger than the measurement."
 
 
 def _row(one: Threshold, found: Mapping[str, Any]) -> str:
-    cells = [f"`{one.name}`", _number(one.value)]
+    cells = [f"`{one.name}`", f"{_number(one.value)} {one.unit}", one.reason]
     for side in SIDES:
-        answers = found[side].get(one.name, {})
-        said = "; ".join(_said(record, answer, found["baseline"][record]) for record, answer in answers.items())
-        still = " (not all told apart)" if one.name in found["open"][side] else ""
-        cells.append(f"{_number(changed(one.value, side))}: {said or 'the same'}{still}")
+        cells.append(f"{_number(changed(one.value, side))}: {_answered(one.name, side, found)}")
     return f"| {' | '.join(cells)} |"
+
+
+def _answered(name: str, side: str, found: Mapping[str, Any]) -> str:
+    answers = found[side].get(name, {})
+    told = [_said(record, answer, found["baseline"][record]) for record, answer in answers.items()]
+    asked = len(_measured(name, side, found))
+    if not asked:
+        return "not known yet"
+    if not told:
+        return f"the same on all {asked}" if asked > 1 else "the same on the one that reads it"
+    same = asked - len(answers)
+    return "; ".join([*told, *([f"the same on {same} more"] if same else [])])
+
+
+def _measured(name: str, side: str, found: Mapping[str, Any]) -> list[str]:
+    """The records of which it is known what they answer."""
+    return [record for record in found["read"].get(name, ()) if record not in found["open"][side].get(name, ())]
 
 
 def _said(record: str, answer: Mapping[str, Any], before: Mapping[str, Any]) -> str:
@@ -58,17 +64,6 @@ def _said(record: str, answer: Mapping[str, Any], before: Mapping[str, Any]) -> 
     more = [f"+ {word}" for word in answer["words"] if word not in before["words"]]
     less = [f"− {word}" for word in before["words"] if word not in answer["words"]]
     return f"{record}: {', '.join([*more, *less])}"
-
-
-def _open(name: str, found: Mapping[str, Any]) -> bool:
-    if name not in found["read"]:
-        return True  # younger than the measurement
-    return any(name in found["open"][side] for side in SIDES) and not any(name in found[side] for side in SIDES)
-
-
-def _read(name: str, found: Mapping[str, Any]) -> str:
-    count = len(found["read"].get(name, ()))
-    return f", read on {count} of the records" if count else ", read on none of them"
 
 
 def _number(value: Any) -> str:

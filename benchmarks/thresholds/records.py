@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.thresholds.pieces import pieces
 from benchmarks.undeclared.population import Order
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def tracers(folder: Path) -> dict[str, Callable[[], Answer]]:
     found |= {
         "single axis, cubic": lambda: _of_axes(_single_axis(1.0)),
         "single axis, clean": lambda: _of_axes(_single_axis(0.0)),
+        "single axis, periodic": lambda: _of_axes(_single_axis(1.0, period=150)),
         "ring-down": lambda: _of_axes(_single_axis(1.0, drive=0.0)),
         "sensor, saturation": lambda: _of_sensor(lambda f: np.clip(0.1 + 2.0 * f, -2.4, 2.6)),
         "sensor, cubic": lambda: _of_sensor(lambda f: 0.1 + 2.0 * (f - 0.02 * f**3)),
@@ -60,7 +62,7 @@ def tracers(folder: Path) -> dict[str, Callable[[], Answer]]:
         "still": lambda: _refused(folder, _still),
         "slow": lambda: _refused(folder, _slow),
     }
-    return found
+    return found | pieces()
 
 
 def _of_axes(problem: "Problem") -> Answer:
@@ -138,8 +140,10 @@ def _recorded(place: Path) -> "Problem":
     return Problem(record, device, observer_settings_of(bench), control_of(bench, captured))
 
 
-def _single_axis(hardening: float, drive: float = 1.5e4) -> "Problem":
-    """An oscillator that is pushed by noise, or let go, integrated by Runge and Kutta in steps of a fortieth sample."""
+def _single_axis(hardening: float, drive: float = 1.5e4, period: int = 900) -> "Problem":
+    """An oscillator that is pushed by noise, which may come back, or let go, integrated by Runge and Kutta in steps of a
+    fortieth sample.
+    """
     from estimator.settings import Device, ObserverSettings, Spread
     from estimator.trace.problem import Problem
     from estimator.trace.record import Record
@@ -148,7 +152,7 @@ def _single_axis(hardening: float, drive: float = 1.5e4) -> "Problem":
     device = Device(
         sample_rate=rate, stiffness=(1.9e5,), damping=(40.0,), amplitude=0.1, sense_gain=(2.0,), noise=(1e-4,)
     )
-    force = drive * np.random.default_rng(3).standard_normal(samples)
+    force = drive * np.resize(np.random.default_rng(3).standard_normal(period), samples)
 
     def field(state: Any, push: float) -> Any:
         x, v = state

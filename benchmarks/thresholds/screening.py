@@ -156,7 +156,7 @@ def screen(
                 answers = future.result()
                 differ = tuple(r for r in job.records if not same(answers[r], baseline[r]))
                 if len(job.names) == 1 and differ:
-                    changed[job.side][job.names[0]] = {r: answers[r] for r in differ}
+                    changed[job.side].setdefault(job.names[0], {}).update({r: answers[r] for r in differ})
                     told = "; ".join(f"{r}: {answers[r]['verdict']}" for r in differ)
                     say(f"{time.monotonic() - begin:.0f} s, {len(running)} left: {job.side} {job.names[0]}: {told}")
                 elif differ and time.monotonic() - begin < 60.0 * minutes:
@@ -171,26 +171,24 @@ def screen(
 
 
 def _first(names: Sequence[str], reads: dict[str, tuple[str, ...]], early: frozenset[str]) -> Iterable[_Job]:
-    """Groups of those that the same records read, drawn at random: what stands side by side belongs to one step, where
-    one may make up for another.
+    """Groups of those that a record reads, drawn at random: what stands side by side belongs to one step, where one may
+    make up for another.  Each record by itself, so that one more of them asks nothing anew; but those that are read on
+    import, which take a process each, of all records at once.
     """
-    alike: dict[tuple[object, ...], list[str]] = {}
-    for name in names:
-        if reads[name]:
-            alike.setdefault((name in early, reads[name]), []).append(name)
-    jobs = []
-    for (_, on), members in alike.items():
-        assert isinstance(on, tuple)
+    records = list(dict.fromkeys(record for on in reads.values() for record in on))
+    asked = [((record,), [name for name in names if record in reads[name] and name not in early]) for record in records]
+    asked.append((tuple(records), [name for name in names if name in early and reads[name]]))
+    for on, members in asked:
         random.Random(1).shuffle(members)
         for first in range(0, len(members), AT_ONCE):
-            jobs += [_Job(side, tuple(members[first : first + AT_ONCE]), on) for side in SIDES]
-    return jobs
+            for side in SIDES:
+                yield _Job(side, tuple(members[first : first + AT_ONCE]), on)
 
 
 def _note(still: dict[str, dict[str, list[str]]], job: _Job, reads: dict[str, tuple[str, ...]]) -> None:
     for name in job.names:
         if on := [record for record in reads[name] if record in job.records]:
-            still[job.side][name] = on
+            still[job.side].setdefault(name, []).extend(on)
 
 
 def _halves(job: _Job, differ: tuple[str, ...], reads: dict[str, tuple[str, ...]]) -> Iterable[_Job]:

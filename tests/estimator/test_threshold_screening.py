@@ -72,10 +72,10 @@ def test_whoever_changes_an_answer_is_found_and_nobody_else():
     told = page(found)
     assert "axes: unexplained" in told
     assert "axis: + finds line" in told
-    assert "Not told apart" not in told
+    assert "## Open" not in told
 
 
 def test_what_time_does_not_suffice_for_is_told_as_open():
     found = screen(Stub(), NAMES, ["axes", "axis"], 1, lambda line: None, minutes=0.0)
     assert "width.alike" in {*found["open"]["half"], *found["half"]}
-    assert "Not told apart yet" in page(found)
+    assert "## Open" in page(found)

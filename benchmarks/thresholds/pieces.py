@@ -1,0 +1,140 @@
+"""Records for a part of tracing alone, where a whole trace that comes to it would take minutes: of known size each, so
+that an answer tells on which side of a threshold it lies.
+"""
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.settings import Device, ObserverSettings
+
+if TYPE_CHECKING:
+    from estimator.trace.problem import Problem
+
+Answer = dict[str, Any]
+
+_RATE, _CYCLE = 4000.0, 20
+_OMEGA = 2.0 * math.pi * _RATE / _CYCLE
+_DEVICE = Device(
+    sample_rate=_RATE,
+    stiffness=(_OMEGA**2, _OMEGA**2, 0.0),
+    damping=(0.8, 0.8, 0.0),
+    amplitude=1e-4,
+    sense_gain=(890.0, 890.0),
+    noise=(1e-4, 1e-4),
+)
+
+
+def pieces() -> dict[str, Callable[[], Answer]]:
+    """By name, what the part answers."""
+    return {
+        "free, few cycles": _few_cycles,
+        "long": _long,
+        "lines in noise": _lines,
+        "gains of the other sign": _gains,
+        "a clock": _clock,
+        "a climb beside a cliff": _cliff,
+    }
+
+
+def _ring(samples: int, a_cycle: float = _CYCLE) -> "Problem":
+    """A motion that nothing drives, with noise."""
+    from estimator.trace.problem import Problem
+    from estimator.trace.record import Record
+
+    rate = _RATE * a_cycle / _CYCLE
+    t = np.arange(samples) / rate
+    motion = 0.089 * np.exp(-0.4 * t)[:, None] * np.stack([np.cos(_OMEGA * t), np.sin(_OMEGA * t)], axis=1)
+    motion += 1e-4 * np.random.default_rng(1).standard_normal((samples, 2))
+    record = Record(motion, np.zeros((samples, 2, 1)), np.full(samples, 1.0 / rate))
+    return Problem(record, _DEVICE, ObserverSettings())
+
+
+def _few_cycles() -> Answer:
+    """Six cycles and four."""
+    from estimator.trace.fitness import require_traceable
+
+    problem = _ring(1000, 100.0)
+    try:
+        require_traceable(problem.record, problem.device, 600)
+    except ModelError as error:
+        return {"verdict": f"refused: {str(error).partition(':')[0]}", "words": []}
+    return {"verdict": "fit to be traced", "words": []}
+
+
+def _long() -> Answer:
+    """So long that not every state is kept."""
+    from estimator.trace.examination import examine
+
+    found = examine(_ring(202_000), 120_000).estimates
+    return {"verdict": f"states are kept every {found.index[1] - found.index[0]} samples", "words": []}
+
+
+def _lines() -> Answer:
+    """Of 0.7 and of 1.5 thousandths of the power far from a multiple, of 7 and of 15 beside the resonance."""
+    from estimator.trace.judgement import unexplained
+    from estimator.trace.record import Record
+
+    n = 60_000
+    record = Record(np.zeros((n, 2)), np.zeros((n, 2, 1)), np.full(n, 1.0 / _RATE))
+    white = np.random.default_rng(1).standard_normal((n, 2))
+    told = []
+    for frequency, thousandths in ((733.0, 0.7), (733.0, 1.5), (200.0, 7.0), (200.0, 15.0)):
+        line = white.copy()
+        line[:, 0] += np.sqrt(4e-3 * thousandths) * np.sin(2.0 * np.pi * frequency * np.arange(n) / _RATE)
+        estimates = SimpleNamespace(innovation=line, innovation_deviation=np.ones((n, 2)))
+        model: Any = SimpleNamespace(
+            estimates=estimates, observer=SimpleNamespace(device=SimpleNamespace(noise=(1.0, 1.0)))
+        )
+        if any("line" in reason for reason in unexplained(model, record, 200.0)):
+            told.append(f"{thousandths:g} ‰ at {frequency:g} Hz")
+    return {"verdict": f"lines are left: {', '.join(told)}", "words": []}
+
+
+def _gains() -> Answer:
+    """Of −0.4, −0.7, −1.5 and −3 times the declared one."""
+    from estimator.trace.engine import Estimate
+    from estimator.trace.promises import turned
+
+    sizes = (0.4, 0.7, 1.5, 3.0)
+    gains = {size: Estimate(-1.0 - size, -1.01 - size, -0.99 - size) for size in sizes}
+    told = [f"−{size:g}" for size, gain in gains.items() if turned("drive_gain", {"hx": gain})]
+    return {"verdict": f"a polarity: {', '.join(told)}", "words": []}
+
+
+def _clock() -> Answer:
+    """Drives stronger by so many percent, where the stiffness is declared to 1 %."""
+    from estimator.trace.diagnosis import Interval
+    from estimator.trace.symmetries import Constants, equivalents
+
+    told = []
+    for percent in (1, 2, 4, 7):
+        gain = Interval(percent / 100.0, percent / 100.0 - 1e-5, percent / 100.0 + 1e-5, "")
+        constants = Constants((1.0, 1.0, 0.0), (4e-3, 4e-3, 0.0), (1.0, 1.0, 0.0), 0.01)
+        named = {"drive_gain": {"hx": gain, "hy": gain}}
+        if any(one.other == "clock_rate" for one in equivalents(named, constants, None)):
+            told.append(f"{percent} %")
+    return {"verdict": f"may be a clock: drive gain of {', '.join(told)}", "words": []}
+
+
+def _cliff() -> Answer:
+    """A likelihood with its top at 1, beyond 1.25 no model: begun at 0.9 with steps of 0.4."""
+    from estimator.trace.parameters import Hill
+
+    hill = Hill.__new__(Hill)
+    asked = set()
+
+    def at_each(places: Any) -> list[float]:
+        asked.update(float(place[0]) for place in places)
+        return [-np.inf if place[0] > 1.25 else -(((place[0] - 1.0) / 0.02) ** 2) for place in places]
+
+    hill.at_each = at_each  # type: ignore[method-assign]
+    hill.at = lambda place: at_each([place])[0]  # type: ignore[method-assign]
+    hill.turned = lambda place: False  # type: ignore[method-assign]
+    hill.seen = {}
+    top, deviation = hill.climb(np.array([0.9]), 0, 0.4)
+    return {"verdict": f"top at {top[0]:.3f} ± {deviation:.3f} after {len(asked)} models", "words": []}

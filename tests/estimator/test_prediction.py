@@ -1,0 +1,98 @@
+"""Free runs of a gyro over 20 cycles at a time (docs/reference/trace.md, `simulation_rmse`)."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.settings import Device, Gain, ObserverSettings
+from estimator.trace import prediction
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+RATE, HZ = 4000.0, 200.0
+TARGET = (2.0 * np.pi * HZ) ** 2
+DEVICE = Device(
+    sample_rate=RATE,
+    stiffness=(TARGET, TARGET, 0.0),
+    damping=(1.0, 1.2, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, 900.0),
+    noise=(1e-4, 2e-4),
+)
+FREE = 400  # samples of 20 cycles
+NOISE = np.array([1e-8, 4e-8])
+
+
+class Follower:
+    """An observer that is what it is told, and notes with which noise it saw which samples."""
+
+    def __init__(self, device: Device, settings: ObserverSettings, controller: object) -> None:
+        self.settings = settings
+        self.record = {"noise": NOISE.copy()}
+        self.seen: list[tuple[int, int, float]] = []
+        self.held = False
+
+
+def runs(monkeypatch: pytest.MonkeyPatch, samples: int, settings: ObserverSettings) -> tuple[Follower, Any]:
+    made: list[Follower] = []
+
+    def observer(*given: Any) -> Follower:
+        made.append(Follower(*given))
+        return made[0]
+
+    def run(of: Follower, record: Record) -> Any:
+        of.seen.append((int(record.sense[0, 0]), len(record), float(of.record["noise"][0] / NOISE[0])))
+        return SimpleNamespace(innovation=record.sense)
+
+    monkeypatch.setattr(prediction, "Observer", observer)
+    monkeypatch.setattr(prediction, "run", run)
+    monkeypatch.setattr(prediction, "hold", lambda of: setattr(of, "held", True))
+    count = np.arange(float(samples))
+    record = Record(np.stack([count, -count], 1), np.zeros((samples, 2, 1)), np.full(samples, 1 / RATE))
+    errors = prediction.free_run_error(Problem(record, DEVICE, settings))
+    return made[0], errors
+
+
+def test_it_follows_runs_freely_for_20_cycles_and_follows_three_times_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = 8000
+    begin = 600  # three memories
+    made, errors = runs(monkeypatch, samples, ObserverSettings(memory=0.05, gain=Gain.EKF))
+    expected, at = [(0, begin, 1.0)], begin
+    while at + FREE <= samples:
+        expected.append((at, FREE, pytest.approx(1e12)))
+        if at + 5 * FREE <= samples:
+            expected.append((at + FREE, 3 * FREE, 1.0))
+        at += 4 * FREE
+    assert made.seen == expected
+    assert made.held
+    free = np.zeros(samples, dtype=bool)
+    for first in range(begin, samples - FREE + 1, 4 * FREE):
+        free[first : first + FREE] = True
+    np.testing.assert_array_equal(np.isfinite(errors), np.stack([free, free], 1))
+    np.testing.assert_array_equal(errors[free], np.stack([np.flatnonzero(free), -np.flatnonzero(free)], 1))
+
+
+def test_a_short_record_is_followed_for_an_eighth_of_it_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, errors = runs(monkeypatch, 1600, ObserverSettings(memory=0.5))
+    assert made.seen[0] == (0, 200, 1.0)
+    assert np.flatnonzero(np.isfinite(errors[:, 0]))[[0, -1]].tolist() == [200, 599]
+
+
+def test_the_last_free_run_may_end_with_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, errors = runs(monkeypatch, 600 + FREE, ObserverSettings(memory=0.05))
+    begin = (600 + FREE) // 8
+    assert [row[:2] for row in made.seen] == [(0, begin), (begin, FREE)]
+    exact, _ = runs(monkeypatch, FREE * 8 // 7 + 1, ObserverSettings(memory=0.05))
+    assert len(exact.seen) == 2
+
+
+@pytest.mark.parametrize(
+    ("gain", "runs_with"), [(Gain.STATIONARY, Gain.FADING), (Gain.EKF, Gain.EKF), (Gain.FADING, Gain.FADING)]
+)
+def test_a_gain_that_has_no_covariance_is_replaced(
+    monkeypatch: pytest.MonkeyPatch, gain: Gain, runs_with: Gain
+) -> None:
+    made, _ = runs(monkeypatch, 2000, ObserverSettings(memory=0.01, gain=gain))
+    assert made.settings.gain is runs_with

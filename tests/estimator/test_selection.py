@@ -1,0 +1,180 @@
+"""How the choice for two axes begins, on how much of the record, and what is fitted again (docs/decisions/tracing.md)."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.errors import ModelError
+from estimator.settings import Device, ObserverSettings
+from estimator.trace import selection
+from estimator.trace.engine import Dissent
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+COMPARED = 1000
+DEVICE = Device(
+    sample_rate=4000.0,
+    stiffness=(1.6e6, 1.62e6, 0.0),
+    damping=(1.0, 1.2, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, 900.0),
+    noise=(1e-4, 1e-4),
+)
+
+
+def problem(samples: int) -> Problem:
+    record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1 / 4000.0))
+    return Problem(record, DEVICE, ObserverSettings(effects={"drag": {"dqx": 1.0}}))
+
+
+def model(effects: tuple[str, ...], samples: int, likelihood: float = 0.0) -> Any:
+    return SimpleNamespace(
+        likelihood=likelihood,
+        settings=ObserverSettings(initial={"kxx": 7.0}),
+        observer=SimpleNamespace(effects=effects),
+        estimates=SimpleNamespace(innovation=np.zeros((samples, 2))),
+    )
+
+
+class Bench:
+    """Records what is fitted, and on how much; the choice takes what it is told to."""
+
+    def __init__(self, taken: tuple[str, ...], kept: tuple[str, ...], *, more: bool, likelihood: float) -> None:
+        self.taken, self.kept, self.more, self.likelihood = taken, kept, more, likelihood
+        self.fits: list[tuple[int, tuple[str, ...], float | None]] = []
+        self.searched: list[tuple[str, int, str]] = []
+
+    def fit(self, asked: Problem) -> Any:
+        self.fits.append((len(asked.record), tuple(asked.effects), asked.settings.initial.get("kxx")))
+        return model(tuple(asked.effects), len(asked.record), self.likelihood)
+
+    def choose(self, family: Any, start: Any, rules: Any, progress: Callable[[int, int], None]) -> Any:
+        progress(1, rules.most)
+        self.family, self.rules = family, rules
+        rounds = [
+            SimpleNamespace(taken=name, look=SimpleNamespace(alike=lambda other: {f"beside {other}": 0.5}))
+            for name in (*self.taken, None)
+        ]
+        steps, carried = [], ("drag",)
+        for name in self.taken:
+            carried = (*carried, name)
+            searched = {one: f"searched {one}" for one in carried[1:]}
+            fit = SimpleNamespace(fitted=model(carried, COMPARED), searched=searched)
+            steps.append(SimpleNamespace(name=name, trial=SimpleNamespace(fit=fit)))
+        last = SimpleNamespace(fitted=SimpleNamespace(observer=SimpleNamespace(effects=("drag", *self.kept))))
+        return SimpleNamespace(
+            steps=steps, rounds=rounds, more=self.more, fit=last, gains=dict.fromkeys(self.kept, 500.0)
+        )
+
+    def refine(self, asked: Problem, fitted: Any, name: str, *, before: str) -> Any:
+        self.searched.append((name, len(asked.record), before))
+        return fitted, f"again {name}"
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
+    def run(
+        samples: int,
+        taken: tuple[str, ...] = (),
+        kept: tuple[str, ...] | None = None,
+        *,
+        more: bool = False,
+        likelihood: float = 0.0,
+    ) -> tuple[Bench, Any]:
+        made = Bench(taken, taken if kept is None else kept, more=more, likelihood=likelihood)
+        monkeypatch.setattr(selection, "_SET", replace(selection._SET, compared=COMPARED))
+        monkeypatch.setattr(selection, "fit", made.fit)
+        monkeypatch.setattr(selection, "choose", made.choose)
+        monkeypatch.setattr(selection, "pruned", lambda family, chosen: chosen)
+        monkeypatch.setattr(selection, "refine_parameters", made.refine)
+        monkeypatch.setattr(selection, "coefficients_of", lambda observer: {name: {} for name in observer.effects})
+        monkeypatch.setattr(selection, "rivals", lambda step: {f"rival of {step.name}": None})
+        monkeypatch.setattr(selection, "accounts", lambda step, look: (step.name, look))
+        monkeypatch.setattr(selection, "left_out", lambda look: ("left out", look))
+        told: list[tuple[str, int, int]] = []
+        found = selection.select(problem(samples), lambda *what: told.append(what))
+        assert told == [("effects", 1, 3)]
+        return made, found
+
+    return run
+
+
+def test_of_a_short_record_with_one_effect_nothing_is_fitted_again(bench: Any) -> None:
+    made, found = bench(COMPARED, ("drive_gain",))
+    assert made.fits == [(COMPARED, ("drag",), None)]
+    assert made.searched == []
+    assert set(found.effects) == {"drag", "drive_gain"}
+    assert tuple(found.before.observer.effects) == ("drag",)
+    assert tuple(found.after.observer.effects) == ("drag", "drive_gain")
+    assert (found.gain, found.patchwork, found.samples) == ({"drive_gain": 500.0}, False, COMPARED)
+    assert found.searched == {"drive_gain": "searched drive_gain"}
+    assert found.alike == {"drive_gain": {"beside drive_gain": 0.5}}
+    assert found.rivals == {"drive_gain": {"rival of drive_gain": None}}
+    assert found.accounts == {"drive_gain": ("drive_gain", found.rounds[0].look)}
+
+
+def test_candidates_compete_on_a_part_and_the_models_before_and_after_are_of_the_whole(bench: Any) -> None:
+    made, found = bench(COMPARED + 1, ("drive_gain",))
+    assert len(made.family.problem.record) == COMPARED
+    first, *whole = made.fits
+    assert first == (COMPARED, ("drag",), None)
+    assert sorted(whole, key=lambda one: len(one[1])) == [
+        (COMPARED + 1, ("drag",), None),
+        (COMPARED + 1, ("drag", "drive_gain"), 7.0),  # from the constants of the part
+    ]
+    assert found.samples == COMPARED + 1
+    assert made.searched == [("drive_gain", COMPARED + 1, "searched drive_gain")]
+    assert found.searched == {"drive_gain": "again drive_gain"}
+
+
+def test_parameters_are_searched_for_again_beside_another_effect(bench: Any) -> None:
+    made, found = bench(COMPARED, ("interference", "drive_gain"))
+    assert made.searched == [
+        ("interference", COMPARED, "searched interference"),
+        ("drive_gain", COMPARED, "searched drive_gain"),
+    ]
+    assert len(made.fits) == 1
+    assert found.searched == {"interference": "again interference", "drive_gain": "again drive_gain"}
+
+
+def test_of_a_patchwork_no_parameter_is_searched_for(bench: Any) -> None:
+    made, found = bench(COMPARED + 1, ("interference", "drive_gain"), more=True)
+    assert made.searched == []
+    assert found.patchwork
+
+
+def test_what_a_later_effect_made_superfluous_is_gone_from_the_model(bench: Any) -> None:
+    made, found = bench(COMPARED, ("drag:2", "drive_gain"), ("drive_gain",))
+    assert made.fits[1:] == [(COMPARED, ("drag", "drive_gain"), 7.0)]
+    assert set(found.effects) == {"drag", "drive_gain"}
+    assert set(found.gain) == {"drive_gain"}
+
+
+def test_where_nothing_is_taken_every_account_is_of_the_first_look(bench: Any) -> None:
+    made, found = bench(COMPARED)
+    assert found.after is found.before
+    assert (set(found.effects), found.gain, found.searched) == ({"drag"}, {}, {})
+    assert found.accounts == {None: ("left out", found.rounds[0].look)}
+    assert (made.rules.most, made.rules.dissent, made.rules.signs) == (3, Dissent.ENDS, False)
+
+
+def test_an_observer_that_diverges_is_no_model_to_begin_with(bench: Any) -> None:
+    with pytest.raises(ModelError, match="the observer diverges on this record; correct"):
+        bench(COMPARED, likelihood=-np.inf)
+
+
+def test_what_is_taken_out_is_neither_carried_nor_counted(monkeypatch: pytest.MonkeyPatch, bench: Any) -> None:
+    made, found = bench(COMPARED, ("drive_gain", "sense_gain"))
+    less = selection.without(problem(COMPARED), found, ("drive_gain",))
+    assert made.fits[-1] == (COMPARED, ("drag", "sense_gain"), 7.0)
+    assert (set(less.effects), less.gain) == ({"drag", "sense_gain"}, {"sense_gain": 500.0})
+    assert tuple(less.after.observer.effects) == ("drag", "sense_gain")
+    fits = len(made.fits)
+    none = selection.without(problem(COMPARED), found, ("drive_gain", "sense_gain"))
+    assert none.after is found.before
+    assert (set(none.effects), none.gain) == ({"drag"}, {})
+    assert len(made.fits) == fits
