@@ -36,8 +36,7 @@ _LEFT = "On no record is it known yet what these do at half or at double, or the
 
 def _row(one: Threshold, found: Mapping[str, Any]) -> str:
     cells = [f"`{one.name}`", f"{_number(one.value)} {one.unit}", one.reason]
-    for side in SIDES:
-        cells.append(f"{_number(changed(one.value, side))}: {_answered(one.name, side, found)}")
+    cells += [f"{_number(changed(one.value, side))}: {_answered(one.name, side, found)}" for side in SIDES]
     return f"| {' | '.join(cells)} |"
 
 

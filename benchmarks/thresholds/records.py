@@ -141,8 +141,8 @@ def _recorded(place: Path) -> "Problem":
 
 
 def _single_axis(hardening: float, drive: float = 1.5e4, period: int = 900) -> "Problem":
-    """An oscillator that is pushed by noise, which may come back, or let go, integrated by Runge and Kutta in steps of a
-    fortieth sample.
+    """An oscillator that is pushed by noise, which may come back, or let go, integrated by Runge and Kutta in steps of
+    a fortieth sample.
     """
     from estimator.settings import Device, ObserverSettings, Spread
     from estimator.trace.problem import Problem

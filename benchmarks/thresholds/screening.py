@@ -8,9 +8,10 @@ import random
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Timer
 from typing import Any
@@ -137,45 +138,41 @@ def screen(
     early = frozenset(name for answer in baseline.values() for name in answer["early"])
     changed: dict[str, dict[str, dict[str, Answer]]] = {side: {} for side in SIDES}
     still: dict[str, dict[str, list[str]]] = {side: {} for side in SIDES}
+    waiting = deque(_first(names, records, reads, early))
+    over = begin + 60.0 * minutes
     with ThreadPoolExecutor(jobs) as pool:
         running: dict[Future[dict[str, Answer]], _Job] = {}
-
-        def begin_with(waiting: Iterable[_Job]) -> None:
-            for job in waiting:
+        while waiting or running:
+            while waiting and len(running) < jobs and time.monotonic() < over:
+                job = waiting.popleft()
                 afresh = not early.isdisjoint(job.names)
                 running[pool.submit(asker.ask, job.changes, job.records, afresh=afresh)] = job
-
-        begin_with(_first(names, reads, early))
-        while running:
+            if not running:  # the time is over
+                for job in waiting:
+                    _note(still, job, reads)
+                break
             ready, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in ready:
-                job = running.pop(future)
-                if future.cancelled():
-                    _note(still, job, reads)
-                    continue
-                answers = future.result()
+                job, answers = running.pop(future), future.result()
                 differ = tuple(r for r in job.records if not same(answers[r], baseline[r]))
-                if len(job.names) == 1 and differ:
+                if differ and len(job.names) > 1:  # at once, so that what was begun is told apart
+                    waiting.extendleft(_halves(job, differ, reads))
+                elif differ:
                     changed[job.side].setdefault(job.names[0], {}).update({r: answers[r] for r in differ})
                     told = "; ".join(f"{r}: {answers[r]['verdict']}" for r in differ)
-                    say(f"{time.monotonic() - begin:.0f} s, {len(running)} left: {job.side} {job.names[0]}: {told}")
-                elif differ and time.monotonic() - begin < 60.0 * minutes:
-                    begin_with(_halves(job, differ, reads))
-                elif differ:
-                    _note(still, replace(job, records=differ), reads)
-            if time.monotonic() - begin > 60.0 * minutes:
-                for future in running:
-                    future.cancel()
+                    at = f"{time.monotonic() - begin:.0f} s, {len(waiting) + len(running)} left"
+                    say(f"{at}: {job.side} {job.names[0]}: {told}")
     asker.end()
     return {"open": still, "baseline": baseline, "read": {name: list(on) for name, on in reads.items()}, **changed}
 
 
-def _first(names: Sequence[str], reads: dict[str, tuple[str, ...]], early: frozenset[str]) -> Iterable[_Job]:
+def _first(
+    names: Sequence[str], records: Sequence[str], reads: dict[str, tuple[str, ...]], early: frozenset[str]
+) -> Iterable[_Job]:
     """Groups of those that a record reads, drawn at random: what stands side by side belongs to one step, where one may
     make up for another.  Each record by itself, so that one more of them asks nothing anew; but those that are read on
     import, which take a process each, of all records at once.
     """
-    records = list(dict.fromkeys(record for on in reads.values() for record in on))
     asked = [((record,), [name for name in names if record in reads[name] and name not in early]) for record in records]
     asked.append((tuple(records), [name for name in names if name in early and reads[name]]))
     for on, members in asked:

@@ -1,4 +1,4 @@
-"""How the choice for two axes begins, on how much of the record, and what is fitted again (docs/decisions/tracing.md)."""
+"""How a choice for two axes begins, on how much of the record, and what is fitted again (docs/decisions/tracing.md)."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,0 +1,112 @@
+"""What is seen with a model: how it is scanned, what is serious, what bounds the rest (docs/decisions/tracing.md)."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.settings import Device, Gain, ObserverSettings
+from estimator.trace import look
+from estimator.trace.evidence import Evidence
+from estimator.trace.look import Look, is_lost, look_at, scanned_with
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+N = 900
+DEVICE = Device(
+    sample_rate=4000.0,
+    stiffness=(1.6e6, 1.62e6, 0.0),
+    damping=(1.0, 1.2, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, 445.0),
+    noise=(1e-4, 1e-4),
+)
+BENCH = ObserverSettings(memory=0.1, gain=Gain.STATIONARY, effects={"sense_gain": {"gy": 0.1}})
+AMPLITUDE = np.array([0.089, 0.0445])
+
+
+def item(name: str, gain: float) -> Evidence:
+    return Evidence(name, gain, 1, 1.0, np.zeros(1), np.ones(1))
+
+
+def model(share: float) -> Any:
+    """Whose innovations are that share of the amplitude."""
+    signs = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
+    settings = ObserverSettings(memory=9.0, gain=Gain.FADING, effects={"sense_gain": {"gy": 0.2}, "drag": {"dqx": 3.0}})
+    return SimpleNamespace(
+        settings=settings, estimates=SimpleNamespace(innovation=share * AMPLITUDE * signs), observer="carrying"
+    )
+
+
+@pytest.mark.filterwarnings("ignore:Mean of empty slice")
+@pytest.mark.parametrize(("share", "lost"), [(0.029, False), (0.031, True), (np.nan, True)])
+def test_the_motion_is_lost_from_three_percent_of_the_amplitude_on(share: float, *, lost: bool) -> None:
+    assert is_lost(model(share).estimates.innovation, DEVICE) is lost
+
+
+def test_what_follows_is_scanned_without_forgetting_and_what_does_not_with_the_memory_of_the_bench(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(look, "coefficients_of", lambda observer: {observer: {}})
+    near = scanned_with(model(0.01), DEVICE, BENCH)
+    assert (near.gain, near.memory, set(near.effects)) == (Gain.EKF, 9.0, {"sense_gain", "drag"})
+    far = scanned_with(model(0.2), DEVICE, BENCH)
+    assert (far.gain, far.memory, set(far.effects)) == (Gain.FADING, 0.1, {"carrying"})
+
+
+def test_serious_is_what_chance_gives_none_of_so_many() -> None:
+    """χ² of one coefficient, at 10⁻⁴ over four candidates: 17.9."""
+    found = {name: item(name, gain) for name, gain in (("a", 25.0), ("b", 18.0), ("c", 17.7), ("d", 1.0))}
+    scan: Any = None
+    assert [one.name for one in Look({}, scan, found).serious] == ["a", "b"]
+
+
+def problem() -> Problem:
+    record = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1 / 4000.0))
+    return Problem(record, DEVICE, BENCH)
+
+
+def test_a_look_scans_once_for_lines_and_once_for_all_that_is_not_carried(monkeypatch: pytest.MonkeyPatch) -> None:
+    scans = []
+
+    def scan(asked: Problem, watched: Any, previous: Any) -> Any:
+        scans.append((asked.settings.gain, set(asked.effects), set(watched), previous))
+        return SimpleNamespace(innovation="seen", deviation="sure", of=watched)
+
+    def watch_list(record: Record, device: Device, innovation: str, deviation: str) -> Any:
+        assert (innovation, deviation) == ("seen", "sure")
+        return {"drag": {}, "drive_gain": {}, "interference:1": {"omega": 5.0}}
+
+    monkeypatch.setattr(look, "scan", scan)
+    monkeypatch.setattr(look, "watch_list", watch_list)
+    monkeypatch.setattr(look, "evidence", lambda seen: {name: item(name, 1.0) for name in seen.of})
+    found = look_at(problem(), model(0.01))
+    carried = {"sense_gain", "drag"}
+    assert scans == [
+        (Gain.EKF, carried, set(), "carrying"),
+        (Gain.EKF, carried, {"drive_gain", "interference:1"}, "carrying"),
+    ]
+    assert set(found.watched) == set(found.evidence) == {"drive_gain", "interference:1"}
+
+
+def test_bounds_are_of_what_is_watched_and_not_carried_with_constants_as_declared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scans = []
+
+    def scan(asked: Problem, watched: Any) -> Any:  # no earlier pass: the constants are as sure as declared
+        scans.append((set(asked.effects), watched))
+        return "scanned"
+
+    monkeypatch.setattr(look, "scan", scan)
+    monkeypatch.setattr(look, "evidence", lambda seen: {seen: item("drive_gain", 1.0)})
+    assert set(look.bounds(problem(), model(0.01), {"drag": {}, "drive_gain": {"p": 1.0}})) == {"scanned"}
+    assert scans == [({"sense_gain", "drag"}, {"drive_gain": {"p": 1.0}})]
+
+
+def test_a_frequency_is_new_where_it_is_five_turns_from_those_that_are_carried() -> None:
+    carried = {"interference": {"omega": 500.0}}
+    for apart, is_new in ((2.9, False), (-2.9, False), (3.1, True), (-3.1, True)):
+        fresh = look.fresh({"base_vibration": {"omega": 500.0 + apart}}, carried, span=10.0)
+        assert bool(fresh) is is_new

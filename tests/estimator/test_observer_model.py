@@ -1,0 +1,179 @@
+"""Models of two axes in the choice: who is carried, who is improved, what taking one out loses."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.settings import Device, ObserverSettings
+from estimator.trace import observer_model
+from estimator.trace.engine import Score, Trial
+from estimator.trace.observer_model import Carrying, ObserverModel
+from estimator.trace.parameters import NOTHING
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+N = 30_000
+DEVICE = Device(
+    sample_rate=4000.0,
+    stiffness=(1.6e6, 1.62e6, 0.0),
+    damping=(1.0, 1.2, 0.0),
+    amplitude=1e-4,
+    sense_gain=(-890.0, 445.0),
+    noise=(1e-4, 1e-4),
+)
+PROBLEM = Problem(Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1 / 4000.0)), DEVICE, ObserverSettings())
+WATCHED: dict[str, dict[str, float]] = {
+    "sense_gain": {},
+    "drive_gain": {},
+    "drag": {},
+    "interference:1": {"omega": 700.0},
+}
+
+
+def fitted(effects: Any, likelihood: float) -> Any:
+    return SimpleNamespace(
+        likelihood=likelihood,
+        settings=ObserverSettings(effects=effects),
+        observer=SimpleNamespace(effects=effects),
+        estimates=SimpleNamespace(innovation=np.zeros((N, 2))),
+    )
+
+
+@pytest.fixture
+def fits(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, tuple[str, ...], int]]:
+    """What is fitted: samples, effects, passes; a model's likelihood is what its effects are worth together."""
+    done: list[tuple[int, tuple[str, ...], int]] = []
+    worth = {"known": 0.0, "sense_gain": 500.0, "drive_gain": 450.0, "drag": 300.0, "interference:1": 100.0}
+
+    def fit(asked: Problem, passes: int = 2) -> Any:
+        done.append((len(asked.record), tuple(asked.effects), passes))
+        return fitted(dict(asked.effects), 1000.0 + sum(worth[name] for name in asked.effects))
+
+    monkeypatch.setattr(observer_model, "fit", fit)
+    monkeypatch.setattr(observer_model, "coefficients_of", lambda observer: dict(observer.effects))
+    monkeypatch.setattr(observer_model, "parameters_of", lambda model, name: model.settings.effects[name])
+    monkeypatch.setattr(observer_model, "turned_into", lambda asked, name, given: None)
+    return done
+
+
+def trial(name: str, gain: float, likelihood: float = 1500.0) -> Trial[Any]:
+    model = fitted({"known": {}, name: {}}, likelihood)
+    return Trial(Carrying(PROBLEM, model), Score(likelihood, gain, 10.0, 20.0))
+
+
+LOOK: Any = SimpleNamespace(watched=WATCHED, evidence=dict.fromkeys(WATCHED))
+BASE = Carrying(PROBLEM, fitted({"known": {}}, 1000.0), {"known": NOTHING})
+
+
+def test_those_near_the_best_are_improved_and_all_are_beside_what_is_carried(
+    monkeypatch: pytest.MonkeyPatch, fits: Any
+) -> None:
+    asked: dict[str, Any] = {}
+    told: list[tuple[str, int, int]] = []
+
+    def near(models: Any, base: Any, reached: float, watched: Any) -> list[str]:
+        asked.update(models=set(models), reached=reached, base=base.likelihood)
+        return ["interference:1"]
+
+    def refine(problem: Problem, model: Any, name: str, *, to_beat: float) -> Any:
+        asked["to_beat"] = to_beat
+        return fitted(model.settings.effects, 2000.0), "searched"
+
+    monkeypatch.setattr(observer_model, "worth_refining", near)
+    monkeypatch.setattr(observer_model, "refine_parameters", refine)
+    model = ObserverModel(PROBLEM, lambda *what: told.append(what))
+    found: Any = model.fit(BASE, LOOK, ["sense_gain", "interference:1"], {})
+    assert fits == [(N, ("known", "sense_gain"), 2), (N, ("known", "interference:1"), 2)]
+    assert asked == {
+        "models": {"sense_gain", "interference:1"}, "reached": -np.inf, "base": 1000.0, "to_beat": 1500.0,
+    }  # fmt: skip
+    assert found["interference:1"].fitted.likelihood == 2000.0
+    assert found["interference:1"].searched == {"known": NOTHING, "interference:1": "searched"}
+    assert found["sense_gain"].searched == {"known": NOTHING, "sense_gain": NOTHING}
+    assert told == [("candidates", 1, 2), ("candidates", 2, 2), ("parameters", 1, 1)]
+    # What was tried in the round before counts, too: the best of it gains 900 over the base.
+    model.fit(BASE, LOOK, ["sense_gain", "interference:1"], {"drag": trial("drag", 900.0)})
+    assert (asked["reached"], asked["to_beat"]) == (900.0, 1900.0)
+
+
+def test_what_turns_into_a_simpler_effect_is_no_model(monkeypatch: pytest.MonkeyPatch, fits: Any) -> None:
+    monkeypatch.setattr(observer_model, "worth_refining", lambda *asked: [])
+    monkeypatch.setattr(
+        observer_model, "turned_into", lambda asked, name, given: "drive gain" if name == "drag" else None
+    )
+    found = ObserverModel(PROBLEM).fit(BASE, LOOK, ["drag", "sense_gain"], {})
+    assert found["drag"] == "its parameters go where it is drive gain"
+    assert isinstance(found["sense_gain"], Carrying)
+
+
+def test_taking_one_out_loses_what_the_model_without_it_lacks(fits: Any) -> None:
+    carried = {"known": {}, "sense_gain": {"gy": 0.1}, "drag": {"dqx": 1.0}}
+    current = Carrying(PROBLEM, fitted(carried, 1800.0), dict.fromkeys(carried, NOTHING))
+    less, score = ObserverModel(PROBLEM).without(current, "drag")
+    assert fits == [(N, ("known", "sense_gain"), 1)]
+    assert (score.likelihood, score.gain) == (1800.0, 300.0)
+    assert score.price == pytest.approx(2 * np.log(2 * N))  # two coefficients, of samples of two axes
+    assert score.bar == pytest.approx(-2.0 * np.log(1e-4 / 30.0))  # χ² of two, for one of thirty
+    assert set(less.searched) == {"known", "sense_gain"}
+
+
+def test_a_short_part_is_asked_for_those_that_do_as_well_as_the_best(
+    monkeypatch: pytest.MonkeyPatch, fits: Any
+) -> None:
+    """Behind the best by less than odds of 20 to 1, which is 6 in twice the log-likelihood; the nearest first."""
+    behind = {"drive_gain": 5.9, "drag": -3.0, "interference:1": 6.1}
+    monkeypatch.setattr(
+        observer_model,
+        "deficit",
+        lambda reached, other: behind[next(name for name in other.settings.effects if name != "known")],
+    )
+    told: list[tuple[str, int, int]] = []
+    asked: dict[str, Any] = {}
+
+    def hopeful(look: Any, gains: Any, left: Any, screened: Any) -> list[str]:
+        asked.update(gains=gains, left=left)
+        return list(screened(["drive_gain", "drag", "interference:1"]))
+
+    monkeypatch.setattr(observer_model, "hopeful", hopeful)
+    monkeypatch.setattr(observer_model, "look_at", lambda problem, model: ("left by", *model.settings.effects))
+    best, other = trial("sense_gain", 500.0), trial("drag", 100.0, 1100.0)
+    model = ObserverModel(PROBLEM, lambda *what: told.append(what))
+    assert model.hopeful(LOOK, {"drag": other, "sense_gain": best}, 0) == ["drag", "drive_gain"]
+    assert asked["gains"] == {"drag": 100.0, "sense_gain": 500.0}
+    assert asked["left"]() == ("left by", "known", "sense_gain")
+    assert fits == [
+        (20_000, ("known", "sense_gain"), 1),
+        *((20_000, ("known", name), 1) for name in ("drive_gain", "drag", "interference:1")),
+    ]
+    assert told[-1] == ("other kinds", 4, 4)
+
+
+def test_of_those_that_do_as_well_no_more_than_eight_are_carried(monkeypatch: pytest.MonkeyPatch, fits: Any) -> None:
+    monkeypatch.setattr(observer_model, "deficit", lambda reached, other: 0.0)
+    monkeypatch.setattr(observer_model, "hopeful", lambda look, gains, left, screened: screened(names))
+    names = ["drag"] * 9
+    found = ObserverModel(PROBLEM).hopeful(LOOK, {"sense_gain": trial("sense_gain", 500.0)}, 0)
+    assert len(found) == 8
+
+
+def test_those_that_are_barred_are_watched_and_have_no_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    from estimator.trace.look import Look
+
+    seen: Any = None
+    evidence: Any = dict.fromkeys(WATCHED)
+    monkeypatch.setattr(observer_model, "look_at", lambda problem, model: Look(WATCHED, seen, evidence))
+    current = Carrying(PROBLEM, fitted({}, 0.0))
+    whole = ObserverModel(PROBLEM).promise(current, ())
+    assert set(whole.evidence) == set(WATCHED)
+    barred = ObserverModel(PROBLEM).promise(current, {"drag"})
+    assert (set(barred.evidence), set(barred.watched)) == (set(WATCHED) - {"drag"}, set(WATCHED))
+
+
+def test_what_does_not_carry_over_is_objected_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    for over in (True, False):
+        monkeypatch.setattr(observer_model, "carries_over", lambda problem, base, model, name, over=over: over)
+        said = ObserverModel(PROBLEM).objection(BASE, "drag", trial("drag", 100.0))
+        assert (said is None) is over
+        assert over or "does not predict the rest better" in str(said)
