@@ -94,7 +94,7 @@ class Selected:
         default_factory=lambda: {
             "drive_gain": {"sense_gain:2": SimpleNamespace(parameters={"p": 7.0})},
             "drive_saturation": {},
-        }  # fmt: skip
+        }
     )
     searched: dict[str, Searched] = field(
         default_factory=lambda: {

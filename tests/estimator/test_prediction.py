@@ -81,11 +81,12 @@ def test_a_short_record_is_followed_for_an_eighth_of_it_at_most(monkeypatch: pyt
 
 
 def test_the_last_free_run_may_end_with_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, _ = runs(monkeypatch, 600 + FREE, ObserverSettings(memory=0.05))
-    begin = (600 + FREE) // 8
-    assert [row[:2] for row in made.seen] == [(0, begin), (begin, FREE)]
-    exact, _ = runs(monkeypatch, FREE * 8 // 7 + 1, ObserverSettings(memory=0.05))
-    assert len(exact.seen) == 2
+    whole, errors = runs(monkeypatch, 600 + 13 * FREE, ObserverSettings(memory=0.05))
+    assert whole.seen[-1][:2] == (600 + 12 * FREE, FREE)
+    assert np.isfinite(errors[-1, 0])
+    less, errors = runs(monkeypatch, 599 + 13 * FREE, ObserverSettings(memory=0.05))
+    assert less.seen[-1][:2] == (600 + 8 * FREE, FREE)
+    assert np.isnan(errors[-1, 0])
 
 
 @pytest.mark.parametrize(
