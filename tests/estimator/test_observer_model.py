@@ -73,8 +73,8 @@ def test_those_near_the_best_are_improved_and_all_are_beside_what_is_carried(
     asked: dict[str, Any] = {}
     told: list[tuple[str, int, int]] = []
 
-    def near(models: Any, base: Any, reached: float, watched: Any) -> list[str]:
-        asked.update(models=set(models), reached=reached, base=base.likelihood)
+    def near(models: Any, base: Any, tried: Any, watched: Any) -> list[str]:
+        asked.update(models=set(models), tried=tried, base=base.likelihood)
         return ["interference:1"]
 
     def refine(problem: Problem, model: Any, name: str, *, to_beat: float) -> Any:
@@ -87,7 +87,7 @@ def test_those_near_the_best_are_improved_and_all_are_beside_what_is_carried(
     found: Any = model.fit(BASE, LOOK, ["sense_gain", "interference:1"], {})
     assert fits == [(N, ("known", "sense_gain"), 2), (N, ("known", "interference:1"), 2)]
     assert asked == {
-        "models": {"sense_gain", "interference:1"}, "reached": -np.inf, "base": 1000.0, "to_beat": 1500.0,
+        "models": {"sense_gain", "interference:1"}, "tried": {}, "base": 1000.0, "to_beat": 1500.0,
     }  # fmt: skip
     assert found["interference:1"].fitted.likelihood == 2000.0
     assert found["interference:1"].searched == {"known": NOTHING, "interference:1": "searched"}
@@ -95,7 +95,7 @@ def test_those_near_the_best_are_improved_and_all_are_beside_what_is_carried(
     assert told == [("candidates", 1, 2), ("candidates", 2, 2), ("parameters", 1, 1)]
     # What was tried in the round before counts, too: the best of it gains 900 over the base.
     model.fit(BASE, LOOK, ["sense_gain", "interference:1"], {"drag": trial("drag", 900.0)})
-    assert (asked["reached"], asked["to_beat"]) == (900.0, 1900.0)
+    assert (asked["tried"], asked["to_beat"]) == ({"drag": 900.0}, 1900.0)
 
 
 def test_what_turns_into_a_simpler_effect_is_no_model(monkeypatch: pytest.MonkeyPatch, fits: Any) -> None:
