@@ -1,0 +1,421 @@
+"""Pieces of tracing by themselves, each beside its closed form or what its page promises."""
+
+import math
+import subprocess
+import sys
+from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+
+from estimator.errors import ModelError
+from estimator.observer import Estimates, Observer
+from estimator.residual import dependence, spectrum, whiteness
+from estimator.residual.analysis import analyse
+from estimator.residual.demodulation import demodulate, motion
+from estimator.settings import Device, ObserverSettings, Spread
+from estimator.trace import claims as claims_of_two_axes
+from estimator.trace import determined, examination, fitness, fitting, free_response, nameless, parameters, promises
+from estimator.trace.diagnosis import Fit, Verdict
+from estimator.trace.dispersion import dispersed
+from estimator.trace.evidence import likeness
+from estimator.trace.free_run import verdict_of
+from estimator.trace.nameless import Contest
+from estimator.trace.parameters import Hill
+from estimator.trace.probability import NOTHING, OTHER, Account, classes, stated
+from estimator.trace.problem import Problem
+from estimator.trace.promises import Claim, Errors
+from estimator.trace.record import Record
+from estimator.trace.rivals import dispersion
+from estimator.trace.start import hold
+from estimator.trace.thresholds_page import page
+
+RATE, HZ = 4000.0, 200.0
+OMEGA = 2.0 * math.pi * HZ
+DEVICE = Device(
+    sample_rate=RATE, stiffness=(OMEGA**2, OMEGA**2, 0.0), damping=(0.8, 0.8, 0.0), amplitude=1e-4,
+    sense_gain=(890.0, 890.0), noise=(1e-4, 1e-4),
+)  # fmt: skip
+
+
+def ring(samples: int, **channels: Any) -> Problem:
+    """A motion that nothing drives, with noise."""
+    t = np.arange(samples) / RATE
+    sense = 0.089 * np.exp(-0.4 * t)[:, None] * np.stack([np.cos(OMEGA * t), np.sin(OMEGA * t)], axis=1)
+    sense += 1e-4 * np.random.default_rng(1).standard_normal((samples, 2))
+    record = Record(sense, np.zeros((samples, 2, 1)), np.full(samples, 1.0 / RATE), channels)
+    return Problem(record, DEVICE, ObserverSettings())
+
+
+def of(innovation: Any, deviation: Any) -> Any:
+    """A fitted model with these innovations."""
+    return SimpleNamespace(
+        estimates=SimpleNamespace(innovation=innovation, innovation_deviation=deviation * np.ones_like(innovation)),
+    )
+
+
+# -- records and problems --------------------------------------------------------------------------------------------
+
+
+def test_time_begins_with_the_first_sample() -> None:
+    record = Record(np.zeros((4, 1)), np.zeros((4, 1, 1)), np.array([9.0, 1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(record.time, [0.0, 1.0, 3.0, 6.0])
+
+
+def test_a_problem_on_another_record_is_the_same_but_for_that() -> None:
+    problem, other = ring(20), ring(9).record
+    moved = problem.on(other)
+    assert moved.record is other
+    assert (moved.device, moved.settings) == (problem.device, problem.settings)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "is_open"),
+    [(Verdict.ADEQUATE, False), (Verdict.EXPLAINED, False), (Verdict.PARTLY, True), (Verdict.UNEXPLAINED, True)],
+)
+def test_a_verdict_is_open_where_something_is_left(verdict: Verdict, *, is_open: bool) -> None:
+    assert verdict.is_open is is_open
+
+
+def test_the_page_of_thresholds_is_what_its_module_prints() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "estimator.trace.thresholds_page"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == page()
+
+
+@pytest.mark.parametrize(("share", "seen"), [(0.02, False), (0.9, True)])
+def test_the_strongest_line_is_one_that_holds_much_of_the_power(share: float, *, seen: bool) -> None:
+    n = 8192
+    wave = np.sin(2.0 * np.pi * 500.0 * np.arange(n) / RATE)
+    noise = np.random.default_rng(2).standard_normal(n)
+    series = np.sqrt(2.0 * share) * wave + np.sqrt(1.0 - share) * noise
+    assert fitness._strongest(series[:, None], RATE) == pytest.approx(500.0 if seen else 0.0, abs=RATE / n)
+
+
+# -- likelihoods -----------------------------------------------------------------------------------------------------
+
+
+def test_a_lead_is_the_difference_of_the_likelihoods_whatever_is_predicted() -> None:
+    random = np.random.default_rng(3)
+    one, two = of(random.standard_normal((640, 2)), 1.3), of(random.standard_normal((640, 2)), 0.8)
+    expected = [
+        2.0 * np.sum(stats.norm.logpdf(model.estimates.innovation, scale=model.estimates.innovation_deviation))
+        for model in (one, two)
+    ]
+    assert np.sum(fitting.leads(one, two)) == pytest.approx(expected[0] - expected[1])
+
+
+def test_an_observer_one_of_whose_states_diverged_foresees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    diverged = SimpleNamespace(observer=SimpleNamespace(x=np.array([1.0, np.nan])))
+    monkeypatch.setattr(fitting, "fit", lambda part: diverged)
+    monkeypatch.setattr(fitting, "run", lambda observer, record: of(np.ones((9, 2)), 1.0).estimates)
+    assert fitting.foresight(ring(90), 50) == -np.inf
+
+
+def test_dispersion_is_of_innovations_in_their_own_deviations() -> None:
+    random = np.random.default_rng(4)
+    colour = lfilter([1.0], [1.0, -0.8], random.standard_normal((2, 6400, 2)), axis=1)
+    one, two = colour[0], colour[0] + 0.1 * colour[1]
+    usual = dispersion(of(one, 1.0), of(two, 1.0))
+    assert usual > 3.0
+    assert dispersion(of(7.0 * one, 7.0), of(7.0 * two, 7.0)) == pytest.approx(usual)
+
+
+def test_where_nothing_can_be_told_of_a_difference_it_is_as_sure_as_white_noise() -> None:
+    one = np.ones((640, 2))
+    assert dispersed(one, one) == 1.0
+    with np.errstate(all="ignore"):
+        assert dispersed(one, np.full_like(one, np.inf)) == 1.0
+
+
+def test_a_signature_of_nothing_is_like_none() -> None:
+    scan: Any = SimpleNamespace(
+        columns={"drag": slice(0, 1), "sense_gain": slice(1, 2)},
+        normal=np.ones((4, 2, 2)) + np.eye(2), score=np.ones((4, 2)), plausible=np.ones(2),
+    )  # fmt: skip
+    assert likeness(scan, "drag", np.zeros(1)) == {}
+    assert set(likeness(scan, "drag", np.ones(1))) == {"sense_gain"}
+
+
+def test_what_is_held_is_known_and_what_is_not_stays_as_sure_as_it_was() -> None:
+    settings = ObserverSettings(
+        spread=Spread(stiffness=0.01, damping=0.5), effects={"drive_gain": {"hx": 0.1}, "drag": {"dqx": 1.0}}
+    )
+    observer = Observer(DEVICE, settings)
+    before = {name: getattr(observer, name).copy() for name in ("p", "c", "prior", "spread")}
+    hold(observer)
+    names = list(observer.estimated)
+    coefficients = [names.index(c.name) for _, effect in observer.effects for c in effect.coefficients]
+    rest = [row for row in range(len(names)) if row not in coefficients]
+    assert len(coefficients) == 4
+    for name in ("p", "c"):
+        matrix = getattr(observer, name)
+        assert not matrix[coefficients].any()
+        assert not matrix[:, coefficients].any()
+        np.testing.assert_array_equal(matrix[np.ix_(rest, rest)], before[name][np.ix_(rest, rest)])
+    for name in ("prior", "spread"):
+        values, was = getattr(observer, name), before[name]
+        held = len(was) - 4
+        assert not values[held:].any()
+        assert was[:held].any()
+        np.testing.assert_array_equal(values[:held], was[:held])
+
+
+# -- examinations and votes ------------------------------------------------------------------------------------------
+
+
+def test_of_a_long_record_four_states_a_cycle_are_kept_and_scored_beside_the_rate_of_their_instant() -> None:
+    n, split = 202_000, 120_000
+    t = np.arange(n) / RATE
+    rate = 0.05 * np.sin(2.0 * np.pi * 0.1 * t)
+    found = examination.examine(ring(n, rate=rate), split)
+    index = found.estimates.index
+    every = int(index[1] - index[0])
+    assert every in (4, 5)  # of twenty samples a cycle
+    assert index[0] == every - 1
+    np.testing.assert_array_equal(np.diff(index), every)
+    off = found.estimates.of("rate") - rate[index]
+    later = index >= split // every * every
+    assert found.held_out.rate_error_rms == pytest.approx(float(np.sqrt(np.mean(off[later] ** 2))))
+    fitted = (index >= found.settled.start) & ~later
+    assert found.fitted.rate_error_rms == pytest.approx(float(np.sqrt(np.mean(off[fitted] ** 2))))
+
+
+def test_a_part_of_the_estimates_has_the_states_of_its_own_samples() -> None:
+    n = 40
+    still = dict.fromkeys((field.name for field in fields(Estimates)), np.arange(n))
+    states = np.arange(8)[:, None]
+    whole = Estimates(**(still | {"names": ("x",), "state": states, "deviation": states, "index": np.arange(4, n, 5)}))
+    part = examination.part_of(whole, slice(10, 30), 5)
+    assert part.index.tolist() == [4, 9, 14, 19]
+    assert part.state[:, 0].tolist() == [2, 3, 4, 5]
+    assert part.innovation.tolist() == list(range(10, 30))
+
+
+def test_what_is_to_be_expected_of_a_rate_is_of_the_part_held_out_from_its_first_sample_on() -> None:
+    n, split = 100, 60
+    sure = np.zeros((n, 2))
+    sure[split, 1], sure[split - 1, 1] = 3.0, 99.0
+    estimates = SimpleNamespace(names=("x", "rate"), index=np.arange(n), deviation=sure, angle_deviation=np.zeros(n))
+    seen: Any = SimpleNamespace(
+        estimates=estimates, held_out=Fit((1.0,), (1.0,), 1.0, 0.5, angle_error_rms=0.1, rate_error_rms=0.01)
+    )
+    problem = ring(n, rate=np.zeros(n))
+    vote = claims_of_two_axes._votes(problem, seen, seen, split)[0]
+    assert vote.errors.floor == pytest.approx(np.sqrt(9.0 / 40.0))
+
+
+def test_something_stood_there_whatever_the_unit() -> None:
+    """Three times the floor before, and a force that is ahead by less than tells two accounts apart."""
+    near = Contest(named=900.0, nameless=901.0, both=902.0, samples=40_000)
+    assert near.lead <= near.bound
+    for unit in (1.0, 1e-4, 1e4):
+        assert promises.outdone(Claim(Errors(3.0 * unit, unit, unit), {"a": {}}, contest=near)) == ()
+        assert promises.outdone(Claim(Errors(1.05 * unit, unit, unit), {"a": {}}, contest=near)) != ()
+
+
+@pytest.mark.parametrize(("off", "verdict"), [(2.9e-4, Verdict.ADEQUATE), (3.1e-4, Verdict.UNEXPLAINED)])
+def test_a_free_run_without_effects_is_adequate_up_to_three_times_the_noise(off: float, verdict: Verdict) -> None:
+    assert verdict_of(off, off, 1e-4, ()) is verdict
+
+
+# -- free responses --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("missed", "off", "freely"),
+    [
+        (0.02, 0.001, True),
+        (0.02, 0.03, False),  # the free run errs by more
+        (0.0001, 0.00001, False),  # the observer follows
+        (0.02, None, False),  # there is no free run
+    ],
+)
+def test_a_motion_that_the_observer_loses_goes_by_a_free_run_that_follows_it(
+    monkeypatch: pytest.MonkeyPatch, missed: float, off: float | None, *, freely: bool
+) -> None:
+    """Lost is an innovation of more than 3 % of the amplitude, here 0.089 V."""
+    problem = ring(400)
+    ones = np.ones((400, 2))
+
+    def fitted(part: Problem, effects: Any, current: Any, rows: slice) -> Any:
+        if off is None:
+            raise ModelError("no free run")
+        residual = off * ones
+        residual[: rows.start] = 9.0  # the start is nobody's
+        return SimpleNamespace(fit=SimpleNamespace(residual=residual))
+
+    monkeypatch.setattr(free_response, "Observer", lambda *given: None)
+    monkeypatch.setattr(free_response, "run", lambda observer, record: of(missed * ones, 1.0).estimates)
+    monkeypatch.setattr(free_response, "fitted", fitted)
+    assert free_response.loses_what_a_free_run_follows(problem) is freely
+    driven = problem.on(replace(problem.record, drive=np.ones((400, 2, 1))))
+    assert not free_response.loses_what_a_free_run_follows(driven)
+
+
+# -- parameters ------------------------------------------------------------------------------------------------------
+
+
+TOP, COVARIANCE = np.array([2.0, 5.0]), np.array([[0.04, 0.01], [0.01, 0.09]])
+
+
+def hill(moved: Any = None) -> Hill:
+    """A likelihood that is a parabola, twice its logarithm −(p − t)ᵀ C⁻¹ (p − t)."""
+    made = Hill.__new__(Hill)
+    made.seen = {}
+
+    def at_each(places: Any) -> list[float]:
+        for place in places:
+            value = -float((place - TOP) @ np.linalg.solve(COVARIANCE, place - TOP))
+            made.seen[place.tobytes()] = value, None if moved is None else moved @ place
+        return [made.seen[place.tobytes()][0] for place in places]
+
+    made.at_each = at_each  # type: ignore[method-assign]
+    made.at = lambda place: at_each([place])[0]  # type: ignore[method-assign]
+    return made
+
+
+def test_all_parameters_at_once_go_to_the_top_of_a_parabola_with_its_covariance() -> None:
+    place, covariance = hill().together(np.array([1.7, 5.5]), np.array([0.2, 0.3]))
+    np.testing.assert_allclose(place, TOP, rtol=1e-9)
+    np.testing.assert_allclose(covariance, COVARIANCE, rtol=1e-9)
+
+
+def test_how_far_a_parameter_moves_a_coefficient_is_its_derivative() -> None:
+    moved = np.array([[3.0, -1.0], [0.5, 2.0], [7.0, 0.0]])
+    np.testing.assert_allclose(hill(moved).moves(TOP, np.array([0.2, 0.3])), moved, rtol=1e-9)
+
+
+def test_a_place_where_an_effect_is_a_simpler_one_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = hill()
+    made.problem, made.name, made.names = ring(20), "drive_saturation", ("limit",)
+    monkeypatch.setattr(
+        parameters, "turned_into", lambda problem, name, given: "drive gain" if given["limit"] < 1.0 else None
+    )
+    assert made.turned(np.array([0.5]))
+    assert not made.turned(np.array([1.5]))
+
+
+def test_a_root_that_oscillates_has_two_numbers_and_one_that_decays_has_one() -> None:
+    made: Any = SimpleNamespace(roots=(0.9 + 0.1j, 0.5 + 0.0j), power=np.eye(2), cross=np.zeros((6, 2)))
+    assert nameless._Equations.numbers.func(made) == 6 * 2 + 3 + 3  # weights, roots, and a covariance of two axes
+
+
+# -- probabilities ---------------------------------------------------------------------------------------------------
+
+
+def test_where_no_account_has_any_likelihood_it_is_something_else() -> None:
+    found = classes(None, [Account("drag", 1e9), Account(NOTHING, 1e9)], None, is_open=False)
+    assert found.probabilities == {OTHER: 1.0}
+
+
+def test_probabilities_are_stated_of_each_that_is_named_else_once() -> None:
+    accounts = {
+        "drive_gain": (Account("drive_gain", 0.0), Account(NOTHING, 90.0)),
+        "drag": (Account("drag", 0.0), Account(NOTHING, 40.0)),
+    }
+    named = stated(accounts, {"drag": "drag", "drive_gain": "drive_gain"}, (), None, is_open=False)
+    assert [one.effect for one in named] == ["drag", "drive_gain"]
+    assert [max(one.probabilities, key=lambda name: one.probabilities[name]) for one in named] == ["drag", "drive_gain"]
+    (none,) = stated(accounts, {}, (), None, is_open=True)
+    assert none.effect is None
+    assert stated({}, {}, (), None, is_open=False) == ()
+
+
+# -- what is not determined ------------------------------------------------------------------------------------------
+
+
+def known(values: dict[str, float]) -> Any:
+    names = tuple(values)
+    direction = np.array([0.0, *([1.0] * (len(names) - 1))])
+    return SimpleNamespace(
+        free=names, value=lambda name: values[name],
+        known={name: SimpleNamespace(value=1.0, deviation=0.1) for name in names},
+        information=1e6 * np.outer(direction, direction),
+    )  # fmt: skip
+
+
+def test_a_constant_that_is_nothing_is_no_factor_of_what_is_determined() -> None:
+    told = determined._together(known({"phi": 0.0, "k": 2.0, "g": 2.0}), ("phi", "k", "g"))
+    assert told is not None
+    assert told.startswith("k × g, to ±")
+    assert determined._together(known({"phi": 0.0, "k": 2.0}), ("phi", "k")) is None
+    assert determined._together(known({"phi": 0.0}), ("phi",)) is None
+
+
+# -- the residual ----------------------------------------------------------------------------------------------------
+
+
+def vibration(n: int) -> Estimates:
+    t = np.arange(n) / RATE
+    state = 1e-4 * np.stack([np.cos(OMEGA * t), -OMEGA * np.sin(OMEGA * t), 0.0 * t, 0.0 * t], axis=1)
+    still = dict.fromkeys((field.name for field in fields(Estimates)), np.zeros(n))
+    return Estimates(
+        **(still | {"names": ("x", "vx", "y", "vy"), "index": np.arange(n), "state": state, "deviation": 0.0 * state})
+    )
+
+
+def test_a_floor_above_the_declared_noise_is_a_finding() -> None:
+    n, noise = 20_000, 9e-5
+    series = 1.5 * noise * np.random.default_rng(5).standard_normal((n, 2))
+    record = Record(series, np.zeros((n, 2, 1)), np.full(n, 1.0 / RATE))
+    _, found, _ = analyse(series, np.full((n, 2), noise), vibration(n), record, HZ)
+    (level,) = (one for one in found if one.kind == "level")
+    assert level.text.startswith("the noise floor itself is 1.5")
+    assert level.size == pytest.approx(noise * np.sqrt(2.0 * (1.5**2 - 1.0)), rel=0.05)
+
+
+def test_the_residual_is_looked_at_in_blocks_of_four_cycles() -> None:
+    n = 6400
+    moving = motion(vibration(n), n, RATE / HZ)
+    seen = demodulate(np.zeros((n, 2)), moving, RATE / HZ).components
+    assert {len(values) for values in seen.values()} == {n // 80}
+
+
+@pytest.mark.parametrize("memory", [0.7, -0.7])
+def test_a_dependence_is_never_surer_than_by_either_count(memory: float) -> None:
+    """Whether errors follow each other or alternate."""
+    random = np.random.default_rng(6)
+    error, regressor = lfilter([1.0], [1.0, -memory], random.standard_normal((2, 600)), axis=1)
+    if memory < 0.0:
+        regressor = np.abs(memory) * np.abs(regressor)
+    entry = dependence.dependences({"c": error + 0.1 * regressor}, {"r": regressor})[1]
+    expected = stats.linregress(regressor, error + 0.1 * regressor)
+    ordinary = abs(float(expected.slope / expected.stderr))
+    assert abs(entry.t) <= 1.0001 * ordinary
+    if memory > 0.0:
+        assert abs(entry.t) < 0.8 * ordinary
+
+
+def test_without_a_regressor_the_mean_is_asked() -> None:
+    target = 0.5 + np.random.default_rng(7).standard_normal(400)
+    (entry,) = dependence.dependences({"c": target}, {"still": np.full(400, 3.0)})
+    assert entry.regressor == "always"
+    assert entry.slope == pytest.approx(np.mean(target))
+
+
+def test_tails_that_underflow_are_those_of_many_digits() -> None:
+    mpmath.mp.dps = 60
+    above, below, ratio = 300.0, 4000.0, 30.0
+    x = mpmath.mpf(below) / (below + above * ratio)
+    expected = mpmath.log(mpmath.betainc(below / 2, above / 2, 0, x, regularized=True))
+    assert expected < -800.0
+    assert spectrum._log_f(ratio, above, below) == pytest.approx(float(expected), rel=2e-2)
+    assert spectrum._log_f(1.5, 10.0, 200.0) == pytest.approx(stats.f.logsf(1.5, 10.0, 200.0))
+    assert np.isfinite(spectrum._log_f(1e6, above, below))
+    tail = mpmath.log(mpmath.gammainc(10, 4000, mpmath.inf, regularized=True))
+    assert whiteness._log_chi2(8000.0, 20) == pytest.approx(float(tail), rel=1e-3)
+
+
+def test_the_limiting_distribution_of_a_long_series_is_that_of_kolmogorov_and_smirnov() -> None:
+    series = np.random.default_rng(8).standard_normal(44_001)
+    found = whiteness.cumulative_periodogram(series)
+    exact = float(stats.kstwo.sf(found.statistic, 21_999))
+    assert found.p == pytest.approx(exact, rel=2e-3)
+    assert found.log_p == pytest.approx(math.log(found.p))
