@@ -1,6 +1,7 @@
 """`python -m benchmarks.thresholds`: see the package."""
 
 import argparse
+import datetime
 import functools
 import json
 import math
@@ -43,6 +44,7 @@ def main() -> int:
         found = screen(Asker(options.folder), names, records, options.jobs, say, options.minutes)
         if options.only:
             return 0
+        found = {"date": datetime.date.today().isoformat(), **found}
         write_text(kept, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     write_text(options.out / "thresholds.md", page(json.loads(kept.read_text(encoding="utf-8"))))
     return 0

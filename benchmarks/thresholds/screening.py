@@ -173,8 +173,8 @@ def _first(
     make up for another.  Each record by itself, so that one more of them asks nothing anew; but those that are read on
     import, which take a process each, of all records at once.
     """
-    asked = [((record,), [name for name in names if record in reads[name] and name not in early]) for record in records]
-    asked.append((tuple(records), [name for name in names if name in early and reads[name]]))
+    asked = [(tuple(records), [name for name in names if name in early and reads[name]])]
+    asked += [((record,), [name for name in names if record in reads[name] and name not in early]) for record in records]
     for on, members in asked:
         random.Random(1).shuffle(members)
         for first in range(0, len(members), AT_ONCE):
