@@ -174,7 +174,8 @@ def _first(
     import, which take a process each, of all records at once.
     """
     asked = [(tuple(records), [name for name in names if name in early and reads[name]])]
-    asked += [((record,), [name for name in names if record in reads[name] and name not in early]) for record in records]
+    late = [name for name in names if name not in early]
+    asked += [((record,), [name for name in late if record in reads[name]]) for record in records]
     for on, members in asked:
         random.Random(1).shuffle(members)
         for first in range(0, len(members), AT_ONCE):

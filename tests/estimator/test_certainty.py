@@ -197,6 +197,7 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     parts = []
 
     def analyse(innovation, deviation, part, record, resonance):
+        assert resonance == pytest.approx(np.sqrt(DEVICE.target) / (2.0 * np.pi))  # Hz
         parts.append((innovation[:, 0], record.sense))
         return SimpleNamespace(simulation_rmse=None), (), SimpleNamespace(frequency=None, density=None)
 
