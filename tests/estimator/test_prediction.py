@@ -48,10 +48,11 @@ def runs(monkeypatch: pytest.MonkeyPatch, samples: int, settings: ObserverSettin
 
     monkeypatch.setattr(prediction, "Observer", observer)
     monkeypatch.setattr(prediction, "run", run)
+    monkeypatch.setattr(prediction, "_begin_at", lambda of, record, first: None)
     monkeypatch.setattr(prediction, "hold", lambda of: setattr(of, "held", True))
     count = np.arange(float(samples))
     record = Record(np.stack([count, -count], 1), np.zeros((samples, 2, 1)), np.full(samples, 1 / RATE))
-    errors = prediction.free_run_error(Problem(record, DEVICE, settings))
+    errors = prediction.free_run_error(Problem(record, DEVICE, settings), samples // 2)
     return made[0], errors
 
 

@@ -48,7 +48,10 @@ class Bench:
         self.fits: list[tuple[int, tuple[str, ...], float | None]] = []
         self.searched: list[tuple[str, int, str]] = []
 
-    def fit(self, asked: Problem) -> Any:
+    def fit(self, asked: Problem, passes: int = 2, *, about: Any = None) -> Any:
+        if about is not None:  # of the whole record, about what the part came to
+            assert passes == 1
+            assert tuple(about.effects) == tuple(asked.effects)
         self.fits.append((len(asked.record), tuple(asked.effects), asked.settings.initial.get("kxx")))
         return model(tuple(asked.effects), len(asked.record), self.likelihood)
 
@@ -65,7 +68,10 @@ class Bench:
             searched = {one: f"searched {one}" for one in carried[1:]}
             fit = SimpleNamespace(fitted=model(carried, COMPARED), searched=searched)
             steps.append(SimpleNamespace(name=name, trial=SimpleNamespace(fit=fit)))
-        last = SimpleNamespace(fitted=SimpleNamespace(observer=SimpleNamespace(effects=("drag", *self.kept))))
+        last = SimpleNamespace(fitted=model(("drag", *self.kept), COMPARED))
+        last.fitted.settings = ObserverSettings(
+            initial={"kxx": 7.0}, effects={name: {} for name in last.fitted.observer.effects}
+        )
         return SimpleNamespace(
             steps=steps, rounds=rounds, more=self.more, fit=last, gains=dict.fromkeys(self.kept, 500.0)
         )
