@@ -20,7 +20,7 @@ it errs; how often an answer is right is a matter of the [campaigns](undeclared.
 def page(found: Mapping[str, Any]) -> str:
     """The whole page in Markdown."""
     baseline = found["baseline"]
-    measured = f"Measured {found['date']}: thresholds and reasons are of today." if "date" in found else ""
+    measured = f"Measured {found['date']}; thresholds that are younger are open." if "date" in found else ""
     lines = [_INTRODUCTION, measured, "", "| record | as the thresholds are |", "|---|---|"]
     lines += [f"| {record} | {answer['verdict']} |" for record, answer in baseline.items()]
     for group in fields(THRESHOLDS):
