@@ -14,15 +14,17 @@ from functools import partial
 import numpy as np
 
 from benchmarks.compensation import angle_error, traced
-from benchmarks.lockstep import bench_of, close_loop, scenario_of
+from benchmarks.lockstep import close_loop
 from benchmarks.row import Row, Say
+from device_emulator.scenario import load
 from estimator.custom import Coefficient, Declaration
 from estimator.kernel.own import address, is_compiled
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
-from hil.bench import override
+from hil.bench import load_bench, override
+from hil.examples import find
 
 SAMPLES, TURNS, TICKS = 20_000, 15, 4_000
 LOOP_SAMPLES, SEED = 96_000, 1
@@ -135,7 +137,7 @@ def _record() -> tuple[Array, Array]:
 
 def _angle(say: Say) -> list[Row]:
     """The loop of s-undeclared without the effect, with the catalogue's, and with the same as text."""
-    scenario, bench = scenario_of("s-undeclared"), bench_of("s-undeclared")
+    scenario, bench = load(find("scenario", "s-undeclared")), load_bench(find("bench", "s-undeclared"))
     before = close_loop(scenario, bench, LOOP_SAMPLES, seed=SEED)
     found = traced(before, bench)
     k3x, k3y = found["cubic_stiffness"]["k3x"], found["cubic_stiffness"]["k3y"]

@@ -25,6 +25,7 @@ UNNAMED = "declared by its user"
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _SYMBOL = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
+_TIGHT = re.compile(r"\s*(\*\*|[*/])\s*")
 _MOST = 16  # coefficients, and parameters
 _MOST_TRIED = 12
 _RESERVED = ("v_rest",)  # a parameter of laws with sign(vx) or sign(vy)
@@ -111,9 +112,9 @@ class Declaration:
         }
 
     def written(self) -> tuple[str, ...]:
-        """Its equations as they were given."""
+        """Its equations as they were given, spaced as the others are."""
         left = {"force_x": "ẍ += ", "force_y": "ÿ += ", "sense_x": "sensed x += ", "sense_y": "sensed y += "}
-        return tuple(left[key] + " ".join(text.split()) for key, text in self._texts() if text)
+        return tuple(left[key] + _TIGHT.sub(r"\1", " ".join(text.split())) for key, text in self._texts() if text)
 
     def laws(self) -> "dict[str, Node]":
         """The tree of each law, by its key."""

@@ -373,3 +373,8 @@ def test_a_declaration_that_lacks_something_is_refused(changes: dict[str, Any], 
 
 def test_the_bounds_are_those_of_the_reference() -> None:
     assert (LONGEST, LARGEST_EXPONENT, len(FUNCTIONS)) == (500, 12, 7)
+
+
+def test_equations_are_spaced_as_the_others_are() -> None:
+    text = declared("-q  * x /  (2 - x / amplitude) ** 2").written()
+    assert text == ("ẍ += -q*x/(2 - x/amplitude)**2",)

@@ -8,17 +8,17 @@ _UPRIGHT = {"exp", "max"}  # functions that would be read as a letter with its a
 _LONGEST_INDEX = 3
 _SYMBOLS = {"vx": "ẋ", "vy": "ẏ", "omega": "ω", "Omega": "Ω", "tau": "τ", "zeta": "ζ", "psi": "ψ", "phi": "φ"}
 _TOKEN = re.compile(
-    r"\*\*\(?(?P<power>-?\w+)\)?|(?P<name>[^\W\d²³¹⁰⁴-⁹][^\W²³¹⁰⁴-⁹]*)|(?P<number>\d+(?:\.\d*)?(?:e[+-]?\d+)?)|(?P<rest>.)"
+    r"\*\*(?:\((?P<inner>[-\w./]+)\)|(?P<power>-?\w+(?:\.\d+)?))|(?P<name>[^\W\d²³¹⁰⁴-⁹][^\W²³¹⁰⁴-⁹]*)|(?P<number>\d+(?:\.\d*)?(?:e[+-]?\d+)?)|(?P<rest>.)"
 )
 _OPERATORS = {"*": "\u202f", "-": "\u2212", "+": "+", "=": "="}
-_POWER = re.compile(r"\*\*(\d)")
-_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_POWER = re.compile(r"\*\*(?:\((-?[\d./]+)\)|(-?\d+(?:\.\d+)?))")
+_RAISED = str.maketrans("0123456789-.", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻·")
 _SPACED = re.compile(r"\s*([+\u2212=])\s*")
 
 
 def plain(equation: str) -> str:
     """The equation for a terminal: `ẍ = … − k3x x³`."""
-    text = _POWER.sub(lambda found: found.group(1).translate(_RAISED), _completed(equation))
+    text = _POWER.sub(lambda found: (found[1] or found[2]).translate(_RAISED), _completed(equation))
     return text.replace("*", " ").replace("-", _OPERATORS["-"])
 
 
@@ -36,7 +36,7 @@ def _completed(equation: str) -> str:
 
 
 def _set(match: re.Match[str]) -> str:
-    if power := match["power"]:
+    if power := match["power"] or match["inner"]:
         return f"<sup>{escape(power.replace('-', _OPERATORS['-']))}</sup>"
     if name := match["name"]:
         return _name(name)
