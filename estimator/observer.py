@@ -276,7 +276,7 @@ class Observer:
                     raise ModelError(f"more than {MAX_SIGNALS} signals for the effects; leave one of them out")
                 behind = first + symbols.index(signal.behind) if signal.behind is not None else -1
                 record["signals"][0, signals] = signal.source.value, signal.axis, behind
-                own = [scaled[signal.symbol]] if signal.source is Source.PARAMETER else list(scaled.values())
+                own = [scaled[signal.symbol]] if signal.source is Source.PARAMETER else list(scaled.values())[:2]
                 record["signal_parameters"][0, signals, : len(own)] = own
                 signals += 1
             first += len(effect.coefficients)

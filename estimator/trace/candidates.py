@@ -4,14 +4,17 @@ A frequency is taken from the residual's lines and from where it follows the dri
 signal reach.
 """
 
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
-from estimator.effects.catalogue import EFFECTS
-from estimator.effects.declaration import Source
+from estimator.effects.catalogue import EFFECTS, effect_for
+from estimator.effects.declaration import Effect, Source
+from estimator.errors import ModelError
+from estimator.kernel.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array, Scaling
 from estimator.settings import Device
@@ -22,6 +25,8 @@ _SET = THRESHOLDS.candidates
 
 LINES = ("interference", "base_vibration")
 """Effects that draw a line into the spectrum, whatever its cause."""
+
+_SPARE = 2  # places of the kernels that are left for what is carried already
 
 Parameters = dict[str, float]
 
@@ -50,25 +55,43 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
     for name in ("dry_friction", "dry_friction_asymmetric"):
         for label, share in enumerate(_SET.rest, start=1):
             watched[f"{name}:{label}"] = {"v0": share * device.amplitude * omega0}
-    watched |= _of_own(device, record)
     watched |= _of_lines(record, device, innovation / deviation)
     watched |= _of_thresholds(record, device)
     watched |= _of_modes(record, device, innovation / deviation)
-    return watched
+    return watched | _of_own(device, record, watched)
 
 
-def _of_own(device: Device, record: Record) -> dict[str, Parameters]:
-    """Effects beside the catalogue that have parameters, each at the values that its declaration has a trace try."""
+def _of_own(device: Device, record: Record, others: Mapping[str, Parameters]) -> dict[str, Parameters]:
+    """Effects beside the catalogue that have parameters, each at the values that its declaration has a trace try; where
+    there is no room for all beside the others, at the first of them.
+
+    Raises ModelError where there is not even room for that.
+    """
     scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
-    watched = {}
-    for effect in device.own:
-        if not effect.parameters or effect.on(device.axes) is None or not _has_signals(effect.signals, record):
-            continue
-        tried = [p.tried or ((p.default,) if p.default is not None else ()) for p in effect.parameters]
-        for label, values in enumerate(product(*tried), start=1):
-            given = zip(effect.parameters, values, strict=True)
-            watched[f"{effect.name}:{label}"] = {p.name: value * scaling.coefficient(p) for p, value in given}
+    possible = [
+        (effect, list(product(*_starts(effect))))
+        for effect in device.own
+        if effect.parameters and effect.on(device.axes) is not None and _has_signals(effect.signals, record)
+    ]
+    signals = sum(len(effect_for(name, device.axes, device.own)[1].signals) for name in others)
+    room, signals = MAX_EFFECTS - _SPARE - len(others), MAX_SIGNALS - _SPARE - signals
+    watched: dict[str, Parameters] = {}
+    for turn in range(max((len(starts) for _, starts in possible), default=0)):
+        for effect, starts in possible:
+            if turn >= len(starts):
+                continue
+            room, signals = room - 1, signals - len(effect.signals)
+            if room < 0 or signals < 0:
+                if turn == 0:
+                    raise ModelError(f"no room for effect {effect.name} beside the others; declare fewer of your own")
+                return watched
+            given = zip(effect.parameters, starts[turn], strict=True)
+            watched[f"{effect.name}:{turn + 1}"] = {p.name: value * scaling.coefficient(p) for p, value in given}
     return watched
+
+
+def _starts(effect: Effect) -> list[tuple[float, ...]]:
+    return [p.tried or ((p.default,) if p.default is not None else ()) for p in effect.parameters]
 
 
 def _has_signals(signals: tuple[object, ...], record: Record) -> bool:

@@ -60,11 +60,11 @@ def trace(
 ) -> None:
     """Find the effect that the model lacks.
 
-    Looks at what the observer of a bench file leaves of a record, tries the effects of the catalogue on one part of
-    it, and judges them on the other, which the choice never saw. Several records are traced together, each beginning
-    by itself, and judged by whole records that nothing was fitted to. Writes diagnosis.json and report.html. Exit
-    code 0: nothing is missing, or what is missing has been found; 1: something is missing, and nothing accounts for
-    all of it.
+    Looks at what the observer of a bench file leaves of a record, tries the effects of the catalogue, and those that
+    the bench file or a package declares, on one part of it, and judges them on the other, which the choice never saw.
+    Several records are traced together, each beginning by itself, and judged by whole records that nothing was fitted
+    to. Writes diagnosis.json and report.html. Exit code 0: nothing is missing, or what is missing has been found; 1:
+    something is missing, and nothing accounts for all of it.
 
     Examples:
 

@@ -4,6 +4,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -139,29 +140,51 @@ HOSTILE = [
 ]
 
 
+class Watch:
+    """Events of the interpreter that mean that something was run; one hook for all tests, as none can be taken out."""
+
+    def __init__(self) -> None:
+        self.on = False
+        self.seen: list[str] = []
+        sys.addaudithook(self._note)
+
+    def _note(self, event: str, _: Any) -> None:
+        if self.on and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
+            self.seen.append(event)
+
+
+@cache
+def watch() -> Watch:
+    return Watch()
+
+
 def refusal(text: str) -> str:
-    """The one line that refuses a law, the time taken and what was evaluated with it."""
-    ran: list[str] = []
+    """The one line that refuses a law, at once, with nothing run."""
+    eye = watch()
+    eye.seen.clear()
     begin = time.perf_counter()
-    watching = True
-
-    def audit(event: str, _: Any) -> None:
-        if watching and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
-            ran.append(event)
-
-    sys.addaudithook(audit)  # cannot be taken out again: told to look away
+    eye.on = True
     try:
         with pytest.raises(ModelError) as error:
             parsed(text)
     finally:
-        watching = False
-    assert ran == []
+        eye.on = False
     assert time.perf_counter() - begin < 0.5
+    assert eye.seen == []
     said = str(error.value)
     assert "\n" not in said
     assert said.isprintable()
     assert len(said) < 300
     return said
+
+
+def test_the_watch_would_see_it() -> None:
+    eye = watch()
+    eye.seen.clear()
+    eye.on = True
+    exec("x = 1")
+    eye.on = False
+    assert eye.seen == ["exec"]
 
 
 @pytest.mark.parametrize("text", HOSTILE, ids=lambda text: ascii(text[:20]))

@@ -11,6 +11,7 @@ import pytest
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
+from estimator.errors import ModelError
 from estimator.kernel import own
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
@@ -239,7 +240,7 @@ def test_a_single_axis_keeps_what_acts_on_it() -> None:
 )
 def test_a_single_axis_has_no_other(force: tuple[str, str], complaint: str) -> None:
     declared = Declaration("mine", force=force, coefficients={"q": Coefficient("1/s²")})
-    with pytest.raises(Exception, match=complaint):
+    with pytest.raises(ModelError, match=complaint):
         with_own(declared, 1)
 
 
@@ -253,7 +254,7 @@ def test_a_single_axis_has_no_other(force: tuple[str, str], complaint: str) -> N
 )
 def test_what_would_be_no_effect_is_refused(law: str, symbol: str, complaint: str) -> None:
     declared = Declaration("mine", force=(law, ""), coefficients={symbol: Coefficient("1/s²")})
-    with pytest.raises(Exception, match=complaint):
+    with pytest.raises(ModelError, match=complaint):
         with_own(declared)
 
 
@@ -297,5 +298,28 @@ def test_a_candidate_of_a_trace_is_tried_at_its_values() -> None:
     whole = Record(sense, drive[:, :, None], np.full(SAMPLES, 1 / 4000.0))
     watched = watch_list(whole, with_own(declared), sense, np.ones_like(sense))
     assert [watched[f"mine:{label}"]["s0"] for label in (1, 2, 3)] == pytest.approx([1e-6, 1e-5, 1e-4])
+    several = replace(device(), own=tuple(replace(with_own(declared).own[0], name=f"mine{k}") for k in range(12)))
+    crowd = watch_list(whole, several, sense, np.ones_like(sense))
+    assert all(f"mine{k}:1" in crowd for k in range(12))  # each of them, and as many values as there is room for
+    assert "mine0:2" in crowd
+    assert "mine11:3" not in crowd
+    scan(Problem(whole, several, ObserverSettings()), crowd)
+    many = replace(several, own=tuple(replace(with_own(declared).own[0], name=f"mine{k}") for k in range(60)))
+    with pytest.raises(ModelError, match="no room for effect"):
+        watch_list(whole, many, sense, np.ones_like(sense))
     bare = ALIKE["cubic_stiffness"][0]
     assert watch_list(whole, with_own(bare), sense, np.ones_like(sense))["mine"] == {}
+
+
+def test_a_law_may_have_many_parameters_and_a_signal() -> None:
+    names = ("w", "s0", "v_a")
+    declared = Declaration(
+        "mine",
+        force=("q * cos(w * t) * tanh(x / s0) * tanh(vx / v_a) * sign(vx)", ""),
+        coefficients={"q": Coefficient("m/s²")},
+        parameters=dict(
+            zip(names, (Parameter("1/s", 900.0), Parameter("m", 1e-5), Parameter("m/s", 0.1)), strict=True)
+        ),
+    )
+    observer = Observer(with_own(declared), ObserverSettings(effects={"mine": {**declared.start, "q": 0.5}}))
+    assert np.all(np.isfinite(observer.run(*record()).state))
