@@ -92,6 +92,8 @@ def trace(
         raise InputError(f"{path}: a rate sensor, which no observer runs on; leave out --add and --live")
     if (arm or link is not None) and not live:
         raise InputError("--link and --arm belong to --live; give it, or leave them out")
+    if not isinstance(declared, RateSensorBench):
+        prepare(declared)
     if more:
         if live or fraction is not None:
             raise InputError("several records: they are held out whole and there is no --live; leave out that and "
@@ -100,8 +102,6 @@ def trace(
     if covariate is not None or hold_out:
         raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
-    if not isinstance(declared, RateSensorBench):
-        prepare(declared)
     from hil.tracing import trace_file  # loads the estimator: after what can be refused without it
 
     with watching("trace", whole=True) as watch:

@@ -177,7 +177,7 @@ def _without(pool: Pool, run: PooledRun, name: str, whole: Rows, *, in_earnest: 
     """The run less a candidate, the rest fitted anew."""
     constant = constant_of(name)
     effects = tuple(one for one in run.effects if one != name)
-    gone = set() if constant else {c.name for c in effect_for(name, pool.device.axes)[1].coefficients}
+    gone = set() if constant else {c.name for c in effect_for(name, pool.device.axes, pool.device.own)[1].coefficients}
     slopes = tuple(one for one in run.slopes if one != constant and one not in gone)
     return fitted(pool, effects, slopes, run, whole, in_earnest=in_earnest)
 
@@ -269,7 +269,7 @@ def _fit(residual: Sequence[Array], noise: float) -> Fit:
 
 
 def _found(name: str, models: _Models, pool: Pool) -> Found:
-    _, effect = effect_for(name, pool.device.axes)
+    _, effect = effect_for(name, pool.device.axes, pool.device.own)
     run = models.after
     return Found(
         name=name,
@@ -301,7 +301,7 @@ def _alike(model: PooledModel, run: PooledRun, named: tuple[str, ...]) -> tuple[
     """Pairs of an effect that is named and one that is not whose signatures these records do not tell apart."""
     pairs = []
     for name in named:
-        own = {c.name for c in effect_for(name, model.pool.device.axes)[1].coefficients}
+        own = {c.name for c in effect_for(name, model.pool.device.axes, model.pool.device.own)[1].coefficients}
         others = tuple(other for other in run.effects if other != name)
         observer = observer_of(model.pool, others)
         shared = {each: value for each, value in run.shared.items() if each not in own}
