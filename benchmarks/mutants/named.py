@@ -85,8 +85,8 @@ NAMED = (
     ),
     Named(
         "the angle's bound is that of one principal axis",
-        "estimator.trace.angle", "total += float(np.max(np.abs(moved - usual))) ** 2",
-        "total = max(total, float(np.max(np.abs(moved - usual))) ** 2)", _CERTAINTY,
+        "estimator.trace.angle", "np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))",
+        "np.sqrt(max(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))", _CERTAINTY,
     ),
     Named(
         "the judge of the angle takes W² with the other sign",
