@@ -15,7 +15,9 @@ Floats = npt.NDArray[np.float64]
 
 _PASSED = 0.4  # of the new rate: what a decimation keeps
 _STOPPED_DB = 80.0
-_TAIL = 1e-6  # of the energy of an impulse's answer, beyond which the ends of a record do not reach
+_TAIL = 1e-10
+"""Of the energy of an impulse's answer: beyond that the ends of a record do not reach.  A drift may be a thousand times
+the noise, and what it makes at the ends is to be well below it."""
 _MOST = 0.25  # of a record, at each end, that may be lost to them
 _PROBE = 1 << 16
 
@@ -76,7 +78,8 @@ class Band:
         energy = self._answer() ** 2
         middle = len(energy) // 2
         beyond = np.cumsum(energy[middle:][::-1])[::-1]
-        return int(np.argmax(beyond < _TAIL * energy.sum()))
+        small = beyond < _TAIL * energy.sum()
+        return int(np.argmax(small)) if small.any() else len(small)  # longer than the probe is longer than most records
 
     def ends_to_drop(self, rows: int) -> int:
         """Rows to leave out at each end, a multiple of `decimate`. Raises ValueError where too little would be left."""
