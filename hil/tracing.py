@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.errors import ModelError
+from estimator.missing_force.result import MissingForce
 from estimator.scaling import Array
 from estimator.side_by_side import interruptible, workers
 from estimator.trace import diagnosis as traced
@@ -23,6 +24,9 @@ from hil.rate_sensor import fitting_rows, trace_rate_sensor
 from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
+from hil.records.diagnosis import MissingForce as WrittenForce
+from hil.records.force import refused, save_force
+from hil.records.force import to_model as force_model
 from hil.replaying import require_fit
 from hil.time_left import TimeLeft
 
@@ -48,6 +52,7 @@ def trace_file(
     name: str | None,
     fraction: float | None,
     report: bool = True,
+    force: bool | None = None,
     progress: Watcher,
 ) -> Traced:
     """Trace `capture` by the bench file at `bench`, of an oscillator or of a rate sensor; see `trace`."""
@@ -57,7 +62,7 @@ def trace_file(
             raise InputError("--fraction: the record of a rate sensor is split by its segments, or in alternate blocks")
         return _trace_sensor(capture, declared, bench, out, name or "trace", report=report)
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
-    return trace(capture, named, out, fraction=fraction, report=report, progress=progress)
+    return trace(capture, named, out, fraction=fraction, report=report, force=force, progress=progress)
 
 
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
@@ -68,14 +73,16 @@ def trace(
     *,
     fraction: float | None = None,
     report: bool = True,
+    force: bool | None = None,
     progress: Watcher,
 ) -> Traced:
     """Find what the model of `bench` lacks on the record at `capture`; a new folder below `out` has the answer,
     with `report` as a page too.
 
     Effects are chosen on the first `fraction` of the record and scored on the rest.  Without one, a record with a
-    segment `train` and another that follows it is split as it says itself.  Raises InputError for a record that cannot
-    be traced, or that does not belong to the bench file; nothing is left then.
+    segment `train` and another that follows it is split as it says itself.  force: whether the missing force is
+    estimated without a name; None: where something is left and a page is drawn.  Raises InputError for a record that
+    cannot be traced, or that does not belong to the bench file; nothing is left then.
     """
     require_compiler()
     workers()  # no number of them is told before minutes are spent
@@ -99,21 +106,40 @@ def trace(
         found = interruptible(lambda: search(problem, split=split, progress=told))
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
+    unnamed: MissingForce | None = None
+    about: WrittenForce | None = None
+    if force or (force is None and report and found.verdict.is_open):
+        progress(Progress("missing force", 0, 0))
+        unnamed, about = _unnamed(problem, split)
     diagnosis = to_model(
         found,
         record=called(capture),
         bench=bench.device.name,
         sense_unit=bench.device.sense.unit,
         prepared=(*captured.prepared, *remarks(record, device)),
+        missing_force=about,
     )
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)
+    if unnamed is not None:
+        save_force(folder / "force.arrow", unnamed)
     if report:
         progress(Progress("report", 0, 0))
         from hil.report.diagnosis import write_report
 
-        write_report(folder, found, diagnosis, record, device, settings)
+        write_report(folder, found, diagnosis, record, device, settings, unnamed)
     return Traced(folder, diagnosis)
+
+
+def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, WrittenForce]":
+    """The force that the model lacks, and what is written of it; none where it cannot be estimated."""
+    from estimator.missing_force.estimate import missing_force
+
+    try:
+        found = interruptible(lambda: missing_force(problem, split))
+    except ModelError as error:
+        return None, refused(str(error))
+    return found, force_model(found)
 
 
 def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:

@@ -30,6 +30,8 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
         print_diagnosis(diagnosis)
         print()
         print(printable(f"diagnosis  {folder / 'diagnosis.json'}"))
+        if (folder / "force.arrow").exists():
+            print(printable(f"force      {folder / 'force.arrow'}"))
         if (folder / "report.html").exists():
             print(printable(f"report     {folder / 'report.html'}"))
     raise typer.Exit(0 if diagnosis.verdict in _COMPLETE else SOMETHING_LEFT)
@@ -40,6 +42,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     from rich.console import Console
 
     from hil.report.diagnosis.equations import plain
+    from hil.report.diagnosis.force_table import force_terms
     from hil.report.diagnosis.tables import dependence, estimate, probable
     from hil.report.numbers import quantity
 
@@ -78,6 +81,11 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     if diagnosis.share is not None and diagnosis.verdict == "partly explained":
         console.print()
         say(f"accounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
+    if diagnosis.missing_force is not None:
+        console.print()
+        say(diagnosis.missing_force.text)
+        for line in force_terms(diagnosis.missing_force):
+            say(f"  {line}")
     _say_findings(console, "what is left looks like", diagnosis.left, diagnosis.sense_unit)
     heading = "what the residual looks like without it" if diagnosis.effects else "what the residual holds"
     _say_findings(console, heading, diagnosis.findings, diagnosis.sense_unit)

@@ -39,6 +39,13 @@ HoldOut = Annotated[
     list[str] | None,
     typer.Option("--hold-out", help="Name of a record that only judges; repeatable.  [default: a third of them]"),
 ]
+Force = Annotated[
+    bool | None,
+    typer.Option(
+        "--force/--no-force",
+        help="Estimate the missing force without a name.  [default: where something is left and a report is drawn]",
+    ),
+]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board for it; emulated ones need none.")]
 
 
@@ -56,6 +63,7 @@ def trace(
     link: Link = None,
     arm: Arm = False,
     report: Report = True,
+    force: Force = None,
     json: Json = False,
 ) -> None:
     """Find the effect that the model lacks.
@@ -65,6 +73,8 @@ def trace(
     Several records are traced together, each beginning by itself, and judged by whole records that nothing was fitted
     to. Writes diagnosis.json and report.html. Exit code 0: nothing is missing, or what is missing has been found; 1:
     something is missing, and nothing accounts for all of it.
+    Where something is left, the force that is missing is estimated without a name: drawn in the report, written as
+    force.arrow (hil export makes CSV of it), and put into a form.
 
     Examples:
 
@@ -74,6 +84,7 @@ def trace(
       hil trace runs/first --bench my.bench.toml --live --link serial:/dev/ttyACM0 --arm
       hil trace silverbox.arrow --bench silverbox --json
       hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
+      hil trace runs/first --bench s-undeclared --force
     """
     from hil.bench import RateSensorBench, load_any_bench
     from hil.cli.files import capture_in, fresh
@@ -95,9 +106,9 @@ def trace(
     if not isinstance(declared, RateSensorBench):
         prepare(declared)
     if more:
-        if live or fraction is not None:
-            raise InputError("several records: they are held out whole and there is no --live; leave out that and "
-                             "--fraction")  # fmt: skip
+        if live or force or fraction is not None:
+            raise InputError("several records: they are held out whole, and there is no --live and no --force; leave "
+                             "out these and --fraction")  # fmt: skip
         _together([capture, *more], path, out, name, covariate, hold_out or [], add, report=report, json=json)
     if covariate is not None or hold_out:
         raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
@@ -105,7 +116,9 @@ def trace(
     from hil.tracing import trace_file  # loads the estimator: after what can be refused without it
 
     with watching("trace", whole=True) as watch:
-        done = trace_file(capture_in(capture), path, out, name=name, fraction=fraction, report=report, progress=watch)
+        done = trace_file(
+            capture_in(capture), path, out, name=name, fraction=fraction, report=report, force=force, progress=watch
+        )
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction)
     if add is not None:

@@ -35,6 +35,28 @@ def export_record(capture: Path, target: Path, to: Format) -> int:
     return len(record)
 
 
+def export_force(table: Path, target: Path, to: Format) -> int:
+    """Write the missing force at `table` (force.arrow of a trace) to `target`, whole or not at all; returns its rows.
+
+    Raises InputError for a format that is not known, and for a file that is no such table.
+    """
+    if to not in FORMATS:
+        raise InputError(f"--to {to}: not a known format; known are {', '.join(FORMATS)}")
+    from hil.records.force import load_force
+
+    force = load_force(table)
+    with replacing(target) as temporary:
+        if to == "csv":
+            import pyarrow.csv as pa_csv
+
+            pa_csv.write_csv(force, temporary)
+        else:
+            import pyarrow.parquet as pq
+
+            pq.write_table(force, temporary)
+    return int(force.num_rows)
+
+
 def channels(capture: Capture) -> dict[str, npt.NDArray[Any]]:
     """The interchange columns of a capture, in SI units and in the order of the file."""
     axes = "xy"[: capture.axes]

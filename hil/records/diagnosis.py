@@ -121,6 +121,37 @@ class Probabilities(_Model):
     )
 
 
+class FormTerm(_Model):
+    """A term of the form of a missing force: c times the form, on each axis with a coefficient of its own or on both
+    with one.
+    """
+
+    form: str = Field(
+        description="In q, v, u: an axis' displacement, velocity, drive; p, w, s: those of the other axis; r, v of the "
+        "plane where the coefficient is of both; J turns by a right angle"
+    )
+    sensed: bool = Field(description="Whether it is added to the displacement that is sensed, and does not push")
+    coefficients: dict[str, Coefficient] = Field(description="By axis, x, y or both; of a wave by cos and sin as well")
+    inside: dict[str, Coefficient] = Field(
+        default_factory=dict, description="Numbers inside the form, found with it: a gap, a limit, a frequency"
+    )
+
+
+class MissingForce(_Model):
+    """The force per mass that the model lacks, without a name; its form is no cause. The force itself: force.arrow."""
+
+    form: tuple[FormTerm, ...] = Field(description="None: no form was worth its price and bore out")
+    text: str = Field(description="The same in words")
+    rms_mps2: float | None = Field(description="Of the force along the record, beyond what constants can take up")
+    deviation_mps2: float | None = Field(description="Standard deviation of the force at a sample")
+    left: float | None = Field(description="Share of the force, rms, that the form leaves on the part held out")
+    innovation_before: float | None = Field(description="Held out, over what is expected of noise")
+    innovation_after: float | None = Field(description="The same with the form")
+    first: Count = Field(default=0, description="First sample that was looked at")
+    samples: Count = Field(default=0, description="How many were, one after another")
+    refused: str | None = Field(default=None, description="Why there is none")
+
+
 class HeldOut(_Model):
     """On the part of the record that the choice never saw."""
 
@@ -157,6 +188,9 @@ class Diagnosis(_Model):
     dependences: tuple[Dependence, ...] = Field(
         default=(), description="Of several records traced together: what goes with their covariate"
     )
+    missing_force: MissingForce | None = Field(
+        default=None, description="What the model lacks, as a force without a name, where something is left"
+    )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, by all that brings the residual down"
@@ -175,7 +209,13 @@ class Diagnosis(_Model):
 
 
 def to_model(
-    found: traced.Diagnosis, *, record: str, bench: str, sense_unit: str = "V", prepared: tuple[str, ...] = ()
+    found: traced.Diagnosis,
+    *,
+    record: str,
+    bench: str,
+    sense_unit: str = "V",
+    prepared: tuple[str, ...] = (),
+    missing_force: MissingForce | None = None,
 ) -> Diagnosis:
     """The engine's answer as it is written."""
     return Diagnosis(
@@ -189,7 +229,7 @@ def to_model(
             Rejected(
                 name=one.name,
                 reason=one.reason,
-                bound={symbol: _coefficient(interval) for symbol, interval in one.bound.items()},
+                bound={symbol: coefficient(interval) for symbol, interval in one.bound.items()},
                 evidence=_finite(one.evidence),
             )
             for one in found.rejected
@@ -207,6 +247,7 @@ def to_model(
         dependences=tuple(_dependence(one) for one in found.dependences),
         sense_unit=sense_unit,
         prepared=prepared,
+        missing_force=missing_force,
         record=record,
         bench=bench,
         samples=len(found.residual_before.innovation),
@@ -237,7 +278,7 @@ def _effect(found: traced.Found) -> Effect:
         name=found.name,
         title=found.title,
         equations=found.equation,
-        coefficients={symbol: _coefficient(interval) for symbol, interval in found.coefficients.items()},
+        coefficients={symbol: coefficient(interval) for symbol, interval in found.coefficients.items()},
         evidence=_finite(found.evidence),
         undone=found.undone,
         angle_bound_rad=_finite(found.angle_bound),
@@ -249,8 +290,8 @@ def _dependence(one: traced.Dependence) -> Dependence:
         name=one.name,
         covariate=one.covariate,
         reference=one.reference,
-        at_reference=_coefficient(one.value),
-        per_unit=_coefficient(one.slope),
+        at_reference=coefficient(one.value),
+        per_unit=coefficient(one.slope),
         evidence=_finite(one.evidence),
     )
 
@@ -268,7 +309,8 @@ def _confusable(pair: traced.Confusable) -> Confusable:
     )
 
 
-def _coefficient(interval: traced.Interval) -> Coefficient:
+def coefficient(interval: traced.Interval) -> Coefficient:
+    """An interval as it is written."""
     return Coefficient(
         value=_finite(interval.value), ci95=(_finite(interval.low), _finite(interval.high)), unit=interval.unit
     )

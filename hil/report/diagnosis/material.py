@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimator.missing_force.result import MissingForce
 from estimator.observer import Observer
 from estimator.residual.demodulation import Demodulated, Motion, demodulate, motion
 from estimator.residual.spectrum import density
@@ -28,6 +29,7 @@ class Material:
     device: Device
     settings: ObserverSettings
     bench_text: str
+    missing_force: MissingForce | None = None
 
     @property
     def sample_rate_Hz(self) -> float:

@@ -5,13 +5,23 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+from estimator.missing_force.result import MissingForce
 from estimator.settings import Device, ObserverSettings
 from estimator.trace import diagnosis as traced
 from estimator.trace.record import Record
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.report import markup
-from hil.report.diagnosis import dependence, evidence, intervals, level, spectrum, tables
+from hil.report.diagnosis import (
+    dependence,
+    evidence,
+    force_table,
+    intervals,
+    level,
+    missing_force,
+    spectrum,
+    tables,
+)
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.material import Material
 from hil.report.numbering import Figures
@@ -38,14 +48,16 @@ def write_report(
     record: Record,
     device: Device,
     settings: ObserverSettings,
+    force: MissingForce | None = None,
 ) -> Path:
     """Write `folder/report.html`, whole or not at all, and return its path.
 
-    found: the engine's answer about `record`; diagnosis: the same as written; device, settings: the model as it was.
+    found: the engine's answer about `record`; diagnosis: the same as written; device, settings: the model as it was;
+    force: what it lacks, without a name, where that was asked.
     """
     listing = folder / "bench.toml"
     text = listing.read_text(encoding="utf-8") if listing.exists() else ""
-    material = Material(found, diagnosis, record, device, settings, text)
+    material = Material(found, diagnosis, record, device, settings, text, force)
     path = folder / "report.html"
     write_text(path, render(material))
     return path
@@ -57,6 +69,7 @@ class Pictures:
 
     effect: str = ""
     error: str = ""
+    force: str = ""
     residual: str = ""
     candidates: str = ""
 
@@ -67,6 +80,8 @@ def render(material: Material) -> str:
     pictures = Pictures(
         effect=figures.add(lambda: intervals.draw(material)),
         error=figures.add(lambda: level.draw(material)) + figures.add(lambda: spectrum.draw(material)),
+        force=figures.add(lambda: missing_force.draw_fast(material))
+        + figures.add(lambda: missing_force.draw_slow(material)),
         residual=figures.add(lambda: dependence.draw(material)),
         candidates=figures.add(lambda: evidence.draw(material)),
     )
@@ -105,6 +120,7 @@ def page_of(
             pictures.effect,
         ),
         markup.section("error", error, tables.fits(diagnosis), pictures.error),
+        markup.section("force", "The missing force, without a name", *_force(diagnosis, pictures.force)),
         markup.section("left", "What is left", tables.findings(diagnosis.left, diagnosis.sense_unit)),
         markup.section(
             "residual", _held(diagnosis), tables.findings(diagnosis.findings, diagnosis.sense_unit), pictures.residual
@@ -147,6 +163,13 @@ def headline(diagnosis: Diagnosis) -> str:
         others = sorted({pair.with_.replace("_", " ") for pair in diagnosis.confusable})
         said += f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be told from {_listed(others)}"
     return said
+
+
+def _force(diagnosis: Diagnosis, picture: str) -> tuple[str, ...]:
+    found = diagnosis.missing_force
+    if found is None:
+        return ()
+    return markup.paragraph(_sentence(found.text)), force_table.coefficients(found), picture
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -43,7 +43,7 @@ def fits(diagnosis: Diagnosis) -> str:
 def coefficients(diagnosis: Diagnosis) -> str:
     """What was found, SI per unit mass."""
     rows = [
-        (symbol, _estimate(found), _interval(found), shown_unit(found.unit), effect.title)
+        (symbol, _estimate(found), interval(found), shown_unit(found.unit), effect.title)
         for effect in diagnosis.effects
         for symbol, found in effect.coefficients.items()
     ]
@@ -62,7 +62,7 @@ def dependences(diagnosis: Diagnosis) -> str:
             f"{one.covariate} = {significant(one.reference)}",
             estimate(one.at_reference),
             f"{_estimate(one.per_unit)} {shown_unit(one.per_unit.unit)} per {one.covariate}",
-            _interval(one.per_unit),
+            interval(one.per_unit),
         )
         for one in diagnosis.dependences
     ]
@@ -158,7 +158,8 @@ def _estimate(found: Coefficient) -> str:
     return plus_minus(found.value, (high - low) / 2.0)
 
 
-def _interval(found: Coefficient) -> str:
+def interval(found: Coefficient) -> str:
+    """The ends of its 95 % interval."""
     low, high = found.ci95
     if found.value is None or low is None or high is None:
         return " to ".join("unbounded" if end is None else significant(end, 4) for end in found.ci95)
