@@ -2,6 +2,7 @@
 
 import math
 import sys
+import threading
 import time
 from collections.abc import Callable
 from functools import cache
@@ -146,10 +147,11 @@ class Watch:
     def __init__(self) -> None:
         self.on = False
         self.seen: list[str] = []
+        self.thread = threading.get_ident()
         sys.addaudithook(self._note)
 
     def _note(self, event: str, _: Any) -> None:
-        if self.on and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
+        if self.on and threading.get_ident() == self.thread and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
             self.seen.append(event)
 
 
@@ -162,14 +164,14 @@ def refusal(text: str) -> str:
     """The one line that refuses a law, at once, with nothing run."""
     eye = watch()
     eye.seen.clear()
-    begin = time.perf_counter()
+    begin = time.thread_time()
     eye.on = True
     try:
         with pytest.raises(ModelError) as error:
             parsed(text)
     finally:
         eye.on = False
-    assert time.perf_counter() - begin < 0.5
+    assert time.thread_time() - begin < 0.5
     assert eye.seen == []
     said = str(error.value)
     assert "\n" not in said
