@@ -141,6 +141,9 @@ HOSTILE = [
 ]
 
 
+RUNS = ("exec", "import", "open", "os.system", "subprocess.Popen")
+
+
 class Watch:
     """Events of the interpreter that mean that something was run; one hook for all tests, as none can be taken out."""
 
@@ -151,7 +154,11 @@ class Watch:
         sys.addaudithook(self._note)
 
     def _note(self, event: str, _: Any) -> None:
-        if self.on and threading.get_ident() == self.thread and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
+        if (
+            self.on
+            and threading.get_ident() == self.thread
+            and event in ("exec", "import", "open", "os.system", "subprocess.Popen")
+        ):
             self.seen.append(event)
 
 
