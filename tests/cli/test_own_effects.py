@@ -305,7 +305,7 @@ def test_a_trace_names_it_and_adds_it(tmp_path: Path, example: Path) -> None:
     report = (folder / "report.html").read_text(encoding="utf-8")
     assert "Coupling of the axes by a potential" in report
     assert "c31" in report
-    assert effect["equation"][0] == "ẍ += -3*c31*x**2*y"
+    assert diagnosis["equations"][0] == "ẍ += -3*c31*x**2*y"
     after = hil_process(tmp_path, path, "run", "new.bench.toml", *link)
     assert after.returncode == 0, after.stderr
     result = json.loads(after.stdout)
