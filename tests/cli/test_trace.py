@@ -109,7 +109,7 @@ def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_p
         assert effect["coefficients"][symbol]["value"] == pytest.approx(true, rel=0.03)
     assert diagnosis["held_out"]["before"]["ratio"] > 2.0
     assert diagnosis["held_out"]["after"]["ratio"] < 1.05
-    assert "cubic_stiffness" in load_bench(Path("new.bench.toml")).effects
+    assert "cubic_stiffness" in load_bench(Path("new.bench.toml")).effects.named
     code, out, err = hil("run", "new.bench.toml", *board, "--truth", "after.arrow")
     assert code == 0, err
     errors = []

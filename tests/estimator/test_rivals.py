@@ -21,7 +21,7 @@ def fitted(innovation, deviation=1.0, effects=None):
     return SimpleNamespace(
         estimates=estimates,
         settings=SimpleNamespace(effects=effects or {}),
-        observer=SimpleNamespace(device=SimpleNamespace(axes=2)),
+        observer=SimpleNamespace(device=SimpleNamespace(axes=2, own=())),
     )
 
 
@@ -109,7 +109,7 @@ def test_equal_models_do_not_divide_by_nothing() -> None:
 def look(**gains):
     """Of these candidates, each with a gain and a scatter."""
     evidence = {name: SimpleNamespace(name=name, gain=gain, scatter=scatter) for name, (gain, scatter) in gains.items()}
-    device = SimpleNamespace(axes=2)
+    device = SimpleNamespace(axes=2, own=())
     seen = SimpleNamespace(innovation=np.zeros((N, 2)), observer=SimpleNamespace(device=device))
     return SimpleNamespace(evidence=evidence, seen=seen)
 

@@ -78,7 +78,7 @@ def test_arrays_without_a_file_are_replayed_as_the_record_is(run: hil.Run, tmp_p
 def test_a_bench_with_some_keys_replaced(run: hil.Run) -> None:
     bench = run.bench.with_(loop={"duration_s": 2.5}, effects={"cubic_stiffness": {"k3x": 1e12}})
     assert bench.loop.duration_s == 2.5
-    assert bench.effects == {"cubic_stiffness": {"k3x": 1e12}}
+    assert bench.effects.named == {"cubic_stiffness": {"k3x": 1e12}}
     assert run.bench.loop.duration_s == 3.0
     with pytest.raises(hil.InputError, match="loops: no section"):
         run.bench.with_(loops={})
