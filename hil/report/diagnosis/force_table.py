@@ -3,22 +3,21 @@
 from hil.records.diagnosis import FormTerm, MissingForce
 from hil.report.diagnosis.tables import estimate, interval
 from hil.report.markup import table
-from hil.report.names import shown_unit
 
 
 def coefficients(found: MissingForce) -> str:
     """Each term with its coefficients."""
     rows = [
-        (term.form, name, "reading" if term.sensed else "force", estimate(one), interval(one), shown_unit(one.unit))
+        (term.form, name, "reading" if term.sensed else "force", estimate(one), interval(one))
         for term in found.form
         for name, one in term.coefficients.items()
     ]
     rows += [
-        (term.form, name, "inside", estimate(one), "", shown_unit(one.unit))
+        (term.form, name, "inside", estimate(one), "")
         for term in found.form
         for name, one in term.inside.items()
     ]
-    head = ["term", "of", "in the", "coefficient", "95 % interval", "unit"]
+    head = ["term", "of", "in the", "coefficient", "95 % interval"]
     caption = "The form of the missing force: coefficients SI per unit mass, with the sign with which they push"
     return table(caption, head, rows, (3, 4)) if rows else ""
 

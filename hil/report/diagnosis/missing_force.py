@@ -9,7 +9,7 @@ from estimator.missing_force.surfaces import Panel, fast, slow
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
 from hil.report.numbers import prefix_for
-from hil.report.theme import FIRST, MUTED, SECOND, legend, new_figure
+from hil.report.theme import FIRST, MUTED, SECOND, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,8 @@ def _drawn(panels: list[Panel], title: str, caption: str) -> Drawing | None:
         ax.set_visible(False)
     for row in grid:
         row[0].set_ylabel(f"force / ({prefix}m/s²)")
-    legend(grid[0][min(across, len(panels)) - 1])
+    lines, names = grid[0][0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside upper right", ncols=2)  # wider than a panel
     return Drawing(figure, title, caption, f"Curves with bands. {caption}")
 
 
