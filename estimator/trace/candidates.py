@@ -26,8 +26,6 @@ _SET = THRESHOLDS.candidates
 LINES = ("interference", "base_vibration")
 """Effects that draw a line into the spectrum, whatever its cause."""
 
-_SPARE = 2  # places of the kernels that are left for what is carried already
-
 Parameters = dict[str, float]
 
 
@@ -74,7 +72,7 @@ def _of_own(device: Device, record: Record, others: Mapping[str, Parameters]) ->
         if effect.parameters and effect.on(device.axes) is not None and _has_signals(effect.signals, record)
     ]
     signals = sum(len(effect_for(name, device.axes, device.own)[1].signals) for name in others)
-    room, signals = MAX_EFFECTS - _SPARE - len(others), MAX_SIGNALS - _SPARE - signals
+    room, signals = MAX_EFFECTS - _SET.spare - len(others), MAX_SIGNALS - _SET.spare - signals
     watched: dict[str, Parameters] = {}
     for turn in range(max((len(starts) for _, starts in possible), default=0)):
         for effect, starts in possible:

@@ -51,10 +51,12 @@ def bounds(problem: Problem, model: Fitted, watched: Mapping[str, Parameters]) -
     """How large the coefficients of what is watched may be beside `model`, the best first.
 
     The constants are as sure as the bench file declares them, not as the record made them without the effect: what a
-    stiffness takes up, as a hardening does at one amplitude, is not excluded by it.
+    stiffness takes up, as a hardening does at one amplitude, is not excluded by it.  Empty where the observer loses the
+    motion from such a start.
     """
     others = {name: given for name, given in watched.items() if name not in model.settings.effects}
-    return evidence(scan(problem.under(scanned_with(model, problem.device, problem.settings)), others))
+    seen = scan(problem.under(scanned_with(model, problem.device, problem.settings)), others)
+    return evidence(seen) if seen.sound else {}
 
 
 def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> ObserverSettings:

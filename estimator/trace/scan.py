@@ -47,6 +47,14 @@ class Scan:
     course: Array
 
     @property
+    def sound(self) -> bool:
+        """Whether the observer kept the motion: one that diverged, as after a jump that it takes for motion, has
+        equations of no meaning.
+        """
+        seen = np.isfinite(self.innovation)  # a lost sample has none, and is no fault
+        return bool(np.isfinite(self.normal).all() and np.isfinite(self.deviation[seen]).all())
+
+    @property
     def ratio(self) -> float:
         """Innovation over what was predicted of it, rms."""
         return float(np.sqrt(np.nanmean((self.innovation / self.deviation) ** 2)))
@@ -116,13 +124,14 @@ def scan(
             level = _SET.jump * max(1.0, float(np.nanmedian(surprise)) / 0.455)
     factors = observer.factors[len(observer.names) - first :]
     volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
+    variance = rows["s"][:, : device.axes]
     return Scan(
         columns=columns,
         normal=normal * np.outer(scale, scale),
         score=score * scale,
         plausible=scale * np.abs(factors),
         innovation=np.where(np.isfinite(record.sense), rows["nu"][:, : device.axes] * volts, np.nan),
-        deviation=np.sqrt(rows["s"][:, : device.axes]) * np.abs(volts),
+        deviation=np.sqrt(np.where(variance > 0.0, variance, np.nan)) * np.abs(volts),
         observer=observer,
         course=course / factors,
     )

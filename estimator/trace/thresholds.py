@@ -53,6 +53,7 @@ class Fitness:
 class Candidates:
     """What is watched for, and at which frequencies and thresholds."""
 
+    spare: int = _set(2, "places of the kernels", "So many are left for what is carried already.")
     lines: int = _set(5, "lines", "Beyond the strongest few the next round sees them, once those are carried.")
     line_chance: float = _set(1e-3, "probability", "Watching one line too many costs time only.")
     periods: float = _set(10.0, "periods in the record", "What comes back less often is a drift and no line.")

@@ -362,13 +362,13 @@ def _rejected(
         if kind(name) in kinds or kind(name) in rejected:
             continue
         _, effect = effect_for(name, device.axes, device.own)
-        bound = {
-            c.name.partition(":")[0]: _interval(float(value), float(sd), c.unit)
-            for c, value, sd in zip(
-                effect.coefficients, largest[name].coefficients, largest[name].deviation, strict=True
-            )
-            if sd > 0.0
-        }
+        bound = {}
+        if (most := largest.get(name)) is not None:
+            bound = {
+                c.name.partition(":")[0]: _interval(float(value), float(sd), c.unit)
+                for c, value, sd in zip(effect.coefficients, most.coefficients, most.deviation, strict=True)
+                if sd > 0.0
+            }
         reason = _why(name, item.significance > enough, selection)
         rejected[kind(name)] = Rejected(kind(name), reason, bound, alone.get(kind(name)))
     return tuple(rejected.values())

@@ -234,3 +234,12 @@ def test_what_no_effect_explains_is_told() -> None:
 def test_nothing_at_all_says_how_much_was_looked_for() -> None:
     assert in_words([], [], [], 30) == "none of the 30 effects looked for explains more than chance would"
     assert (signed(0.02), signed(-0.02)) == ("+0.02", "−0.02")
+
+
+def test_a_scan_of_an_observer_that_diverged_is_not_sound() -> None:
+    gap = np.ones((4, 2))
+    gap[1] = np.nan
+    assert scan_of().sound
+    assert scan_of(innovation=gap, deviation=gap).sound  # a lost sample is no fault
+    assert not scan_of(deviation=gap).sound
+    assert not scan_of(normal=np.full((2, 3, 3), np.inf)).sound

@@ -97,10 +97,10 @@ def test_bounds_are_of_what_is_watched_and_not_carried_with_constants_as_declare
 
     def scan(asked: Problem, watched: Any) -> Any:  # no earlier pass: the constants are as sure as declared
         scans.append((set(asked.effects), watched))
-        return "scanned"
+        return SimpleNamespace(name="scanned", sound=True)
 
     monkeypatch.setattr(look, "scan", scan)
-    monkeypatch.setattr(look, "evidence", lambda seen: {seen: item("drive_gain", 1.0)})
+    monkeypatch.setattr(look, "evidence", lambda seen: {seen.name: item("drive_gain", 1.0)})
     assert set(look.bounds(problem(), model(0.01), {"drag": {}, "drive_gain": {"p": 1.0}})) == {"scanned"}
     assert scans == [({"sense_gain", "drag"}, {"drive_gain": {"p": 1.0}})]
 
@@ -110,3 +110,13 @@ def test_a_frequency_is_new_where_it_is_five_turns_from_those_that_are_carried()
     for apart, is_new in ((2.9, False), (-2.9, False), (3.1, True), (-3.1, True)):
         fresh = look.fresh({"base_vibration": {"omega": 500.0 + apart}}, carried, span=10.0)
         assert bool(fresh) is is_new
+
+
+@pytest.mark.parametrize("sound", [True, False])
+def test_an_observer_that_diverges_bounds_nothing(monkeypatch: pytest.MonkeyPatch, *, sound: bool) -> None:
+    monkeypatch.setattr(look, "coefficients_of", lambda observer: {})
+    monkeypatch.setattr(look, "scan", lambda problem, watched: SimpleNamespace(sound=sound))
+    monkeypatch.setattr(look, "evidence", lambda seen: {"cubic_stiffness": item("cubic_stiffness", 1.0)})
+    record = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 2.5e-4))
+    found = look.bounds(Problem(record, DEVICE, BENCH), model(0.01), {"cubic_stiffness": {}})
+    assert (set(found) == {"cubic_stiffness"}) is sound

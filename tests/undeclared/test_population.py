@@ -81,7 +81,8 @@ def test_one_order_one_record(tmp_path: Path) -> None:
     truth = json.loads((second / "truth.json").read_text())
     declared, true = bench.device.stiffness_per_s2, truth["device"]["stiffness_per_s2"]
     assert all(0.0 < abs(a / b - 1.0) <= 0.0201 for a, b in zip(declared[:2], true[:2], strict=True))
-    assert not bench.effects
+    assert not bench.effects.named
+    assert not bench.effects.custom
 
 
 @pytest.mark.slow
