@@ -265,6 +265,7 @@ def test_a_clock_that_stands_still_is_refused(tmp_path: Path) -> None:
     assert board.arms == 0
 
 
+@pytest.mark.realtime  # it is compared with the clock on the wall
 @pytest.mark.parametrize("factor", [0.8, 1.25, 2.0])
 def test_a_clock_that_does_not_keep_time_is_refused(tmp_path: Path, factor: float) -> None:
     with served(misbehaving.ClockRuns(factor)) as board, pytest.raises(ProtocolError, match="clock went on by"):

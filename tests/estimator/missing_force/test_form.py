@@ -10,6 +10,8 @@ from estimator.missing_force.result import MissingForce
 from estimator.trace.problem import Problem
 from tests.estimator.missing_force.simulated import LENGTH, OMEGA, Force, simulated
 
+pytestmark = pytest.mark.slow
+
 NOISE, SAMPLES = 3e-4, 10_000
 
 

@@ -18,6 +18,8 @@ from tests.estimator.missing_force.simulated import (
     simulated,
 )
 
+pytestmark = pytest.mark.slow
+
 NOISE, SAMPLES = 1e-3, 8_000
 
 PLANE: dict[str, Force] = {
