@@ -8,7 +8,7 @@ larger than the noise, or correlated, it counts for as much more: such samples s
 claim.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,21 +127,7 @@ def refine(
     sure = np.array([one.deviation for one in given.values()]) / np.abs(scale[at])
 
     def solved(begin: Array, worth: float) -> Array:
-        rows_of_known = np.zeros((len(at), len(index)))
-        rows_of_known[np.arange(len(at)), at] = worth / sure
-        return np.asarray(
-            least_squares(
-                lambda scaled: np.concatenate([run(scaled)[0], worth * (scaled[at] - guess) / sure]),
-                begin,
-                jac=lambda scaled: np.concatenate([run(scaled)[1], rows_of_known]),
-                x_scale="jac",
-                method="trf",
-                ftol=1e-10,
-                xtol=1e-10,
-                gtol=1e-12,
-                max_nfev=runs,
-            ).x
-        )
+        return least_squares_beside(run, begin, at, guess, sure / worth, tolerance=1e-10, runs=runs)
 
     solution, worth = solved(origin, 1.0), 1.0
     if given and (worth := worth_of(run(solution)[0])) > 1.0:
@@ -156,6 +142,35 @@ def refine(
     rmse = np.array([np.sqrt(np.mean(r[c] ** 2)) for r, c in zip(residual.T, chosen.T, strict=True)])
     information = _information(jacobian, weighted) / np.outer(scale, scale)
     return Refined(names, wanted, state, deviation, residual, rmse, given, information)
+
+
+def least_squares_beside(
+    rows: Callable[[Array], tuple[Array, Array]],
+    begin: Array,
+    places: NDArray[np.int64],
+    known: Array,
+    sure: Array,
+    *,
+    tolerance: float,
+    runs: int,
+) -> Array:
+    """Unknowns (k,) that leave least of `rows`, residuals (n,) and their Jacobian (n, k), and of what is known
+    beforehand: of the unknowns at `places`, that they are `known` within standard deviations `sure`.
+    """
+    told = np.zeros((len(places), len(begin)))
+    told[np.arange(len(places)), places] = 1.0 / sure
+    return np.asarray(
+        least_squares(
+            lambda unknown: np.concatenate([rows(unknown)[0], (unknown[places] - known) / sure]),
+            begin,
+            jac=lambda unknown: np.concatenate([rows(unknown)[1], told]),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=1e-2 * tolerance,
+            max_nfev=runs,
+        ).x
+    )
 
 
 def worth_of(weighted: Array) -> float:

@@ -85,6 +85,19 @@ def _force_noise(linear: Linear, density: float) -> Array:
 
 
 @compiled
+def _step(transition, by_rate, turning, before, a):  # type: ignore[no-untyped-def]
+    """Rows of the motion in the transition over one sample at a known rate, and what a rate beside it adds."""
+    s = by_rate.shape[0]
+    for i in range(s):
+        for j in range(s):
+            a[i, j] = transition[i, j] + turning * by_rate[i, j]
+        if a.shape[1] > s:
+            a[i, s] = 0.0
+            for j in range(s):
+                a[i, s] += by_rate[i, j] * before[j]
+
+
+@compiled
 def _follow(  # type: ignore[no-untyped-def]
     transition, by_rate, turning, added, sense, reference, seen_noise, noise, walk, start, spread,
     innovation, variance, gain, rate,
@@ -100,15 +113,9 @@ def _follow(  # type: ignore[no-untyped-def]
     push = np.zeros(m)
     for k in range(n):
         if k > 0:
-            a[:] = 0.0
-            for i in range(s):
-                for j in range(s):
-                    a[i, j] = transition[i, j] + turning[k] * by_rate[i, j]
+            _step(transition, by_rate, turning[k], reference[k - 1], a)
             if m > s:
                 a[s, s] = 1.0
-                for i in range(s):
-                    for j in range(s):
-                        a[i, s] += by_rate[i, j] * reference[k - 1, j]
             transitions[k] = a[:s]
             x = a @ x
             for i in range(s):
@@ -189,13 +196,7 @@ def _signatures(transition, by_rate, turning, reference, gain, pushed, sensed, o
     a = np.zeros((s, m))
     for k in range(n):
         if k > 0:
-            for i in range(s):
-                for j in range(s):
-                    a[i, j] = transition[i, j] + turning[k] * by_rate[i, j]
-                if m > s:
-                    a[i, s] = 0.0
-                    for j in range(s):
-                        a[i, s] += by_rate[i, j] * reference[k - 1, j]
+            _step(transition, by_rate, turning[k], reference[k - 1], a)
             for i in range(s):
                 for c in range(columns):
                     f[i, c] = pushed[k, i, c]

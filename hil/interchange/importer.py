@@ -9,14 +9,13 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.interchange.channels import CHANNELS, SENSED, fault_in
+from hil.interchange.columns import write_columns
 from hil.interchange.mapping import RecordMap, delimiter_meant, locate, locate_where, read_map
 from hil.interchange.matlab import is_matlab, read_vectors
 from hil.interchange.preparation import prepared
 from hil.interchange.table import Table, read_columns, read_header
 from hil.interchange.uniformity import first_not_increasing, spacing
-from hil.records.atomic import replacing
 from hil.records.capture import Capture, Hold, import_layout, read_capture
-from hil.records.stream import BlockWriter
 
 
 class _Record(NamedTuple):
@@ -61,7 +60,7 @@ def import_record(
         made = prepared(record.channels, record.segments, record.hold, rate_Hz, uniform, record.mapping)
     except ValueError as error:
         raise InputError(f"{source if map_file is None else map_file}: {error}") from None
-    channels, count = made.channels, len(made.channels["t_s"])
+    channels = made.channels
     names = [name for name in (*CHANNELS, *SENSED.values()) if name in channels]
     layout = import_layout(
         names,
@@ -73,13 +72,7 @@ def import_record(
         sense_unit="V" if record.mapping is None else record.mapping.sense_unit,
         told=made.told,
     )
-    rows = np.empty(count, layout.dtype)
-    rows["tick"] = np.arange(count)
-    for name in names:
-        rows[name] = channels[name]
-    with replacing(target) as temporary, BlockWriter(temporary, layout) as writer:
-        writer.push(rows)
-        writer.close()
+    write_columns(target, layout, {name: channels[name] for name in names})
     return read_capture(target)
 
 

@@ -8,10 +8,9 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.interchange.channels import CHANNELS, fault_in
+from hil.interchange.columns import write_columns
 from hil.interchange.uniformity import first_not_increasing, spacing
-from hil.records.atomic import replacing
 from hil.records.capture import Hold, import_layout
-from hil.records.stream import BlockWriter
 
 
 def write_capture(columns: Mapping[str, npt.ArrayLike], target: Path, *, hold: Hold = "zoh") -> None:
@@ -36,13 +35,7 @@ def write_capture(columns: Mapping[str, npt.ArrayLike], target: Path, *, hold: H
         )
     rate_Hz, off = spacing(t_s)
     layout = import_layout(names, tick_rate_Hz=rate_Hz, uniform=off is None, hold=hold, segments={})
-    rows = np.empty(t_s.size, layout.dtype)
-    rows["tick"] = np.arange(t_s.size)
-    for name, array in values.items():
-        rows[name] = array
-    with replacing(target) as temporary, BlockWriter(temporary, layout) as writer:
-        writer.push(rows)
-        writer.close()
+    write_columns(target, layout, values)
 
 
 def _numbers(name: str, given: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
-from estimator.settings import Device, ObserverSettings
+from estimator.settings import ObserverSettings
 from estimator.trace import angle, claims, examination, fitting, observer_model
 from estimator.trace.angle import AngleReader
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of, widening
@@ -15,16 +15,9 @@ from estimator.trace.constancy import Constancy
 from estimator.trace.parameters import NOTHING, Searched
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
+from tests.estimator.device import NOMINAL as DEVICE
 
 N, SPLIT = 1200, 700
-DEVICE = Device(
-    sample_rate=4000.0,
-    stiffness=(1.6e6, 1.62e6, 0.0),
-    damping=(1.0, 1.2, 0.0),
-    amplitude=1e-4,
-    sense_gain=(-890.0, 900.0),
-    noise=(1e-4, 1e-4),
-)
 COVARIANCE = np.array([[4e-4, 3e-4], [3e-4, 9e-4]])
 VALUES = (0.05, -0.02)
 

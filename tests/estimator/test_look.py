@@ -12,16 +12,9 @@ from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look, is_lost, look_at, scanned_with
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
+from tests.estimator.device import UNLIKE as DEVICE
 
 N = 900
-DEVICE = Device(
-    sample_rate=4000.0,
-    stiffness=(1.6e6, 1.62e6, 0.0),
-    damping=(1.0, 1.2, 0.0),
-    amplitude=1e-4,
-    sense_gain=(-890.0, 445.0),
-    noise=(1e-4, 1e-4),
-)
 BENCH = ObserverSettings(memory=0.1, gain=Gain.STATIONARY, effects={"sense_gain": {"gy": 0.1}})
 AMPLITUDE = np.array([0.089, 0.0445])
 

@@ -6,23 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.settings import Device, ObserverSettings
+from estimator.settings import ObserverSettings
 from estimator.trace import observer_model
 from estimator.trace.engine import Score, Trial
 from estimator.trace.observer_model import Carrying, ObserverModel
 from estimator.trace.parameters import NOTHING
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
+from tests.estimator.device import UNLIKE as DEVICE
 
 N = 30_000
-DEVICE = Device(
-    sample_rate=4000.0,
-    stiffness=(1.6e6, 1.62e6, 0.0),
-    damping=(1.0, 1.2, 0.0),
-    amplitude=1e-4,
-    sense_gain=(-890.0, 445.0),
-    noise=(1e-4, 1e-4),
-)
 PROBLEM = Problem(Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1 / 4000.0)), DEVICE, ObserverSettings())
 WATCHED: dict[str, dict[str, float]] = {
     "sense_gain": {},

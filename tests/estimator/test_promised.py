@@ -7,23 +7,16 @@ import numpy as np
 import pytest
 
 from estimator.observer import Observer
-from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace import claims, free_run, tracing
 from estimator.trace.diagnosis import Fit, Verdict
 from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Vote
 from estimator.trace.record import Record
+from tests.estimator.device import NOMINAL as DEVICE
 
 SURE, NOTHING = Estimate(0.05, 0.04, 0.06), Estimate(-1.9, -7.0, 3.0)
-DEVICE = Device(
-    sample_rate=4000.0,
-    stiffness=(1.6e6, 1.62e6, 0.0),
-    damping=(1.0, 1.2, 0.0),
-    amplitude=1e-4,
-    sense_gain=(-890.0, 900.0),
-    noise=(1e-4, 1e-4),
-)
 N, SPLIT = 1000, 600
 RECORD = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1 / 4000.0))
 PROBLEM = Problem(RECORD, DEVICE, ObserverSettings())

@@ -9,21 +9,14 @@ import numpy as np
 import pytest
 
 from estimator.errors import ModelError
-from estimator.settings import Device, ObserverSettings
+from estimator.settings import ObserverSettings
 from estimator.trace import selection
 from estimator.trace.engine import Dissent
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
+from tests.estimator.device import NOMINAL as DEVICE
 
 COMPARED = 1000
-DEVICE = Device(
-    sample_rate=4000.0,
-    stiffness=(1.6e6, 1.62e6, 0.0),
-    damping=(1.0, 1.2, 0.0),
-    amplitude=1e-4,
-    sense_gain=(-890.0, 900.0),
-    noise=(1e-4, 1e-4),
-)
 
 
 def problem(samples: int) -> Problem:

@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from estimator.errors import ModelError
 from estimator.observer import Observer
-from estimator.refinement import Declared, covariance_of, refine, scales, worth_of
+from estimator.refinement import Declared, covariance_of, least_squares_beside, refine, scales, worth_of
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import simulate
+from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.determined import declared
 from estimator.trace.engine import Estimate
 from estimator.trace.pool.members import Level, Pool, Rows
@@ -26,7 +26,6 @@ from estimator.trace.thresholds import THRESHOLDS
 _SET = THRESHOLDS.free_runs
 _MOST_RUNS = 60
 _BEGINNING = 4  # 1 / share of a record that was held out, which sets where its free run begins
-_T95 = 1.959963984540054
 _OUT_OF_BOUNDS = 1e6
 
 
@@ -58,12 +57,12 @@ class PooledRun:
 
     def estimate(self, name: str) -> Estimate:
         """A shared value with its 95 % interval, where the covariate is at its mean."""
-        half = _T95 * self.deviation[name]
+        half = TWO_SIDED * self.deviation[name]
         return Estimate(self.shared[name], self.shared[name] - half, self.shared[name] + half)
 
     def slope(self, name: str) -> Estimate:
         """By how much it changes with one of the covariate, in the covariate's own unit."""
-        value, half = self.slopes[name], _T95 * self.deviation[slope_name(name)]
+        value, half = self.slopes[name], TWO_SIDED * self.deviation[slope_name(name)]
         value, half = value / self.level.spread, half / self.level.spread
         return Estimate(value, value - half, value + half)
 
@@ -178,20 +177,7 @@ def fitted(
     runs, tolerance = (_MOST_RUNS, 1e-9) if in_earnest else (_SET.on_the_way, 1e-5)
 
     def solved(begin: Array, worth: float) -> Array:
-        prior = np.zeros((len(places), len(begin)))
-        prior[np.arange(len(places)), places] = worth / sure
-        return np.asarray(
-            least_squares(
-                lambda theta: np.concatenate([rows_of(theta)[0], worth * (theta[places] - middle) / sure]),
-                begin,
-                jac=lambda theta: np.vstack([rows_of(theta)[1], prior]),
-                x_scale="jac",
-                ftol=tolerance,
-                xtol=tolerance,
-                gtol=1e-2 * tolerance,
-                max_nfev=runs,
-            ).x
-        )
+        return least_squares_beside(rows_of, begin, places, middle, sure / worth, tolerance=tolerance, runs=runs)
 
     theta = solved(origin, 1.0)
     worth = worth_of(rows_of(theta)[0])

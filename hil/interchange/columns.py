@@ -1,0 +1,22 @@
+"""Columns of a record from elsewhere, written as a capture."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.records.atomic import replacing
+from hil.records.layout import Layout
+from hil.records.stream import BlockWriter
+
+
+def write_columns(target: Path, layout: Layout, columns: Mapping[str, npt.NDArray[np.float64]]) -> None:
+    """Write the capture `target`, whole or not at all: the columns of `layout`, (n,) each, and ticks from 0 on."""
+    rows = np.empty(len(next(iter(columns.values()))), layout.dtype)
+    rows["tick"] = np.arange(rows.size)
+    for name, values in columns.items():
+        rows[name] = values
+    with replacing(target) as temporary, BlockWriter(temporary, layout) as writer:
+        writer.push(rows)
+        writer.close()
