@@ -76,7 +76,8 @@ def print_before_and_after(circle: "Circle") -> None:
     print("\nthe loop without it and with it")
     Console(highlight=False, soft_wrap=True).print(table)
     if any("machine" in result.parts and result.parts["machine"].against for result in results):
-        print("this machine was too slow for its part; that is told apart from the model's, below")
+        print("this machine was too slow for its part: the loop was open in between, and the angle errors above do not")
+        print("compare the models; that part is told apart from the model's, below")
     print()
 
 

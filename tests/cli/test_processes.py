@@ -162,9 +162,13 @@ def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path
     before, after = (
         float(number) for number in re.findall(r"([\d.e-]+) rad(?: |$)", line_with(out, "angle error, rms"))
     )
-    # A loop that is open for a good part of the time has errors of its own beside those of the model.
-    share = answers["in_time"] / answers["ticks"]
-    assert after < before / (5.0 if share > 0.8 else 2.0) or share < 0.5
+    # A loop that is open for a part of the time has errors of its own beside those of the model: then nothing is claimed.
+    (first,) = (tmp_path / "runs").glob("*-busy-before")
+    earlier = json.loads((first / "result.json").read_text(encoding="utf-8"))
+    slow = "failed" in (parts["machine"]["outcome"], earlier["parts"]["machine"]["outcome"])
+    assert slow == ("do not\ncompare the models" in out)
+    share = min(of["in_time"] / of["ticks"] for of in (answers, earlier["answers"]))
+    assert (slow and share < 0.8) or after < before / 5.0
     if parts["machine"]["outcome"] == "good":
         assert parts["model"]["outcome"] == "complete"
     elif (
