@@ -162,7 +162,7 @@ def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path
     before, after = (
         float(number) for number in re.findall(r"([\d.e-]+) rad(?: |$)", line_with(out, "angle error, rms"))
     )
-    # A loop that is open for a part of the time has errors of its own beside those of the model: then nothing is claimed.
+    # A loop that is open for a part of the time has errors of its own beside those of the model: nothing is claimed.
     (first,) = (tmp_path / "runs").glob("*-busy-before")
     earlier = json.loads((first / "result.json").read_text(encoding="utf-8"))
     slow = "failed" in (parts["machine"]["outcome"], earlier["parts"]["machine"]["outcome"])
