@@ -16,16 +16,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from estimator.errors import ModelError
     from hil.bench import Bench, RateSensorBench
+    from hil.comparison import Comparison
     from hil.errors import InputError
     from hil.library.finished_run import Run
     from hil.library.series import Series
     from hil.library.tracing import Trace
-    from hil.library.verbs import load, load_bench, replay, run, score, trace
+    from hil.library.verbs import diff, load, load_bench, replay, run, score, trace
     from hil.loop.run import Interrupted
     from hil.wire.errors import WireError
 
 __all__ = [
     "Bench",
+    "Comparison",
     "InputError",
     "Interrupted",
     "ModelError",
@@ -35,6 +37,7 @@ __all__ = [
     "Trace",
     "WireError",
     "__version__",
+    "diff",
     "load",
     "load_bench",
     "replay",
@@ -47,6 +50,7 @@ __version__: str
 
 _HOMES = {
     "Bench": "hil.bench",
+    "Comparison": "hil.comparison",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
     "ModelError": "estimator.errors",
@@ -55,6 +59,7 @@ _HOMES = {
     "Series": "hil.library.series",
     "Trace": "hil.library.tracing",
     "WireError": "hil.wire.errors",
+    "diff": "hil.library.verbs",
     "load": "hil.library.verbs",
     "load_bench": "hil.library.verbs",
     "replay": "hil.library.verbs",

@@ -6,6 +6,7 @@ import typer
 
 from hil.cli.check import check
 from hil.cli.demo import demo
+from hil.cli.diff import diff
 from hil.cli.doctor import doctor
 from hil.cli.emulate import emulate
 from hil.cli.export import export
@@ -46,5 +47,8 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (demo, run, record, emulate, doctor, init, replay, trace, score, ls, show, check, import_, export, key):
+VERBS = (
+    demo, run, record, emulate, doctor, init, replay, trace, score, ls, show, diff, check, import_, export, key,
+)  # fmt: skip
+for verb in VERBS:
     app.command(verb.__name__.rstrip("_"))(verb)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from estimator.backend import Backend
 from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench import load_bench as bench_at
+from hil.comparison import Comparison
 from hil.emulation import is_emulated, located
 from hil.errors import InputError, printable
 from hil.examples import find
@@ -163,6 +164,16 @@ def score(run: Run | Path | str, truth: Path | str) -> Run:
     place = run.path if isinstance(run, Run) else Path(run)
     compare(place, Path(truth))
     return _run_at(place)
+
+
+def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison:
+    """Two runs, or two traces, side by side: figures with the difference b − a and its uncertainty (95 %), and the keys
+    of the bench files that differ.
+    """
+    from hil.comparison import compare
+
+    first, second = (one.path if isinstance(one, Run | Trace) else Path(one) for one in (a, b))
+    return compare(first, second)
 
 
 def _run_at(folder: Path | None) -> Run:

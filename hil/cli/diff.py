@@ -1,0 +1,101 @@
+"""``hil diff``: two runs, or two traces, side by side."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hil.cli.options import Json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hil.comparison import Comparison, Figure
+
+First = Annotated[Path, typer.Argument(metavar="A", help="Folder of a run or a trace, or `last`, the newest run.")]
+Second = Annotated[Path, typer.Argument(metavar="B", help="Another of the same kind.")]
+
+
+def diff(a: First, b: Second, json: Json = False) -> None:
+    """Show two runs, or two traces, side by side.
+
+    Of each figure the difference, B less A, with its uncertainty (95 %) where one is known, `apart` where it is larger
+    than that; and the keys of the bench files that differ. Exit code 0 when the two could be compared.
+
+    Examples:
+
+    \b
+      hil diff runs/20250314-092653-s-slow last
+      hil diff runs/before-trace runs/after-trace --json
+    """
+    from hil.cli.files import run_folder
+    from hil.cli.show import print_json
+    from hil.comparison import compare
+
+    found = compare(run_folder(a), run_folder(b))
+    if json:
+        print_json(found.as_json())
+    else:
+        _print(found)
+
+
+def _print(found: "Comparison") -> None:
+    from rich.console import Console
+
+    from hil.errors import printable
+
+    console = Console(highlight=False, soft_wrap=True)
+    for letter, place, verdict in (("A", found.a, found.verdict_a), ("B", found.b, found.verdict_b)):
+        console.print(printable(f"{letter}  {place}  {verdict or 'no verdict'}"), markup=False)
+    if found.same_record:
+        console.print("one record: an uncertainty is the most it can be")
+    console.print()
+    console.print(_figures(found))
+    console.print()
+    if not found.bench:
+        console.print("bench files: the same")
+        return
+    console.print("bench files")
+    for key in found.bench:
+        told = f"  {key.name}: {_value(key.a)} → {_value(key.b)}"
+        console.print(printable(told), markup=False)
+
+
+def _figures(found: "Comparison") -> "Table":
+    from rich.table import Table
+    from rich.text import Text
+
+    from hil.errors import printable
+
+    table = Table("", box=None, pad_edge=False, header_style="dim")
+    for heading in ("A", "B", "B − A"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    table.add_column("", style="yellow")
+    for one in found.figures:
+        unit = Text(printable(one.unit))
+        table.add_row(Text(printable(one.name)), *_cells(one), unit, "apart" if one.apart else "")
+    return table
+
+
+def _cells(one: "Figure") -> tuple[str, str, str]:
+    from hil.report.numbers import plus_minus
+
+    difference, u = one.difference, one.uncertainty
+    if difference is None:
+        told = ""
+    elif u is None or u == 0.0:
+        told = f"{difference:+.3g}" if difference else "0"
+    else:
+        told = plus_minus(difference, u)
+    return _number(one.a), _number(one.b), told
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.7g}"
+
+
+def _value(value: Any) -> str:
+    from hil.bench.toml import toml_value
+
+    return "not given" if value is None else toml_value(value)
