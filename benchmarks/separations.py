@@ -1,9 +1,9 @@
 """Do experiments tell look-alikes apart?  Calm devices that leave several accounts, and `hil trace --live` on each.
 
-A device of the undeclared campaign is run without dither or modulation and traced.  Where the diagnosis lists
-look-alikes that an experiment of the bench would tell apart, the experiments are made on the same emulated board, as
-`--live` makes them, until none is proposed; the last diagnosis must name what was hidden, first.  Devices whose record
-tells everything, or nothing, are counted beside them.
+A device of the undeclared campaign lies still: no rate, no virtual rotation, no dither, no modulation.  Its record is
+traced.  Where the diagnosis lists look-alikes that an experiment of the bench would tell apart, the experiments are made
+on the same emulated board, as `--live` makes them, until none is proposed; the last diagnosis must name what was hidden,
+first.  Devices whose record tells everything, or nothing, are counted beside them.
 
 Results are kept in runs/separations, one file a device; what is there is not run again.  SEPARATIONS_DRAW is another
 draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes.
@@ -35,7 +35,7 @@ from hil.tracing import trace
 
 DRAW = 12
 DEVICES = 30
-SAMPLES = 40_000
+SAMPLES = 20_000
 KEPT = Path("runs/separations")
 KINDS = tuple(name for name, drawable in DRAWABLE.items() if not drawable.slow)
 """A thermometer is beside the wire: its records are imports, and no experiment is made on those."""
@@ -68,7 +68,7 @@ def _orders(draw_number: int) -> Iterator[Order]:
     number = 0
     while True:
         for name in KINDS:
-            yield Order("calm", (name,), number, draw_number)
+            yield Order("still", (name,), number, draw_number)
         number += 1
 
 

@@ -16,6 +16,7 @@ from hil.records.runfolder import RunFolder
 from hil.tracing import Traced, trace
 
 _MARGIN = 1.2  # of the energy's swing under modulation, as a limit
+_LONGER = (1, 2, 4)  # times the duration of the bench file, one after another where a shorter record was in vain
 
 
 @dataclass(frozen=True)
@@ -43,17 +44,21 @@ def separate(
 ) -> tuple[Separated, ...]:
     """Make the experiments that `diagnosis` proposes on the board at `link`, one after another until no pair is left.
 
-    before_run is told in words what will be done, before the board is armed.  Raises InputError or WireError as a run
-    does.
+    Where the one proposed was made and told nothing, all of them are made at once, then for longer; what is left then
+    stays listed. before_run is told in words what will be done, before the board is armed.  Raises InputError or
+    WireError as a run does.
     """
     done: list[Separated] = []
     pairs = separable(diagnosis)
-    tried: set[str] = set()
-    while pairs and (words := pairs[0].separate_by) is not None and words not in tried:
-        tried.add(words)
-        experiment = named(words)
+    made: list[tuple[Experiment, int]] = []
+    while pairs and (step := _next(pairs, made)) is not None:
+        made.append(step)
+        experiment, times = step
+        words = experiment.words if times == 1 else f"{experiment.words}, for {times} times as long"
         before_run(words)
-        changed = override(bench, changes(experiment, bench), f"the bench file with the experiment {experiment.name!r}")
+        changed = override(
+            bench, changes(experiment, bench, times), f"the bench file with the experiment {experiment.name!r}"
+        )
         folder = run(changed, link, out, note=f"experiment: {words}", progress=progress).folder
         assert folder is not None  # only a dry run leaves none
         traced = trace(RunFolder(folder).capture_path, changed, out, fraction=fraction, progress=progress)
@@ -62,6 +67,15 @@ def separate(
         done.append(Separated(words, folder, traced, apart, alike))
         pairs = separable(traced.diagnosis)
     return tuple(done)
+
+
+def _next(pairs: list[Confusable], made: list[tuple[Experiment, int]]) -> tuple[Experiment, int] | None:
+    """The experiment to make, and for how many times the duration; None where all was in vain."""
+    words = pairs[0].separate_by
+    assert words is not None  # as `separable` chose them
+    everything = EXPERIMENTS[-1]
+    steps = [(named(words), 1), *((everything, times) for times in _LONGER)]
+    return next((step for step in steps if step not in made), None)
 
 
 def separable(diagnosis: Diagnosis) -> list[Confusable]:
@@ -78,8 +92,10 @@ def named(words: str) -> Experiment:
     raise InputError(f"experiment {words!r}: not one that a run can make; make it by hand and trace the record")
 
 
-def changes(experiment: Experiment, bench: Bench) -> dict[str, dict[str, Any]]:
-    """The experiment in keys of the bench file; what the bench file does already stays where it is more."""
+def changes(experiment: Experiment, bench: Bench, times: int = 1) -> dict[str, dict[str, Any]]:
+    """The experiment in keys of the bench file, for so many times its duration; what the bench file does already stays
+    where it is more.
+    """
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
     given = bench.controller
     rotation = max(abs(given.virtual_rotation_rad_s), experiment.virtual * omega0)
@@ -92,7 +108,10 @@ def changes(experiment: Experiment, bench: Bench) -> dict[str, dict[str, Any]]:
     }
     energy = max(bench.limits.energy_error, _MARGIN * ((1.0 + swing) ** 2 - 1.0))
     name = f"{bench.loop.name.removesuffix('-trace')}-{experiment.name}"
-    return {"controller": controller, "limits": {"energy_error": energy}, "loop": {"name": name}}
+    loop: dict[str, Any] = {"name": name}
+    if times > 1:
+        loop["duration_s"] = times * bench.loop.duration_s
+    return {"controller": controller, "limits": {"energy_error": energy}, "loop": loop}
 
 
 def _alike(pair: Confusable, diagnosis: Diagnosis) -> bool:

@@ -52,12 +52,14 @@ def draw(order: Order, samples: int) -> Drawn:
     """The device of `order`, for a record of so many samples."""
     rng = np.random.default_rng(order.seed)
     drawables = [EFFECTS[name] for name in order.effects]
-    excited = order.category != "calm"
+    excited = order.category not in ("calm", "still")
     thermal = any(drawable.slow for drawable in drawables)
     device = draw_device(rng, crest=1.3 if excited else 1.0, slow=thermal)
     duration_s = samples / device.sample_rate_Hz
     rate = draw_rate(rng, device, duration_s)
     turning = excited or bool(rng.random() < 0.5)
+    if order.category == "still":  # on the table: nothing turns, neither the device nor its pattern
+        rate, turning = {"kind": "constant", "rate_rad_s": 0.0}, False
     hidden = [drawable.draw(rng, device) for drawable in drawables]
     table = scenario_table(device, rate, order.seed)
     for what in hidden:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -48,6 +49,30 @@ def test_only_what_an_experiment_would_tell_apart_is_tried() -> None:
     assert len(separable(alike(EXPERIMENTS[0].words))) == 1
     with pytest.raises(InputError, match="make it by hand"):
         named("wait for rain")
+
+
+def test_what_an_experiment_did_not_tell_takes_all_of_them_and_then_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a bench on which nothing ever tells the pair apart: each step once, and an end."""
+    bench = load_bench(find("bench", "s-slow"))
+    words = EXPERIMENTS[0].words
+    durations: list[float] = []
+
+    def run_of(changed, link, out, *, note, progress):
+        durations.append(changed.loop.duration_s / bench.loop.duration_s)
+        return SimpleNamespace(folder=Path("run"))
+
+    monkeypatch.setattr("hil.separate.run", run_of)
+    monkeypatch.setattr("hil.separate.trace", lambda *given, **named: SimpleNamespace(diagnosis=alike(words)))
+    told: list[str] = []
+    made = separate(
+        alike(words), bench, "inproc:none", Path("runs"), fraction=None, before_run=told.append,
+        progress=lambda _: None,
+    )  # fmt: skip
+    everything = EXPERIMENTS[-1].words
+    longer = [f"{everything}, for {times} times as long" for times in (2, 4)]
+    assert told == [words, everything, *longer] == [one.experiment for one in made]
+    assert durations == [1.0, 1.0, 2.0, 4.0]
+    assert all(one.still_alike and not one.apart for one in made)
 
 
 @pytest.mark.slow
