@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hil.library.finished_run import Run
     from hil.library.series import Series
     from hil.library.tracing import Trace
-    from hil.library.verbs import diff, load, load_bench, replay, run, score, trace
+    from hil.library.verbs import diff, export, load, load_bench, replay, run, score, trace
     from hil.loop.run import Interrupted
     from hil.wire.errors import WireError
 
@@ -38,6 +38,7 @@ __all__ = [
     "WireError",
     "__version__",
     "diff",
+    "export",
     "load",
     "load_bench",
     "replay",
@@ -60,6 +61,7 @@ _HOMES = {
     "Trace": "hil.library.tracing",
     "WireError": "hil.wire.errors",
     "diff": "hil.library.verbs",
+    "export": "hil.library.verbs",
     "load": "hil.library.verbs",
     "load_bench": "hil.library.verbs",
     "replay": "hil.library.verbs",

@@ -2,9 +2,12 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from hil.bench.section import Fraction, NotNegative, Positive, Section
+from hil.records.run_name import RUN_NAME, checked_name
+
+RunName = Annotated[str, AfterValidator(checked_name), Field(json_schema_extra={"pattern": RUN_NAME})]
 
 
 class Link(Section):
@@ -43,7 +46,7 @@ class Loop(Section):
     covariance_every: Annotated[int, Field(ge=1)] | None = None
     """every how many samples the whole covariance of the estimates is recorded, a multiple of estimate_every, in gain
     mode of block too; without it about ten times a second"""
-    name: str = Field(default="run", pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    name: RunName = "run"
     """last part of the run folder's name"""
 
     @model_validator(mode="after")

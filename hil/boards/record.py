@@ -11,7 +11,7 @@ import numpy as np
 from hil.boards.adapter import Adapter, Port
 from hil.boards.ticks import TickCounter
 from hil.progress import Progress, Watcher
-from hil.records.atomic import make_run_folder
+from hil.records.atomic import make_run_folder, require_name
 from hil.records.layout import Layout
 from hil.records.rates import rates_layout, sensor_figures
 from hil.records.result import Result, Sensor, save_result
@@ -53,6 +53,7 @@ def record(
     nothing, when the port cannot be opened or no datagram comes; KeyboardInterrupt is passed on after the record is
     closed.
     """
+    require_name(name)
     with closing(open_serial(port.path, port.baud)) as serial:
         stream = _Stream(port.adapter, serial)
         stream.begin(link)

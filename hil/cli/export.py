@@ -1,41 +1,61 @@
-"""``hil export``: a capture in a form other programs read."""
+"""``hil export``: what a run recorded and estimated, in a form other programs read."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from hil.cli.options import CaptureArgument, Json
 
-Format = Annotated[Literal["csv", "parquet"], typer.Option("--to", help="Format of the file.")]
+Format = Annotated[
+    str | None,
+    typer.Option("--to", help="Format: csv, parquet, mat or mcap.  [default: by the name of --out, or csv]"),
+]
+What = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--what",
+        help="Table: capture, estimates, angle, rate, innovation or force; of mat and mcap repeatable.  "
+        "[default: capture; of mat and mcap all there is]",
+    ),
+]
 Target = Annotated[
     Path | None,
-    typer.Option("--out", "-o", help="File to write.  [default: the record's name and the format]"),
+    typer.Option("--out", "-o", help="File to write.  [default: the record's name, the table and the format]"),
 ]
 
 
-def export(capture: CaptureArgument, to: Format = "csv", out: Target = None, json: Json = False) -> None:
-    """Write a capture, or the missing force of a trace, as CSV or Parquet.
+def export(
+    capture: CaptureArgument, to: Format = None, what: What = None, out: Target = None, json: Json = False
+) -> None:
+    """Write a run's capture, estimates, angle, rate or innovation as CSV, Parquet, MAT or MCAP.
 
-    Values are in seconds, volts and the drive's unit; CSV reads back with `hil import`. Those of a missing force
-    (force.arrow of a trace) are SI, per mass.
+    Values are SI, uncertainties beside them. CSV and Parquet hold one table; MAT has a struct for each, MCAP a topic,
+    for PlotJuggler and Foxglove. A capture as CSV reads back with `hil import`. Of a trace, its missing force.
 
     Examples:
 
     \b
       hil export runs/first --to csv -o first.csv
+      hil export last --what angle --to parquet
+      hil export last --to mat -o first.mat
+      hil export last -o first.mcap
       hil export silverbox.arrow --to parquet
       hil export runs/first-trace/force.arrow --to csv
     """
-    from hil.cli.files import capture_in, fresh
+    from hil.cli.files import fresh, run_folder
     from hil.cli.show import print_json, say
-    from hil.interchange.exporter import export_force, export_record
-    from hil.records.force import is_force
+    from hil.interchange.exporter import FORMATS
+    from hil.interchange.exporter import export as write
 
-    target = fresh(out or Path(f"{capture.resolve().stem}.{to}"))
-    place = capture_in(capture)
-    rows = export_force(place, target, to) if is_force(place) else export_record(place, target, to)
+    place = run_folder(capture).resolve()
+    ending = "" if out is None else out.suffix.removeprefix(".")
+    to = to or next((known for known in FORMATS if known == ending), "csv")
+    named = "".join(f"-{one}" for one in what or ())
+    target = fresh(out or Path(f"{place.name if place.is_dir() else place.stem}{named}.{to}"))
+    rows = write(place, target, to, what or ())
     if json:
-        print_json({"file": str(target), "rows": rows})
+        print_json({"file": str(target), "rows": sum(rows.values()), "tables": rows})
     else:
-        say(f"{target}: {rows} rows")
+        told = ", ".join(f"{count} rows of {name}" for name, count in rows.items())
+        say(f"{target}: {told}")

@@ -47,7 +47,7 @@ class Run:
     @cached_property
     def capture(self) -> Series:
         """What was sensed and driven: `vx_V`, `vy_V`, `ux_…`, `uy_…`, and reference rate and temperature if any."""
-        from hil.interchange.exporter import channels
+        from hil.interchange.exported import channels
 
         capture = self._there(self._folder.capture, "capture.arrow")
         columns = channels(capture)

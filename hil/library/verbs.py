@@ -7,7 +7,7 @@ one line that names the place and the cure.
 
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -164,6 +164,24 @@ def score(run: Run | Path | str, truth: Path | str) -> Run:
     place = run.path if isinstance(run, Run) else Path(run)
     compare(place, Path(truth))
     return _run_at(place)
+
+
+def export(
+    record: Run | Trace | Path | str, target: Path | str, *, to: str | None = None, what: str | Sequence[str] = ()
+) -> Path:
+    """Write what a run recorded and estimated, or the missing force of a trace, to `target`, which must not exist.
+
+    to: csv, parquet, mat or mcap, by default as the name of `target` ends.  what: capture, estimates, angle, rate,
+    innovation or force, of mat and mcap several; by default the capture, of mat and mcap all there is.
+    """
+    from hil.interchange.exporter import export as write
+
+    file = Path(target)
+    if file.exists():
+        raise InputError(f"{file}: exists already; give another name, or remove it")
+    place = record.path if isinstance(record, Run | Trace) else Path(record)
+    write(place, file, to or file.suffix.removeprefix("."), (what,) if isinstance(what, str) else what)
+    return file
 
 
 def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison:

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from hil.errors import InputError
+from hil.records.run_name import checked_name
 
 _MOST_BYTES = 1 << 26
 
@@ -78,8 +79,17 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def require_name(name: str) -> None:
+    """InputError where no run folder can be called `name`."""
+    try:
+        checked_name(name)
+    except ValueError as error:
+        raise InputError(f"--name: {error}") from None
+
+
 def make_run_folder(out: Path, name: str) -> Path:
     """A new folder `<time>-<name>` below `out`; a name that is taken gets a number. Raises InputError."""
+    require_name(name)
     stamp = time.strftime("%Y%m%d-%H%M%S")
     for attempt in range(1000):
         folder = out / (f"{stamp}-{name}" + (f"-{attempt + 1}" if attempt else ""))

@@ -14,7 +14,7 @@ from hil import cli
 from hil.boards.adapter import find_port
 from hil.boards.record import record
 from hil.errors import InputError
-from hil.interchange.exporter import channels
+from hil.interchange.exported import channels
 from hil.progress import Progress
 from hil.records.capture import Capture, read_capture
 from hil.records.rates import rates_rad_s

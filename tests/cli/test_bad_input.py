@@ -10,6 +10,8 @@ import pytest
 
 from hil.cli import execute
 from hil.examples import find
+from tests.cli.conftest import Hil
+from tests.cli.test_errors import refused
 from tests.loop.gyro import scenario
 from tests.records.synthetic_run import Options, write_run
 
@@ -196,3 +198,27 @@ def test_a_bench_that_nobody_can_mean(tmp_path: Path, capsys: pytest.CaptureFixt
     bench = bench_with(tmp_path, old, new)
     run = ["run", bench, "--link", "inproc:s-slow", "--clock", "lockstep", "--out", str(tmp_path / "runs")]
     assert_one_plain_line(*told(capsys, *run))
+
+
+@pytest.mark.parametrize("name", ["a/b", "../a", "a\nb", "ä", "-a", "", "a b", "n" * 101])
+def test_a_name_that_no_folder_has_is_refused_in_words(hil: Hil, tmp_path: Path, name: str) -> None:
+    link = ("--link", "inproc:s-slow", "--clock", "lockstep")
+    record = tmp_path / "record"
+    write_run(record, Options(seconds=2.0))
+    before = sorted(tmp_path.rglob("*"))
+    for verb in (
+        ("run", "s-slow", *link),
+        ("replay", str(record), "--bench", "s-slow"),
+        ("trace", str(record), "--bench", "s-slow"),
+        ("demo",),
+        ("demo", "--gain-mode"),
+        ("record", "stim300:/dev/null"),
+    ):
+        if verb[0] in ("replay", "trace", "demo", "record") and not name:
+            continue  # an empty one is none: the default
+        line = refused(hil(*verb, f"--name={name}"))
+        assert "name" in line
+        assert "pattern" not in line
+        assert "^" not in line
+        assert line.endswith(("a letter or digit first", "has 100 at most")), line
+    assert sorted(tmp_path.rglob("*")) == before

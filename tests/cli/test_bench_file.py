@@ -98,7 +98,10 @@ def test_offset_deviation_comes_from_the_data_sheet_unless_overridden(tmp_path: 
             "[observer] variant: 'ful' is not one of full, gyro, sense; did you mean full?",
         ),
         ("[loop]\nseed = 1.5", "[loop] seed: expected a whole number, not 1.5"),
-        ("[loop]\nname = 'a/b'", "[loop] name: 'a/b' should match pattern '^[A-Za-z0-9][A-Za-z0-9._-]*$'"),
+        (
+            "[loop]\nname = 'a/b'",
+            "[loop] name: 'a/b' is no name of a run; take letters, digits, '.', '-', '_', a letter or digit first",
+        ),
         ("[loop]\nsettle_s = 30", "[loop] settle_s: 30 s leaves nothing to score of duration_s = 30 s"),
         ("[controller]\nenabled = 1", "[controller] enabled: expected true or false, not 1"),
         ("[link]\nwatchdog_s = 1e-4", "[link] watchdog_s: shorter than two samples (0.0005 s)"),

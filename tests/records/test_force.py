@@ -11,7 +11,7 @@ from estimator.missing_force.surfaces import fast, slow
 from estimator.settings import ObserverSettings
 from estimator.trace.diagnosis import Interval, Verdict
 from hil.errors import InputError
-from hil.interchange.exporter import export_force
+from hil.interchange.exporter import export
 from hil.records import force as records
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.report.diagnosis import write_report
@@ -44,7 +44,7 @@ def test_the_table_says_what_the_force_is_and_leaves_lost_samples_empty(tmp_path
     force, path = cubic(), tmp_path / "force.arrow"
     records.save_force(path, force)
     assert records.is_force(path)
-    assert export_force(path, tmp_path / "force.csv", "csv") == N
+    assert export(path, tmp_path / "force.csv", "csv") == {"force": N}
     table = pa_csv.read_csv(tmp_path / "force.csv").to_pydict()
     assert list(table) == [
         "t_s", "x_m", "y_m", "vx_mps", "vy_mps", "ux_mps2", "uy_mps2", "fx_mps2", "fx_sd_mps2", "fy_mps2", "fy_sd_mps2",

@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat
 
 from hil.errors import InputError
-from hil.interchange.exporter import export_record
+from hil.interchange.exporter import export
 from hil.interchange.importer import import_record
 
 VECTORS = """\
@@ -101,7 +101,7 @@ def test_steady_states_of_one_sensor(bring, tmp_path):
     np.testing.assert_allclose(capture.rate_rad_s, np.pi * np.array([1.0, 0.5, -0.5]))
     np.testing.assert_allclose(capture.sense_V[:, 0], [1.0, 0.5, -0.5])
     assert capture.segments == {"train": (0, 2), "test": (2, 3)}
-    export_record(tmp_path / "record.arrow", tmp_path / "back.csv", "csv")
+    export(tmp_path / "record.arrow", tmp_path / "back.csv", "csv")
     assert len((tmp_path / "back.csv").read_text().splitlines()) == 4
 
 

@@ -1,0 +1,15 @@
+"""What a run may be called: its folder is named so, on every file system and in every shell."""
+
+import re
+
+RUN_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+_MOST = 100
+
+
+def checked_name(name: str) -> str:
+    """`name` itself.  Raises ValueError in words where no folder should be called so."""
+    if re.fullmatch(RUN_NAME[1:-1], name) is None:
+        raise ValueError(f"{name!r} is no name of a run; take letters, digits, '.', '-', '_', a letter or digit first")
+    if len(name) > _MOST:
+        raise ValueError(f"a name of {len(name)} letters; a run's has {_MOST} at most")
+    return name
