@@ -11,7 +11,8 @@ _SET = THRESHOLDS.start
 
 
 def begin_about(observer: Observer, previous: Observer) -> None:
-    """Give a new observer's constants the covariance `previous` ended with, widened; not the rate, which moves.
+    """Give a new observer's constants the covariance `previous` ended with, widened; of the rate, which moves, without
+    what it shared with them.
 
     The new observer carries what the previous one did, and may carry more behind.
     """

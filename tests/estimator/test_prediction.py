@@ -98,3 +98,29 @@ def test_a_gain_that_has_no_covariance_is_replaced(
 ) -> None:
     made, _ = runs(monkeypatch, 2000, ObserverSettings(memory=0.01, gain=gain))
     assert made.settings.gain is runs_with
+
+
+def test_a_free_run_is_told_where_on_the_record_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Around the split, 100 000 samples to either side; an effect that wanes does so from the record's own start."""
+    began: list[Any] = []
+    begin_at = prediction._begin_at
+    runs(monkeypatch, 2000, ObserverSettings(memory=0.01))  # the parts' stubs
+    monkeypatch.setattr(prediction, "_begin_at", lambda of, record, first: began.append((len(record), first)))
+    for samples, split, first in ((2000, 1000, 0), (260_000, 130_000, 30_000)):
+        record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1 / RATE))
+        errors = prediction.free_run_error(Problem(record, DEVICE, ObserverSettings(memory=0.01)), split)
+        assert began[-1] == (samples, first)
+        told = np.flatnonzero(np.isfinite(errors[:, 0]))
+        assert first < told[0] <= first + 200
+        assert told[-1] < min(split + 100_000, samples)
+    steps = np.array([0.5, 0.25, 0.125, 1.0])
+    of: Any = SimpleNamespace(memory={"time": 0.0}, scaling=SimpleNamespace(omega0=3.0), first_temperature=None)
+    for channels, first in (({}, None), ({"temperature": np.zeros(0)}, None), ({"temperature": np.array([21.0, 9.0])}, 21.0)):
+        begin_at(of, Record(np.zeros((4, 1)), np.zeros((4, 1, 1)), steps, channels), 2)
+        assert of.memory["time"] == 3.0 * 0.75  # in units of 1/ω0
+        assert of.first_temperature == first
+
+
+def test_a_short_record_is_followed_for_one_sample_at_least(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, _ = runs(monkeypatch, 7, ObserverSettings(memory=0.5))
+    assert made.seen == [(0, 1, 1.0)]

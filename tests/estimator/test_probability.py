@@ -5,8 +5,19 @@ import math
 import pytest
 
 from estimator.trace.criterion import TIE
+from estimator.trace.engine import Outcome, Round, Score, Tried
 from estimator.trace.nameless import Contest
-from estimator.trace.probability import NOTHING, OTHER, Account, beside_nothing, classes, doubted, nearest
+from estimator.trace.probability import (
+    NOTHING,
+    OTHER,
+    Account,
+    beside_nothing,
+    classes,
+    doubted,
+    nearest,
+    of_rounds,
+    stated,
+)
 
 WHITE = Contest(named=900.0, nameless=0.0, both=900.0, samples=40_000)
 SURE = Account(NOTHING, 900.0)
@@ -100,3 +111,51 @@ def test_without_a_contest_nothing_is_said_for_something_else() -> None:
     assert of(Account("sense_gain", 0.0), SURE, contest=None)[OTHER] == pytest.approx(0.0, abs=1e-12)
     lost = Contest(named=-math.inf, nameless=900.0, both=-math.inf, samples=40_000)
     assert of(Account("sense_gain", 0.0), SURE, contest=lost)[OTHER] > 0.999
+
+
+def asked(taken, *tried):
+    """A round in which these were carried, by gain and price, None without a model; the rest is only promised."""
+    carried = tuple(
+        Tried(name, Outcome.BEATEN, "", None if worth is None else Score(0.0, *worth, 0.0), {}) for name, worth in tried
+    )
+    return Round({"a": 7.0, "b": 5.0, "c": -2.0}, carried, taken)
+
+
+def test_of_each_round_all_that_was_asked_is_accounted_for_by_who_was_taken() -> None:
+    """Gains less prices where there is a model, else what is promised; the last round, where nobody is, says nothing."""
+    rounds = [asked("a", ("a", (50.0, 8.0)), ("b", (31.0, 9.0)), ("d", None)), asked("c", ("c", (20.0, 1.0))), asked(None)]
+    found = of_rounds(rounds, lambda look: look)
+    assert set(found) == {"a", "c"}
+    assert {one.name: one.deficit for one in found["a"]} == {NOTHING: 42.0, "a": 0.0, "b": 20.0, "c": 44.0}
+    assert {one.name: one.deficit for one in found["c"]} == {NOTHING: 19.0, "a": 12.0, "b": 14.0, "c": 0.0}
+
+
+def test_where_nobody_was_taken_the_first_round_is_accounted_for_beside_nothing() -> None:
+    found = of_rounds([asked(None, ("b", (31.0, 9.0))), asked(None, ("c", (99.0, 1.0)))], lambda look: look)
+    assert {one.name: one.deficit for one in found[None]} == {NOTHING: 0.0, "a": -7.0, "b": -22.0, "c": 2.0}
+
+
+def test_an_account_far_ahead_or_behind_has_a_finite_weight() -> None:
+    assert Account("a", -1e9).weight == math.exp(300.0)
+    assert Account("a", 1e9).weight == 0.0
+    assert Account("a", 4.0, 0.5).weight == pytest.approx(math.exp(-2.0))
+
+
+def test_a_part_named_out_of_several_is_told_by_what_it_is_called() -> None:
+    accounts = {"drive_gain:1": (Account("drive_gain", 0.0), SURE), "other": (SURE,)}
+    (told,) = stated(accounts, {"drive_gain:1": "drive_gain", "gone": "gone"}, {"drive_gain"}, None, is_open=True)
+    assert told.effect == "drive_gain"
+    assert told.probabilities[OTHER] == pytest.approx(20.0 / 21.0)
+    doubtful = Account("drive_gain", -90.0), Account("drag", 0.0), SURE
+    (said,) = stated({"drag": doubtful}, {"drag": "drag"}, {"drive_gain"}, None, is_open=False)
+    assert said.probabilities["drag"] == pytest.approx(20.0 / 21.0)  # behind by odds of twenty, at least
+
+
+def test_a_force_in_place_of_nothing_named_is_only_asked_for_what_it_does_beside_it() -> None:
+    """Where nothing is named, in place of it and beside it are one question and counted once."""
+    may_be_left = -40_000 * math.log(0.98)
+    just = Contest(named=0.0, nameless=may_be_left, both=may_be_left, samples=40_000)
+    assert of(SURE, Account("sense_gain", 0.0), contest=just)[OTHER] == pytest.approx(1.0 / 3.0)
+    even = 1.0 + may_be_left  # in place of a name it does as well as both, and beside it as much as may be left
+    twice = Contest(named=1.0, nameless=even, both=even, samples=40_000)
+    assert of(SURE, Account("sense_gain", 0.0), contest=twice)[OTHER] == pytest.approx(0.5)
