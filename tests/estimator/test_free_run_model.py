@@ -142,7 +142,7 @@ def test_candidates_are_asked_that_are_neither_carried_nor_barred(monkeypatch: p
     monkeypatch.setattr(free_run_model, "promises_of", lambda *given: asked.append(given))
     current = run_of(np.zeros((N, 1)), "drag", "given")
     model().promise(current, ("line",))
-    ((problem, taken, left, fit, rows),) = asked
+    ((_, taken, left, fit, rows),) = asked
     assert (taken, left, fit, rows) == (("drag", "given"), ["cubic", "friction"], current.fit, slice(0, 300))
 
 

@@ -115,7 +115,8 @@ def test_a_free_run_is_told_where_on_the_record_it_begins(monkeypatch: pytest.Mo
         assert told[-1] < min(split + 100_000, samples)
     steps = np.array([0.5, 0.25, 0.125, 1.0])
     of: Any = SimpleNamespace(memory={"time": 0.0}, scaling=SimpleNamespace(omega0=3.0), first_temperature=None)
-    for channels, first in (({}, None), ({"temperature": np.zeros(0)}, None), ({"temperature": np.array([21.0, 9.0])}, 21.0)):
+    warm, none = np.array([21.0, 9.0]), np.zeros(0)
+    for channels, first in (({}, None), ({"temperature": none}, None), ({"temperature": warm}, 21.0)):
         begin_at(of, Record(np.zeros((4, 1)), np.zeros((4, 1, 1)), steps, channels), 2)
         assert of.memory["time"] == 3.0 * 0.75  # in units of 1/ω0
         assert of.first_temperature == first

@@ -122,8 +122,9 @@ def asked(taken, *tried):
 
 
 def test_of_each_round_all_that_was_asked_is_accounted_for_by_who_was_taken() -> None:
-    """Gains less prices where there is a model, else what is promised; the last round, where nobody is, says nothing."""
-    rounds = [asked("a", ("a", (50.0, 8.0)), ("b", (31.0, 9.0)), ("d", None)), asked("c", ("c", (20.0, 1.0))), asked(None)]
+    """Gains less prices where there is a model, else what is promised; a last round without any says nothing."""
+    first = asked("a", ("a", (50.0, 8.0)), ("b", (31.0, 9.0)), ("d", None))
+    rounds = [first, asked("c", ("c", (20.0, 1.0))), asked(None)]
     found = of_rounds(rounds, lambda look: look)
     assert set(found) == {"a", "c"}
     assert {one.name: one.deficit for one in found["a"]} == {NOTHING: 42.0, "a": 0.0, "b": 20.0, "c": 44.0}

@@ -18,9 +18,7 @@ SETTINGS = ObserverSettings(
     gain=Gain.EKF, spread=Spread(stiffness=0.01, damping=0.5, offset=0.01, rate=0.7), effects={"drag": {"dqx": 1.0}}
 )
 MORE = replace(SETTINGS, effects={**SETTINGS.effects, "drive_gain": {"hx": 0.1}})
-SINGLE = replace(
-    DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(890.0,), noise=(1e-4,)
-)
+SINGLE = replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(890.0,), noise=(1e-4,))
 
 
 def ended(settings: ObserverSettings, device: Device = DEVICE) -> Observer:

@@ -45,7 +45,8 @@ def watched(seen: Record, device: Device = GYRO, innovation: Array = WHITE, devi
 
 def test_everything_that_needs_nothing_given_is_watched_where_the_device_and_the_record_can_show_it() -> None:
     warm = set(watched(record(temperature=np.linspace(20.0, 30.0, N))))
-    cold, free, single = set(watched(record())), set(watched(record(driven=False))), set(watched(record(axes=1), SINGLE))
+    cold, free = set(watched(record())), set(watched(record(driven=False)))
+    single = set(watched(record(axes=1), SINGLE))
     of_temperature = {effect.name for effect in EFFECTS if effect.name.startswith("temperature_")}
     assert of_temperature
     assert warm - cold == of_temperature
@@ -212,8 +213,7 @@ def own(name: str, tried: tuple[float, ...], *, default: float | None = 1e-5, si
 
 
 def own_watched(*effects: Any) -> dict[str, Any]:
-    device = replace(with_own(Declaration("a", force=("-q*x", ""), coefficients={"q": Coefficient("1/s²")})), own=effects)
-    return watch_list(record(), device, WHITE, np.ones_like(WHITE))
+    return watch_list(record(), replace(GYRO, own=effects), WHITE, np.ones_like(WHITE))
 
 
 def test_values_of_one_s_own_are_tried_in_si_and_without_any_the_default() -> None:
