@@ -213,7 +213,7 @@ def own(name: str, tried: tuple[float, ...], *, default: float | None = 1e-5, si
 
 
 def own_watched(*effects: Any) -> dict[str, Any]:
-    return watch_list(record(), replace(GYRO, own=effects), WHITE, np.ones_like(WHITE))
+    return watch_list(record(), replace(GYRO, own=effects, amplitude=1e-4), WHITE, np.ones_like(WHITE))
 
 
 def test_values_of_one_s_own_are_tried_in_si_and_without_any_the_default() -> None:
