@@ -1,9 +1,9 @@
 """Do experiments tell look-alikes apart?  Calm devices that leave several accounts, and `hil trace --live` on each.
 
 A device of the undeclared campaign lies still: no rate, no virtual rotation, no dither, no modulation.  Its record is
-traced.  Where the diagnosis lists look-alikes that an experiment of the bench would tell apart, the experiments are made
-on the same emulated board, as `--live` makes them, until none is proposed; the last diagnosis must name what was hidden,
-first.  Devices whose record tells everything, or nothing, are counted beside them.
+traced.  Where the diagnosis lists look-alikes that an experiment of the bench would tell apart, the experiments are
+made on the same emulated board, as `--live` makes them, until none is proposed; the last diagnosis must name what was
+hidden, first.  Devices whose record tells everything, or nothing, are counted beside them.
 
 Results are kept in runs/separations, one file a device; what is there is not run again.  SEPARATIONS_DRAW is another
 draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes.
