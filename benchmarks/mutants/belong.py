@@ -72,6 +72,7 @@ _TRACE = {
     "record": "certainty promised closed_forms",
     "rivals": "rivals closed_forms",
     "scan": "scan scan_parts angle_sensitivity",
+    "screening": "screening",
     "selection": "selection",
     "separation": "separation",
     "start": "start fitting closed_forms",

@@ -51,12 +51,12 @@ def leads(model: Fitted, other: Fitted) -> Array:
     return np.array([np.nansum(part) for part in np.array_split(lead, PARTS)])
 
 
-def deficit(model: Fitted, other: Fitted) -> float:
-    """By how much the other is behind, over the whole record or behind its first part, if it is less there: what the
-    observer's start alone tells hangs on how it was linearised.
+def deficit(model: Fitted, other: Fitted, start: int = 1) -> float:
+    """By how much the other is behind, over the whole record or behind its first part, or so many, if it is less there:
+    what the observer's start alone tells hangs on how it was linearised.
     """
     lead = leads(model, other)
-    return float(min(np.sum(lead), np.sum(lead[1:])))
+    return float(min(np.sum(lead), np.sum(lead[start:])))
 
 
 def constants_of(observer: Observer) -> dict[str, float]:
@@ -113,6 +113,7 @@ def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> 
     device = problem.device
     current = replace(problem.settings, gain=Gain.EKF)
     previous = about
+    opening = _opening(problem) if passes > 1 and about is None else problem
     for number in range(passes + (_SET.again if passes > 1 or about is not None else 0)):
         observer = Observer(device, current, problem.controller)
         if not problem.effects and device.axes == 2 and current.variant is Variant.FULL:
@@ -121,9 +122,11 @@ def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> 
             begin_about(observer, previous)
         coefficients = slice(len(observer.x) - len(spread_of_coefficients(observer)), None)
         begun, spread = observer.x[coefficients].copy(), spread_of_coefficients(observer)
-        estimates = run(observer, problem.record)
+        estimates = run(observer, (problem if number else opening).record)
         previous = observer
         if not np.all(np.isfinite(observer.x)):
+            if number == 0 and opening is not problem:
+                return fit(problem, passes=1)
             break
         found = constants_of(observer) | _steady_rate(problem, observer)
         current = replace(current, initial={**current.initial, **found}, effects=coefficients_of(observer))
@@ -131,6 +134,17 @@ def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> 
             break
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)
     return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf)
+
+
+def _opening(problem: Problem) -> Problem:
+    """What a first pass is made of: a part of a long record, where nothing goes with a temperature, which has hardly
+    moved by then.
+    """
+    samples = len(problem.record)
+    enough = max(_SET.opening, round(_SET.opening_share * samples))
+    if enough >= samples or "temperature" in problem.record.channels:
+        return problem
+    return problem.part(slice(0, enough))
 
 
 def _steady_rate(problem: Problem, observer: Observer) -> dict[str, float]:
@@ -141,6 +155,19 @@ def _steady_rate(problem: Problem, observer: Observer) -> dict[str, float]:
     if "rate" not in observer.names or settings.process_noise.rate * np.sqrt(problem.span) >= settings.spread.rate:
         return {}
     return {"rate": float(observer.state[observer.names.index("rate")])}
+
+
+def carried_on(model: Fitted, record: Record) -> Fitted:
+    """The same pass after the samples of `record`, which follow; of the estimates only the innovations are of both, and
+    the observer of `model` is the one that goes on.
+    """
+    later, before = run(model.observer, record), model.estimates
+    innovation = np.concatenate([before.innovation, later.innovation])
+    deviation = np.concatenate([before.innovation_deviation, later.innovation_deviation])
+    sound = np.isfinite(model.likelihood) and np.isfinite(model.observer.x).all()
+    likelihood = log_likelihood(innovation, deviation) if sound else -np.inf
+    estimates = replace(later, innovation=innovation, innovation_deviation=deviation)
+    return Fitted(model.settings, model.observer, estimates, likelihood)
 
 
 def foresight(problem: Problem, seen: int) -> float:

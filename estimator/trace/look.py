@@ -38,10 +38,15 @@ class Look:
 
 
 def look_at(problem: Problem, model: Fitted) -> Look:
-    """Scan what the model leaves: once to see its lines, once with all that may explain it."""
+    """Scan what the model leaves, with all that may explain it; its lines are seen in the innovations of its last pass,
+    or of one with the memory of the bench where the motion got away from that.
+    """
     scanned = problem.under(scanned_with(model, problem.device, problem.settings))
-    base = scan(scanned, {}, model.observer)
-    everything = watch_list(problem.record, problem.device, base.innovation, base.deviation)
+    left, deviation = model.estimates.innovation, model.estimates.innovation_deviation
+    if scanned.settings.gain is not Gain.EKF:
+        base = scan(scanned, {}, model.observer)
+        left, deviation = base.innovation, base.deviation
+    everything = watch_list(problem.record, problem.device, left, deviation)
     watched = fresh(everything, model.settings.effects, problem.span)
     seen = scan(scanned, watched, model.observer)
     return Look(watched, seen, evidence(seen))

@@ -10,13 +10,14 @@ from estimator.effects.catalogue import effect_for
 from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.trace.certainty import TWO_SIDED, covariance_of
-from estimator.trace.criterion import TIE, schwarz, surprise
+from estimator.trace.criterion import schwarz, surprise
 from estimator.trace.engine import Estimate, Score, Trial, leader
-from estimator.trace.fitting import Fitted, coefficients_of, deficit, fit, foresight, parameters_of
+from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.parameters import NOTHING, Searched, refine_parameters
 from estimator.trace.problem import Problem
+from estimator.trace.screening import spoken_for
 from estimator.trace.thresholds import THRESHOLDS
 from estimator.trace.width import hopeful, worth_refining
 
@@ -60,26 +61,21 @@ class ObserverModel:
         def behind() -> Look:
             return tried[leader(tried)].fit.look
 
-        def screened(names: list[str]) -> list[str]:
-            return self._ahead(tried[leader(tried)].fit, leader(tried), names, look)
+        def screened(names: list[str], spared: Collection[str]) -> list[str]:
+            best = leader(tried)
+            effects = tried[best].fit.fitted.settings.effects
+            beside = {name: given for name, given in effects.items() if name != best}
+            return spoken_for(
+                self.problem,
+                effects,
+                beside,
+                {name: {**beside, name: look.watched[name]} for name in names},
+                spared,
+                tried[best].score.gain,
+                self.progress,
+            )
 
         return hopeful(look, {name: trial.score.gain for name, trial in tried.items()}, behind, screened)
-
-    def _ahead(self, best: Carrying, carried: str, names: list[str], look: Look) -> list[str]:
-        """Of these, the ones that explain as much of a short part of the record as the best so far, the most first, and
-        no more than are carried at a time.
-        """
-        part = self.problem.part(slice(0, _SET.screened))
-        effects = {name: dict(given) for name, given in best.fitted.settings.effects.items()}
-        beside = {name: given for name, given in effects.items() if name != carried}
-        asked = [effects, *({**beside, name: look.watched[name]} for name in names)]
-        reached, *others = side_by_side(
-            [partial(fit, part.carrying(one), passes=1) for one in asked],
-            lambda done: self.progress("other kinds", done, len(asked)),
-        )
-        behind = {name: deficit(reached, alone) for name, alone in zip(names, others, strict=True)}
-        near = sorted((name for name in names if behind[name] < TIE), key=lambda name: behind[name])
-        return near[: THRESHOLDS.width.batch]
 
     def fit(
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]

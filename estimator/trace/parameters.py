@@ -111,24 +111,29 @@ class Hill:
     def at_each(self, places: Sequence[Array]) -> list[float]:
         """The same at several, side by side: all start from the best before."""
         new = {key: place for place in places if (key := place.tobytes()) not in self.seen}
-        for key, tried in zip(new, side_by_side([partial(self._fit, place, 1) for place in new.values()]), strict=True):
+        for key, tried in zip(new, side_by_side([partial(self._fit, place) for place in new.values()]), strict=True):
             self.seen[key] = tried.likelihood, self._coefficients(tried)
             if tried.likelihood > self.highest:
                 self.highest, self.model, self.best = tried.likelihood, tried, key
         return [self.seen[place.tobytes()][0] for place in places]
 
     def fitted(self, place: Array) -> Fitted:
-        """The model with these parameters, as candidates are compared; of one pass only where it is a simpler effect,
-        whose own model is compared.
+        """The model with these parameters, as candidates are compared: by a pass about the best so far, which is the
+        second; of one pass only where it is a simpler effect, whose own model is compared.
         """
         if not self.turned(place):
-            return self._fit(place, 2)
-        return self.model if self.best == place.tobytes() else self._fit(place, 1)
+            if not np.isfinite(self.model.likelihood):
+                return fit(self._at(place))
+            return fit(self._at(place), passes=1, about=self.model.observer)
+        return self.model if self.best == place.tobytes() else self._fit(place)
 
-    def _fit(self, place: Array, passes: int) -> Fitted:
+    def _fit(self, place: Array) -> Fitted:
+        return fit(self._at(place), passes=1)
+
+    def _at(self, place: Array) -> Problem:
         effects = {effect: dict(given) for effect, given in self.model.settings.effects.items()}
         effects[self.name].update(zip(self.names, place.tolist(), strict=True))
-        return fit(self.problem.under(self.model.settings).carrying(effects), passes=passes)
+        return self.problem.under(self.model.settings).carrying(effects)
 
     def climb(
         self, place: Array, index: int, width: float, hopeless: Callable[[], bool] = lambda: False

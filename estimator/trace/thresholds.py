@@ -98,6 +98,8 @@ class Start:
     again: int = _set(
         2, "passes", "Beyond two, while a coefficient leaves the spread that a pass began with: each squares the error."
     )
+    opening: int = _set(20_000, "samples", "From so many a first pass finds the constants; the second begins there.")
+    opening_share: float = _set(1.0 / 3.0, "of the record", "The same of a long record, whose amplitude and rate move.")
     memories: float = _set(3.0, "memories of the observer", "A start from the guess has decayed to a twentieth.")
     longest_memory: float = _set(1.0, "s", "An observer of longer memory has settled its motion by then.")
     most: int = _set(4, "1 / share of the record", "A short record is not scored by its last part alone.")
@@ -142,6 +144,9 @@ class Choice:
     most: int = _set(3, "effects", "With more the model is a patchwork, and none of them is the cause.")
     compared: int = _set(150_000, "samples", "Candidates are compared on so many: more costs minutes.")
     screened: int = _set(20_000, "samples", "Those that the scan expects least of are compared on so many first.")
+    glanced: int = _set(
+        5_000, "samples", "On the first of those, what has nothing to do with it is far behind already."
+    )
     learnt: float = _set(2.0 / 3.0, "of the record", "What is found on it must be borne out by the rest.")
     borne_out: float = _set(
         0.25, "of its share of the gain", "Flicker and missing codes lose there; a cause that is not linear gains less."

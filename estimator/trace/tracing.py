@@ -59,14 +59,18 @@ def trace(
     found = _judged(problem, selection, before, split, progress)
     progress("before and after", 2, 2)
     named, after = found.named, found.after
-    largest = bounds(
-        fitted_part.part(slice(0, THRESHOLDS.choice.compared)), found.selection.after, selection.rounds[-1].look.watched
-    )
+    watched = selection.rounds[-1].look.watched
     reader = AngleReader(problem.part(slice(0, min(split, THRESHOLDS.scoring.read))))
-    alike = _confusable(named, found.selection, reader, progress)
+    largest, (alike, effects) = together(
+        lambda: bounds(fitted_part.part(slice(0, THRESHOLDS.choice.compared)), found.selection.after, watched),
+        lambda: (
+            _confusable(named, found.selection, reader, progress),
+            tuple(side_by_side([partial(_found, name, named, found.selection, reader) for name in named])),
+        ),
+    )
     return Diagnosis(
         verdict=found.verdict,
-        effects=tuple(side_by_side([partial(_found, name, named, found.selection, reader) for name in named])),
+        effects=effects,
         confusable=_with_equivalents(alike, named, found.selection, device, settings),
         rejected=_rejected(named, selection, found.why, largest, device),
         findings=before.findings,

@@ -19,16 +19,16 @@ def hopeful(
     look: Look,
     gains: Mapping[str, float],
     behind: Callable[[], Look],
-    screened: Callable[[list[str]], list[str]],
+    screened: Callable[[list[str], Collection[str]], list[str]],
 ) -> list[str]:
     """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
     First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by;
-    then those akin to the best; and where the best leaves something, every kind once.  Where it leaves nothing, but the
-    scan stood before much, or the best is a line, with which anything may be drawn, a short part of the record is asked
-    about every kind.
+    then those akin to the best.  Where the best leaves something, or the scan stood before much, or the best is a line,
+    with which anything may be drawn, a short part of the record is asked about every kind; where it leaves something,
+    those of which the scan promises most may do less well there.
     gains: of those that were tried; behind: what is seen behind the best of them; screened: those that a short part of
-    the record speaks for.
+    the record speaks for, less for those that are spared.
     """
     leaders = with_simpler(shortlist(look.seen, look.serious), look.evidence)
     if not gains:
@@ -44,8 +44,8 @@ def hopeful(
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
     others = second_thoughts(look.evidence, gains)
     if not is_small(behind(), max(gains.values())):
-        return others[: _SET.batch] + screened(others[_SET.batch :])
-    return screened(others) if look.seen.ratio**2 > 1.0 + _SET.power or kind(best) in LINES else []
+        return screened(others, others[: _SET.batch])
+    return screened(others, ()) if look.seen.ratio**2 > 1.0 + _SET.power or kind(best) in LINES else []
 
 
 def is_small(left: Look, gained: float) -> bool:

@@ -27,9 +27,8 @@ def model(share: float) -> Any:
     """Whose innovations are that share of the amplitude."""
     signs = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
     settings = ObserverSettings(memory=9.0, gain=Gain.FADING, effects={"sense_gain": {"gy": 0.2}, "drag": {"dqx": 3.0}})
-    return SimpleNamespace(
-        settings=settings, estimates=SimpleNamespace(innovation=share * AMPLITUDE * signs), observer="carrying"
-    )
+    estimates = SimpleNamespace(innovation=share * AMPLITUDE * signs, innovation_deviation="sure of its own")
+    return SimpleNamespace(settings=settings, estimates=estimates, observer="carrying")
 
 
 @pytest.mark.filterwarnings("ignore:Mean of empty slice")
@@ -60,27 +59,39 @@ def problem() -> Problem:
     return Problem(record, DEVICE, BENCH)
 
 
-def test_a_look_scans_once_for_lines_and_once_for_all_that_is_not_carried(monkeypatch: pytest.MonkeyPatch) -> None:
-    scans = []
+@pytest.mark.parametrize("lost", [False, True])
+def test_lines_are_seen_in_what_the_model_left_and_all_that_is_not_carried_is_scanned_once(
+    monkeypatch: pytest.MonkeyPatch, *, lost: bool
+) -> None:
+    """Where the motion was lost, the lines are those of a scan with the bench's memory."""
+    scans, asked_about = [], []
+    fitted = model(0.2 if lost else 0.01)
 
     def scan(asked: Problem, watched: Any, previous: Any) -> Any:
         scans.append((asked.settings.gain, set(asked.effects), set(watched), previous))
         return SimpleNamespace(innovation="seen", deviation="sure", of=watched)
 
-    def watch_list(record: Record, device: Device, innovation: str, deviation: str) -> Any:
-        assert (innovation, deviation) == ("seen", "sure")
+    def watch_list(record: Record, device: Device, innovation: Any, deviation: Any) -> Any:
+        asked_about.append((innovation, deviation))
         return {"drag": {}, "drive_gain": {}, "interference:1": {"omega": 5.0}}
 
     monkeypatch.setattr(look, "scan", scan)
     monkeypatch.setattr(look, "watch_list", watch_list)
+    monkeypatch.setattr(look, "coefficients_of", lambda observer: fitted.settings.effects)
     monkeypatch.setattr(look, "evidence", lambda seen: {name: item(name, 1.0) for name in seen.of})
-    found = look_at(problem(), model(0.01))
+    found = look_at(problem(), fitted)
     carried = {"sense_gain", "drag"}
-    assert scans == [
-        (Gain.EKF, carried, set(), "carrying"),
-        (Gain.EKF, carried, {"drive_gain", "interference:1"}, "carrying"),
-    ]
-    assert set(found.watched) == set(found.evidence) == {"drive_gain", "interference:1"}
+    everything = {"drive_gain", "interference:1"}
+    if lost:
+        assert asked_about == [("seen", "sure")]
+        assert scans == [
+            (Gain.FADING, carried, set(), "carrying"),
+            (Gain.FADING, carried, everything, "carrying"),
+        ]
+    else:
+        assert asked_about == [(fitted.estimates.innovation, "sure of its own")]
+        assert scans == [(Gain.EKF, carried, everything, "carrying")]
+    assert set(found.watched) == set(found.evidence) == everything
 
 
 def test_bounds_are_of_what_is_watched_and_not_carried_with_constants_as_declared(

@@ -56,6 +56,7 @@ def trial(name: str, gain: float, likelihood: float = 1500.0) -> Trial[Any]:
     return Trial(Carrying(PROBLEM, model), Score(likelihood, gain, 10.0, 20.0))
 
 
+LINE = {"interference:1": WATCHED["interference:1"]}
 LOOK: Any = SimpleNamespace(watched=WATCHED, evidence=dict.fromkeys(WATCHED))
 BASE = Carrying(PROBLEM, fitted({"known": {}}, 1000.0), {"known": NOTHING})
 
@@ -112,43 +113,28 @@ def test_taking_one_out_loses_what_the_model_without_it_lacks(fits: Any) -> None
     assert set(less.searched) == {"known", "sense_gain"}
 
 
-def test_a_short_part_is_asked_for_those_that_do_as_well_as_the_best(
-    monkeypatch: pytest.MonkeyPatch, fits: Any
-) -> None:
-    """Behind the best by less than odds of 20 to 1, which is 6 in twice the log-likelihood; the nearest first."""
-    behind = {"drive_gain": 5.9, "drag": -3.0, "interference:1": 6.1}
-    monkeypatch.setattr(
-        observer_model,
-        "deficit",
-        lambda reached, other: behind[next(name for name in other.settings.effects if name != "known")],
-    )
-    told: list[tuple[str, int, int]] = []
+def test_a_short_part_is_asked_about_each_in_place_of_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
 
     def hopeful(look: Any, gains: Any, left: Any, screened: Any) -> list[str]:
         asked.update(gains=gains, left=left)
-        return list(screened(["drive_gain", "drag", "interference:1"]))
+        return list(screened(["drive_gain", "interference:1"], ["drive_gain"]))
+
+    def spoken_for(*what: Any) -> list[str]:
+        asked["of"] = what
+        return ["drive_gain"]
 
     monkeypatch.setattr(observer_model, "hopeful", hopeful)
+    monkeypatch.setattr(observer_model, "spoken_for", spoken_for)
     monkeypatch.setattr(observer_model, "look_at", lambda problem, model: ("left by", *model.settings.effects))
     best, other = trial("sense_gain", 500.0), trial("drag", 100.0, 1100.0)
-    model = ObserverModel(PROBLEM, lambda *what: told.append(what))
-    assert model.hopeful(LOOK, {"drag": other, "sense_gain": best}, 0) == ["drag", "drive_gain"]
+    model = ObserverModel(PROBLEM)
+    assert model.hopeful(LOOK, {"drag": other, "sense_gain": best}, 0) == ["drive_gain"]
     assert asked["gains"] == {"drag": 100.0, "sense_gain": 500.0}
     assert asked["left"]() == ("left by", "known", "sense_gain")
-    assert fits == [
-        (20_000, ("known", "sense_gain"), 1),
-        *((20_000, ("known", name), 1) for name in ("drive_gain", "drag", "interference:1")),
-    ]
-    assert told[-1] == ("other kinds", 4, 4)
-
-
-def test_of_those_that_do_as_well_no_more_than_eight_are_carried(monkeypatch: pytest.MonkeyPatch, fits: Any) -> None:
-    monkeypatch.setattr(observer_model, "deficit", lambda reached, other: 0.0)
-    monkeypatch.setattr(observer_model, "hopeful", lambda look, gains, left, screened: screened(names))
-    names = ["drag"] * 9
-    found = ObserverModel(PROBLEM).hopeful(LOOK, {"sense_gain": trial("sense_gain", 500.0)}, 0)
-    assert len(found) == 8
+    others = {"drive_gain": {"known": {}, "drive_gain": {}}, "interference:1": {"known": {}, **LINE}}
+    beside = ({"known": {}, "sense_gain": {}}, {"known": {}}, others)
+    assert asked["of"] == (PROBLEM, *beside, ["drive_gain"], 500.0, model.progress)
 
 
 def test_those_that_are_barred_are_watched_and_have_no_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
