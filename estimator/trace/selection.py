@@ -81,13 +81,19 @@ def select(problem: Problem, progress: Progress) -> Selection:
     whole = len(problem.record) > len(compared.record)
     pruned_too = len(effects) < len(model.observer.effects)
 
-    def over_the_whole() -> Fitted:
+    def over_the_whole(found: Fitted) -> Fitted:
+        return fit(problem.under(found.settings), passes=1, about=found.observer)
+
+    def with_effects() -> Fitted:
         found = chosen.fit.fitted
         if whole and math.isfinite(found.likelihood):
-            return fit(problem.under(found.settings), passes=1, about=found.observer)
+            return over_the_whole(found)
         return fit(problem.under(model.settings).carrying(effects)) if whole or pruned_too else model
 
-    before, last = together(lambda: fit(problem) if whole else start.fitted, over_the_whole)
+    if chosen.steps:
+        before, last = together(lambda: over_the_whole(start.fitted) if whole else start.fitted, with_effects)
+    else:
+        before = last = with_effects()
     if not chosen.more and (whole or len(chosen.gains) > 1):
         for name in chosen.gains:  # what a parameter should be depends on the record and on what else is carried
             last, searched[name] = refine_parameters(problem, last, name, before=searched[name])

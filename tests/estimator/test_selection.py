@@ -27,7 +27,7 @@ def problem(samples: int) -> Problem:
 def model(effects: tuple[str, ...], samples: int, likelihood: float = 0.0) -> Any:
     return SimpleNamespace(
         likelihood=likelihood,
-        settings=ObserverSettings(initial={"kxx": 7.0}),
+        settings=ObserverSettings(initial={"kxx": 7.0}, effects={name: {} for name in effects}),
         observer=SimpleNamespace(effects=effects),
         estimates=SimpleNamespace(innovation=np.zeros((samples, 2))),
     )
@@ -122,12 +122,18 @@ def test_candidates_compete_on_a_part_and_the_models_before_and_after_are_of_the
     first, *whole = made.fits
     assert first == (COMPARED, ("drag",), None)
     assert sorted(whole, key=lambda one: len(one[1])) == [
-        (COMPARED + 1, ("drag",), None),
-        (COMPARED + 1, ("drag", "drive_gain"), 7.0),  # from the constants of the part
+        (COMPARED + 1, ("drag",), 7.0),  # both from the constants of the part
+        (COMPARED + 1, ("drag", "drive_gain"), 7.0),
     ]
     assert found.samples == COMPARED + 1
     assert made.searched == [("drive_gain", COMPARED + 1, "searched drive_gain")]
     assert found.searched == {"drive_gain": "again drive_gain"}
+
+
+def test_a_long_record_on_which_nothing_is_chosen_is_fitted_whole_once(bench: Any) -> None:
+    made, found = bench(COMPARED + 1, ())
+    assert made.fits == [(COMPARED, ("drag",), None), (COMPARED + 1, ("drag",), 7.0)]
+    assert found.before is found.after
 
 
 def test_parameters_are_searched_for_again_beside_another_effect(bench: Any) -> None:
