@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from hil.comparison import Comparison
     from hil.errors import InputError
     from hil.library.finished_run import Run
+    from hil.library.live import Live
     from hil.library.series import Series
     from hil.library.tracing import Trace
     from hil.library.verbs import diff, export, load, load_bench, replay, run, score, trace
+    from hil.library.verbs import open_live as open
     from hil.loop.run import Interrupted
     from hil.wire.errors import WireError
 
@@ -30,6 +32,7 @@ __all__ = [
     "Comparison",
     "InputError",
     "Interrupted",
+    "Live",
     "ModelError",
     "RateSensorBench",
     "Run",
@@ -54,6 +57,7 @@ _HOMES = {
     "Comparison": "hil.comparison",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
+    "Live": "hil.library.live",
     "ModelError": "estimator.errors",
     "RateSensorBench": "hil.bench",
     "Run": "hil.library.finished_run",
@@ -64,6 +68,7 @@ _HOMES = {
     "export": "hil.library.verbs",
     "load": "hil.library.verbs",
     "load_bench": "hil.library.verbs",
+    "open": "hil.library.verbs:open_live",
     "replay": "hil.library.verbs",
     "run": "hil.library.verbs",
     "score": "hil.library.verbs",
@@ -78,9 +83,10 @@ def __getattr__(name: str) -> Any:
         return version("gyrohil")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    home, _, called = _HOMES[name].partition(":")
+    found = globals()[name] = getattr(import_module(home), called or name)
     return found
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, "open"])

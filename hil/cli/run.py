@@ -57,28 +57,15 @@ def run(
       hil run my.bench.toml --link can:can0 --arm --wire-log bus.blf
       hil run my.bench.toml --link serial:/dev/ttyACM0 --arm --note "after rework"
     """
-    from hil.bench import load_bench, override
     from hil.cli import consent
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish, show_identity
-    from hil.emulation import is_emulated, located
-    from hil.errors import InputError
-    from hil.examples import find
+    from hil.library.asked import asked
 
-    path = find("bench", bench)
-    changes = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
-    given = {key: value for key, value in changes.items() if value is not None}
-    control = {"enabled": False} if open_loop else {}
-    declared = override(load_bench(path), {"loop": given, "controller": control}, f"{path} with the options given")
-    if (place := link or declared.link.url) is None:
-        raise InputError(f"{path}: [link] url: missing; give it there or as --link")
-    url = located(place, beside=path)
-    if truth is not None and not is_emulated(url):
-        raise InputError(f"--truth: {url} is not started here; give --truth to its hil emulate")
-    if truth is not None and truth.exists():
-        raise InputError(f"--truth: {truth}: exists already; give another name, or remove it")
-    if not dry_run and not is_emulated(url):
+    given = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
+    declared, url, truth = request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+    if not dry_run and not request.emulated:
         consent.require(url, declared, given=arm, open_loop=open_loop)
     prepare(declared)
     from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it

@@ -2,16 +2,14 @@
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numpy.typing as npt
+from typing import TypeVar
 
 from hil.bench import Bench, load_bench
 from hil.errors import InputError
-from hil.library.series import Floats, Series
+from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates, of_innovation
+from hil.library.series import Series
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
-from hil.records.units import unit_of
 
 _Record = TypeVar("_Record")
 
@@ -47,36 +45,27 @@ class Run:
     @cached_property
     def capture(self) -> Series:
         """What was sensed and driven: `vx_V`, `vy_V`, `ux_…`, `uy_…`, and reference rate and temperature if any."""
-        from hil.interchange.exported import channels
-
-        capture = self._there(self._folder.capture, "capture.arrow")
-        columns = channels(capture)
-        units = {name: capture.drive_unit if name[:2] in ("ux", "uy") else unit_of(name) for name in columns}
-        return Series(columns.pop("t_s"), columns, units, {"run": self.path.name, "hold": capture.hold})
+        return of_capture(self._there(self._folder.capture, "capture.arrow"), self.path.name)
 
     @cached_property
     def estimates(self) -> Series:
         """Every state and its standard deviation (`sd_…`), and of two axes the angle with all that belongs to it."""
-        estimates = self._there(self._folder.estimates, "estimates.arrow")
-        columns = {name: values for name, values in estimates.columns.items() if name != "tick"}
-        return self._series(estimates.t_s, columns, {name: estimates.unit(name) for name in columns})
+        return of_estimates(self._there(self._folder.estimates, "estimates.arrow"), self.path.name)
 
     @cached_property
     def angle(self) -> Series:
         """`angle_rad`, its standard uncertainty `angle_u_rad` (k = 1), and `valid`, where the angle means something."""
-        return self._some("angle_rad", "angle_u_rad", "valid")
+        return chosen(self.estimates, ANGLE)
 
     @cached_property
     def rate(self) -> Series:
         """`rate_rad_s` and its standard deviation `sd_rate_rad_s`."""
-        return self._some("rate_rad_s", "sd_rate_rad_s")
+        return chosen(self.estimates, RATE)
 
     @cached_property
     def innovation(self) -> Series:
         """Measured minus predicted voltage of every sample, `nu_x_V` …, and its predicted deviation, `s_x_V` …"""
-        innovation = self._there(self._folder.innovation, "innovation.arrow")
-        columns = {name: values for name, values in innovation.columns.items() if name != "tick"}
-        return self._series(innovation.t_s, columns, dict.fromkeys(columns, "V"))
+        return of_innovation(self._there(self._folder.innovation, "innovation.arrow"), self.path.name)
 
     def report(self) -> Path:
         """The page of the run, report.html; written where it is missing."""
@@ -85,16 +74,6 @@ class Run:
 
             write_report(self.path)
         return self._folder.report_path
-
-    def _some(self, first: str, *more: str) -> Series:
-        every = self.estimates
-        if first not in every:
-            raise InputError(f"{self.path}: its model has no {first}; it has {', '.join(every)}")
-        names = [name for name in (first, *more) if name in every]
-        return self._series(every.t_s, {n: every[n] for n in names}, {n: every.units[n] for n in names})
-
-    def _series(self, t_s: Floats, columns: dict[str, npt.NDArray[Any]], units: dict[str, str]) -> Series:
-        return Series(t_s, columns, units, {"run": self.path.name})
 
     def _there(self, record: _Record | None, name: str) -> _Record:
         if record is None:

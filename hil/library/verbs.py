@@ -18,11 +18,12 @@ from estimator.backend import Backend
 from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench import load_bench as bench_at
 from hil.comparison import Comparison
-from hil.emulation import is_emulated, located
 from hil.errors import InputError, printable
 from hil.examples import find
 from hil.library.arrays import write_capture
+from hil.library.asked import asked, require_consent
 from hil.library.finished_run import Run
+from hil.library.live import Live
 from hil.library.tracing import Trace
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
@@ -78,26 +79,37 @@ def run(
     """
     from hil.loop.run import run as run_loop
 
-    declared = bench if isinstance(bench, Bench) else load_bench(bench)
     given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
-    declared = declared.with_(
-        loop={key: value for key, value in given.items() if value is not None},
-        controller={"enabled": False} if open_loop else {},
-    )
-    if (place := link or declared.link.url) is None:
-        raise InputError("no link: give link=…, or [link] url in the bench file")
-    url = located(place, beside=None if isinstance(bench, Bench) else find("bench", str(bench)))
-    if not is_emulated(url) and not arm:
-        raise InputError(f"{url}: arming a board needs arm=True")
-    file = None if truth is None else Path(truth)
-    if file is not None and not is_emulated(url):
-        raise InputError(f"truth: {url} is not started here; give --truth to its hil emulate")
-    if file is not None and file.exists():
-        raise InputError(f"{file}: exists already; give another name, or remove it")
+    request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+    require_consent(request, given=arm)
     done = run_loop(
-        declared, url, Path(out), open_loop=open_loop, truth=file, note=note, progress=progress
-    )  # fmt: skip
+        request.bench, request.url, Path(out), open_loop=open_loop, truth=request.truth, note=note, progress=progress
+    )
     return _run_at(done.folder)
+
+
+def open_live(
+    bench: Bench | Path | str,
+    *,
+    link: str | None = None,
+    arm: bool = False,
+    open_loop: bool = False,
+    duration_s: float | None = None,
+    clock: Literal["lockstep", "paced", "real"] | None = None,
+    seed: int | None = None,
+    name: str | None = None,
+    note: str | None = None,
+    truth: Path | str | None = None,
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+) -> Live:
+    """A run to be looked at while it lasts, `hil.open`: `for block in hil.open(bench).stream()`.  As `run`, which see;
+    nothing is connected before the first block is asked for.
+    """
+    given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
+    request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+    require_consent(request, given=arm)
+    return Live(request, Path(out), open_loop=open_loop, note=note, progress=progress)
 
 
 def replay(

@@ -4,9 +4,10 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,14 +56,16 @@ def run(
     truth: Path | None = None,
     note: str | None = None,
     log: Path | None = None,
+    begun: Callable[[Path, Callable[[], None]], None] | None = None,
     progress: Watcher,
 ) -> RunResult:
     """Run the bench against `link` and record below `out`.
 
     The board of `pty:SCENARIO` is started and stopped here; `truth` goes to an emulated board, `log` takes the
-    frames of a CAN link.  `open_loop` holds the drive at zero.  A run that was interrupted or failed leaves its
-    folder with what was recorded and a result that says so.  Raises InputError or WireError, and leaves nothing,
-    when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
+    frames of a CAN link.  `open_loop` holds the drive at zero.  `begun` is told the folder once the loop's process has
+    started, and what has it end well, as Ctrl-C does, from whichever thread.  A run that was interrupted or failed
+    leaves its folder with what was recorded and a result that says so.  Raises InputError or WireError, and leaves
+    nothing, when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
     require_compiler()
     if open_loop:
@@ -80,7 +83,8 @@ def run(
                 None if truth is None else str(truth),
             )
             try:
-                ended = supervise(order, bench, progress, board)
+                started = None if begun is None else partial(begun, folder)
+                ended = supervise(order, bench, progress, board, started)
                 outcome, safety = ended.outcome, ended.safety
                 if outcome.get("stopped") and (words := board.last_words):
                     outcome["stopped"] = f"the emulated board died: {words}"

@@ -31,6 +31,7 @@ from hil.wire.messages import SafeReason
 if TYPE_CHECKING:
     from hil.emulation import Served
 
+Begun = Callable[[Callable[[], None]], None]
 _ERRORS = {kind.__name__: kind for kind in (LinkClosed, LinkError, ProtocolError)}
 _RECORD_S = 30.0  # for the recorder to end once the loop has died
 _EMULATED_S = 2.0  # for a board that was started here to end with its host
@@ -55,11 +56,11 @@ class Ended:
         return safety
 
 
-def supervise(order: Order, bench: Bench, progress: Watcher, board: "Served") -> Ended:
+def supervise(order: Order, bench: Bench, progress: Watcher, board: "Served", begun: Begun | None = None) -> Ended:
     """Start the loop's process against `board` and follow it to its end.
 
-    Raises InputError or WireError with what it says when it could not begin, and what `progress` raises, after the
-    process has ended.
+    `begun` is told what has it end well, as Ctrl-C does, once it has started. Raises InputError or WireError with what
+    it says when it could not begin, and what `progress` raises, after the process has ended.
     """
     pipe = subprocess.PIPE
     # A session of its own: Ctrl-C at the terminal comes here, and the worker is told in its own way.
@@ -73,6 +74,8 @@ def supervise(order: Order, bench: Bench, progress: Watcher, board: "Served") ->
             worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
             worker.stdin.flush()
         try:
+            if begun is not None:
+                begun(followed.interrupt)
             followed.to_the_end()
         except BaseException:  # of whoever watches: the board must not stay driven for that
             worker.terminate()

@@ -229,6 +229,44 @@ def scan_blocks(path: Path, kind: str | None) -> Scan:
     return Scan(path, header, dtypes, tuple(blocks), complete, seal is not None, damage, len(opening))
 
 
+class GrowingFile:
+    """A record file that is being written: its rows as they come, each whole block once.
+
+    Raises InputError as `read_blocks` does, of damage too; there is no such object before the file has its header.
+    """
+
+    def __init__(self, path: Path, kind: str) -> None:
+        scan = scan_blocks(path, kind)
+        self.header = scan.header
+        self._path, self._dtypes, self._opening = path, scan.dtypes, scan.opening
+        self._file = path.open("rb")
+        self._walk = _Walk(self._file, 0, self._file.read(scan.opening), _heads(path, scan.header["checksum"]), True)
+        self._taken = 0  # blocks
+        self._rows = 0
+        self.complete = False
+
+    def news(self) -> Columns:
+        """The rows that were written since this was last asked, none where no block was."""
+        self._walk.grown(os.fstat(self._file.fileno()).st_size)
+        if self.complete:
+            return self._part([], self._rows)
+        blocks, self.complete, damage = self._walk.blocks()
+        if damage:
+            raise InputError(f"{self._path}: {damage}; restore the file")
+        new = blocks[self._taken :]
+        self._taken = len(blocks)
+        return self._part(new, sum(block.rows for block in new) + self._rows)
+
+    def close(self) -> None:
+        """May be called again."""
+        self._file.close()
+
+    def _part(self, blocks: list[Block], stop: int) -> Columns:
+        scan = Scan(self._path, self.header, self._dtypes, tuple(blocks), self.complete, True, "", self._opening)
+        start, self._rows = self._rows, stop
+        return StoredColumns(scan, start, stop)
+
+
 class _Walk:
     """Goes from block to block of an open file."""
 
@@ -256,6 +294,10 @@ class _Walk:
             return self._found, False, f"{place} is damaged: {broken}"
         return self._found, complete, ""
 
+    def grown(self, size: int) -> None:
+        """The file has become longer: the next `blocks` goes on where the last one ended."""
+        self._size = size
+
     def _go(self) -> bool:
         while True:
             left = self._size - self._at
@@ -270,9 +312,9 @@ class _Walk:
             if left < length:
                 return False
             head = self._read(length)
-            body_sum = 0
+            before, body_sum = self._before, 0
             if self._heads is not None:
-                self._before, body_sum = checked_head(head, self._before)
+                before, body_sum = checked_head(head, self._before)
             elif is_sealed(head):
                 self._heads = ()
                 raise BrokenBlockError("it carries checksums of which the header says nothing")
@@ -282,6 +324,7 @@ class _Walk:
             data = self._read(message.head + message.body)
             if self._heads is not None and crc32c(memoryview(data)[message.head :]) != body_sum:
                 raise BrokenBlockError("its checksum differs")
+            self._before = before  # only now: of a block that is cut the rest may still come
             if self._took(data):
                 return self._ended()
 

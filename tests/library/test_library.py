@@ -29,7 +29,7 @@ def test_importing_loads_nothing_heavy() -> None:
 def test_all_that_is_offered_is_there() -> None:
     for name in hil.__all__:
         assert getattr(hil, name) is not None
-    assert set(dir(hil)) == set(hil.__all__)
+    assert set(dir(hil)) == {*hil.__all__, "open"}  # which `from hil import *` must not put over Python's own
     with pytest.raises(AttributeError, match="nonsense"):
         hil.nonsense  # noqa: B018
 
@@ -45,7 +45,7 @@ def test_a_run_as_arrays(run: hil.Run) -> None:
     assert list(run.angle.columns) == ["angle_rad", "angle_u_rad", "valid"]
     assert len(run.capture) == 3 * RATE
     assert np.allclose(run.capture["vy_V"], kept.capture.sense_V[:, 1])
-    assert run.capture.units["ux_mps2"] == "mps2"
+    assert run.capture.units["ux_mps2"] == "m/s²"
     assert run.innovation.values.std() < 10.0 * np.median(run.innovation["s_x_V"])
     late = run.angle.since(2.0)
     assert late.t_s[0] >= 2.0

@@ -1,0 +1,55 @@
+"""What is asked of a run, checked as far as it can be without the board: for `hil run` and `hil.run` alike."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil.bench import Bench, load_bench, override
+from hil.emulation import is_emulated, located
+from hil.errors import InputError
+from hil.examples import find
+
+
+class Asked(NamedTuple):
+    """The bench with what was given instead of its keys, the link with an emulated board as a path, and the file for
+    the truth of an emulated board.
+    """
+
+    bench: Bench
+    url: str
+    truth: Path | None
+
+    @property
+    def emulated(self) -> bool:
+        """Whether the link starts its own board, where nothing real can be driven."""
+        return is_emulated(self.url)
+
+
+def asked(
+    bench: Bench | Path | str, loop: Mapping[str, Any], *, link: str | None, open_loop: bool, truth: Path | str | None
+) -> Asked:
+    """Put together what is asked; `loop` has keys of [loop], None where the bench file's stays.
+
+    Raises InputError that names the place.
+    """
+    path = None if isinstance(bench, Bench) else find("bench", str(bench))
+    declared = bench if isinstance(bench, Bench) else load_bench(find("bench", str(bench)))
+    source = declared.device.name if path is None else str(path)
+    given = {key: value for key, value in loop.items() if value is not None}
+    control = {"enabled": False} if open_loop else {}
+    declared = override(declared, {"loop": given, "controller": control}, f"{source} with the options given")
+    if (place := link or declared.link.url) is None:
+        raise InputError(f"{source}: [link] url: missing; give it there or as --link")
+    url = located(place, beside=path)
+    file = None if truth is None else Path(truth)
+    if file is not None and not is_emulated(url):
+        raise InputError(f"--truth: {url} is not started here; give --truth to its hil emulate")
+    if file is not None and file.exists():
+        raise InputError(f"--truth: {file}: exists already; give another name, or remove it")
+    return Asked(declared, url, file)
+
+
+def require_consent(request: Asked, *, given: bool) -> None:
+    """InputError where the board may move, and nobody said that it may."""
+    if not request.emulated and not given:
+        raise InputError(f"{request.url}: arming a board needs arm=True")
