@@ -83,15 +83,15 @@ _TRACE = {
     "width": "width",
 }
 _RESIDUAL = {
-    "analysis": "residual closed_forms",
-    "demodulation": "residual closed_forms",
-    "dependence": "residual closed_forms",
+    "analysis": "residual residual_findings",
+    "demodulation": "residual residual_measures",
+    "dependence": "residual_measures residual closed_forms",
     "effective": "judgement determined",
-    "floor": "residual judgement",
-    "significance": "residual candidates",
-    "spectrum": "residual judgement closed_forms",
+    "floor": "residual_measures residual",
+    "significance": "residual_measures residual",
+    "spectrum": "residual_measures residual",
     "suspects": "residual",
-    "whiteness": "residual closed_forms",
+    "whiteness": "residual_measures residual closed_forms",
 }
 _RATE_SENSOR = (
     *("catalogue", "chain_model", "characteristic", "declaration", "dynamics", "model", "record", "surroundings"),
