@@ -64,7 +64,7 @@ _TRACE = {
     "nameless": "nameless closed_forms",
     "nested": "nested",
     "observer_model": "observer_model certainty",
-    "parameters": "parameters closed_forms",
+    "parameters": "hill closed_forms parameters",
     "prediction": "prediction fitting",
     "probability": "probability rivals closed_forms",
     "problem": "certainty fitting closed_forms",

@@ -1,0 +1,404 @@
+"""The climb over an effect's parameters: to the top of likelihoods in closed form, in few models; what is asked and
+what is told.
+"""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.scaling import Array
+from estimator.settings import Device, ObserverSettings
+from estimator.trace import parameters
+from estimator.trace.parameters import NOTHING, Hill, Searched, refine_parameters
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+
+DEVICE = Device(
+    sample_rate=4000.0, stiffness=(1.6e6, 1.62e6, 0.0), damping=(1.0, 1.2, 0.0), amplitude=1e-4,
+    sense_gain=(-890.0, 900.0), noise=(1e-4, 1e-4),
+)  # fmt: skip
+PROBLEM = Problem(
+    Record(np.zeros((800, 2)), np.zeros((800, 2, 1)), np.full(800, 1 / 4000.0)), DEVICE, ObserverSettings()
+)
+Likelihood = Callable[[Array], float]
+
+
+class Counted:
+    """A hill of a likelihood in closed form, and how many models it took."""
+
+    def __init__(self, likelihood: Likelihood, turned: Callable[[Array], bool] = lambda place: False) -> None:
+        self.hill = Hill.__new__(Hill)
+        self.hill.seen = {}
+        self.models: list[Array] = []
+
+        def at_each(places: Any) -> list[float]:
+            for place in places:
+                if place.tobytes() not in self.hill.seen:
+                    self.models.append(place.copy())
+                    self.hill.seen[place.tobytes()] = likelihood(place), np.zeros(1)
+            return [self.hill.seen[place.tobytes()][0] for place in places]
+
+        self.hill.at_each = at_each  # type: ignore[method-assign]
+        self.hill.at = lambda place: at_each([place])[0]  # type: ignore[method-assign]
+        self.hill.turned = turned  # type: ignore[method-assign]
+
+
+def parabola(top: float, deviation: float) -> Likelihood:
+    return lambda place: -(((place[0] - top) / deviation) ** 2)
+
+
+def walled(likelihood: Likelihood, low: float, high: float) -> Likelihood:
+    """Beyond these there is no model."""
+    return lambda place: likelihood(place) if low < place[0] < high else -np.inf
+
+
+# By name: the likelihood, its top, the deviation there, where it begins and with which step, models at most: what it
+# takes, so that a change that makes every candidate dearer is seen.
+HILLS: dict[str, tuple[Likelihood, float, float, float, float, int]] = {
+    "at the top": (parabola(5.0, 0.01), 5.0, 0.01, 5.0, 0.01, 3),
+    "near the top": (parabola(5.0, 0.01), 5.0, 0.01, 5.004, 0.01, 8),
+    "wide steps": (parabola(5.0, 1e-4), 5.0, 1e-4, 5.02, 1.0, 6),
+    "narrow steps": (parabola(5.0, 0.3), 5.0, 0.3, 5.1, 1e-3, 18),
+    "far below": (parabola(500.0, 0.01), 500.0, 0.01, 5.0, 1.0, 18),
+    "far above": (parabola(0.01, 1e-5), 0.01, 1e-5, 5.0, 1.0, 18),
+    "a power law": (lambda place: -400.0 * np.log(place[0] / 3.0) ** 2, 3.0, 3.0 / 20.0, 9.0, 0.9, 21),
+    "a step too long": (parabola(5.0, 0.01), 5.0, 0.01, 4.8, 40.0, 8),
+    "a wall above": (walled(parabola(5.0, 0.01), 0.0, 5.1), 5.0, 0.01, 4.9, 0.4, 11),
+    "a wall below": (walled(parabola(5.0, 0.01), 4.9, 9e9), 5.0, 0.01, 5.1, 0.4, 11),
+    "a slope to one side": (
+        lambda place: -(((place[0] - 5.0) / 0.05) ** 2) - 40.0 * (place[0] - 5.0) ** 3, 5.0, 0.05, 5.4, 0.3, 11,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HILLS)
+def test_a_climb_ends_at_the_top_in_few_models(name: str) -> None:
+    """To a fifth of a standard deviation, which is that of the parabola there."""
+    likelihood, top, deviation, begin, width, most = HILLS[name]
+    counted = Counted(likelihood)
+    place, found = counted.hill.climb(np.array([begin]), 0, width)
+    assert abs(place[0] - top) <= 0.2 * deviation
+    assert found == pytest.approx(deviation, rel=0.05)
+    assert np.all(np.array(counted.models) > 0.0)
+    assert len(counted.models) <= most
+
+
+def test_a_top_that_is_no_parabola_is_come_near() -> None:
+    counted = Counted(lambda place: -(((place[0] - 5.0) / 0.1) ** 4))
+    place, deviation = counted.hill.climb(np.array([5.3]), 0, 0.5)
+    assert abs(place[0] - 5.0) < 0.05
+    assert 0.05 < deviation < 0.2
+    assert len(counted.models) <= 11
+
+
+def test_where_the_likelihood_says_nothing_the_parameter_stays_and_nothing_is_known_of_it() -> None:
+    """Steps three times as long each, up to half of the parameter."""
+    counted = Counted(lambda place: 0.2 * np.cos(40.0 * place[0]))
+    place, deviation = counted.hill.climb(np.array([5.0]), 0, 0.1)
+    assert (place[0], deviation) == (5.0, 0.0)
+    assert sorted({round(abs(one[0] - 5.0), 9) for one in counted.models}) == [0.0, 0.1, 0.3, 0.9, 2.5]
+
+
+def test_a_slope_without_a_top_is_left_after_twelve_steps() -> None:
+    """Each half of what is left of the parameter at most: it never becomes negative."""
+    counted = Counted(lambda place: -10.0 * float(np.log(place[0])))
+    place, deviation = counted.hill.climb(np.array([1.0]), 0, 0.1)
+    assert deviation == 0.0
+    assert 0.0 < place[0] < 1e-6
+    assert len(counted.models) <= 16
+
+
+def test_several_climb_along_their_own_axis_only() -> None:
+    counted = Counted(lambda place: -float((place[0] - 2.0) ** 2 / 0.01 + (place[1] - 7.0) ** 2 / 0.04))
+    place, deviation = counted.hill.climb(np.array([3.0, 9.0]), 1, 0.5)
+    assert (place[0], place[1], deviation) == (3.0, pytest.approx(7.0, abs=0.04), pytest.approx(0.2, rel=0.05))
+    assert all(one[0] == 3.0 for one in counted.models)
+
+
+def test_a_climb_ends_where_the_effect_is_a_simpler_one() -> None:
+    counted = Counted(parabola(0.01, 1e-3), turned=lambda place: bool(place[0] < 1.0))
+    place, deviation = counted.hill.climb(np.array([5.0]), 0, 1.0)
+    assert place[0] < 1.0
+    assert deviation == 0.0
+    standing = Counted(parabola(5.0, 0.01), turned=lambda place: True)
+    assert standing.hill.climb(np.array([5.0]), 0, 0.01) == (np.array([5.0]), 0.0)
+    assert standing.models == []
+
+
+def test_a_climb_that_is_hopeless_ends_short_of_the_top_and_knows_how_wide_it_is() -> None:
+    counted = Counted(parabola(5.0, 0.01))
+    place, deviation = counted.hill.climb(np.array([5.02]), 0, 0.01, lambda: len(counted.models) >= 3)
+    assert place[0] != pytest.approx(5.0, abs=1e-3)
+    assert deviation == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("side", "width", "moves", "first", "second"),
+    [
+        (1.0, 0.5, 1, 0.5, 1.0),  # as it is asked, then twice as long
+        (-1.0, 0.5, 1, -0.5, -1.0),
+        (1.0, 9.0, 1, 2.0, 4.0),  # half of the parameter at most, then twice that
+        (-1.0, 9.0, 2, -3.0, -0.875),
+    ],
+)
+def test_a_step_uphill_and_the_one_after_it_are_tried_side_by_side(
+    side: float, width: float, moves: int, first: float, second: float
+) -> None:
+    """Of a parameter of 4."""
+    for slope, taken in ((side, first), (-side, 0.0)):
+        counted = Counted(lambda place, slope=slope: slope * 10.0 * place[0])
+        assert counted.hill._rises(np.array([4.0]), side, width, 0, moves) == pytest.approx(taken)
+        assert [one[0] for one in counted.models] == pytest.approx([4.0, 4.0 + first, 4.0 + first + second])
+        counted.hill._rises(np.array([4.0]), side, width, 0, moves)
+        assert len(counted.models) == 3  # what is known is not asked again
+    level = Counted(lambda place: 0.4 * float(place[0] > 4.0))  # less than says anything
+    assert level.hill._rises(np.array([4.0]), 1.0, 0.5, 0, 1) == 0.0
+    lost = Counted(lambda place: np.inf if place[0] > 4.0 else 0.0)
+    assert lost.hill._rises(np.array([4.0]), 1.0, 0.5, 0, 1) == 0.0
+
+
+# -- several at once --------------------------------------------------------------------------------------------------
+
+
+def quadratic(top: Array, covariance: Array) -> Likelihood:
+    inverse = np.linalg.inv(covariance)
+    return lambda place: -float((place - top) @ inverse @ (place - top))
+
+
+C = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, -0.02], [0.0, -0.02, 0.01]])
+
+
+def test_three_together_go_to_the_top_in_one_step_and_see_that_it_is_one() -> None:
+    top = np.array([2.0, 5.0, 1.0])
+    counted = Counted(quadratic(top, C))
+    place, covariance = counted.hill.together(np.array([1.7, 5.5, 1.05]), np.array([0.2, 0.3, 0.1]))
+    np.testing.assert_allclose(place, top, rtol=1e-9)
+    np.testing.assert_allclose(covariance, C, atol=1e-12)
+    assert len(counted.models) <= 21  # twice the ten of a quadratic in three numbers, and one that gains nothing
+
+
+def test_from_a_saddle_none_is_moved_and_each_stays_as_sure_as_it_was() -> None:
+    counted = Counted(lambda place: float(place[0] ** 2 - place[1] ** 2))
+    place, covariance = counted.hill.together(np.array([3.0, 4.0]), np.array([0.2, 0.3]))
+    np.testing.assert_array_equal(place, [3.0, 4.0])
+    np.testing.assert_allclose(covariance, np.diag([0.04, 0.09]))
+    lost = Counted(lambda place: np.nan)
+    np.testing.assert_array_equal(lost.hill.together(np.array([3.0, 4.0]), np.array([0.2, 0.3]))[0], [3.0, 4.0])
+
+
+def test_no_step_makes_a_parameter_negative() -> None:
+    counted = Counted(quadratic(np.array([-3.0, 4.0]), np.diag([1.0, 1.0])))
+    place, _ = counted.hill.together(np.array([1.0, 4.0]), np.array([0.1, 0.1]))
+    assert np.all(np.array(counted.models) > -0.1 * (1.0 + 1e-9))  # but for the differences
+    assert 0.0 < place[0] < 0.1
+
+
+def test_a_step_that_gains_nothing_is_not_taken() -> None:
+    """A parabola at its foot, and no more than that: the likelihood falls where its top should be."""
+    counted = Counted(lambda place: -float(np.sum((place - 1.0) ** 2)) if place[0] > 1.9 else -99.0)
+    place, _ = counted.hill.together(np.array([2.0, 2.0]), np.array([0.05, 0.05]))
+    np.testing.assert_array_equal(place, [2.0, 2.0])
+
+
+# -- the hill itself --------------------------------------------------------------------------------------------------
+
+
+class Models:
+    """In the place of fits: a likelihood of the parameters that are asked, each from where it began."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, turned: Callable[[dict[str, float]], bool]) -> None:
+        self.asked: list[tuple[float, float, int, float]] = []
+
+        def fit(problem: Problem, passes: int) -> Any:
+            given = problem.effects["parasitic_mode"]
+            self.asked.append((given["omega"], given["zeta"], passes, problem.settings.initial["kxx"]))
+            settings = problem.settings
+            likelihood = -((given["omega"] - 700.0) ** 2)
+            found = ObserverSettings(initial={"kxx": given["omega"]}, effects=settings.effects)
+            return SimpleNamespace(settings=found, likelihood=likelihood, observer=given)
+
+        monkeypatch.setattr(parameters, "fit", fit)
+        monkeypatch.setattr(
+            parameters, "coefficients_of", lambda given: {"parasitic_mode": dict.fromkeys(SYMBOLS, given["omega"])}
+        )
+        monkeypatch.setattr(
+            parameters, "turned_into", lambda problem, name, given: "a simpler one" if turned(given) else None
+        )
+
+
+SYMBOLS = ("rxx", "rxy", "ryx", "ryy", "px", "py", "rx", "ry", "gx", "gy", "ax", "ay")
+
+
+def model() -> Any:
+    settings = ObserverSettings(initial={"kxx": 1.0}, effects={"parasitic_mode": {"omega": 600.0, "zeta": 0.01}})
+    return SimpleNamespace(settings=settings, likelihood=-10_000.0)
+
+
+def hill(monkeypatch: pytest.MonkeyPatch, turned: Callable[[dict[str, float]], bool]) -> tuple[Hill, Models]:
+    models = Models(monkeypatch, turned)
+    made = Hill(PROBLEM, model(), "parasitic_mode", ("omega", "zeta"))
+    monkeypatch.setattr(made, "_coefficients", lambda tried: np.array([tried.observer["omega"]]))
+    return made, models
+
+
+def test_each_place_is_fitted_once_in_one_pass_about_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, models = hill(monkeypatch, lambda given: False)
+    a, b, c = (np.array([omega, 0.02]) for omega in (650.0, 690.0, 640.0))
+    assert made.at_each([a, b, a]) == [-2500.0, -100.0, -2500.0]
+    assert models.asked == [(650.0, 0.02, 1, 1.0), (690.0, 0.02, 1, 1.0)]
+    assert made.at(c) == -3600.0
+    assert made.at(a) == -2500.0
+    assert models.asked[2:] == [(640.0, 0.02, 1, 690.0)]  # begun about the best
+    assert made.highest == -100.0
+    assert made.fitted(a).settings.initial["kxx"] == 650.0
+    assert models.asked[3:] == [(650.0, 0.02, 2, 690.0)]
+
+
+def test_where_the_effect_is_a_simpler_one_a_model_of_one_pass_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, models = hill(monkeypatch, lambda given: given["omega"] > 680.0)
+    best, other = np.array([690.0, 0.02]), np.array([720.0, 0.02])
+    made.at_each([best, other])
+    assert made.turned(best)
+    assert not made.turned(np.array([600.0, 0.01]))
+    assert made.fitted(best) is made.model
+    assert len(models.asked) == 2
+    made.fitted(other)
+    assert models.asked[2:] == [(720.0, 0.02, 1, 690.0)]
+
+
+def test_coefficients_are_those_of_the_effect_in_the_order_of_its_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Hill(PROBLEM, model(), "interference:3", ("omega",))
+    found = {"lcx": 1.0, "lsx": 2.0, "lcy": 3.0, "lsy": 4.0, "omega": 9.0}
+    monkeypatch.setattr(parameters, "coefficients_of", lambda observer: {"interference:3": found})
+    assert sorted(made._coefficients(SimpleNamespace(observer=None)).tolist()) == [1.0, 2.0, 3.0, 4.0]  # type: ignore[arg-type]
+
+
+def test_a_parameter_of_which_nothing_is_known_moves_nothing() -> None:
+    counted = Counted(lambda place: 0.0)
+    hill = counted.hill
+    at_each = hill.at_each
+
+    def noting(places: Any) -> list[float]:
+        found = at_each(places)
+        for place in places:
+            hill.seen[place.tobytes()] = 0.0, np.array([2.0 * place[0], place[0] + 5.0 * place[1]])
+        return found
+
+    hill.at_each = noting  # type: ignore[method-assign]
+    np.testing.assert_allclose(hill.moves(np.array([3.0, 4.0]), np.array([0.1, 0.0])), [[2.0, 0.0], [1.0, 0.0]])
+
+
+# -- what is refined --------------------------------------------------------------------------------------------------
+
+
+class Climbs:
+    """In the place of a hill: what was climbed, and from where with which steps."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.asked: list[tuple[tuple[float, ...], int, float]] = []
+        self.deviations, self.is_turned, self.highest = [0.5, 0.25], False, -np.inf
+        monkeypatch.setattr(parameters, "Hill", self)
+
+    def __call__(self, problem: Problem, model: Any, name: str, names: tuple[str, ...]) -> "Climbs":
+        self.names = names
+        return self
+
+    def at(self, place: Array) -> float:
+        return -100.0
+
+    def climb(self, place: Array, index: int, width: float, hopeless: Callable[[], bool]) -> tuple[Array, float]:
+        self.asked.append((tuple(place.tolist()), index, width))
+        self.hopeless = hopeless()
+        return place + 1.0, self.deviations[index]
+
+    def turned(self, place: Array) -> bool:
+        return self.is_turned
+
+    def together(self, place: Array, deviation: Array) -> tuple[Array, Array]:
+        assert deviation.tolist() == self.deviations
+        return place * 10.0, np.array([[9.0, 1.0], [1.0, 4.0]])
+
+    def moves(self, place: Array, deviation: Array) -> Array:
+        return np.full((12, len(place)), 7.0)
+
+    def fitted(self, place: Array) -> Any:
+        return tuple(place.tolist())
+
+
+MODE, LINE = {"omega": 600.0, "zeta": 0.01}, {"omega": 600.0}
+
+
+def carrying(name: str, given: dict[str, float], likelihood: float = 0.0) -> Any:
+    return SimpleNamespace(settings=ObserverSettings(effects={name: given}), likelihood=likelihood)
+
+
+def test_each_parameter_climbs_by_itself_then_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    climbs = Climbs(monkeypatch)
+    found, searched = refine_parameters(PROBLEM, carrying("parasitic_mode:12", MODE), "parasitic_mode:12")
+    assert climbs.asked == [((600.0, 0.01), 0, 60.0), ((601.0, 1.01), 1, 0.001)]  # a tenth of each
+    assert found == pytest.approx((6020.0, 20.1))
+    assert searched.names == ("omega", "zeta")
+    assert (searched.deviation("omega"), searched.deviation("zeta")) == (3.0, 2.0)
+    assert searched.moves.shape == (12, 2)
+    climbs.deviations = [0.5, 0.0]  # one of which nothing is known
+    found, searched = refine_parameters(PROBLEM, carrying("parasitic_mode", MODE), "parasitic_mode")
+    assert found == pytest.approx((602.0, 2.01))
+    np.testing.assert_array_equal(searched.covariance, np.diag([0.25, 0.0]))
+
+
+def test_a_frequency_by_itself_begins_with_half_a_radian_over_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    climbs = Climbs(monkeypatch)
+    found, searched = refine_parameters(PROBLEM, carrying("interference", LINE), "interference")
+    assert climbs.asked == [((600.0,), 0, pytest.approx(0.5 / 0.2))]
+    assert found == (601.0,)
+    np.testing.assert_array_equal(searched.covariance, [[0.25]])
+    assert searched.moves.shape == (12, 1)
+
+
+@pytest.mark.parametrize(("known", "width"), [(0.1, 0.3), (40.0, 60.0), (0.0, 60.0)])
+def test_what_was_found_before_makes_the_steps_smaller(
+    monkeypatch: pytest.MonkeyPatch, known: float, width: float
+) -> None:
+    """Three of its standard deviations, where it had any."""
+    climbs = Climbs(monkeypatch)
+    before = Searched(("omega", "zeta"), np.diag([known**2, 1e-10]), np.zeros((1, 2)))
+    refine_parameters(PROBLEM, carrying("parasitic_mode", MODE), "parasitic_mode", before=before)
+    assert [one[2] for one in climbs.asked] == pytest.approx([width, 3e-5])
+    climbs.asked.clear()
+    refine_parameters(PROBLEM, carrying("parasitic_mode", MODE), "parasitic_mode", before=NOTHING)
+    assert [one[2] for one in climbs.asked] == pytest.approx([60.0, 0.001])
+
+
+@pytest.mark.parametrize(("to_beat", "ends"), [(-np.inf, False), (539.0, False), (541.0, True)])
+def test_a_climb_is_hopeless_where_four_times_its_gain_and_what_a_start_may_take_off_do_not_reach(
+    monkeypatch: pytest.MonkeyPatch, to_beat: float, *, ends: bool
+) -> None:
+    """From 200, with 10 gained so far: 200 + 4 · 10 + 300."""
+    climbs = Climbs(monkeypatch)
+    climbs.highest = -90.0
+    model = carrying("parasitic_mode", MODE, 200.0)
+    found, searched = refine_parameters(PROBLEM, model, "parasitic_mode", to_beat=to_beat)
+    assert climbs.hopeless is ends
+    assert len(climbs.asked) == (1 if ends else 2)
+    if ends:
+        assert found == (601.0, 1.01)
+        np.testing.assert_array_equal(searched.covariance, np.diag([0.25, 0.0]))
+        np.testing.assert_array_equal(searched.moves, np.zeros((len(SYMBOLS_OF_MODE), 2)))
+
+
+SYMBOLS_OF_MODE = tuple(c for c in parameters.effect_for("parasitic_mode", 2, ())[1].coefficients)
+
+
+def test_a_climb_that_turns_into_a_simpler_effect_ends_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    climbs = Climbs(monkeypatch)
+    climbs.is_turned = True
+    found, _ = refine_parameters(PROBLEM, carrying("parasitic_mode", MODE), "parasitic_mode")
+    assert (len(climbs.asked), found) == (1, (601.0, 1.01))
+
+
+def test_without_parameters_there_is_nothing_to_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = carrying("drive_gain", {"hx": 0.1})
+    assert refine_parameters(PROBLEM, model, "drive_gain") == (model, NOTHING)
