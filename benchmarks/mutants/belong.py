@@ -61,7 +61,7 @@ _TRACE = {
     "judgement": "judgement",
     "kin": "width",
     "look": "look candidates",
-    "nameless": "nameless closed_forms",
+    "nameless": "nameless_pieces closed_forms nameless",
     "nested": "nested",
     "observer_model": "observer_model certainty",
     "parameters": "hill closed_forms parameters",
