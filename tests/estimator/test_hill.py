@@ -211,10 +211,12 @@ class Models:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, turned: Callable[[dict[str, float]], bool]) -> None:
         self.asked: list[tuple[float, float, int, float]] = []
+        self.about: list[Any] = []
 
-        def fit(problem: Problem, passes: int) -> Any:
+        def fit(problem: Problem, passes: int = 2, about: Any = None) -> Any:
             given = problem.effects["parasitic_mode"]
             self.asked.append((given["omega"], given["zeta"], passes, problem.settings.initial["kxx"]))
+            self.about.append(about)
             settings = problem.settings
             likelihood = -((given["omega"] - 700.0) ** 2)
             found = ObserverSettings(initial={"kxx": given["omega"]}, effects=settings.effects)
@@ -253,8 +255,13 @@ def test_each_place_is_fitted_once_in_one_pass_about_the_best_so_far(monkeypatch
     assert made.at(a) == -2500.0
     assert models.asked[2:] == [(640.0, 0.02, 1, 690.0)]  # begun about the best
     assert made.highest == -100.0
+    assert models.about == [None] * 3
     assert made.fitted(a).settings.initial["kxx"] == 650.0
-    assert models.asked[3:] == [(650.0, 0.02, 2, 690.0)]
+    assert models.asked[3:] == [(650.0, 0.02, 1, 690.0)]  # a pass about the best, which is its second
+    assert models.about[3] is made.model.observer
+    made.model.likelihood = -np.inf  # unless that diverged
+    made.fitted(a)
+    assert (models.asked[4], models.about[4]) == ((650.0, 0.02, 2, 690.0), None)
 
 
 def test_where_the_effect_is_a_simpler_one_a_model_of_one_pass_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
