@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hil import examples
 from hil.bench import Bench, load_bench, override
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
-from hil.examples import find
 
 
 class Asked(NamedTuple):
@@ -32,8 +32,8 @@ def asked(
 
     Raises InputError that names the place.
     """
-    path = None if isinstance(bench, Bench) else find("bench", str(bench))
-    declared = bench if isinstance(bench, Bench) else load_bench(find("bench", str(bench)))
+    path = None if isinstance(bench, Bench) else examples.find("bench", str(bench))
+    declared = bench if isinstance(bench, Bench) else load_bench(examples.find("bench", str(bench)))
     source = declared.device.name if path is None else str(path)
     given = {key: value for key, value in loop.items() if value is not None}
     control = {"enabled": False} if open_loop else {}
