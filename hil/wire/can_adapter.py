@@ -93,6 +93,7 @@ class AdapterLink:
         """Give the adapter back; a second call does nothing."""
         if not self._closing:
             self._closing = True
+            self._records.shutdown(socket.SHUT_RDWR)  # or the thread may wait for ever for room that nobody makes
             self._reader.join()
             self._records.close()
             self._bus.shutdown()
