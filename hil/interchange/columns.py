@@ -10,13 +10,17 @@ from hil.records.atomic import replacing
 from hil.records.layout import Layout
 from hil.records.stream import BlockWriter
 
+_PIECE_ROWS = 1 << 16
+
 
 def write_columns(target: Path, layout: Layout, columns: Mapping[str, npt.NDArray[np.float64]]) -> None:
     """Write the capture `target`, whole or not at all: the columns of `layout`, (n,) each, and ticks from 0 on."""
-    rows = np.empty(len(next(iter(columns.values()))), layout.dtype)
-    rows["tick"] = np.arange(rows.size)
-    for name, values in columns.items():
-        rows[name] = values
+    count = len(next(iter(columns.values())))
     with replacing(target) as temporary, BlockWriter(temporary, layout) as writer:
-        writer.push(rows)
+        for start in range(0, count, _PIECE_ROWS):
+            rows = np.empty(min(_PIECE_ROWS, count - start), layout.dtype)
+            rows["tick"] = np.arange(start, start + rows.size)
+            for name, values in columns.items():
+                rows[name] = values[start : start + rows.size]
+            writer.push(rows)
         writer.close()

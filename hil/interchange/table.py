@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
+from hil.interchange.fast_table import read_plain_columns
 
 _CHUNK_ROWS = 16_384
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -26,6 +27,10 @@ class Table:
 
     values: npt.NDArray[np.float64]
     lines: npt.NDArray[np.int64]
+
+    def part(self, start: int, stop: int | None) -> "Table":
+        """Rows [start, stop)."""
+        return Table(self.values[start:stop], self.lines[start:stop])
 
 
 def read_header(path: Path, delimiter: str = ",", skip_lines: int = 0) -> list[str]:
@@ -56,6 +61,10 @@ def read_columns(
     that is no finite number.
     """
     start, stop = rows or (0, None)
+    if not where and (plain := _plain(path, columns, delimiter, skip_lines, header)) is not None:
+        kept_rows = plain.part(start, stop)
+        if kept_rows.lines.size:
+            return kept_rows
     values: list[npt.NDArray[np.float64]] = []
     lines: list[npt.NDArray[np.int64]] = []
     with _text(path) as text:
@@ -76,6 +85,18 @@ def read_columns(
             among += " where " + ", ".join(f"column {column + 1} reads {text!r}" for column, text in where.items())
         raise InputError(f"{path}: no rows of numbers{among}; give a file that holds a record")
     return Table(np.concatenate(values), np.concatenate(lines))
+
+
+def _plain(path: Path, columns: Sequence[int], delimiter: str, skip_lines: int, header: bool) -> Table | None:
+    """The whole file, where it is as plain as most are: no blank line, and as many cells on each as on the first."""
+    with _text(path) as text:
+        first = next((row for row in _rows(path, text, delimiter) if row[0] > skip_lines), None)
+    if first is None or first[0] != skip_lines + 1:
+        return None
+    skip = skip_lines + header
+    width = len(_names(first[1]))
+    values = read_plain_columns(path, columns, width=width, delimiter=delimiter, skip=skip)
+    return None if values is None else Table(values, np.arange(skip + 1, skip + 1 + len(values)))
 
 
 def _reads(cells: Sequence[str], where: Mapping[int, str]) -> bool:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 _TOLERANCE = 0.01
 """Of one step. Stamps printed with few digits pass; a missing or shifted sample does not."""
+_PIECE = 1 << 18
 
 
 class Spacing(NamedTuple):
@@ -27,14 +28,20 @@ def spacing(t_s: npt.NDArray[np.float64]) -> Spacing:
 
     Among the rates that fit, one of six digits is preferred: stamps are rounded, crystals are specified.
     """
-    steps = np.arange(t_s.size)
-    elapsed = t_s - t_s[0]
-    rate = (t_s.size - 1) / elapsed[-1]
+    rate = (t_s.size - 1) / float(t_s[-1] - t_s[0])
     for candidate in (float(f"{rate:.6g}"), rate):
-        off = np.abs(elapsed * candidate - steps) > _TOLERANCE
-        if not off.any():
+        if _first_off(t_s, candidate) is None:
             return Spacing(float(candidate), None)
     # the end fits by construction; the usual step shows where the stamps leave the grid
     usual = 1 / float(np.median(np.diff(t_s)))
-    off = np.abs(elapsed * usual - steps) > _TOLERANCE
-    return Spacing(float(rate), int(np.argmax(off)) or 1)
+    return Spacing(float(rate), _first_off(t_s, usual) or 1)
+
+
+def _first_off(t_s: npt.NDArray[np.float64], rate: float) -> int | None:
+    """First stamp off a grid of so many steps a second that begins at the first stamp; None when all are on it."""
+    for start in range(0, t_s.size, _PIECE):  # long records are gone through in parts
+        elapsed = t_s[start : start + _PIECE] - t_s[0]
+        off = np.abs(elapsed * rate - np.arange(start, start + elapsed.size)) > _TOLERANCE
+        if off.any():
+            return start + int(np.argmax(off))
+    return None
