@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from estimator.observer import Estimates, Observer
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
-from estimator.trace import prediction
-from estimator.trace.fitting import coefficients_of, constants_of, fit
+from estimator.trace import fitting, prediction
+from estimator.trace.fitting import carried_on, coefficients_of, constants_of, fit, run
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 
@@ -103,6 +104,11 @@ VOLTS = {"lcx": 0.02, "lsx": -0.01, "lcy": 0.005, "lsy": 0.015}
 HUM = {"interference": {"omega": LINE, **{name: volts / 4e4 for name, volts in VOLTS.items()}}}
 
 
+SETTLED = ObserverSettings(
+    memory=0.09, spread=Spread(rate=1.25, stiffness=0.018, damping=0.6), process_noise=ProcessNoise(rate=1e-3)
+)
+
+
 def hummed(record: Record) -> Record:
     """With a line on both sense channels, of 40 times the noise; time counts from one step before the first sample."""
     time = np.cumsum(record.step)
@@ -126,6 +132,46 @@ def test_begun_about_a_part_of_the_record_one_pass_says_what_two_do() -> None:
         assert abs(found[name] - known[name]) < 0.1 * deviation[name], name
     widths = [np.sqrt(np.diagonal(model.observer.covariance)) for model in (one, two)]
     np.testing.assert_allclose(widths[0], widths[1], rtol=0.02)
+
+
+def test_a_pass_that_is_carried_on_is_the_pass_over_all() -> None:
+    problem = Problem(hummed(ring_down(RATE)), DEVICE, SETTLED).carrying({"interference": {"omega": LINE}})
+    begun = fit(problem.part(slice(0, N // 4)), passes=1)
+    whole, going = fit(problem, passes=1), carried_on(begun, problem.record.part(slice(N // 4, N)))
+    np.testing.assert_allclose(going.estimates.innovation, whole.estimates.innovation, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(going.estimates.innovation_deviation, whole.estimates.innovation_deviation, rtol=1e-9)
+    assert going.likelihood == pytest.approx(whole.likelihood, rel=1e-12)
+    assert carried_on(replace(begun, likelihood=-np.inf), problem.record.part(slice(0, 10))).likelihood == -np.inf
+
+
+@pytest.mark.parametrize(("opening", "share", "warm", "first"), [
+    (N // 4, 0.1, False, N // 4),
+    (N // 8, 0.5, False, N // 2),
+    (N, 0.1, False, N),
+    (N // 4, 0.1, True, N),
+])  # fmt: skip
+def test_a_first_pass_is_of_a_part_and_finds_what_two_whole_ones_do(
+    monkeypatch: pytest.MonkeyPatch, opening: int, share: float, first: int, *, warm: bool
+) -> None:
+    record = hummed(ring_down(RATE))
+    record = replace(record, channels={"temperature": np.full(N, 20.0)}) if warm else record
+    problem = Problem(record, DEVICE, SETTLED).carrying({"interference": {"omega": LINE}})
+    two = fit(problem)  # shorter than what a first pass is made of
+    passes: list[int] = []
+
+    def counted(observer: Observer, one: Record, every: int | None = None) -> Estimates:
+        passes.append(len(one))
+        return run(observer, one, every)
+
+    monkeypatch.setattr(fitting, "run", counted)
+    monkeypatch.setattr(fitting, "_SET", replace(fitting._SET, opening=opening, opening_share=share))
+    one = fit(problem)
+    assert passes == [first, N]
+    assert len(one.estimates.innovation) == N
+    sure = dict(zip(two.observer.estimated, np.sqrt(np.diagonal(two.observer.covariance)).tolist(), strict=True))
+    found, known = coefficients_of(one.observer)["interference"], coefficients_of(two.observer)["interference"]
+    for name in VOLTS:
+        assert abs(found[name] - known[name]) < 0.1 * sure[name], name
 
 
 def test_free_runs_of_a_long_record_are_around_the_split_and_count_time_from_its_beginning(
