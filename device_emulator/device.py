@@ -20,7 +20,7 @@ from device_emulator.effects.catalogue import table
 from device_emulator.effects.force import coriolis, lightness
 from device_emulator.effects.sense import amplified, displacement, flip, shown, voltage
 from device_emulator.feedback import due, feed_back
-from device_emulator.plant import PLANT, STATES, plant_constants, step, step_alone
+from device_emulator.plant import PLANT, STATES, parts, plant_constants, step, step_alone
 from device_emulator.scenario import Scenario
 from device_emulator.sense import (
     SENSE,
@@ -283,7 +283,13 @@ def _interval(
             if len(hidden) == 0:
                 step_alone(plant, piece, t0 + since, until - since, push, state.motion)
             else:
-                step(plant, hidden, piece, t0 + since, until - since, push, plant.states, state.motion, state.stages)
+                count = parts(plant, hidden, piece, t0 + since, until - since, push, state.motion)
+                h_part = (until - since) / count
+                for part in range(count):
+                    at = since + part * h_part
+                    step(plant, hidden, piece, t0 + at, h_part, push, plant.states, state.motion, state.stages)
+                    push[0] += h_part * push[2]
+                    push[1] += h_part * push[3]
             since = until
             # A change that rounding leaves just past the end of the interval belongs to its end.
             while change <= since * (1.0 + 1e-9):

@@ -14,7 +14,7 @@ from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.lanes import put, take
 from estimator.kernel.layout import MAX_DELAY, Floats, Record
-from estimator.kernel.signals import directions, line_values
+from estimator.kernel.signals import directions, line_values, turns_over
 
 _field_columns = generated().field_columns
 _taylor = generated().taylor
@@ -23,6 +23,9 @@ _MAX_ORDER = 60
 _NORM, _TOLERANCE = 1.5, 1e-14
 _LONGEST = np.array([(_TOLERANCE * math.factorial(n + 1)) ** (1.0 / (n + 1)) / _NORM for n in range(_MAX_ORDER)])
 """By order, the interval that it does for (`taylor_order`)."""
+_TURNOVER = (-3.0, 0.0, 3.0)
+"""In v0: beyond, tanh is level to 0.5 %; between two of them five impulses give its integral to 1e-4."""
+_MOST_CUTS = 24
 Push = tuple[Floats, Floats, Floats, Floats, Floats]  # force, its derivatives by states, by constants; drive; signals
 _DRIFTS = (
     0.07534696026989288842,
@@ -200,6 +203,119 @@ def advance_columns(
 
 
 @compiled
+def passing(before: float, slope_before: float, after: float, slope_after: float) -> float:
+    """Where in [0, 1] a cubic with those ends and slopes (per unit) is zero; its ends differ in sign."""
+    low, high = 0.0, 1.0
+    for _ in range(20):  # where exactly the interval is cut hardly matters
+        t = 0.5 * (low + high)
+        value = (
+            before * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+            + slope_before * t * (1.0 - t) ** 2
+            + after * t * t * (3.0 - 2.0 * t)
+            + slope_after * t * t * (t - 1.0)
+        )
+        if (value > 0.0) == (before > 0.0):
+            low = t
+        else:
+            high = t
+    return 0.5 * (low + high)
+
+
+@compiled
+def insert_sorted(values: Floats, count: int, value: float) -> int:
+    """Put value among the first `count` of values, which ascend; returns how many there are now, no more than fit."""
+    if count == values.shape[0]:
+        return count
+    place = count
+    while place > 0 and values[place - 1] > value:
+        values[place] = values[place - 1]
+        place -= 1
+    values[place] = value
+    return count + 1
+
+
+@compiled
+def turnovers(settings: Record, c: Floats, u: Floats, h: float, a: Floats, b: Floats, out: Floats, cuts: Floats) -> int:
+    """cuts ← where in the interval, in order, the motion in out[:, 0] enters, crosses and leaves what friction turns
+    over in; returns how many there are.
+
+    Of the motion without effects: it is where to cut, and not what acts.
+    """
+    states = out.shape[0]
+    end = np.empty((states, 1))
+    for i in range(states):
+        end[i, 0] = out[i, 0]
+    taylor(settings.model, c, u, h, settings.order, 1, a, b, end)
+    carried = settings.effects[settings.effect_count, 2] if settings.candidate_count > 0 else settings.signal_count
+    slopes = np.empty((2, states))
+    sloped = False
+    count = 0
+    for i in range(carried):
+        axis = settings.signals[i, 1]
+        if not turns_over(settings, i):
+            continue
+        row = 2 * axis + 1
+        for level in _TURNOVER:
+            speed = level * settings.signal_parameters[i, 0]
+            before, after = out[row, 0] - speed, end[row, 0] - speed
+            if before * after >= 0.0:
+                continue
+            if not sloped:
+                ends_slopes(settings, c, u, a, b, out, end, slopes)
+                sloped = True
+            at = passing(before, slopes[0, row] * h, after, slopes[1, row] * h)
+            count = insert_sorted(cuts, count, at)
+    return count
+
+
+@compiled
+def ends_slopes(
+    settings: Record, c: Floats, u: Floats, a: Floats, b: Floats, start: Floats, end: Floats, slopes: Floats
+) -> None:
+    """slopes (2, states) ← time derivatives without effects at both ends of an interval, states there in column 0."""
+    drive = np.empty(u.shape[0])
+    for place in range(2):
+        for i in range(start.shape[0]):
+            a[i, 0] = start[i, 0] if place == 0 else end[i, 0]
+        drive_at(u, float(place), drive)
+        _field_columns(settings.model, c, a, drive, b, 1)
+        for i in range(start.shape[0]):
+            slopes[place, i] = b[i, 0]
+
+
+@compiled
+def advance(
+    settings: Record,
+    time: float,
+    c: Floats,
+    u: Floats,
+    h: float,
+    columns: int,
+    a: Floats,
+    b: Floats,
+    out: Floats,
+    push: Push,
+) -> None:
+    """`advance_columns`, in pieces where a velocity passes what friction turns over in: within each, the force is
+    smooth beside the piece.
+    """
+    count = 0
+    cuts = np.empty(_MOST_CUTS)
+    if settings.kinked == 1:
+        count = turnovers(settings, c, u, h, a, b, out, cuts)
+    if count == 0:
+        advance_columns(settings, time, c, u, h, columns, a, b, out, push)
+        return
+    at = 0.0
+    for piece in range(count + 1):
+        until = cuts[piece] if piece < count else 1.0
+        if until > at:
+            part = part_of(u, at, until - at)
+            advance_columns(settings, time + at * h, c, part, (until - at) * h, columns, a, b, out, push)
+            at = until
+
+
+@compiled
 def late_polynomial(u: Floats, past: Floats, axis: int, delay: float, start: float, length: float, out: Floats) -> None:
     """out (degree + 1,) ← drive of one axis, late by `delay` intervals, over [start, start + length] of this interval,
     in the normalised time of that part; the part must not reach over a boundary of the recorded intervals.
@@ -242,7 +358,7 @@ def flow_late(
     out: Floats,
     push: Push,
 ) -> None:
-    """`advance_columns` under a drive that is late by the constants at settings.drive_delay, sensitivities to them
+    """`advance` under a drive that is late by the constants at settings.drive_delay, sensitivities to them
     included.
 
     A shift of the input u(t − τ) moves what it forces by −(B u(h − τ) − Φ B u(−τ) + M x_forced): the integral of
@@ -261,7 +377,7 @@ def flow_late(
             continue
         for axis in range(axes):
             late_polynomial(u, past, axis, delays[axis], cuts[piece], length, part[axis])
-        advance_columns(settings, time + cuts[piece] * h, c, part, length * h, columns, a, b, out, push)
+        advance(settings, time + cuts[piece] * h, c, part, length * h, columns, a, b, out, push)
         if columns > 1:
             for axis in range(axes):
                 alone = np.zeros((axes, terms))
@@ -287,102 +403,6 @@ def flow_late(
                 out[i, 0] += early * out[i, column]
         elif early < 0.0:
             out[row, 0] += early * (ends[axis, 0] - ends[axis, 1])
-
-
-@compiled
-def turning_point(before: float, slope_before: float, after: float, slope_after: float) -> float:
-    """Where in [0, 1] a cubic with those ends and slopes (per unit) is zero; its ends differ in sign."""
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        t = 0.5 * (low + high)
-        value = (
-            before * (1.0 + 2.0 * t) * (1.0 - t) ** 2
-            + slope_before * t * (1.0 - t) ** 2
-            + after * t * t * (3.0 - 2.0 * t)
-            + slope_after * t * t * (t - 1.0)
-        )
-        if (value > 0.0) == (before > 0.0):
-            low = t
-        else:
-            high = t
-    return 0.5 * (low + high)
-
-
-@compiled
-def turning_points(
-    settings: Record, c: Floats, s: Floats, u: Floats, h: float, a: Floats, b: Floats, turns: Floats
-) -> None:
-    """turns (axes,) ← where in the interval a velocity changes sign, 1 where none does."""
-    states = s.shape[0]
-    end = np.zeros((states, 1))
-    for i in range(states):
-        end[i, 0] = s[i]
-    taylor(settings.model, c, u, h, settings.order, 1, a, b, end)
-    drive = np.zeros(u.shape[0])
-    for i in range(states):
-        a[i, 0] = s[i]
-    drive_at(u, 0.0, drive)
-    _field_columns(settings.model, c, a, drive, b, 1)
-    first = b[:, 0].copy()
-    drive_at(u, 1.0, drive)
-    _field_columns(settings.model, c, end, drive, b, 1)
-    for axis in range(settings.axes):
-        row = 2 * axis + 1
-        turns[axis] = 1.0
-        if s[row] * end[row, 0] < 0.0:
-            turns[axis] = turning_point(s[row], first[row] * h, end[row, 0], b[row, 0] * h)
-
-
-@compiled
-def turn(
-    settings: Record, c: Floats, u: Floats, at: float, axis: int, out: Floats, a: Floats, b: Floats, push: Push
-) -> None:
-    """Sensitivities of a velocity that turns: they jump with its acceleration (the saltation of a switched flow)."""
-    row = 2 * axis + 1
-    for i in range(out.shape[0]):
-        a[i, 0] = out[i, 0]
-    drive_at(u, at, push[3])
-    _field_columns(settings.model, c, a, push[3], b, 1)
-    linear = b[row, 0]
-    sides = np.zeros(2)
-    s = out[:, 0].copy()
-    for side in range(2):
-        s[row] = (1.0 if side == 1 else -1.0) * (1.0 if linear > 0.0 else -1.0)
-        effect_forces(settings, c, s, push)
-        sides[side] = linear + push[0][axis]
-    if sides[0] * sides[1] > 0.0:
-        for j in range(1, out.shape[1]):
-            out[row, j] *= sides[1] / sides[0]
-
-
-@compiled
-def flow_turning(
-    settings: Record,
-    time: float,
-    c: Floats,
-    s: Floats,
-    u: Floats,
-    h: float,
-    columns: int,
-    a: Floats,
-    b: Floats,
-    out: Floats,
-    push: Push,
-) -> None:
-    """`advance_columns` with forces that depend on the direction of motion: in pieces between its turning points."""
-    turns = np.ones(settings.axes)
-    turning_points(settings, c, s, u, h, a, b, turns)
-    order = np.argsort(turns)
-    at = 0.0
-    for piece in range(settings.axes + 1):
-        axis = order[piece] if piece < settings.axes else -1
-        until = turns[axis] if axis >= 0 else 1.0
-        if until > at:
-            part = part_of(u, at, until - at)
-            advance_columns(settings, time + at * h, c, part, (until - at) * h, columns, a, b, out, push)
-        if axis >= 0 and until < 1.0 and columns > 1:
-            turn(settings, c, u, until, axis, out, a, b, push)
-        at = max(at, until)
 
 
 @compiled
@@ -414,10 +434,8 @@ def flow(
             out[i, 1 + i] = 1.0
     if settings.drive_delay >= 0:
         flow_late(settings, time, past, c, u, h, columns, a, b, out, push)
-    elif settings.kinked == 1:
-        flow_turning(settings, time, c, s, u, h, columns, a, b, out, push)
     else:
-        advance_columns(settings, time, c, u, h, columns, a, b, out, push)
+        advance(settings, time, c, u, h, columns, a, b, out, push)
 
 
 @compiled
@@ -456,7 +474,7 @@ def sensed_before(
             reversed_drive = part_of(u, 1.0, -length)
         else:
             reversed_drive = part_of(past[back - 1, : u.shape[0], : u.shape[1]], 1.0, -length)
-        advance_columns(settings, time, c, reversed_drive, -length * h, out.shape[1], a, b, out, push)
+        advance(settings, time, c, reversed_drive, -length * h, out.shape[1], a, b, out, push)
         time -= length * h
         left -= length
         back += 1

@@ -320,7 +320,7 @@ def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
         np.zeros((2, states)),
         np.zeros((2, total - states)),
         np.zeros(2),
-        np.zeros(MAX_SIGNALS),
+        np.zeros(2 * MAX_SIGNALS),  # values, derivatives by the velocity
         np.zeros(2),
         np.zeros(states),
     )

@@ -4,7 +4,7 @@ import math
 
 from estimator.effects.declaration import Source
 from estimator.kernel.compiled import compiled
-from estimator.kernel.layout import Floats, Record
+from estimator.kernel.layout import MAX_SIGNALS, Floats, Record
 
 _PARAMETER = Source.PARAMETER.value
 _COSINE = Source.COSINE.value
@@ -34,12 +34,22 @@ def line_values(settings: Record, time: float, w: Floats) -> None:
 
 
 @compiled
+def turns_over(settings: Record, i: int) -> bool:
+    """Whether a signal is the direction in which an axis of the device moves."""
+    is_one: bool = settings.signals[i, 0] == _DIRECTION and settings.signals[i, 1] < settings.axes
+    return is_one
+
+
+@compiled
 def directions(settings: Record, s: Floats, w: Floats) -> None:
-    """Write the directions of motion of state s into w (signals,), smooth through rest."""
+    """Write the directions of motion of state s, smooth through rest, into w (2 MAX_SIGNALS,), and into its second half
+    their derivatives by the velocity.
+    """
     for i in range(settings.signal_count):
-        axis = settings.signals[i, 1]
-        if settings.signals[i, 0] == _DIRECTION and axis < settings.axes:
-            w[i] = math.tanh(s[2 * axis + 1] / settings.signal_parameters[i, 0])
+        if turns_over(settings, i):
+            rest = settings.signal_parameters[i, 0]
+            w[i] = math.tanh(s[2 * settings.signals[i, 1] + 1] / rest)
+            w[MAX_SIGNALS + i] = (1.0 - w[i] * w[i]) / rest
 
 
 @compiled

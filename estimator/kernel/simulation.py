@@ -62,7 +62,7 @@ def free_run(
     a = np.zeros((states, columns))
     b = np.zeros((states, columns))
     out = np.zeros((states, columns))
-    push = (np.zeros(2), np.zeros((2, states)), np.zeros((2, total - states)), np.zeros(2), np.zeros(MAX_SIGNALS))
+    push = (np.zeros(2), np.zeros((2, states)), np.zeros((2, total - states)), np.zeros(2), np.zeros(2 * MAX_SIGNALS))
     past = np.zeros((MAX_DELAY + 1, 2, MAX_DEGREE))
     signals = push[4]
     time = 0.0

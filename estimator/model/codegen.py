@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
-from estimator.effects.declaration import Effect
+from estimator.effects.declaration import Effect, Signal, Source
+from estimator.kernel.layout import MAX_SIGNALS
 from estimator.kernel.pointer import FORCE, SENSE
 from estimator.model.declaration import Model
 
@@ -312,7 +313,18 @@ def _additions(model: Model, effect: Effect, what: str) -> list[tuple[str, int, 
         found += [("by_states", axis, j, sp.diff(expression, s)) for j, s in enumerate(states)]
         found += [("by_own", axis, j, sp.diff(expression, c)) for j, c in enumerate(coefficients)]
         found += [("by_constants", axis, j, sp.diff(expression, constants[j])) for j in flowing]
+        if what == "force":
+            found += [
+                ("by_states", axis, 2 * signal.axis + 1, sp.diff(expression, signal.symbol) * _slope(signal))
+                for signal in effect.signals
+                if signal.source is Source.DIRECTION and signal.axis < model.axes
+            ]
     return [(kind, axis, j, sp.sympify(e)) for kind, axis, j, e in found if e != 0]
+
+
+def _slope(signal: Signal) -> sp.Symbol:
+    """Derivative of a direction by the velocity of its axis."""
+    return sp.Symbol(f"slope_of_{signal.symbol}")
 
 
 def _body(model: Model, effect: Effect, what: str, places: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
@@ -326,6 +338,7 @@ def _body(model: Model, effect: Effect, what: str, places: Mapping[str, str], so
         ("states", [state.symbol for state in model.states]),
         ("inputs", model.inputs),
         ("signals", [signal.symbol for signal in effect.signals]),
+        ("slopes", [_slope(signal) for signal in effect.signals]),
     ):
         lines += _unpack(symbols, sources[kind], used)
     lines += [line.replace("] = ", "] += ", 1) for line in _assignments(pairs, sources["shared"], "    ")]
@@ -344,6 +357,7 @@ _SOURCES = {
     "states": "s[{i}]",
     "inputs": "u[{i}]",
     "signals": "w[signal + {i}]",
+    "slopes": f"w[{MAX_SIGNALS} + signal + {{i}}]",
     "shared": "t",
 }
 
@@ -384,6 +398,7 @@ _OWN_SOURCES = {
     "states": "_s[{i} * _step]",
     "inputs": "_u[{i}]",
     "signals": "_w[_signal + {i}]",
+    "slopes": f"_w[{MAX_SIGNALS} + _signal + {{i}}]",
     "shared": "_t",
 }
 

@@ -24,6 +24,7 @@ def reference(
     drive: NDArray[np.float64],
     hidden: Any = lambda t, x, vx, y, vy: (0.0, 0.0),
     rate: Any = sine_rate,
+    max_step: float = np.inf,
 ) -> NDArray[np.float64]:
     """Rows of [x, ẋ, y, ẏ], interval by interval, written down from the equation of motion anew."""
     m = what.truth.mass_kg
@@ -47,6 +48,7 @@ def reference(
             method="DOP853",
             rtol=1e-11,
             atol=1e-18,
+            max_step=max_step,
             args=tuple(drive[m_row]),
         )
         rows.append(solved.y[:, -1])
@@ -136,6 +138,25 @@ def test_hidden_forces(name: str) -> None:
     )
     codes = pushes(60)
     assert_same_motion(states(record(what, codes).truth), reference(what, codes * (10.0 / 32768), force))
+
+
+@pytest.mark.parametrize("rest", [0.003, 0.02])
+@pytest.mark.parametrize("name", ["dry_friction", "asymmetric_friction"])
+def test_friction_turns_over_within_a_step(name: str, rest: float) -> None:
+    """v0 of a share of A ω0: a turn that is narrower than an eighth of a sample, over twenty cycles."""
+    v0, one_way = rest * OMEGA * AMPLITUDE_M, {"ax": 0.3, "ay": -0.4} if name == "asymmetric_friction" else {}
+    effect = {"name": name, "Fx": 0.5, "Fy": 0.3, "v0": v0, **one_way}
+    what = scenario({"truth": {"position_m": [AMPLITUDE_M, 0.6 * AMPLITUDE_M]}, "rate": SINE, "effect": [effect]})
+
+    def rub(t: float, x: float, vx: float, y: float, vy: float) -> tuple[float, float]:
+        tx, ty = np.tanh(vx / v0), np.tanh(vy / v0)
+        return -0.5 * (tx + one_way.get("ax", 0.0) * tx**2), -0.3 * (ty + one_way.get("ay", 0.0) * ty**2)
+
+    codes = pushes(60) // 20
+    expected = reference(what, codes * (10.0 / 32768), rub, max_step=TS * rest / 0.3)
+    scale = np.array([1.0, OMEGA, 1.0, OMEGA]) * AMPLITUDE_M
+    got = states(record(what, codes).truth)
+    np.testing.assert_allclose(got / scale, expected / scale, rtol=0, atol=2e-9)
 
 
 def test_drive_gain_and_misalignment() -> None:
