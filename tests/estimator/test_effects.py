@@ -189,7 +189,7 @@ def test_friction_is_followed_through_turning_points(
     name: str, tolerance: float, rest: float, size: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Wherever in the interval or at its ends a velocity turns, and however narrow the turn is beside the interval:
-    to a few ten-thousandths of the impulse of an interval, tanh² to two thousandths.  Between turning points alone, five
+    to a few ten-thousandths of the impulse of an interval, tanh² to two thousandths.  Between turning points alone five
     impulses were off by a hundredth and more.
     """
     monkeypatch.setitem(GIVEN, "v0", rest)
