@@ -2,8 +2,9 @@
 that an answer tells on which side of a threshold it lies.
 """
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,11 @@ def pieces() -> dict[str, Callable[[], Answer]]:
         "gains of the other sign": _gains,
         "a clock": _clock,
         "a climb beside a cliff": _cliff,
+        "a climb within a lobe": _lobe,
+        "broad and narrow modes": _modes,
+        "a line beside another": _beside,
+        "a loss by chance": _loss,
+        "openings": _openings,
     }
 
 
@@ -138,3 +144,106 @@ def _cliff() -> Answer:
     hill.seen = {}
     top, deviation = hill.climb(np.array([0.9]), 0, 0.4)
     return {"verdict": f"top at {top[0]:.3f} ± {deviation:.3f} after {len(asked)} models", "words": []}
+
+
+def _lobe() -> Answer:
+    """A line's likelihood over its frequency, begun 4 rad over the record beside its top, within its first lobe."""
+    from estimator.trace import parameters
+
+    span, asked = 1000.0 / _RATE, set()
+
+    class Lobe(parameters.Hill):
+        def __init__(self, *given: Any) -> None:
+            self.seen, self.highest, self.best = {}, -np.inf, b""
+
+        def at_each(self, places: Any) -> list[float]:
+            asked.update(float(place[0]) for place in places)
+            found = [1e4 * float(np.sinc((place[0] - 900.0) * span / 2.0 / np.pi)) ** 2 for place in places]
+            self.highest = max(self.highest, *found)
+            return found
+
+        def turned(self, place: Any) -> bool:
+            return False
+
+        def moves(self, place: Any, deviation: Any) -> Any:
+            return np.zeros((4, 1))
+
+        def fitted(self, place: Any) -> Any:
+            return float(place[0])
+
+    model: Any = SimpleNamespace(
+        settings=ObserverSettings(effects={"interference": {"omega": 900.0 + 4.0 / span}}), likelihood=0.0
+    )
+    with _in_place_of(parameters, "Hill", Lobe):
+        top: Any = parameters.refine_parameters(_ring(1000), model, "interference")[0]
+    return {"verdict": f"top at {top:.2f} rad/s after {len(asked)} models", "words": []}
+
+
+def _modes() -> Answer:
+    """Of the damping ratios 0.00007, 0.00015, 0.2, 0.4 and 0.7, in responses from a third of the resonance to twice
+    it, with noise of a millionth of the largest: of those that are seen, as what.
+    """
+    from estimator.trace.candidates import resonance
+
+    told = []
+    for zeta in (7e-5, 1.5e-4, 0.2, 0.4, 0.7):
+        near = max(2e-3, min(zeta, 0.6))
+        at = 1000.0 * np.linspace(1.0 - near, 1.0 + near, 401)
+        random = np.random.default_rng(1).standard_normal((2, len(at)))
+        response = 1e6 / (1e6 - at**2 + 2j * zeta * 1000.0 * at)
+        response = response + 1e-6 * np.max(np.abs(response)) * (random[0] + 1j * random[1])
+        if found := resonance(at, [response]):
+            told.append(f"{found[1]:.2g}")
+    return {"verdict": f"modes are seen: ζ {', '.join(told)}", "words": []}
+
+
+def _beside() -> Answer:
+    """10, 20, 45 and 80 rad over the record beside one that is carried."""
+    from estimator.trace.look import fresh
+
+    told = [
+        f"{turn} rad" for turn in (10, 20, 45, 80)
+        if fresh({"interference:1": {"omega": 900.0 + turn / 10.0}}, {"interference:2": {"omega": 900.0}}, span=10.0)
+    ]  # fmt: skip
+    return {"verdict": f"another line: {', '.join(told)} beside it", "words": []}
+
+
+def _loss() -> Answer:
+    """What taking an effect of two coefficients out loses of twice the log-likelihood: 23, 24.5, 26 and 28."""
+    from estimator.trace import observer_model
+    from estimator.trace.observer_model import Carrying, ObserverModel
+
+    problem = _ring(1000).carrying({"drive_gain": {}})
+    told = []
+    for loss in (23.0, 24.5, 26.0, 28.0):
+        innovation = np.zeros((1000, 2))
+        kept: Any = SimpleNamespace(
+            likelihood=loss, estimates=SimpleNamespace(innovation=innovation), observer=None, settings=problem.settings
+        )
+        less = SimpleNamespace(likelihood=0.0)
+        with (
+            _in_place_of(observer_model, "fit", lambda *given, less=less, **more: less),
+            _in_place_of(observer_model, "coefficients_of", lambda observer: {"drive_gain": {}}),
+        ):
+            _, score = ObserverModel(problem).without(Carrying(problem, kept), "drive_gain")
+        if score.gain > score.bar:
+            told.append(f"{loss:g}")
+    return {"verdict": f"kept at a loss of {', '.join(told)}", "words": []}
+
+
+def _openings() -> Answer:
+    """Of 15 000, 45 000 and 150 000 samples, those that a first pass sees."""
+    from estimator.trace.fitting import _opening
+
+    told = [f"{len(_opening(_ring(samples)).record)} of {samples}" for samples in (15_000, 45_000, 150_000)]
+    return {"verdict": f"a first pass over {', '.join(told)}", "words": []}
+
+
+@contextlib.contextmanager
+def _in_place_of(module: Any, name: str, instead: Any) -> Iterator[None]:
+    own = getattr(module, name)
+    setattr(module, name, instead)
+    try:
+        yield
+    finally:
+        setattr(module, name, own)
