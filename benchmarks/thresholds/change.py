@@ -17,7 +17,7 @@ def changed(value: Any, side: str) -> Any:
     """Half or double of a threshold, in the sense of the package's description."""
     factor = 0.5 if side == "half" else 2.0
     if isinstance(value, tuple):
-        return tuple(factor * one for one in value)
+        return tuple(max(round(factor * one), 1) if isinstance(one, int) else factor * one for one in value)
     if isinstance(value, int):
         return max(round(factor * value), 1)
     if 0.5 < value < 1.0:

@@ -1,5 +1,6 @@
 """Thresholds tried at half and at double: what is changed to what, and that whoever changes an answer is found."""
 
+import numpy as np
 import pytest
 
 from benchmarks.thresholds.change import changed, with_changes
@@ -21,10 +22,12 @@ EARLY = ("scan.parts", "choice.most")
         (0.98, 0.99, 0.96),  # what a likeness lacks to one
         (1.1, 1.05, 1.2),  # what is allowed beyond one
         ((0.1, 0.4), (0.05, 0.2), (0.2, 0.8)),
+        ((4, 20), (2, 10), (8, 40)),
     ],
 )
 def test_half_and_double(value, half, double):
     assert changed(value, "half") == pytest.approx(half)
+    assert type(np.ravel(changed(value, "half"))[0]) is type(np.ravel(value)[0])  # a number of samples stays one
     assert changed(value, "double") == pytest.approx(double)
 
 
