@@ -53,7 +53,7 @@ _TRACE = {
     "engine": "engine promised by_simulation",
     "evidence": "evidence width scan closed_forms",
     "examination": "certainty closed_forms",
-    "fitness": "fitness closed_forms",
+    "fitness": "fitness_rules fitness",
     "fitting": "fitting parameters certainty closed_forms",
     "free_response": "free_response closed_forms",
     "free_run": "promised free_run closed_forms",

@@ -77,9 +77,10 @@ def test_a_motion_that_stands_still_has_no_natural_rate_and_fails_nowhere() -> N
     of, _ = ellipse(400, np.zeros(400))
     still = replace(of, state=np.zeros_like(of.state))
     assert np.all(np.isfinite(motion(still, 400, CYCLE).phasor))
-    resting = of.state.copy()
-    resting[:, [0, 2]] = 0.0
-    assert np.all(np.isfinite(motion(replace(of, state=resting), 400, CYCLE).phasor))
+    for gone in ([0, 2], [1, 3]):
+        part = of.state.copy()
+        part[:, gone] = 0.0
+        assert np.all(np.isfinite(motion(replace(of, state=part), 400, CYCLE).phasor))
 
 
 @pytest.mark.parametrize("axes", [1, 2])
@@ -460,6 +461,22 @@ def test_repeats_are_found_with_their_period_and_the_quieter_half_tells_the_nois
     np.testing.assert_allclose(found, np.sqrt(quieter.mean(axis=0) / 2.0))
     if repeats > 3:
         np.testing.assert_allclose(found, [0.01, 0.04][:axes], rtol=0.15)
+
+
+def test_a_drive_of_one_size_repeats_as_any_other() -> None:
+    """±1 at random: its rms is 1.  Of 64 samples a stretch is half; of fewer there is none."""
+    signs = np.tile(np.sign(np.random.default_rng(8).standard_normal((300, 1))), (4, 1))
+    assert floor._period(signs) == 300
+    steps = np.tile([[1.0], [-1.0], [2.0], [0.5]], (40, 1))
+    assert floor._period(steps[:64]) == 4
+    assert floor._period(steps[:63]) is None
+
+
+def test_64_quiet_bins_of_the_upper_half_are_enough() -> None:
+    """And with 63 the whole spectrum counts."""
+    upper = np.linspace(1300.0, 1900.0, 64)  # of 233 Hz: no multiple is there
+    assert quiet_bins(np.concatenate([[300.0, 320.0], upper]), RATE, 233.0).tolist() == [False] * 2 + [True] * 64
+    assert quiet_bins(np.concatenate([[300.0, 320.0], upper[1:]]), RATE, 233.0).all()
 
 
 def test_what_comes_back_only_nearly_does_not_repeat() -> None:
