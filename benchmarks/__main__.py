@@ -23,6 +23,7 @@ BENCHMARKS = {
     "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 %% off",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
+    "form_added": "the loop with the form of the missing force beside the loop with the effect it is; ten minutes",
     "custom_effect": "effects of one's own beside the catalogue's of the same form: cost of a step, angle error",
     "trace_time": "a trace of a million samples with the whole catalogue",
     "bit_flips": "a thousand single changed bits in the record files of a run, each to be told",

@@ -46,17 +46,19 @@ def rows(say: Say) -> list[Row]:
 
 def traced(run: ClosedLoop, bench: Bench) -> dict[str, dict[str, float]]:
     """Effects a trace of the run's record names, with coefficients and parameters as a bench file has them."""
+    told = trace(problem_of(run, bench), split=int(FITTED * len(run.capture)))
+    return {effect.name: {symbol: one.value for symbol, one in effect.coefficients.items()} for effect in told.effects}
+
+
+def problem_of(run: ClosedLoop, bench: Bench) -> Problem:
+    """The run's record by what its bench file declares."""
     tick, vx, vy, ux, uy, _ = run.capture.T
     codes = np.column_stack([vx, vy]) * float(run.observer.record["sense_scale"][0, 0])
     sense = codes * [run.observer.scaling.sense(axis) for axis in range(2)]
     quantum = float(run.observer.record["quantum"][0]) * run.observer.scaling.drive
     drive = drive_polynomials(np.column_stack([ux, uy]) * quantum, "zoh")
     step = np.full(len(tick), 1.0 / run.sample_rate_Hz)
-    told = trace(
-        Problem(Record(sense, drive, step), device_of(bench), observer_settings_of(bench)),
-        split=int(FITTED * len(tick)),
-    )
-    return {effect.name: {symbol: one.value for symbol, one in effect.coefficients.items()} for effect in told.effects}
+    return Problem(Record(sense, drive, step), device_of(bench), observer_settings_of(bench))
 
 
 def angle_error(run: ClosedLoop) -> float:

@@ -14,7 +14,7 @@ from hil.bench.toml import toml_key, toml_value
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.records.atomic import write_text
-from hil.records.diagnosis import Coefficient, Diagnosis
+from hil.records.diagnosis import Coefficient, Diagnosis, MissingForce
 from hil.strict_toml import parse_table, table_of
 
 _COLUMN = 36  # where the remarks begin
@@ -70,6 +70,42 @@ def add_effects(source: Path, target: Path, additions: Iterable[Addition]) -> No
         raise InputError(f"{source}: [effects] has a form that nothing can be added to; write one table per effect")
     parse_table(after, Bench, str(target))
     write_text(target, text)
+
+
+def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> tuple[list[str], list[str]]:
+    """Write the bench file `source` with the form of the missing force to `target`, a [effects.custom] for each term.
+
+    record: on which it was found.  Gives the names that were written, and the terms that were not, as that grammar has
+    no memory; where nothing can be written, `target` is not.  InputError as of `write_custom`.
+    """
+    text = source.read_text(encoding="utf-8")
+    written: list[str] = []
+    for term in missing.form:
+        if not term.laws:
+            continue
+        along = [
+            " + ".join(
+                f"c_{label.replace(' ', '_')}*({laws[axis]})" for label, laws in term.laws.items() if laws[axis]
+            )
+            for axis in (0, 1)
+        ]  # fmt: skip
+        name = f"form_{len(written) + 1}"
+        text = write_custom(
+            text,
+            name,
+            () if term.sensed else along,
+            {f"c_{label.replace(' ', '_')}": (_rounded(one), one.unit) for label, one in term.coefficients.items()},
+            sensed=along if term.sensed else (),
+            parameters={symbol: (one.value or 0.0, one.unit) for symbol, one in term.inside.items()},
+            title=f"{'Sensed' if term.sensed else 'Force'} of the form {term.form}",
+            remark=f"a form, no cause; traced in {record}",
+        )
+        written.append(name)
+    if written:
+        text, expected = _with_board(text, tomllib.loads(text), source, target)
+        parse_table(expected, Bench, str(target))
+        write_text(target, text)
+    return written, [term.form for term in missing.form if not term.laws]
 
 
 def write_custom(

@@ -12,6 +12,7 @@ from estimator.errors import ModelError
 from estimator.missing_force.following import follow
 from estimator.missing_force.latent import Latent
 from estimator.missing_force.law import Law, constants_alone, part_of, propose, with_constants
+from estimator.missing_force.laws import laws
 from estimator.missing_force.library import Term
 from estimator.missing_force.linear import Linear, scaled_constants
 from estimator.missing_force.points import Points, points_of
@@ -81,7 +82,7 @@ def missing_force(problem: Problem, split: int) -> MissingForce:
         law, now = alone, was
     drawn = _smoothed(stretch, whole, law, latent, pushes=False)
     after = _smoothed(stretch, whole, law, latent, pushes=True) if law.terms else drawn
-    return _in_si(stretch, drawn, after, law, was, now)
+    return _seen(stretch, drawn, after, law, was, now)
 
 
 def _stretch(problem: Problem, split: int) -> _Stretch:
@@ -174,7 +175,7 @@ def _left(was: float, now: float) -> float:
     return float(np.sqrt(max(now**2 - 1.0, 0.0) / (was**2 - 1.0)))
 
 
-def _in_si(stretch: _Stretch, drawn: Smoothed, after: Smoothed, law: Law, was: float, now: float) -> MissingForce:
+def _seen(stretch: _Stretch, drawn: Smoothed, after: Smoothed, law: Law, was: float, now: float) -> MissingForce:
     scaling, linear = stretch.observer.scaling, stretch.linear
     length, speed = scaling.length, scaling.length * scaling.omega0
     force = speed * scaling.omega0
@@ -203,14 +204,17 @@ def _terms(law: Law, length: float, omega: float) -> tuple[FormTerm, ...]:
     for term, values in zip(law.terms, law.coefficients, strict=True):
         own = deviations[first : first + len(values)]
         first += len(values)
-        found.append(_term(term, values, own, length, omega))
+        found.append(in_si(term, values, own, length, omega))
     return tuple(found)
 
 
-def _term(term: Term, values: Array, deviations: Array, length: float, omega: float) -> FormTerm:
+def in_si(term: Term, values: Array, deviations: Array, length: float, omega: float) -> FormTerm:
+    """The term with its scaled coefficients and their standard deviations, in SI; `length` in m, `omega` in rad/s."""
     meters, seconds = (1 - term.length, -term.time) if term.sense else (1 - term.length, -2 - term.time)
     scale = length**meters * omega**-seconds
-    unit = si_unit(int(meters), int(seconds)) + ("/K" if term.form.startswith("T") else "")
+    unit = si_unit(int(meters), int(seconds))
+    if term.form.startswith("T"):
+        unit = f"1/({unit.removeprefix('1/')}·K)" if unit.startswith("1/") else f"{unit}/K"
     given = {}
     for name, value, deviation in zip(term.labels, values * scale, TWO_SIDED * deviations * scale, strict=True):
         given[name] = Interval(float(value), float(value - deviation), float(value + deviation), unit)
@@ -219,4 +223,4 @@ def _term(term: Term, values: Array, deviations: Array, length: float, omega: fl
         name, value, powers, times = term.threshold
         at = value * length**powers * omega**-times
         inside[name] = Interval(at, at, at, "rad/s" if name == "w" else si_unit(powers, times))
-    return FormTerm(term.form, term.sense, given, inside)
+    return FormTerm(term.form, term.sense, given, inside, laws(term))

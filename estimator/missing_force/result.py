@@ -13,14 +13,16 @@ from estimator.trace.diagnosis import Interval
 @dataclass(frozen=True)
 class FormTerm:
     """A term of the form: as each axis has it ("q³", "r² v"), whether it is sensed and does not push, its coefficients
-    with their 95 % intervals by name (`x`, `y`, or `both`; of a line with `cos` or `sin` before), and the number inside
-    it that came from the record (a gap, a limit, a frequency), by name.
+    with their 95 % intervals by name (`x`, `y`, or `both`; of a line with `cos` or `sin` before), the number inside
+    it that came from the record (a gap, a limit, a frequency), by name, and what one of each coefficient adds along x
+    and y in the grammar of [effects.custom]: none for a term that has a memory.
     """
 
     form: str
     sense: bool
     coefficients: Mapping[str, Interval]
     threshold: Mapping[str, Interval]
+    laws: Mapping[str, tuple[str, str]]
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,15 @@ from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name
 
 if TYPE_CHECKING:
     from hil.bench import Bench
+    from hil.records.diagnosis import Diagnosis
     from hil.tracing import Traced
 
 Add = Annotated[
     Path | None,
-    typer.Option("--add", help="Bench file to write: the one given, with the effect found declared in it."),
+    typer.Option(
+        "--add",
+        help="Bench file to write: the one given, with the effect that was found, or the form of what is missing, declared in it.",
+    ),
 ]
 Fraction = Annotated[
     float | None,
@@ -90,7 +94,6 @@ def trace(
     from hil.cli.files import capture_in, fresh
     from hil.cli.own import prepare
     from hil.cli.progress import watching
-    from hil.cli.show import say
     from hil.cli.show_diagnosis import finish
     from hil.errors import InputError
     from hil.examples import find
@@ -122,15 +125,28 @@ def trace(
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction)
     if add is not None:
-        from hil.addition import add_effects, additions
-
-        found = additions(done.diagnosis)
-        if found:
-            add_effects(path, add, found)
-            say(f"{add}: written; it declares {', '.join(one.name for one in found)}")
-        else:
-            say(f"{add}: not written; there is nothing to add")
+        _added(done.diagnosis, path, add)
     finish(done.folder, done.diagnosis, as_json=json)
+
+
+def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> None:
+    """Write the bench file with what was found: the effects, or else the form of the missing force."""
+    from hil.addition import add_effects, add_form, additions
+    from hil.cli.show import say
+
+    found = additions(diagnosis)
+    if found:
+        add_effects(source, target, found)
+        say(f"{target}: written; it declares {', '.join(one.name for one in found)}")
+        return
+    missing = diagnosis.missing_force
+    written, unwritten = ([], []) if missing is None else add_form(source, target, missing, diagnosis.record)
+    memory = f"; {', '.join(unwritten)} has a memory, which no law of [effects.custom] has" if unwritten else ""
+    if written:
+        named = ", ".join(f"[effects.custom.{name}]" for name in written)
+        say(f"{target}: written; no effect accounts for what is missing, so that it declares its form: {named}{memory}")
+    else:
+        say(f"{target}: not written; there is nothing to add{memory}")
 
 
 def _together(

@@ -135,6 +135,11 @@ class FormTerm(_Model):
     inside: dict[str, Coefficient] = Field(
         default_factory=dict, description="Numbers inside the form, found with it: a gap, a limit, a frequency"
     )
+    laws: dict[str, tuple[str, str]] = Field(
+        default_factory=dict,
+        description="By coefficient, what one of it adds along x and y, in the grammar of [effects.custom]; none for a "
+        "term with a memory",
+    )
 
 
 class MissingForce(_Model):

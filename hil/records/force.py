@@ -116,6 +116,7 @@ def _term(term: FormTerm) -> written.FormTerm:
         sensed=term.sense,
         coefficients={name: written.coefficient(one) for name, one in term.coefficients.items()},
         inside={name: written.coefficient(one) for name, one in term.threshold.items()},
+        laws=dict(term.laws),
     )
 
 

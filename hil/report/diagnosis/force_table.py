@@ -12,11 +12,7 @@ def coefficients(found: MissingForce) -> str:
         for term in found.form
         for name, one in term.coefficients.items()
     ]
-    rows += [
-        (term.form, name, "inside", estimate(one), "")
-        for term in found.form
-        for name, one in term.inside.items()
-    ]
+    rows += [(term.form, name, "inside", estimate(one), "") for term in found.form for name, one in term.inside.items()]
     head = ["term", "of", "in the", "coefficient", "95 % interval"]
     caption = "The form of the missing force: coefficients SI per unit mass, with the sign with which they push"
     return table(caption, head, rows, (3, 4)) if rows else ""

@@ -1,0 +1,42 @@
+"""A term of a form as text, in the grammar of [effects.custom]: what one of each coefficient adds to the axes, in SI.
+
+A term is homogeneous: the text that holds in scaled units holds in SI, too, with the number inside it as a parameter.
+"""
+
+import re
+
+import sympy as sp
+
+from estimator.missing_force.library import THRESHOLD, Term, t, temperature
+
+_NAMES = {"Abs": "abs", "temperature": "T"}
+_WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
+
+
+def laws(term: Term) -> dict[str, tuple[str, str]]:
+    """By label of the coefficient, the laws along x and y, "" where there is none.
+
+    Empty for a term that is no function of the moment, as hysteresis: that grammar has no memory.
+    """
+    if term.series is not None:
+        return {}
+    columns = term.columns
+    if term.threshold is not None:
+        inside = sp.Symbol(term.threshold[0], positive=True)
+        columns = tuple(
+            (one.subs(THRESHOLD, inside), two.subs(THRESHOLD, inside))
+            for one, two in (term.general or tuple(_wave(pair, term.threshold[1]) for pair in columns))
+        )
+    return {label: (_text(one), _text(two)) for label, (one, two) in zip(term.labels, columns, strict=True)}
+
+
+def _wave(pair: tuple[sp.Expr, sp.Expr], frequency: float) -> tuple[sp.Expr, sp.Expr]:
+    """A wave with its frequency as the number inside."""
+    one, two = (law.subs(frequency * t, THRESHOLD * t) for law in pair)
+    return one, two
+
+
+def _text(law: sp.Expr) -> str:
+    if law == 0:
+        return ""
+    return _WORD.sub(lambda word: _NAMES.get(word[0], word[0]), sp.sstr(law.subs(temperature, sp.Symbol("T"))))
