@@ -16,7 +16,7 @@ Add = Annotated[
     Path | None,
     typer.Option(
         "--add",
-        help="Bench file to write: the one given, with the effect that was found, or the form of what is missing, declared in it.",
+        help="Bench file to write: the one given, with the effect found, or the form of what is missing, in it.",
     ),
 ]
 Fraction = Annotated[
