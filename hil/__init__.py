@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from hil.errors import InputError
     from hil.library.finished_run import Run
     from hil.library.live import Live
+    from hil.library.loading import load
     from hil.library.series import Series
     from hil.library.tracing import Trace
-    from hil.library.verbs import diff, export, load, load_bench, replay, run, score, trace
+    from hil.library.verbs import diff, export, load_bench, replay, run, score, trace
     from hil.library.verbs import open_live as open
     from hil.loop.run import Interrupted
     from hil.wire.errors import WireError
@@ -66,7 +67,7 @@ _HOMES = {
     "WireError": "hil.wire.errors",
     "diff": "hil.library.verbs",
     "export": "hil.library.verbs",
-    "load": "hil.library.verbs",
+    "load": "hil.library.loading",
     "load_bench": "hil.library.verbs",
     "open": "hil.library.verbs:open_live",
     "replay": "hil.library.verbs",

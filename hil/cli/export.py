@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli.options import CaptureArgument, Json
+from hil.cli.options import CaptureArgument, Json, Replace
 
 Format = Annotated[
     str | None,
@@ -26,7 +26,12 @@ Target = Annotated[
 
 
 def export(
-    capture: CaptureArgument, to: Format = None, what: What = None, out: Target = None, json: Json = False
+    capture: CaptureArgument,
+    to: Format = None,
+    what: What = None,
+    out: Target = None,
+    replace: Replace = False,
+    json: Json = False,
 ) -> None:
     """Write a run's capture, estimates, angle, rate or innovation as CSV, Parquet, MAT or MCAP.
 
@@ -52,7 +57,7 @@ def export(
     ending = "" if out is None else out.suffix.removeprefix(".")
     to = to or next((known for known in FORMATS if known == ending), "csv")
     named = "".join(f"-{one}" for one in what or ())
-    target = fresh(out or Path(f"{place.name if place.is_dir() else place.stem}{named}.{to}"))
+    target = fresh(out or Path(f"{place.name if place.is_dir() else place.stem}{named}.{to}"), replace=replace)
     rows = write(place, target, to, what or ())
     if json:
         print_json({"file": str(target), "rows": sum(rows.values()), "tables": rows})

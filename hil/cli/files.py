@@ -19,8 +19,9 @@ def capture_in(place: Path) -> Path:
     return place / "capture.arrow" if place.is_dir() else place
 
 
-def fresh(target: Path) -> Path:
-    """``target`` itself; `InputError` where it exists, since nothing is overwritten unasked."""
-    if target.exists():
-        raise InputError(f"{target}: exists already; give another --out, or remove it")
+def fresh(target: Path, *, replace: bool = False) -> Path:
+    """``target`` itself; `InputError` where it exists, since nothing is overwritten unasked: `replace` asks for it."""
+    if target.exists() and not (replace and target.is_file()):
+        cure = "give another name" if target.is_dir() else "give another name, or --replace"
+        raise InputError(f"{target}: exists already; {cure}")
     return target

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from hil.cli.options import Json
+from hil.cli.options import Json, Replace
 
 Source = Annotated[Path, typer.Argument(metavar="CSV", help="Text file with a header line, plain or gzipped; or .mat.")]
 Target = Annotated[
@@ -29,6 +29,7 @@ def import_(
     map_name: Map = None,
     hold: Hold = None,
     nonuniform: Nonuniform = False,
+    replace: Replace = False,
     json: Json = False,
 ) -> None:
     """Turn a CSV file into a capture that `hil replay` can run over.
@@ -48,7 +49,7 @@ def import_(
     from hil.examples import find
     from hil.interchange.importer import import_record
 
-    target = fresh(out or Path(csv.name.removesuffix(".gz").removesuffix(".csv") + ".arrow"))
+    target = fresh(out or Path(csv.name.removesuffix(".gz").removesuffix(".csv") + ".arrow"), replace=replace)
     map_file = None if map_name is None else find("map", map_name)
     capture = import_record(csv, target, map_file=map_file, hold=hold, nonuniform=nonuniform)
     if json:

@@ -5,14 +5,14 @@ from typing import Annotated
 
 import typer
 
-from hil.cli.options import Json, Link
+from hil.cli.options import Json, Link, Replace
 
 FromBoard = Annotated[bool, typer.Option("--from-board", help="Ask the board at --link for what it declares.")]
 Like = Annotated[
     str | None,
     typer.Option("--like", help="Bench file or example that fills in what the board does not say."),
 ]
-Target = Annotated[Path, typer.Option("--out", "-o", help="Bench file to write; must not exist.")]
+Target = Annotated[Path, typer.Option("--out", "-o", help="Bench file to write.")]
 
 
 def init(
@@ -20,6 +20,7 @@ def init(
     link: Link = None,
     like: Like = None,
     out: Target = Path("my.bench.toml"),
+    replace: Replace = False,
     json: Json = False,
 ) -> None:
     """Write a bench file to start from.
@@ -45,7 +46,7 @@ def init(
 
     if from_board != (link is not None):
         raise InputError("--from-board and --link belong together; give both or neither")
-    fresh(out)
+    fresh(out, replace=replace)
     known = {} if like is None else values_of(load_bench(find("bench", like)))
     heading = "A bench file to be filled in."
     if link is not None:

@@ -22,6 +22,7 @@ Link = Annotated[
 ]
 Name = Annotated[str | None, typer.Option("--name", help="Last part of the run folder's name.  [default: the bench's]")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder in which the run folder TIME-NAME is made.")]
+Replace = Annotated[bool, typer.Option("--replace", help="Write over a file that exists already.")]
 Seed = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of the dither and of an emulated board's noise."),

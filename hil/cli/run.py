@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Out, Seed, Truth
+from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Out, Replace, Seed, Truth
 
 Clock = Annotated[
     Literal["lockstep", "paced", "real"] | None,
@@ -36,6 +36,7 @@ def run(
     seed: Seed = None,
     note: Note = None,
     truth: Truth = None,
+    replace: Replace = False,
     arm: Arm = False,
     dry_run: DryRun = False,
     open_loop: OpenLoop = False,
@@ -64,10 +65,14 @@ def run(
     from hil.library.asked import asked
 
     given = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
-    declared, url, truth = request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+    declared, url, truth = request = asked(
+        bench, given, link=link, open_loop=open_loop, truth=truth, replace=replace
+    )
     if not dry_run and not request.emulated:
         consent.require(url, declared, given=arm, open_loop=open_loop)
     prepare(declared)
+    if truth is not None and not dry_run:
+        truth.unlink(missing_ok=True)  # asked for, or it is not there: the board makes it anew
     from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it
 
     with watching(declared.loop.name) as watch:

@@ -19,7 +19,7 @@ def score(run: Run, truth: TruthFile, json: Json = False) -> None:
     Examples:
 
     \b
-      hil run s-slow --truth truth.arrow
+      hil run s-slow --truth truth.arrow --replace
       hil score last --truth truth.arrow
     """
     from hil.cli.files import run_folder

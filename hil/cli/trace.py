@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out, Replace
 
 if TYPE_CHECKING:
     from hil.bench import Bench
@@ -62,6 +62,7 @@ def trace(
     out: Out = RUNS,
     name: Name = None,
     add: Add = None,
+    replace: Replace = False,
     fraction: Fraction = None,
     live: Live = False,
     link: Link = None,
@@ -84,7 +85,7 @@ def trace(
 
     \b
       hil trace runs/first --bench s-undeclared
-      hil trace runs/first --bench s-undeclared --add better.bench.toml
+      hil trace runs/first --bench s-undeclared --add better.bench.toml --replace
       hil trace runs/first --bench my.bench.toml --live --link serial:/dev/ttyACM0 --arm
       hil trace silverbox.arrow --bench silverbox --json
       hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
@@ -101,7 +102,7 @@ def trace(
     path = find("bench", bench)
     declared = load_any_bench(path)
     if add is not None:
-        fresh(add)
+        fresh(add, replace=replace)
     if isinstance(declared, RateSensorBench) and (add is not None or live):
         raise InputError(f"{path}: a rate sensor, which no observer runs on; leave out --add and --live")
     if (arm or link is not None) and not live:

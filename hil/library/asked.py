@@ -26,9 +26,16 @@ class Asked(NamedTuple):
 
 
 def asked(
-    bench: Bench | Path | str, loop: Mapping[str, Any], *, link: str | None, open_loop: bool, truth: Path | str | None
+    bench: Bench | Path | str,
+    loop: Mapping[str, Any],
+    *,
+    link: str | None,
+    open_loop: bool,
+    truth: Path | str | None,
+    replace: bool = False,
 ) -> Asked:
-    """Put together what is asked; `loop` has keys of [loop], None where the bench file's stays.
+    """Put together what is asked; `loop` has keys of [loop], None where the bench file's stays; `replace` lets the
+    truth be a file that exists.
 
     Raises InputError that names the place.
     """
@@ -44,8 +51,8 @@ def asked(
     file = None if truth is None else Path(truth)
     if file is not None and not is_emulated(url):
         raise InputError(f"--truth: {url} is not started here; give --truth to its hil emulate")
-    if file is not None and file.exists():
-        raise InputError(f"--truth: {file}: exists already; give another name, or remove it")
+    if file is not None and file.exists() and not (replace and file.is_file()):
+        raise InputError(f"--truth: {file}: exists already; give another name, or --replace")
     return Asked(declared, url, file)
 
 

@@ -2,14 +2,16 @@
 
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from hil.bench import Bench, load_bench
 from hil.errors import InputError
 from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates, of_innovation
 from hil.library.series import Series
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+
+if TYPE_CHECKING:
+    from hil.bench import Bench
 
 _Record = TypeVar("_Record")
 
@@ -26,8 +28,10 @@ class Run:
         return self._folder.path
 
     @cached_property
-    def bench(self) -> Bench:
+    def bench(self) -> "Bench":
         """The bench file as run."""
+        from hil.bench import load_bench
+
         return load_bench(self._folder.bench_path)
 
     @property

@@ -3,19 +3,19 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hil.addition import additions
-from hil.bench import Bench
 from hil.errors import InputError
-from hil.records.diagnosis import Confusable, Diagnosis, Effect
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from hil.bench import Bench
+    from hil.records.diagnosis import Confusable, Diagnosis, Effect
 
 
 class Trace:
     """The answer of a trace, and the folder where it is kept."""
 
-    def __init__(self, folder: Path, diagnosis: Diagnosis) -> None:
+    def __init__(self, folder: Path, diagnosis: "Diagnosis") -> None:
         self._folder = folder
         self.diagnosis = diagnosis
 
@@ -30,12 +30,12 @@ class Trace:
         return str(self.diagnosis.verdict)
 
     @property
-    def effects(self) -> tuple[Effect, ...]:
+    def effects(self) -> "tuple[Effect, ...]":
         """What acts, or acts like it, in the order of what it explains; coefficients with their 95 % intervals."""
         return self.diagnosis.effects
 
     @property
-    def confusable(self) -> tuple[Confusable, ...]:
+    def confusable(self) -> "tuple[Confusable, ...]":
         """What the record cannot tell apart, and the experiment that would."""
         return self.diagnosis.confusable
 
@@ -44,10 +44,12 @@ class Trace:
         """Why the verdict is what it is, a sentence each."""
         return self.diagnosis.reasons
 
-    def add_to(self, bench: Bench) -> Bench:
+    def add_to(self, bench: "Bench") -> "Bench":
         """`bench` with the effects found declared, for the next run.  Raises InputError where there is nothing to add:
         only what is explained is declared.
         """
+        from hil.addition import additions
+
         found = additions(self.diagnosis)
         if not found:
             raise InputError(f"{self.verdict}: there is nothing to add; only what is explained is declared")

@@ -10,11 +10,10 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy.typing as npt
 
-from estimator.backend import Backend
 from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench import load_bench as bench_at
 from hil.comparison import Comparison
@@ -29,6 +28,9 @@ from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
 from hil.records.runfolder import RunFolder
 
+if TYPE_CHECKING:
+    from estimator.backend import Backend
+
 AnyBench = Bench | RateSensorBench | Path | str
 Record = Run | Path | str | Mapping[str, npt.ArrayLike]
 RUNS = Path("runs")
@@ -38,16 +40,6 @@ def alarms_only(progress: Progress) -> None:
     """What nobody may miss goes to standard error, the rest nowhere."""
     if progress.alarm:
         print(printable(f"hil: UNSAFE: {progress.alarm}"), file=sys.stderr, flush=True)
-
-
-def load(place: Path | str) -> Run | Trace:
-    """What `hil run`, `hil replay` or `hil trace` left in a folder."""
-    folder = Path(place)
-    if (folder / "diagnosis.json").exists():
-        from hil.records.diagnosis import load_diagnosis
-
-        return Trace(folder, load_diagnosis(folder / "diagnosis.json"))
-    return Run(RunFolder.open(folder))
 
 
 def load_bench(name: Path | str) -> Bench:
@@ -117,7 +109,7 @@ def replay(
     bench: Bench | Path | str | None = None,
     *,
     name: str | None = None,
-    backend: Backend | None = None,
+    backend: "Backend | None" = None,
     hold: Hold = "zoh",
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,

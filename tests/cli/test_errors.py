@@ -100,7 +100,7 @@ def test_nothing_is_overwritten(hil: Hil, tmp_path: Path) -> None:
     (tmp_path / "ride.csv").write_text("t_s,vx_V,ux_V\n0,0,0\n1,0,0\n", encoding="utf-8")
     for name in ("my.bench.toml", "ride.arrow"):
         (tmp_path / name).write_text("mine", encoding="utf-8")
-    expected = "exists already; give another --out, or remove it"
+    expected = "exists already; give another name, or --replace"
     assert refused(hil("init")) == f"my.bench.toml: {expected}"
     assert refused(hil("import", "ride.csv")) == f"ride.arrow: {expected}"
     assert (tmp_path / "my.bench.toml").read_text(encoding="utf-8") == "mine"
@@ -128,3 +128,20 @@ def test_our_own_faults_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(examples, "find", broken)
     with pytest.raises(ZeroDivisionError):
         cli.execute(["run", "s-slow"])
+
+
+def test_what_is_asked_for_is_overwritten_but_never_a_folder(hil: Hil, tmp_path: Path) -> None:
+    (tmp_path / "ride.csv").write_text("t_s,vx_V,ux_V\n0,0,0\n1,0,0\n", encoding="utf-8")
+    for name in ("my.bench.toml", "ride.arrow"):
+        (tmp_path / name).write_text("old", encoding="utf-8")
+    assert hil("init", "--replace")[0] == 0
+    assert hil("import", "ride.csv", "--replace")[0] == 0
+    for name in ("my.bench.toml", "ride.arrow"):
+        assert (tmp_path / name).read_bytes() != b"old"
+    (tmp_path / "ride-folder").mkdir()
+    line = refused(hil("import", "ride.csv", "--out", "ride-folder", "--replace"))
+    assert line == "ride-folder: exists already; give another name"
+    (tmp_path / "bad.csv").write_text("t_s,vx_V,ux_V\n0,0,0\n1,nan,0\n", encoding="utf-8")
+    before = (tmp_path / "ride.arrow").read_bytes()
+    refused(hil("import", "bad.csv", "--out", "ride.arrow", "--replace"))
+    assert (tmp_path / "ride.arrow").read_bytes() == before

@@ -26,6 +26,14 @@ def test_importing_loads_nothing_heavy() -> None:
     assert done.stdout.strip() == ""
 
 
+def test_opening_what_is_there_loads_no_estimator(run: hil.Run) -> None:
+    heavy = ("numba", "sympy", "scipy", "matplotlib", "hil.bench", "estimator.observer")
+    program = f"import hil, sys; run = hil.load({str(run.path)!r}); run.verdict, run.angle.values[-1], run.innovation; "
+    program += f"print(*[m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
 def test_all_that_is_offered_is_there() -> None:
     for name in hil.__all__:
         assert getattr(hil, name) is not None

@@ -1,0 +1,17 @@
+"""What is there already is opened at once: neither estimator nor bench files are loaded for it."""
+
+from pathlib import Path
+
+from hil.library.finished_run import Run
+from hil.library.tracing import Trace
+from hil.records.runfolder import RunFolder
+
+
+def load(place: Path | str) -> Run | Trace:
+    """What `hil run`, `hil replay` or `hil trace` left in a folder."""
+    folder = Path(place)
+    if (folder / "diagnosis.json").exists():
+        from hil.records.diagnosis import load_diagnosis
+
+        return Trace(folder, load_diagnosis(folder / "diagnosis.json"))
+    return Run(RunFolder.open(folder))
