@@ -166,6 +166,18 @@ def screen(
     return {"open": still, "baseline": baseline, "read": {name: list(on) for name, on in reads.items()}, **changed}
 
 
+def added(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
+    """What was kept, with what was found of some thresholds, and of records that it has not, in its place."""
+    names = set(found["read"])
+    whole = {**kept, "baseline": {**found["baseline"], **kept["baseline"]}, "read": {**kept["read"], **found["read"]}}
+    for side in SIDES:
+        rest = {name: answers for name, answers in kept[side].items() if name not in names}
+        whole[side] = {**rest, **found[side]}
+        left = {name: records for name, records in kept["open"][side].items() if name not in names}
+        whole["open"] = {**whole["open"], side: {**left, **found["open"][side]}}
+    return whole
+
+
 def _first(
     names: Sequence[str], records: Sequence[str], reads: dict[str, tuple[str, ...]], early: frozenset[str]
 ) -> Iterable[_Job]:

@@ -1,5 +1,6 @@
 """What is said to be how sure: intervals, their widening, and the bound of the angle, each beside its closed form."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -195,9 +196,11 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
         return SimpleNamespace(simulation_rmse=None), (), SimpleNamespace(frequency=None, density=None)
 
     monkeypatch.setattr(examination, "Observer", lambda *args: None)
-    monkeypatch.setattr(examination, "hold", lambda observer: None)
-    monkeypatch.setattr(examination, "run", lambda observer, record, every: estimates)
+    held, strides = [], []
+    monkeypatch.setattr(examination, "hold", held.append)
+    monkeypatch.setattr(examination, "run", lambda observer, record, every: strides.append(every) or estimates)
     monkeypatch.setattr(examination, "analyse", analyse)
+    monkeypatch.setattr(examination, "_SET", replace(examination._SET, states=N))
     free = np.where(n[:, None] < SPLIT, 3.0, 4.0) * np.ones((1, 2))
     monkeypatch.setattr(examination, "free_run_error", lambda problem, split: free)
     monkeypatch.setattr(examination, "replace", lambda what, **changes: SimpleNamespace(**{**vars(what), **changes}))
@@ -209,6 +212,11 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     np.testing.assert_array_equal(fitting_part, n[settled:SPLIT])
     np.testing.assert_array_equal(fitted_sense, asked.record.sense[settled:SPLIT])
     assert (found.fitted.simulation_rmse, found.held_out.simulation_rmse) == (3.0, 4.0)
+    assert (held, strides) == ([None], [1])  # coefficients stay as given; so many states are all kept
+    seen = found.innovations
+    assert seen is found.innovations
+    assert (seen.innovation is estimates.innovation, seen.deviation is estimates.innovation_deviation) == (True, True)
+    assert seen.fitted == slice(settled, SPLIT)
 
 
 def test_errors_of_rate_and_angle_are_those_beside_the_reference():
@@ -221,6 +229,10 @@ def test_errors_of_rate_and_angle_are_those_beside_the_reference():
         names=("rate",), index=np.arange(N), angle=read, of=lambda name: np.where(np.arange(N) < SPLIT, 9.0, 0.32)
     )
     fit = claims.Fit((1.0,), (1.0,), 1.0, 0.5)
+    bare = Record(record.sense, record.drive, record.step)
+    unseen = SimpleNamespace(**{**vars(estimates), "names": ("x",)})
+    assert examination.scored(fit, bare, estimates, slice(SPLIT, N), 1) is fit
+    assert examination.scored(fit, record, unseen, slice(SPLIT, N), 1) is fit
     found = examination.scored(fit, record, estimates, slice(SPLIT, N), 1)
     assert found.rate_error_rms == pytest.approx(0.02)
     assert found.angle_error_rms == pytest.approx(0.02 * step * np.sqrt(((N - SPLIT) ** 2 - 1) / 12.0))

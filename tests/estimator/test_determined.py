@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from estimator.observer import Observer
 from estimator.refinement import Declared, refine
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.simulation import simulate
+from estimator.trace import determined
 from estimator.trace.determined import declared, undetermined
 
 RATE = 600.0
@@ -128,3 +130,76 @@ def test_declared_are_the_constants_of_the_base_model() -> None:
     assert known["kxx"] == Declared(1.9e5, pytest.approx(0.05 * 1.9e5))
     assert known["dxx"] == Declared(40.0, pytest.approx(20.0))
     assert known["drive_gain_x"] == Declared(1.0, pytest.approx(0.1))
+
+
+def found(information, **values):
+    """What the record says of constants that are declared to a tenth of 10."""
+    names = tuple(values)
+    return SimpleNamespace(
+        free=(*names, "x"), value=lambda name: values[name], information=np.array(information, float),
+        known={name: Declared(10.0, 1.0) for name in names},
+    )  # fmt: skip
+
+
+def test_information_on_some_is_what_is_left_whatever_the_others_are() -> None:
+    """Schur's complement, in units of what is declared."""
+    random = np.random.default_rng(3).standard_normal((40, 4)) * np.array([1.0, 1e3, 1e-3, 5.0])
+    information = random.T @ random
+    fit = found(information, a=1.0, b=1.0, c=1.0)
+    fit.known["b"] = Declared(1.0, 0.25)
+    covariance = np.linalg.inv(information)
+    for names, at in ((("a",), [0]), (("b", "c"), [1, 2]), (("c", "a"), [2, 0])):
+        size = [fit.known[name].deviation for name in names]
+        expected = np.linalg.inv(covariance[np.ix_(at, at)]) * np.outer(size, size)
+        np.testing.assert_allclose(determined._own(fit, names), expected, rtol=1e-6)
+    alone = found(np.array([[4.0]]), a=1.0)
+    alone.free = ("a",)
+    assert determined._own(alone, ("a",)) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("size", "said"), [(0.99, True), (1.01, False)])
+def test_what_says_less_than_the_bench_file_does_not_determine(size, said) -> None:
+    told = undetermined(found(np.diag([size, 9.0]), a=10.0))
+    assert bool(told) is said
+    if said:
+        assert told == ("the record does not determine a: it says less of it than the bench file, whose value stands",)
+
+
+def test_of_several_it_says_less_of_each_and_how_well_it_knows_their_product() -> None:
+    """A direction along a · b² · c⁻¹ in relative changes, known to 1/40 of a's tenth."""
+    powers = np.array([1.0, 2.0, -1.0]) / 10.0  # ln of the product by the constants, each of 10
+    along = powers / np.linalg.norm(powers)
+    information = np.zeros((4, 4))
+    information[:3, :3] = 1600.0 * np.outer(along, along)
+    information[3, 3] = 7.0
+    fit = found(information, a=10.0, b=10.0, c=10.0)
+    (told,) = undetermined(fit)
+    known, together = told.split("; it does determine ")
+    assert known == (
+        "the record does not determine a, b and c: it says less of each than the bench file, whose value stands"
+    )
+    # In units of the largest power, b; of b alone a relative deviation of |∇ ln b²…|/40.
+    sure = 1.959963984540054 * np.linalg.norm(powers / 2.0) / 40.0
+    assert together == f"a^0.5 × b × c^−0.5, to ± {sure:.2g} of itself"
+
+
+@pytest.mark.parametrize(("size", "said"), [(0.9, False), (1.1, True)])
+def test_a_combination_is_known_where_the_record_says_more_of_it_than_the_bench_file(size, said) -> None:
+    information = np.zeros((3, 3))
+    information[:2, :2] = size / 2.0
+    assert (determined._together(found(information, a=10.0, b=10.0), ("a", "b")) is not None) is said
+
+
+def test_a_factor_of_hardly_any_power_and_one_that_is_nothing_are_left_out() -> None:
+    along = np.array([1.0, 0.04, 0.0])
+    information = np.zeros((4, 4))
+    information[:3, :3] = 1e4 * np.outer(along, along)
+    assert determined._together(found(information, a=10.0, b=10.0, c=10.0), ("a", "b", "c")) is None
+    along = np.array([1.0, 0.06, 1.0])
+    information[:3, :3] = 1e4 * np.outer(along, along)
+    told = determined._together(found(information, a=10.0, b=10.0, c=10.0), ("a", "b", "c"))
+    assert told is not None
+    assert told.partition(",")[0] == "a × b^0.1 × c"
+    zero = found(information, a=10.0, b=10.0, c=10.0)
+    zero.known["a"] = Declared(0.0, 1.0)
+    assert determined._together(zero, ("a", "b")) is None

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.gaps import Gaps
+from estimator.kernel.flow import taylor_order
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.trace import scan as scanning
@@ -17,7 +18,7 @@ from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
 from estimator.trace.start import begin_about, hold
-from tests.estimator.test_scan import DEVICE, SETTINGS
+from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS
 
 UNLIKE = replace(DEVICE, sense_gain=(-890.0, 445.0), noise=(9e-5, 4e-5))
 WATCHED: dict[str, dict[str, float]] = {"drive_gain": {}, "cubic_stiffness": {}, "sense_gain": {}}
@@ -195,6 +196,23 @@ def test_the_quick_kernel_runs_where_it_is_asked_for(monkeypatch: pytest.MonkeyP
     fake, seen = noted(monkeypatch, np.ones(PARTS), vector=vector)
     assert {quick for _, _, quick in fake.asked} == {vector}
     assert bool(seen.observer.record["twin"]) is vector  # a plain EKF carries one covariance, not two
+
+
+def test_a_kernel_that_is_not_plain_is_not_quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scanning, "scans_plainly", lambda *given: False)
+    fake, _ = noted(monkeypatch, np.ones(PARTS))
+    assert {quick for _, _, quick in fake.asked} == {False}
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_a_drive_that_bends_within_a_step_needs_as_many_orders_more(
+    monkeypatch: pytest.MonkeyPatch, degree: int
+) -> None:
+    monkeypatch.setattr(scanning, "_advance", Noted(np.ones(PARTS), 3201))
+    steps = np.full(3201, 1.0 / DEVICE.sample_rate)
+    bent = Record(np.zeros((3201, 2)), np.zeros((3201, 2, degree + 1)), steps)
+    observer = scan(Problem(bent, DEVICE, SETTINGS), WATCHED).observer
+    assert int(observer.record["order"][0]) == taylor_order(OMEGA0 / DEVICE.sample_rate) + degree
 
 
 def test_a_part_is_cut_behind_its_gaps_and_where_its_course_is_read() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.thresholds.change import changed, with_changes
 from benchmarks.thresholds.page import page
-from benchmarks.thresholds.screening import screen
+from benchmarks.thresholds.screening import added, screen
 from estimator.trace.thresholds import THRESHOLDS, each, values
 
 NAMES = [one.name for one in each(THRESHOLDS)]
@@ -76,6 +76,21 @@ def test_whoever_changes_an_answer_is_found_and_nobody_else():
     assert "axes: unexplained" in told
     assert "axis: + finds line" in told
     assert "## Open" not in told
+
+
+def test_what_is_found_of_some_is_put_in_its_place_and_the_rest_stays():
+    whole = screen(Stub(), NAMES, ["axes", "axis"], 1, lambda line: None)
+    some = screen(Stub(), ["width.alike", "floor.away"], ["axes", "axis", "more"], 1, lambda line: None)
+    some["half"] = {"floor.away": {"more": some["baseline"]["more"] | {"verdict": "new"}}}
+    found = added(whole, some)
+    assert set(found["baseline"]) == {"axes", "axis", "more"}
+    assert set(found["read"]) == set(NAMES)
+    assert found["read"]["floor.away"] == ["axes", "axis", "more"]
+    assert set(found["half"]) == {"floor.away"}  # that of width.alike is none any more
+    assert set(found["double"]) == {"scan.parts", "floor.away"}
+    late = screen(Stub(), ["width.alike"], ["axes"], 1, lambda line: None, minutes=0.0)
+    assert set(added(whole, late)["open"]["half"]) == {"width.alike"}
+    assert added(added(whole, late), whole) == whole | {"baseline": whole["baseline"]}
 
 
 def test_what_time_does_not_suffice_for_is_told_as_open():

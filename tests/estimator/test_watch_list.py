@@ -34,7 +34,7 @@ SENSE = np.stack([np.linspace(-0.1, 0.08, N), np.linspace(0.09, -0.06, N)], axis
 
 
 def record(*, driven: bool = True, axes: int = 2, **channels: Any) -> Record:
-    drive = DRIVE[:, :axes] if driven else np.zeros((N, axes, 1))
+    drive = DRIVE[:, :axes].copy() if driven else np.zeros((N, axes, 1))
     return Record(SENSE[:, :axes], drive, np.full(N, 1.0 / RATE), channels)
 
 
@@ -172,7 +172,12 @@ def test_lost_samples_say_nothing_of_a_mode_and_hide_none() -> None:
     echo = np.stack([np.convolve(DRIVE[:, a, 0], np.exp(-20 * t) * np.sin(1.8 * OMEGA0 * t))[:N] for a in (0, 1)], 1)
     innovation = echo + 0.3 * WHITE
     innovation[np.random.default_rng(1).random(N) < 0.1] = np.nan
-    found = watched(record(), innovation=innovation)
+    innovation[: N // 2] *= 1000.0  # as wide as predicted there, and no more than that
+    deviation = np.where(np.arange(N) < N // 2, 1000.0, 1.0)[:, None] * np.ones((1, 2))
+    seen = record()
+    seen.drive[:1000] = 0.0  # off for a while is not off
+    found = watch_list(seen, GYRO, innovation, deviation)
+    assert {"drive_delay", "sense_delay"} <= set(found)
     assert any(
         abs(given["omega"] / (1.8 * OMEGA0) - 1.0) < 0.01
         for name, given in found.items() if kind(name) == "parasitic_mode"

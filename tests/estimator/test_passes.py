@@ -1,0 +1,260 @@
+"""Passes of a fit, how many and from where, with an observer that only counts; what is read from an observer."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.effects.catalogue import effect_for
+from estimator.scaling import Array
+from estimator.settings import ControllerSettings, Gain, ObserverSettings, ProcessNoise, Spread, Variant
+from estimator.trace import fitting
+from estimator.trace.fitting import (
+    Fitted,
+    carried_on,
+    coefficients_of,
+    constants_of,
+    deficit,
+    fit,
+    leads,
+    log_likelihood,
+    parameters_of,
+)
+from estimator.trace.problem import Problem
+from estimator.trace.record import Record
+from estimator.trace.scan import PARTS
+from tests.estimator.device import UNLIKE as DEVICE
+
+N = 640
+SETTINGS = ObserverSettings(
+    gain=Gain.STATIONARY, initial={"kxx": 1.0, "vx": 0.5}, effects={"drag": {"dqx": 0.0, "dqy": 0.0}}
+)
+
+
+class Counter:
+    """An observer whose two coefficients move by what it is told, pass by pass, from where it is begun."""
+
+    made: list["Counter"]
+    moves: list[float]
+    spread: float = 1.0
+
+    def __init__(self, device: Any, settings: ObserverSettings, controller: Any) -> None:
+        self.device, self.settings, self.controller = device, settings, controller
+        self.record: dict[str, int] = {"twin": 0}
+        given = settings.effects.get("drag", {})
+        self.x = np.array([9.0, 9.0, given.get("dqx", 0.0), given.get("dqy", 0.0)])
+        self.names: tuple[str, ...] = ("x", "kxx", "dqx", "dqy")
+        self.begun_about: Any = None
+        self.samples = 0
+        Counter.made.append(self)
+
+
+@pytest.fixture
+def passes(monkeypatch: pytest.MonkeyPatch) -> type[Counter]:
+    Counter.made, Counter.moves, Counter.spread = [], [], 1.0
+
+    def run(observer: Counter, record: Record, every: int | None = None) -> Any:
+        observer.samples = len(record)
+        moved = Counter.moves[min(len(Counter.made), len(Counter.moves)) - 1]
+        observer.x = observer.x + np.array([0.0, 0.0, 0.0, moved])
+        return SimpleNamespace(innovation=np.ones((len(record), 2)), innovation_deviation=np.ones((len(record), 2)))
+
+    monkeypatch.setattr(fitting, "Observer", Counter)
+    monkeypatch.setattr(fitting, "run", run)
+    monkeypatch.setattr(fitting, "begin_about", lambda one, other: setattr(one, "begun_about", other))
+    monkeypatch.setattr(fitting, "spread_of_coefficients", lambda observer: np.full(2, Counter.spread))
+    monkeypatch.setattr(fitting, "constants_of", lambda observer: {"kxx": float(len(Counter.made))})
+    monkeypatch.setattr(
+        fitting, "coefficients_of", lambda observer: {"drag": {"dqx": observer.x[2], "dqy": observer.x[3]}}
+    )
+    monkeypatch.setattr(fitting, "_steady_rate", lambda problem, observer: {"rate": 0.25})
+    return Counter
+
+
+def problem(samples: int = N, **settings: Any) -> Problem:
+    record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1 / 4000.0))
+    return Problem(record, DEVICE, replace(SETTINGS, **settings), ControllerSettings(1, 1e-9, 1.0, 1e-9))
+
+
+@pytest.mark.parametrize(
+    ("asked", "moves", "about", "made"),
+    [
+        (2, [5.0, 0.9], None, 2),  # the second stays within the spread that it began with
+        (2, [5.0, 1.1, 0.9], None, 3),
+        (2, [5.0, -1.1, 1.1, 9.0, 9.0], None, 4),  # twice again at most
+        (1, [5.0], None, 1),  # one pass is one pass
+        (1, [0.5], "about", 1),
+        (1, [1.5, 0.5], "about", 2),  # about an earlier one it is as good as a second, and is followed as that is
+        (1, [1.5, 1.5, 1.5, 1.5], "about", 3),
+    ],
+)
+def test_a_fit_makes_as_many_passes_as_it_needs(
+    passes: type[Counter], asked: int, moves: list[float], about: Any, made: int
+) -> None:
+    passes.moves = moves
+    found = fit(problem(), asked, about=about)
+    assert len(passes.made) == made
+    assert [one.begun_about for one in passes.made] == [about, *passes.made[: made - 1]]
+    assert found.observer is passes.made[-1]
+    assert [one.samples for one in passes.made] == [N] * made
+    # Each begins with what the one before found; the settings of the last are where it came to.
+    assert [one.settings.initial["kxx"] for one in passes.made] == [1.0, *np.arange(1.0, made)]
+    assert found.settings.initial == {"kxx": float(made), "vx": 0.5, "rate": 0.25}
+    assert found.settings.effects["drag"]["dqy"] == pytest.approx(sum(moves[:made]))
+    for before, after in zip(passes.made, passes.made[1:], strict=False):
+        assert after.settings.effects["drag"]["dqy"] == before.x[3]
+    assert {one.settings.gain for one in passes.made} == {Gain.EKF}
+    assert passes.made[0].controller == problem().controller
+    assert found.likelihood == -2.0 * N
+
+
+@pytest.mark.parametrize(("moves", "made"), [([np.nan, 0.0], 1), ([5.0, np.inf, 0.0], 2)])
+def test_a_pass_that_diverges_is_the_last_and_has_no_likelihood(
+    passes: type[Counter], moves: list[float], made: int
+) -> None:
+    passes.moves = moves
+    found = fit(problem())
+    assert len(passes.made) == made
+    assert found.likelihood == -np.inf
+    assert found.settings.initial["kxx"] == float(made - 1) or made == 1
+
+
+def test_a_first_pass_over_a_part_that_diverges_is_made_over_all(
+    passes: type[Counter], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fitting, "_SET", replace(fitting._SET, opening=100, opening_share=0.25))
+    passes.moves = [np.nan, 0.5]
+    found = fit(problem())
+    assert [one.samples for one in passes.made] == [160, N]
+    assert found.likelihood == -2.0 * N
+    passes.made.clear()
+    passes.moves = [0.5]
+    fit(problem())
+    assert [one.samples for one in passes.made] == [160, N]
+    passes.made.clear()
+    fit(problem(), 1)
+    fit(problem(), 2, about="about")  # type: ignore[arg-type]
+    assert [one.samples for one in passes.made] == [N, N, N]
+
+
+@pytest.mark.parametrize(
+    ("samples", "warm", "first"),
+    [(20_000, False, 20_000), (20_001, False, 20_000), (90_000, False, 30_000), (90_000, True, 90_000)],
+)
+def test_a_first_pass_is_over_20_000_samples_or_a_third(samples: int, first: int, *, warm: bool) -> None:
+    asked = problem(samples)
+    if warm:
+        asked = asked.on(replace(asked.record, channels={"temperature": np.zeros(samples)}))
+    assert len(fitting._opening(asked).record) == first
+
+
+@pytest.mark.parametrize(("variant", "effects", "twin"), [(Variant.FULL, {}, 1), (Variant.FULL, SETTINGS.effects, 0)])
+def test_one_covariance_is_carried_where_there_is_one(
+    passes: type[Counter], variant: Variant, effects: Any, twin: int
+) -> None:
+    passes.moves = [0.0]
+    fit(problem(variant=variant, effects=effects))
+    assert {one.record["twin"] for one in passes.made} == {twin}
+
+
+# -- what is read from an observer ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("names", "walk", "spread", "steady"),
+    [
+        (("x", "rate"), 1.0, 0.5, True),  # by 0.4 over 0.16 s, and unknown by 0.5
+        (("x", "rate"), 1.0, 0.4, False),
+        (("x", "rate"), 1.0, 0.3, False),
+        (("x", "vx"), 0.0, 0.5, False),
+    ],
+)
+def test_a_rate_that_moves_by_less_than_it_is_unknown_by_is_taken_on(
+    names: tuple[str, ...], walk: float, spread: float, *, steady: bool
+) -> None:
+    asked = problem(spread=Spread(rate=spread), process_noise=ProcessNoise(rate=walk))
+    observer: Any = SimpleNamespace(names=names, state=np.array([1.0, 0.75]))
+    assert fitting._steady_rate(asked, observer) == ({"rate": 0.75} if steady else {})
+
+
+def test_constants_are_behind_the_motion_and_are_not_the_rate() -> None:
+    names = "x", "vx", "kxx", "rate", "dxx"
+    observer: Any = SimpleNamespace(
+        states=2, model=SimpleNamespace(names=names), names=(*names, "hx"),
+        state=np.arange(1.0, 7.0),
+    )  # fmt: skip
+    assert constants_of(observer) == {"kxx": 3.0, "dxx": 5.0}
+
+
+def test_an_effect_has_its_coefficients_as_found_and_its_parameters_as_given() -> None:
+    """Under their own names, though the observer labels those of a second one of a kind."""
+    _, first = effect_for("drive_saturation:1", 2)
+    symbols = [c.name.partition(":")[0] for c in first.coefficients]
+    settings = ObserverSettings(effects={"drive_saturation:1": {"limit": 7.0, symbols[0]: 99.0}, "drive_gain": {}})
+    names = [c.name for c in first.coefficients] + ["hx", "hy"]
+    observer: Any = SimpleNamespace(
+        names=names, state=np.arange(1.0, len(names) + 1.0), settings=settings, device=DEVICE,
+        effects=[effect_for("drive_saturation:1", 2), effect_for("drive_gain", 2)],
+    )  # fmt: skip
+    found = coefficients_of(observer)
+    assert found == {
+        "drive_saturation:1": {**dict(zip(symbols, (1.0, 2.0), strict=True)), "limit": 7.0},
+        "drive_gain": {"hx": 3.0, "hy": 4.0},
+    }
+    model: Any = SimpleNamespace(observer=observer, settings=settings)
+    assert parameters_of(model, "drive_saturation:1") == {"limit": 7.0}
+    assert parameters_of(model, "drive_gain") == {}
+    bare = ObserverSettings(effects={"sense_high_pass": {"leak_x": 3.0}})
+    model = SimpleNamespace(observer=SimpleNamespace(device=DEVICE, settings=bare), settings=bare)
+    assert parameters_of(model, "sense_high_pass") == {"leak_x": 3.0}  # what is not given is the declaration's
+
+
+# -- likelihoods ------------------------------------------------------------------------------------------------------
+
+
+def model(innovation: Array, deviation: float = 1.0, likelihood: float = 1.0, x: float = 0.0) -> Any:
+    estimates = SimpleNamespace(innovation=innovation, innovation_deviation=np.full_like(innovation, deviation))
+    return Fitted(SETTINGS, SimpleNamespace(x=np.array([x])), estimates, likelihood)  # type: ignore[arg-type]
+
+
+def test_what_is_lost_or_has_no_deviation_counts_for_nothing() -> None:
+    innovation, deviation = np.array([[3.0], [np.nan], [2.0], [1.0]]), np.array([[2.0], [1.0], [0.0], [0.5]])
+    with np.errstate(divide="ignore"):
+        assert log_likelihood(innovation, deviation) == pytest.approx(
+            -(2.25 + 2.0 * np.log(2.0) + 4.0 + 2.0 * np.log(0.5))
+        )
+
+
+def test_a_deficit_is_over_all_or_behind_the_first_parts() -> None:
+    one, two = np.ones((PARTS * 10, 1)), np.ones((PARTS * 10, 1))
+    two[:10], two[10:20], two[-10:] = 5.0, 3.0, 2.0
+    best, other = model(one), model(two)
+    assert leads(best, other).tolist() == [240.0, 80.0, *[0.0] * (PARTS - 3), 30.0]
+    assert deficit(best, other) == 110.0
+    assert deficit(best, other, 2) == 30.0
+    assert deficit(other, best) == -350.0  # over all, where that is less
+
+
+@pytest.mark.parametrize(("likelihood", "x", "sound"), [(1.0, 0.0, True), (-np.inf, 0.0, False), (1.0, np.nan, False)])
+def test_a_pass_that_goes_on_has_the_innovations_of_both(
+    monkeypatch: pytest.MonkeyPatch, likelihood: float, x: float, *, sound: bool
+) -> None:
+    begun = model(np.full((4, 1), 3.0), 2.0, likelihood, x)
+
+    def run(observer: Any, record: Any) -> Any:
+        assert observer is begun.observer
+        return _Estimates(np.full((6, 1), 1.0), np.full((6, 1), 0.5))
+
+    monkeypatch.setattr(fitting, "run", run)
+    monkeypatch.setattr(fitting, "replace", lambda what, **given: SimpleNamespace(**{**vars(what), **given}))
+    found = carried_on(begun, None)  # type: ignore[arg-type]
+    assert found.estimates.innovation[:, 0].tolist() == [3.0] * 4 + [1.0] * 6
+    expected = -4.0 * (2.25 + 2.0 * np.log(2.0)) - 6.0 * (4.0 + 2.0 * np.log(0.5))
+    assert found.likelihood == (pytest.approx(expected) if sound else -np.inf)
+
+
+class _Estimates:
+    def __init__(self, innovation: Array, deviation: Array) -> None:
+        self.innovation, self.innovation_deviation = innovation, deviation
