@@ -12,7 +12,8 @@ _INTRODUCTION = """\
 
 Each of the [thresholds](../reference/thresholds.md) halved, and doubled, on a fixed set of short records: what tracing
 answers then, where that is another answer. `python -m benchmarks.thresholds` measures it (`--help` says how), the
-answers are kept in [thresholds.json](thresholds.json). The records show whether a threshold does anything and which way
+answers, and which records read which threshold, are kept in [thresholds.json](thresholds.json). Where nothing changes,
+the records do not resolve the threshold: half and double of it do as well there. The records show whether a threshold does anything and which way
 it errs; how often an answer is right is a matter of the [campaigns](undeclared.md).
 """
 
@@ -32,6 +33,8 @@ def page(found: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+_LISTED = 3  # by name, of the records on which nothing changes
+
 _LEFT = "On no record is it known yet what these do at half or at double, or they are younger than the measurement."
 
 
@@ -44,13 +47,15 @@ def _row(one: Threshold, found: Mapping[str, Any]) -> str:
 def _answered(name: str, side: str, found: Mapping[str, Any]) -> str:
     answers = found[side].get(name, {})
     told = [_said(record, answer, found["baseline"][record]) for record, answer in answers.items()]
-    asked = len(_measured(name, side, found))
+    asked = _measured(name, side, found)
     if not asked:
         return "not known yet"
-    if not told:
-        return f"the same on all {asked}" if asked > 1 else "the same on the one that reads it"
-    same = asked - len(answers)
-    return "; ".join([*told, *([f"the same on {same} more"] if same else [])])
+    same = [record for record in asked if record not in answers]
+    if not same:
+        return "; ".join(told)
+    listed = ", ".join(f"“{record}”" for record in same)
+    where = listed if len(same) <= _LISTED else f"{len(same)} more" if told else f"all {len(same)} that read it"
+    return "; ".join([*told, f"the same on {where}"])
 
 
 def _measured(name: str, side: str, found: Mapping[str, Any]) -> list[str]:
