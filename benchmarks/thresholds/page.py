@@ -13,8 +13,8 @@ _INTRODUCTION = """\
 Each of the [thresholds](../reference/thresholds.md) halved, and doubled, on a fixed set of short records: what tracing
 answers then, where that is another answer. `python -m benchmarks.thresholds` measures it (`--help` says how), the
 answers, and which records read which threshold, are kept in [thresholds.json](thresholds.json). Where nothing changes,
-the records do not resolve the threshold: half and double of it do as well there. The records show whether a threshold does anything and which way
-it errs; how often an answer is right is a matter of the [campaigns](undeclared.md).
+the records do not resolve the threshold: half and double of it do as well there. The records show whether a threshold
+does anything and which way it errs; how often an answer is right is a matter of the [campaigns](undeclared.md).
 """
 
 

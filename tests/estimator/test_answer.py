@@ -344,3 +344,90 @@ def test_several_of_a_kind_keep_their_labels() -> None:
     named = {"interference": {}, "interference:1": {}, "drive_gain": {}}
     assert [tracing._short(name, named) for name in named] == ["interference", "interference:1", "drive_gain"]
     assert tracing._short("interference:1", {"interference:1": {}}) == "interference"
+
+
+@pytest.mark.parametrize(("axes", "freely", "by_free_run"), [(1, False, True), (2, True, True), (2, False, False)])
+def test_a_single_axis_and_a_free_response_that_is_lost_go_by_the_free_run(
+    monkeypatch: pytest.MonkeyPatch, axes: int, *, freely: bool, by_free_run: bool
+) -> None:
+    asked: list[Any] = []
+    single = replace(
+        DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(-890.0,), noise=(1e-4,)
+    )
+    monkeypatch.setattr(tracing, "require_traceable", lambda *given: asked.append(given))
+    monkeypatch.setattr(tracing, "loses_what_a_free_run_follows", lambda part: len(part.record) == SPLIT and freely)
+    monkeypatch.setattr(tracing, "trace_free_run", lambda problem, **given: given)
+
+    def together(*pieces: Any) -> Any:
+        raise InterruptedError
+
+    monkeypatch.setattr(tracing, "together", together)
+    problem = replace(PROBLEM, device=single if axes == 1 else DEVICE)
+    if by_free_run:
+        assert tracing.trace(problem, split=SPLIT)["split"] == SPLIT  # type: ignore[index]
+    else:
+        with pytest.raises(InterruptedError):
+            tracing.trace(problem, split=SPLIT)
+    assert asked == [(RECORD, problem.device, SPLIT)]
+
+
+def conflict(monkeypatch: pytest.MonkeyPatch, found: Any) -> Any:
+    monkeypatch.setattr(tracing, "reconciled", lambda part, of, progress: found if len(part.record) == SPLIT else 1)
+    monkeypatch.setattr(tracing, "examine", lambda problem, split: ("examined with", set(problem.effects), split))
+    after: Any = "after"
+    return tracing._in_conflict(
+        PROBLEM,
+        Selected(),
+        after,
+        SPLIT,
+        {"drag": "why"},
+        ("k is off",),
+        lambda *what: None,  # type: ignore[arg-type]
+    )
+
+
+def test_a_constant_that_cannot_be_leaves_the_record_open_and_what_would_let_it_be_acts_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nothing = conflict(monkeypatch, None)
+    assert (nothing.verdict, nothing.named, nothing.after) == (Verdict.UNEXPLAINED, {}, "after")
+    assert (nothing.reasons, nothing.why, nothing.is_open) == (("k is off",), {"drag": "why"}, True)
+    assert (nothing.share, nothing.contest) == (None, None)
+    instead = Selected(effects={"drag": {"dqx": 1.0}, "dry_friction:1": {"fx": 2.0}})
+    some = conflict(monkeypatch, ("dry_friction:1", instead))
+    assert (some.verdict, some.named) == (Verdict.PARTLY, {"dry_friction:1": {"fx": 2.0}})
+    assert some.selection is instead
+    assert some.after == ("examined with", {"drag", "dry_friction:1"}, SPLIT)
+    assert some.reasons == (
+        "something acts like dry friction: with it every constant of the model is one that the bench file allows",
+        "k is off",
+    )
+    assert (some.is_open, some.share, some.contest) == (False, None, None)
+
+
+def test_it_is_said_how_many_kinds_the_last_look_looked_for() -> None:
+    """Kinds that are named, or were selected and are not, are no others."""
+    fits = [Fit((1.0,), (1.0,), ratio, 0.5) for ratio in (3.25, 1.125)]
+    named: Any = {"drive_gain": {}}
+    said = tracing._reasons(named, Selected(), *fits, {})  # type: ignore[arg-type]
+    assert said[:2] == (
+        "the innovation of the part held out is 1.125 × the noise floor, and was 3.25 ×",
+        "none of the 5 other effects looked for explains more than chance would",
+    )
+    why = {"dry_friction": "it gains too little"}
+    less = tracing._reasons({}, Selected(), *fits, why)  # type: ignore[arg-type]
+    assert less == (
+        "the innovation of the part held out is 1.125 × the noise floor",
+        "none of the 4 other effects looked for explains more than chance would",
+        "dry friction is no explanation: it gains too little",
+    )
+    none = tracing._reasons({}, Selected(), *fits, {})  # type: ignore[arg-type]
+    assert none[1] == "none of the 5 effects looked for explains more than chance would"
+
+
+def test_constants_are_as_found_or_as_declared() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tracing, "constants_of", lambda observer: {"kxx": 1.7e6, "dyy": 1.5, "dxy": 0.7})
+        found = tracing._constants(Selected(), DEVICE, SETTINGS)  # type: ignore[arg-type]
+    assert (found.stiffness, found.damping) == ((1.7e6, 1.62e6, 2e4), (1.0, 1.5, 0.7))
+    assert (found.declared, found.spread) == (DEVICE.stiffness, pytest.approx(0.01 * DEVICE.target))

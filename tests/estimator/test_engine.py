@@ -341,3 +341,26 @@ def test_who_was_carried_and_not_taken_is_told_with_its_gain(outcome):
     assert ("the rest objects" in said) is (outcome is Outcome.OBJECTED)
     assert ("cubic damping explains more" in said) is (outcome is Outcome.BEATEN)
     assert leaves_the_rest(45_123.4).startswith("carried, it gains 4.512e+04")
+
+
+def test_gains_of_a_round_are_of_those_that_have_a_model():
+    effects = {"a": Worth(9.0), "b": Worth(5.0), "c": Worth(7.0, impossible=True)}
+    first = chosen(effects).rounds[0]
+    assert first.gains == {"a": 9.0, "b": 5.0}
+    assert {one.name for one in first.tried} == {"a", "b", "c"}
+
+
+def test_a_step_keeps_the_others_of_its_round_and_the_model_before():
+    effects = {"a": Worth(9.0), "b": Worth(5.0)}
+    first, second = chosen(effects).steps
+    assert (first.name, first.before, first.trial.fit) == ("a", (), ("a",))
+    assert {name: trial.fit for name, trial in first.beside.items()} == {"b": ("b",)}
+    assert (second.name, second.before, second.beside) == ("b", ("a",), {})
+
+
+def test_one_that_ties_by_as_much_as_tells_two_apart_is_told_apart():
+    """It stays behind, though the sign of the best is wrong."""
+    wrong = {"positive": True, "low": -2.0, "high": -1.0}
+    for behind, first in ((TIE, "a"), (TIE - 1e-9, "b")):
+        effects = {"a": Worth(50.0, **wrong), "b": Worth(50.0 - behind)}
+        assert names(chosen(effects, Rules(1, Dissent.ENDS, signs=False)))[0] == first

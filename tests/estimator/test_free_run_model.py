@@ -304,3 +304,15 @@ def test_candidates_need_nothing_given_and_are_not_carried() -> None:
     assert demanding
     assert not demanding & set(names)
     assert not {one.name for one in EFFECTS if one.declared_only} & set(names)
+
+
+def test_what_cannot_be_run_freely_is_no_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
+    def simulate(observer: Any, state: Array, drive: Array) -> None:
+        assert drive.shape == (2, 1)
+        if "drag" in observer.settings.effects:
+            raise ModelError("no free run")
+
+    monkeypatch.setattr(free_run_model, "simulate", simulate)
+    names = free_run_model.candidates(DEVICE, SETTINGS)
+    assert "drag" not in names
+    assert "cubic_stiffness" in names

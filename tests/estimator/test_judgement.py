@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.residual.effective import effective_samples
+from estimator.trace import judgement
 from estimator.trace.judgement import leftover, predictable_share, steadied, unexplained
 from estimator.trace.record import Record
 
@@ -99,6 +100,14 @@ def test_around_a_jump_of_the_rate_innovations_are_brought_down_to_three_times_t
     level = np.mean(steadied(model(series), 0, CYCLE) ** 2, axis=1)
     assert level[30_200] == pytest.approx(3.0)
     assert level[20_000] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "says"), [(0.5, "50.0%"), (0.999, "99.9%"), (1.0, "nearly all"), (1.2, "nearly all")]
+)
+def test_how_much_can_be_predicted_is_told_as_a_share(monkeypatch, share, says):
+    monkeypatch.setattr(judgement, "predictable_share", lambda series, lags: share)
+    assert said(white())[0] == f"{says} of the innovation can be predicted from those before"
 
 
 def test_more_effects_than_may_be_are_no_explanation_and_no_more_is_one_that_diverged():

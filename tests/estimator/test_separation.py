@@ -10,7 +10,7 @@ from estimator.settings import ControllerSettings, Device, Gain, ObserverSetting
 from estimator.trace import separation
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
-from estimator.trace.separation import EXPERIMENTS, loop_record, separations
+from estimator.trace.separation import EXPERIMENTS, Experiment, loop_record, separations
 
 RATE, HZ = 4000.0, 200.0
 TARGET = (2.0 * np.pi * HZ) ** 2
@@ -190,3 +190,7 @@ def test_noise_is_that_of_the_device_times_what_is_asked() -> None:
     assert one == pytest.approx(np.array(DEVICE.noise), rel=0.1)
     assert three == pytest.approx(3.0 * one, rel=0.1)
     np.testing.assert_array_equal(usual, played("virtual_rotation", 1.0)[0].sense)  # the same each time
+
+
+def test_an_experiment_does_nothing_but_what_it_says() -> None:
+    assert Experiment("still", "do nothing") == Experiment("still", "do nothing", 0.0, 0.0, 0.0, 0.0, 0.0)
