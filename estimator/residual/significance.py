@@ -8,7 +8,7 @@ from scipy.special import ndtri_exp
 
 def deviations(log_p: float) -> float:
     """Standard deviations of a normal variable beyond which probability exp(log_p) is left; at least 0."""
-    return max(0.0, -float(ndtri_exp(min(log_p, -1e-300))))
+    return max(0.0, -float(ndtri_exp(log_p)))
 
 
 def of_many(log_p: float, tries: int) -> float:

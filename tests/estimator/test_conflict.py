@@ -188,3 +188,14 @@ def test_what_gains_no_more_than_chance_lets_nothing_be(reconciled: Any) -> None
 def test_what_friction_would_let_be_is_told_of_it(reconciled: Any) -> None:
     (name, found), _, _ = reconciled(set())
     assert (name, set(found.rivals["dry_friction"])) == ("dry_friction", set())
+
+
+def test_a_damping_whose_interval_reaches_zero_does_not_drive() -> None:
+    sure = Constant("dxx", -1.0, -1.4, -0.6, 1.0, 0.2)
+    for high, told in ((-0.6, True), (0.0, False)):
+        other = Constant("dyy", -1.0, -1.4, high, 1.0, 0.2)
+        assert (runs_backwards((sure, other)) is not None) is told
+    far = Constant("dyy", -3.0, -3.1, -2.9, 1.0, 0.2)  # of the other sign it is not the declared one either
+    assert runs_backwards((sure, far)) is None
+    skewed = Constant("dyy", -1.0, -9.0, -0.1, 1.0, 0.001)  # turned, it is from 0.1 to 9
+    assert runs_backwards((sure, skewed)) is not None

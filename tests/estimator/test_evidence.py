@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.trace.evidence import evidence, likeness, solve
+from estimator.trace.evidence import Evidence, evidence, likeness, solve
 
 PARTS, ROWS = 8, 50
 PLAUSIBLE = np.array([0.1, 2.0, 30.0])
@@ -69,3 +69,41 @@ def test_a_direction_that_the_record_says_nothing_of_is_left_out():
     c, degrees = solve(np.diag([4.0, 0.0]), np.array([2.0, 0.0]))
     assert degrees == 1
     np.testing.assert_allclose(c, [0.5, 0.0])
+
+
+def test_a_gain_that_scatters_as_noise_does_is_exact_and_a_loss_has_no_error():
+    def one(gain, scatter):
+        return Evidence("a", gain, 2, scatter, np.zeros(2), np.ones(2))
+
+    assert one(100.0, 5.0).error == pytest.approx(2.0 * np.sqrt(4.0 * 100.0))
+    assert one(100.0, 0.9).error == 0.0
+    assert one(-3.0, 5.0).error == 0.0
+    assert one(0.25, 1.25).error == pytest.approx(2.0 * np.sqrt(0.25 * 0.25))
+    assert one(0.0, 0.5).significance == 0.0
+
+
+def test_scatter_is_per_degree_of_freedom_that_the_parts_have_more_than_the_whole():
+    scan, s, nu = scanned((0.3, -0.2, 0.1))
+    for name, columns in COLUMNS.items():
+        own = s[:, columns]
+        c = np.linalg.lstsq(own, -nu, rcond=None)[0]
+        left = (nu + own @ c).reshape(PARTS, ROWS)
+        parts = own.reshape(PARTS, ROWS, -1)
+        misfit = 0.0
+        for part, rest in zip(parts, left, strict=True):
+            shift = np.linalg.lstsq(part, rest, rcond=None)[0]
+            misfit += np.sum(rest**2) - np.sum((rest - part @ shift) ** 2)
+        freedom = own.shape[1] * (PARTS - 1)
+        assert evidence(scan)[name].scatter == pytest.approx(misfit / freedom, rel=1e-9)
+
+
+def test_where_one_part_alone_says_something_nothing_can_scatter():
+    scan, _, _ = scanned((0.3, -0.2, 0.1))
+    scan.normal[1:], scan.score[1:] = 0.0, 0.0
+    found = evidence(scan)["drive_gain"]
+    assert found.degrees == 2
+    assert found.scatter == pytest.approx(0.0, abs=1e-9)
+    scan.normal[:], scan.score[:] = 0.0, 0.0
+    none = evidence(scan)["drive_gain"]
+    assert (none.gain, none.degrees, none.scatter) == (0.0, 0, 0.0)
+    assert np.all(np.isfinite(none.deviation))

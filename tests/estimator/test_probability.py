@@ -136,6 +136,10 @@ def test_where_nobody_was_taken_the_first_round_is_accounted_for_beside_nothing(
     assert {one.name: one.deficit for one in found[None]} == {NOTHING: 0.0, "a": -7.0, "b": -22.0, "c": 2.0}
 
 
+def test_an_account_is_as_sure_as_white_innovations_unless_it_is_said_otherwise() -> None:
+    assert (Account("a", 1.0).dispersion, Account("a", 1.0).name) == (1.0, "a")
+
+
 def test_an_account_far_ahead_or_behind_has_a_finite_weight() -> None:
     assert Account("a", -1e9).weight == math.exp(300.0)
     assert Account("a", 1e9).weight == 0.0

@@ -8,9 +8,11 @@ import pytest
 from scipy.stats import f
 
 from estimator.trace import promises
+from estimator.trace.criterion import TIE
 from estimator.trace.engine import Estimate
 from estimator.trace.nameless import Contest
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Level, Vote
+from estimator.trace.thresholds import THRESHOLDS
 
 SURE = Estimate(0.05, 0.04, 0.06)
 HOLDS = Claim(
@@ -205,3 +207,124 @@ def test_what_is_not_constant_may_be_said_to_act_so() -> None:
     (said,) = promises.broken(departing)
     assert "by 30% of their size" in said
     assert promises.holds_in_part(departing)
+
+
+# -- exactly at a bound -----------------------------------------------------------------------------------------------
+
+
+def test_an_error_that_is_as_large_as_before_did_not_fall() -> None:
+    assert not Errors(2.0, 2.0, 1.0).fell
+    assert not Errors(2.0, 1.0, 1.0, gain=0.0).fell
+    assert Errors(2.0, 1.9, 1.0).fell
+    assert not Errors(2.0, math.nan, 1.0).fell
+
+
+def test_at_the_floor_is_up_to_a_tenth_more_and_nothing_stood_above_what_is_as_large_as_it() -> None:
+    assert Errors(2.0, THRESHOLDS.promises.floor, 1.0).at_floor
+    assert not Errors(2.0, 1.1000001, 1.0).at_floor
+    assert not Errors(2.0, math.inf, 1.0).at_floor
+    assert Errors(1.0, 1.0, 1.0).nothing_above
+    assert not Errors(1.0000001, 1.0, 1.0).nothing_above
+
+
+def test_where_nothing_stood_above_the_floor_no_share_of_it_went() -> None:
+    assert Errors(1.0, 0.5, 1.0).share == 0.0
+    assert Errors(0.5, 2.0, 1.0).share == 0.0
+    assert Errors(3.0, 1.0, 1.0).share == 1.0
+    assert Errors(3.0, 0.5, 1.0).share == 1.0
+    assert Errors(3.0, 5.0, 1.0).share == pytest.approx(-2.0)
+    assert Errors(3.0, math.nan, 1.0).share == 0.0
+
+
+def test_a_tenth_of_the_largest_gain_is_not_minor() -> None:
+    assert promises.minor({"a": 10.0, "b": 1.0, "c": 0.99}) == ("c",)
+    assert promises.minor({}) == ()
+    assert promises.minor({"a": -5.0}) == ("a",)  # less than nothing
+
+
+def test_half_of_the_power_is_a_part() -> None:
+    named = {"drag": {"dqx": Estimate(2.0, 1.0, 3.0)}}
+    half = Errors(7.0, 5.0, 1.0, 1e6)
+    assert half.share == 0.5
+    assert promises.holds_in_part(Claim(half, named))
+    assert not promises.holds_in_part(Claim(replace(half, after=5.01), named))
+    assert not promises.holds_in_part(Claim(half, {}))
+    vote = Vote("error of the angle", "rad", half)
+    assert promises.votes(Claim(half, named, votes=(vote,))) == ()
+    assert promises.votes(Claim(half, named, votes=(replace(vote, errors=replace(half, after=5.01)),)))
+
+
+@pytest.mark.parametrize(("lead", "ahead"), [(TIE, False), (TIE + 1e-9, True)])
+def test_a_name_that_is_ahead_by_as_much_as_tells_two_apart_is_not_ahead_enough(lead: float, *, ahead: bool) -> None:
+    claim = Claim(Errors(1.05, 1.0, 1.0), {"drag": {}}, contest=Contest(0.0, 0.0, lead, 99))
+    assert (promises.nameless(claim) == ()) is ahead
+    assert (promises.outdone(claim) == ()) is ahead
+    behind = replace(claim, residual=Errors(3.0, 1.0, 1.0), contest=Contest(0.0, lead, 0.0, 99))
+    assert (promises.outdone(behind) == ()) is not ahead
+    just = replace(behind, residual=Errors(THRESHOLDS.promises.floor, 1.0, 1.0))
+    assert promises.outdone(just) != ()  # what is at the floor before is not there for sure
+
+
+def test_an_interval_that_ends_at_zero_holds_it() -> None:
+    assert promises.may_be_nothing("drag", {"dqx": Estimate(1.0, 0.0, 2.0)}) is not None
+    assert promises.may_be_nothing("drag", {"dqx": Estimate(-1.0, -2.0, 0.0)}) is not None
+    assert promises.may_be_nothing("drag", {"dqx": Estimate(1.0, 1e-12, 2.0)}) is None
+    assert promises.may_be_nothing("drag", {"dqx": Estimate(-1.0, -2.0, -1e-12)}) is None
+    assert promises.may_be_nothing("drag", {}) is None
+
+
+def test_a_range_may_be_left_by_six_times_the_noise() -> None:
+    level = Level("sense_clipping", -1.0, 1.0, -1.75, 1.75, 0.125)
+    assert promises.contradicted(level) is None
+    assert promises.contradicted(replace(level, highest=1.7500001)) is not None
+    assert promises.contradicted(replace(level, lowest=-1.7500001)) is not None
+    assert "ends at -1 V, and the part held out reads -1.751 V" in str(
+        promises.contradicted(replace(level, lowest=-1.751))
+    )
+
+
+def test_a_constant_may_be_off_by_four_deviations_to_the_last_bit() -> None:
+    def off(low: float, high: float, **more: bool) -> str | None:
+        return promises.conflict(Constant("kxx", 0.5 * (low + high), low, high, 10.0, 0.5, **more))
+
+    assert off(12.0, 13.0) is None
+    assert off(12.0000001, 13.0) is not None
+    assert off(7.0, 8.0) is None
+    assert off(7.0, 7.9999999) is not None
+    assert "standard deviations" in str(off(-3.0, 0.0, positive=True))  # not negative beyond doubt
+    assert "comes out negative, -2" in str(off(-3.0, -1.0, positive=True))
+    assert "inf standard deviations" in str(promises.conflict(Constant("kxx", 3.0, 2.0, 4.0, 10.0, 0.0)))
+
+
+@pytest.mark.parametrize(("size", "chance", "told"), [(0.1, 0.0, False), (0.11, 1e-4, False), (0.11, 0.9e-4, True)])
+def test_a_tenth_of_a_coefficient_and_chance_are_no_departure(size: float, chance: float, *, told: bool) -> None:
+    claim = Claim(Errors(2.0, 1.0, 1.0), {"drag": {}}, departures={"dry_friction:1": Departure(size, chance)})
+    said = promises.constant(claim)
+    assert bool(said) is told
+    if told:
+        assert said[0].startswith(
+            "dry friction:1 has other coefficients in each part of the record, by 11% of their size"
+        )
+
+
+@pytest.mark.parametrize(
+    ("value", "high", "polarity"),
+    [
+        (-2.0, -1.9, True),
+        (-1.5, -1.4, True),
+        (-1.49, -1.4, False),
+        (-3.0, -2.9, True),
+        (-3.01, -2.9, False),
+        (-2.0, -1.0, False),
+    ],
+)
+def test_a_polarity_is_a_gain_of_the_other_sign_and_of_half_to_twice_its_size(
+    value: float, high: float, *, polarity: bool
+) -> None:
+    given = {"hx": Estimate(value, value - 0.1, high), "hy": Estimate(0.1, 0.0, 0.2)}
+    said = promises.turned("drive_gain", given)
+    assert said == ("drive gain of x is a polarity: x is driven or sensed reversed" if polarity else None)
+    assert (promises.wrong_sign("drive_gain", given) is None) is (polarity or high == -1.0)
+    assert promises.turned("drag", given) is None
+    both = promises.turned("sense_gain", {"hx": Estimate(-2.0, -2.1, -1.9), "hy": Estimate(-2.0, -2.1, -1.9)})
+    assert both == "sense gain of x and y is a polarity: x and y are driven or sensed reversed"
