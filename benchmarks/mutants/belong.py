@@ -134,7 +134,9 @@ TESTS: dict[str, list[str]] = {
     **{f"estimator.trace.{module}": _of_estimator(tests) for module, tests in _TRACE.items()},
     **{f"estimator.residual.{module}": _of_estimator(tests) for module, tests in _RESIDUAL.items()},
     **{
-        f"estimator.rate_sensor.{module}": ["tests/rate_sensor/test_trace.py", "tests/rate_sensor/test_chain.py"]
+        f"estimator.rate_sensor.{module}": [
+            f"tests/rate_sensor/test_{name}.py" for name in ("pieces", "chain", "trace")
+        ]
         for module in _RATE_SENSOR
     },
     **{f"estimator.rate_sensor.{module}": ["tests/rate_sensor/test_allan.py"] for module in ("allan", "noise")},
