@@ -15,7 +15,12 @@ from hil.strict_toml import read_table
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of both. None: one of the two does not have it, or nothing is known of how far it may be off."""
+    """One figure of both. None: one of the two does not have it, or nothing is known of how far it may be off.
+
+    >>> kxx = Figure("kxx", "1/s²", 10.0, 16.0, u_a=3.0, u_b=4.0)
+    >>> kxx.difference, kxx.uncertainty, kxx.apart
+    (6.0, 5.0, True)
+    """
 
     name: str
     unit: str

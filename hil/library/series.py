@@ -21,6 +21,12 @@ class Series:
     """Named columns, (n,) each, over the bench time `t_s` (n,) in seconds.
 
     units: by column, "" where it is a number; header: what else is to be known of them, for `to_arrow`.
+
+    >>> x = Series(np.array([0.0, 0.5]), {"x_m": np.array([1.0, 2.0])}, {"x_m": "m"})
+    >>> x.values, x.unit, len(x.since(0.2))
+    (array([1., 2.]), 'm', 1)
+    >>> x
+    <Series 0 … 0.5 s, 2 rows: x_m [m]>
     """
 
     t_s: Floats

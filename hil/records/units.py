@@ -19,10 +19,18 @@ _LONGEST_FIRST = sorted(_BY_SUFFIX, key=len, reverse=True)
 
 
 def unit_of(column: str) -> str:
-    """Unit of a column by its suffix, "" when the name has none (flags, codes, counts)."""
+    """Unit of a column by its suffix, "" when the name has none (flags, codes, counts).
+
+    >>> unit_of("kxx_per_s2"), unit_of("rate_rad_s"), unit_of("flags")
+    ('1/s²', 'rad/s', '')
+    """
     return next((_BY_SUFFIX[suffix] for suffix in _LONGEST_FIRST if column.endswith(suffix)), "")
 
 
 def symbol_of(column: str) -> str:
-    """The column's name without its unit: `kxx_per_s2` → `kxx`."""
+    """The column's name without its unit.
+
+    >>> symbol_of("kxx_per_s2")
+    'kxx'
+    """
     return next((column.removesuffix(suffix) for suffix in _LONGEST_FIRST if column.endswith(suffix)), column)

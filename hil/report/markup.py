@@ -1,5 +1,6 @@
 """The few pieces of HTML that the page is made of. Every text that comes from outside is escaped here."""
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from html import escape
 from importlib.resources import files
@@ -18,9 +19,11 @@ def page(
     sections: str,
     alarm: str = "",
     verdict: str = "",
+    facts: Iterable[str] = (),
 ) -> str:
     """A whole page. `tone` is a CSS class: good, slow, bad or open; `key`, `sections` and `verdict`, which stands below
-    the sentence, are HTML already. `alarm` stands above everything."""
+    the sentence, are HTML already. `alarm` stands above everything; `facts` are in a line below the title: when, what,
+    how long. The contents are those of the sections."""
     report = files("hil.report")
     text = report.joinpath("page.html").read_text(encoding="utf-8")
     values = {
@@ -28,6 +31,8 @@ def page(
         "title": escape(title),
         "style": report.joinpath("style.css").read_text(encoding="utf-8"),
         "tone": tone,
+        "facts": _line("facts", map(escape, facts)),
+        "contents": _line("contents", _contents(sections), "nav"),
         "word": escape(word),
         "sentence": escape(sentence),
         "alarm": f'<p class="alarm" role="alert"><strong>Unsafe.</strong> {escape(alarm)}</p>' if alarm else "",
@@ -38,6 +43,17 @@ def page(
     for name, value in values.items():
         text = text.replace(f"<!-- {name} -->", value)
     return text
+
+
+def _line(kind: str, items: Iterable[str], tag: str = "p") -> str:
+    """Items side by side, nothing without any."""
+    shown = "".join(f"<span>{item}</span> " for item in items)
+    return f'<{tag} class="{kind}">{shown}</{tag}>' if shown else ""
+
+
+def _contents(sections: str) -> Iterable[str]:
+    """A link to each section, by the headings of `section`."""
+    return (f'<a href="#{key}">{title}</a>' for key, title in re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', sections))
 
 
 def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int] = ()) -> str:
@@ -93,8 +109,9 @@ def paragraph(text: str) -> str:
 
 
 def listing(text: str) -> str:
-    """A file as it is, in fixed pitch."""
-    return f'<pre tabindex="0"><code>{escape(text)}</code></pre>'
+    """A file as it is, in fixed pitch, folded."""
+    lines = len(text.splitlines())
+    return f'<details><summary>{lines} lines</summary><pre tabindex="0"><code>{escape(text)}</code></pre></details>'
 
 
 def _cells(row: Row, numbers: Collection[int]) -> str:

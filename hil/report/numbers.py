@@ -8,19 +8,27 @@ _PREFIXED = ("V", "rad", "rad/s")
 _THIN, _SPACE, _MINUS = "\u202f", "\u00a0", "\u2212"
 
 
-def prefix_for(size: float) -> tuple[float, str]:
-    """Factor and SI prefix that bring `size` between 1 and 1000: 2e-4 → (1e6, "µ")."""
+def prefix_for(size: float, most: int = 9) -> tuple[float, str]:
+    """Factor and SI prefix that bring `size` between 1 and 1000; the prefix is 10^`most` at most.
+
+    >>> prefix_for(2e-4)
+    (1000000.0, 'µ')
+    """
     if not math.isfinite(size) or size == 0:
         return 1.0, ""
-    exponent = min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), -15), 9)
+    exponent = min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), -15), most)
     return 10.0**-exponent, _PREFIXES[exponent]
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """`2.098e-4`, "rad" → `210 µrad`."""
+    """A value with an SI prefix before its unit, a no-break space between.
+
+    >>> quantity(2.098e-4, "rad").replace(_SPACE, " ")
+    '210 µrad'
+    """
     if not math.isfinite(value):
         return significant(value)
-    factor, prefix = prefix_for(value)
+    factor, prefix = prefix_for(value, 0 if unit.startswith("rad") else 9)  # nobody counts in krad
     return f"{significant(value * factor, digits)}{_SPACE}{prefix}{unit}".rstrip()
 
 
@@ -69,7 +77,11 @@ def relative(value: float) -> str:
 
 
 def percent(fraction: float, decimals: int = 1) -> str:
-    """`0.951` → `95.1 %`."""
+    """A fraction in percent.
+
+    >>> percent(0.951).replace(_SPACE, " ")
+    '95.1 %'
+    """
     return f"{fraction * 100:.{decimals}f}{_SPACE}%"
 
 

@@ -7,11 +7,12 @@ from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
 from hil.report import markup, tables, uncertainty
+from hil.report.facts import facts
 from hil.report.figures import angle, closing, innovation, parameters, pattern, rate, signals, spectrum, timing
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Material
 from hil.report.numbering import Figures
-from hil.report.verdict import alarm, headline, key_figures, parts
+from hil.report.verdict import alarm, headline, key_figures, next_step, parts
 
 _ANGLES = "The reported angle φ is +∫Ω dt; the pattern turns the other way in the board's frame, θ = −φ + constant."
 _INTERVALS = (
@@ -74,10 +75,11 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
         tone=line.tone,
         word=line.word,
         sentence=line.sentence,
-        key=markup.key_figures(key_figures(material.result)),
+        key=markup.key_figures(key_figures(material.result, None if earlier is None else earlier.result)),
         sections="".join(sections),
         alarm=alarm(material.result),
-        verdict=markup.verdict(parts(material.result), material.result.next),
+        verdict=markup.verdict(parts(material.result), next_step(material.result)),
+        facts=facts(material.result, folder.bench),
     )
 
 

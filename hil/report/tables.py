@@ -1,7 +1,5 @@
 """The tables of the page."""
 
-import math
-
 from hil.records.result import Parameter
 from hil.records.units import symbol_of
 from hil.report.markup import paragraph, table
@@ -46,8 +44,8 @@ def angle(material: Material) -> str:
     rows = [
         (
             name,
-            *_both(rms, unit),
-            "" if largest is None else quantity(math.degrees(largest), unit.replace("rad", "deg")),
+            quantity(rms, unit),
+            "" if largest is None else quantity(largest, unit),
         )
         for name, rms, largest, unit in entries
         if rms is not None
@@ -57,7 +55,7 @@ def angle(material: Material) -> str:
         f"Errors over {count(score.rows)} instants from {significant(start)} to {significant(stop)} s, "
         f"{significant(score.turns)} turns"
     )
-    return table(caption, ("error", "rms", "", "largest"), rows, (1, 2, 3)) if rows else ""
+    return table(caption, ("error", "rms", "largest"), rows, (1, 2)) if rows else ""
 
 
 def parameters(material: Material) -> str:
@@ -186,7 +184,3 @@ def _declared(material: Material, symbol: str, unit: str) -> float | None:
         if known is not None:
             return known[0] * (float(device["mass_kg"]) if unit.startswith("N") else 1.0)
     return None
-
-
-def _both(rms_rad: float, unit: str) -> tuple[str, str]:
-    return quantity(math.degrees(rms_rad), unit.replace("rad", "deg")), quantity(rms_rad, unit)

@@ -1,10 +1,9 @@
 """The angle's uncertainty budget on the page."""
 
-import math
 
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
-from hil.report.numbers import quantity, relative, significant
+from hil.report.numbers import quantity, relative
 
 _NONE = (
     "No angle is reported: in open loop nothing makes an ideal oscillator of the device, and its pattern turns by "
@@ -46,4 +45,4 @@ def section(material: Material) -> str:
 
 
 def _both(angle_rad: float) -> str:
-    return f"{significant(math.degrees(angle_rad))}° ({quantity(angle_rad, 'rad')})"
+    return quantity(angle_rad, "rad")

@@ -1,6 +1,5 @@
 """The first line of the page: what came of the run, in one sentence and a few numbers."""
 
-import math
 from typing import NamedTuple
 
 from hil.records.result import Result
@@ -63,15 +62,25 @@ def parts(result: Result) -> list[tuple[str, str, str, str, str]]:
     ]
 
 
-def key_figures(result: Result) -> list[tuple[str, str, str]]:
-    """Headline numbers: (what, number, remark)."""
+def next_step(result: Result) -> str | None:
+    """The command that comes next, but for the one that opens this page."""
+    return None if result.next is None or result.next.startswith("xdg-open ") else result.next
+
+
+def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str, str, str]]:
+    """Headline numbers: (what, number, remark); of a run after a trace with those of the run before it."""
+
+    def before(value: float | None, unit: str) -> str:
+        return "" if value is None else f"; before: {quantity(value, unit)}"
+
+    first = Result(run="", seconds=0.0, samples=0, complete=True) if earlier is None else earlier
     entries: list[tuple[str, str, str]] = []
     if result.angle_error_rms_rad is not None:
-        remark = f"rms, {quantity(result.angle_error_rms_rad, 'rad')}"
-        entries.append(("Angle error", quantity(math.degrees(result.angle_error_rms_rad), "deg"), remark))
+        remark = "rms" + before(first.angle_error_rms_rad, "rad")
+        entries.append(("Angle error", quantity(result.angle_error_rms_rad, "rad"), remark))
     if result.rate_error_rms_rad_s is not None:
-        remark = f"rms, {quantity(result.rate_error_rms_rad_s, 'rad/s')}"
-        entries.append(("Rate error", quantity(math.degrees(result.rate_error_rms_rad_s), "deg/s"), remark))
+        remark = "rms" + before(first.rate_error_rms_rad_s, "rad/s")
+        entries.append(("Rate error", quantity(result.rate_error_rms_rad_s, "rad/s"), remark))
     score = result.score
     if score is not None and score.angle_per_rotation is not None:
         remark = f"from 1, over {significant(score.turns)} turns"
@@ -79,6 +88,7 @@ def key_figures(result: Result) -> list[tuple[str, str, str]]:
     if result.innovation_rms is not None:
         floor = result.noise_floor
         remark = "rms" if not floor else f"rms, {significant(result.innovation_rms / floor)} × the noise floor"
+        remark += before(first.innovation_rms, "V")
         entries.append(("Innovation", quantity(result.innovation_rms, "V"), remark))
     entries.append(_samples(result))
     if result.turnaround_us is not None:
@@ -91,7 +101,7 @@ def _findings(result: Result) -> list[str]:
     found: list[str] = []
     if result.angle_error_rms_rad is not None:
         turned = "" if result.score is None else f" over {significant(result.score.turns)} turns"
-        found.append(f"angle within {quantity(math.degrees(result.angle_error_rms_rad), 'deg')} rms{turned}")
+        found.append(f"angle within {quantity(result.angle_error_rms_rad, 'rad')} rms{turned}")
     if result.innovation_rms is not None and result.noise_floor:
         found.append(f"innovation at {significant(result.innovation_rms / result.noise_floor)} × the noise floor")
     lost = "nothing lost" if not result.lost else f"{count(result.lost)} samples lost"

@@ -165,8 +165,8 @@ def _words(course: Course) -> Mapping[str, str]:
         "sense_gain_ratio": f"× half the forced rotation, {forced:.3g} rad, and half a radian where it is read",
         "drive_misalignment": f"of each axis × a quarter of the damping, {drag:.2g} rad/s of both, × {seconds:.3g} s",
         "sense_cross_coupling": f"of each axis × a quarter of the damping, {drag:.2g} rad/s of both, × {seconds:.3g} s",
-        "drive_delay": f"of each axis × a quarter of the cross-stiffness, {late:.3g} rad/s², × {seconds:.3g} s",
-        "sense_delay": f"of each axis × a quarter of the cross-stiffness, {late:.3g} rad/s², × {seconds:.3g} s",
+        "drive_delay": f"of each axis × a quarter of the cross-stiffness, {late:.4g} rad/s², × {seconds:.3g} s",
+        "sense_delay": f"of each axis × a quarter of the cross-stiffness, {late:.4g} rad/s², × {seconds:.3g} s",
         "clock": f"× twice the forced rotation, {forced:.3g} rad",
         "angular_gain": f"× rotation, {turned:.3g} rad",
     }

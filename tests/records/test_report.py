@@ -17,7 +17,9 @@ from hil.records.estimates import read_estimates
 from hil.records.result import Part, load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
+from hil.report.numbers import quantity
 from hil.scoring import score
+from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import answer
 
 pytestmark = pytest.mark.slow  # whole pages
@@ -281,8 +283,8 @@ def test_a_rate_channel_is_a_reference(undrawn, make_run, tmp_path):
     import_record(tmp_path / "ride.csv", folder / "capture.arrow")
     page = written(folder)
     assert "difference from rate reference" in page
-    error = float(re.search(r"reported angle φ ([\d.]+)\u00a0mdeg rms", page).group(1))
-    assert error == pytest.approx(np.degrees(2e-4) * 1e3, rel=0.5)
+    error = float(re.search(r"reported angle φ ([\d.]+)\u00a0µrad rms", page).group(1))
+    assert error == pytest.approx(2e-4 * 1e6, rel=0.5)
 
 
 def test_words_from_outside_cannot_become_markup(undrawn, make_run):
@@ -380,3 +382,51 @@ def test_a_run_with_what_was_found_stands_beside_the_run_before(make_run, tmp_pa
     alone = write_report(folder, truth).read_text(encoding="utf-8")
     assert "The model lacks: cubic stiffness of each axis" in alone
     assert "Angle error before and after" not in alone
+
+
+def first_screen(page: str) -> str:
+    return page.partition("<section")[0]
+
+
+def test_the_first_screen_says_when_what_and_how(make_run, undrawn):
+    folder, truth = make_run()
+    score(folder, truth)
+    page = write_report(folder, truth).read_text(encoding="utf-8")
+    top = re.sub(r"<[^>]+>", "", first_screen(page).partition("<main>")[2])
+    for word in ("14 March 2025, 09:26", "board S-slow", "gyrohil 0.1.0", "2.000 s"):
+        assert word in top, word
+    headings = re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', page)
+    assert re.findall(r'<a href="#([^"]+)">(.*?)</a>', first_screen(page)) == headings
+    assert headings[-1][0] == "bench"
+    listing = page.rpartition('<h2 id="bench">')[2]
+    assert listing.index("<details>") < listing.index("<pre")
+    assert "<details open" not in listing
+
+
+def test_angles_are_told_in_one_unit(make_run):
+    folder, truth = make_run(angle_drift=0.3)
+    score(folder, truth)
+    page = write_report(folder, truth).read_text(encoding="utf-8")
+    words = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
+    assert "rad" in words
+    assert not re.search(r"\b[µmk]?deg\b|°/s|\d°|e\+\d", words)
+
+
+def test_a_run_after_a_trace_shows_the_figures_before_it_at_once(make_run, undrawn, tmp_path):
+    folder, truth = make_run()
+    before = tmp_path / "runs" / "20250314-092000-before"
+    earlier_truth = write_run(before, Options(angle_drift=0.3))
+    for run, true in ((folder, truth), (before, earlier_truth)):
+        score(run, true)
+    page = write_report(folder, truth, earlier=(before, earlier_truth)).read_text(encoding="utf-8")
+    rms = load_result(before / "result.json").angle_error_rms_rad
+    assert f"before: {quantity(rms, 'rad')}" in first_screen(page)
+
+
+def test_the_page_does_not_say_how_to_open_itself(make_run, undrawn):
+    folder, _ = make_run()
+    place = folder / "result.json"
+    save_result(place, load_result(place).model_copy(update={"next": f"xdg-open {folder}/report.html"}))
+    assert "xdg-open" not in write_report(folder).read_text(encoding="utf-8")
+    save_result(place, load_result(place).model_copy(update={"next": "hil doctor"}))
+    assert "<code>hil doctor</code>" in first_screen(write_report(folder).read_text(encoding="utf-8"))

@@ -22,7 +22,7 @@ _SENSOR = "stim300:/dev/ttyUSB0"
 _SERVES = "hil emulate s-slow"
 _NEEDS_ANOTHER = ("serial:/dev/ttyACM0", "my.bench.toml")
 """Of a command that a board of one's own is needed for."""
-_MAY_FAIL = ("run", "demo", "trace", "doctor", "replay", "record")
+_MAY_FAIL = ("run", "demo", "trace", "score", "doctor", "replay", "record")
 """Verbs that leave with 1 where their verdict is against what they looked at (docs/reference/cli.md)."""
 
 

@@ -30,7 +30,7 @@ def draw(material: Material) -> Drawing | None:
         factor, prefix = prefix_for(float(np.mean(before.amplitude)))
         panels.append((f"amplitude / {prefix}m", before.amplitude * factor))
     if material.record.sense.shape[1] == 2 and np.ptp(before.angle) > 0.5:
-        panels.append(("pattern angle θ / deg", np.degrees(before.angle) % 180.0))
+        panels.append(("pattern angle θ / rad", before.angle % np.pi))
     if not panels:
         return None
     name = max(before.components, key=lambda one: max(_shape(against, before.components[one]) for _, against in panels))

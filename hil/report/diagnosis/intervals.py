@@ -7,16 +7,21 @@ from hil.report.figures.drawing import Drawing
 from hil.report.numbers import percent
 from hil.report.theme import FIRST, MUTED, new_figure
 
+_VISIBLE = 0.02
+"""Of the estimate: half an interval that a drawing shows."""
+
 
 def draw(material: Material) -> Drawing | None:
-    """Every coefficient over its own estimate, so that all share one scale."""
+    """Every coefficient over its own estimate, so that all share one scale; none where no interval could be seen on it,
+    as the table has the figures.
+    """
     entries = [
         (symbol, found)
         for effect in material.found.effects
         for symbol, found in effect.coefficients.items()
         if found.value and np.isfinite([found.low, found.high]).all() and found.high > found.low
     ]
-    if not entries:
+    if not any(0.5 * (found.high - found.low) > _VISIBLE * abs(found.value) for _, found in entries):
         return None
     figure = new_figure(0.55 + 0.26 * len(entries))
     ax = figure.subplots()

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib.metadata import version
 from pathlib import Path
 
 from estimator.missing_force.result import MissingForce
@@ -24,6 +25,7 @@ from hil.report.diagnosis import (
 )
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.material import Material
+from hil.report.facts import date_of
 from hil.report.numbering import Figures
 from hil.report.numbers import count, quantity, sensed, significant
 
@@ -59,7 +61,7 @@ def write_report(
     text = listing.read_text(encoding="utf-8") if listing.exists() else ""
     material = Material(found, diagnosis, record, device, settings, text, force)
     path = folder / "report.html"
-    write_text(path, render(material))
+    write_text(path, render(material, folder.name))
     return path
 
 
@@ -74,8 +76,8 @@ class Pictures:
     candidates: str = ""
 
 
-def render(material: Material) -> str:
-    """The page as text."""
+def render(material: Material, made: str = "") -> str:
+    """The page as text; `made` is the name of its folder, which has the date."""
     figures = Figures()
     pictures = Pictures(
         effect=figures.add(lambda: intervals.draw(material)),
@@ -89,15 +91,21 @@ def render(material: Material) -> str:
     held_out = f"{significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % held out"
     seconds = f"{significant(float(material.record.time[-1]))} s"
     record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {held_out}")
-    return page_of(diagnosis, pictures, material.bench_text, record)
+    return page_of(diagnosis, pictures, material.bench_text, record, made=made)
 
 
 def page_of(
-    diagnosis: Diagnosis, pictures: Pictures, bench_text: str, record: tuple[str, str, str], *, declarable: bool = True
+    diagnosis: Diagnosis,
+    pictures: Pictures,
+    bench_text: str,
+    record: tuple[str, str, str],
+    *,
+    declarable: bool = True,
+    made: str = "",
 ) -> str:
     """The page as text, from the diagnosis as written and the figures; `record` is the last of the key figures.
 
-    declarable: whether a bench file can declare the effects.
+    declarable: whether a bench file can declare the effects; made: name of its folder.
     """
     tone, word = _WORDS[diagnosis.verdict]
     said = (
@@ -137,6 +145,7 @@ def page_of(
         sentence=headline(diagnosis),
         key=markup.key_figures([*_key_figures(diagnosis), record]),
         sections="".join(sections),
+        facts=(word for word in (date_of(made), f"record {diagnosis.record}", f"gyrohil {version('gyrohil')}") if word),
     )
 
 

@@ -15,5 +15,5 @@ def write_pool_report(folder: Path, diagnosis: Diagnosis) -> Path:
     fitted, rest = count(diagnosis.split), count(diagnosis.samples - diagnosis.split)
     record = ("Records", count(diagnosis.samples), f"samples, {fitted} fitted, {rest} held out with their records")
     path = folder / "report.html"
-    write_text(path, page_of(diagnosis, Pictures(), text, record))
+    write_text(path, page_of(diagnosis, Pictures(), text, record, made=path.parent.name))
     return path

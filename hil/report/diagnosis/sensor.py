@@ -22,7 +22,7 @@ def write_sensor_report(folder: Path, found: SensorDiagnosis, diagnosis: Diagnos
     record = ("Record", count(diagnosis.samples), f"samples, {count(diagnosis.split)} of them fitted")
     text = (folder / "bench.toml").read_text(encoding="utf-8")
     path = folder / "report.html"
-    write_text(path, page_of(diagnosis, pictures, text, record, declarable=False))
+    write_text(path, page_of(diagnosis, pictures, text, record, declarable=False, made=path.parent.name))
     return path
 
 

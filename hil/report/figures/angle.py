@@ -1,6 +1,5 @@
 """Angle against its reference, with the error below."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +46,7 @@ def draw(material: Material) -> Drawing | None:
     expanded = "angle_u_rad" in estimates
     if expanded:
         above.fill_between(*whole.band(_LOWER, _UPPER), color=FIRST, alpha=0.18, linewidth=0)
-    above.set_ylabel("angle / deg")
+    above.set_ylabel("angle / rad")
     invalid = whole.high[:, _INVALID] > 0
     for start, stop in _spans(invalid):
         above.axvspan(whole.t_s[start], whole.t_s[stop - 1], ymax=0.035, color=BAD, linewidth=0)
@@ -56,41 +55,41 @@ def draw(material: Material) -> Drawing | None:
     sizes = [apart.held.size(k) for k in range(len(curves))]
     crowding = reference is not None and sizes[1] > _RIVAL_SHOWN_WITHIN * sizes[0]
     fitted = range(1 if crowding else len(curves))
-    factor, prefix = prefix_for(max(sizes[k] for k in fitted))
+    factor, prefix = prefix_for(max(sizes[k] for k in fitted), 0)
     for k, curve in reversed(list(enumerate(curves))):
         trace(below, apart, k, curve.colour, curve.name, factor)
     if expanded:
         t, _, edge = whole.band(_EXPANDED, _EXPANDED, factor)
         below.fill_between(t, -edge, edge, color=FIRST, alpha=0.12, linewidth=0, label="± U (k = 2)")
-    below.set_ylabel(f"minus {against} / {prefix}deg")
+    below.set_ylabel(f"minus {against} / {prefix}rad")
     fit_to(below, np.array([end for k in fitted for end in (apart.held.low[k], apart.held.high[k])]) * factor)
     legend(below)
     span_time([above, below], span, material.settle_s)
     figures = "; ".join(
-        f"{curve.name} {quantity(float(rms), 'deg')} rms" for curve, rms in zip(curves, apart.held.rms, strict=False)
+        f"{curve.name} {quantity(float(rms), 'rad')} rms" for curve, rms in zip(curves, apart.held.rms, strict=False)
     )
     caption = f"Above, the angle; below, the difference from {against}, zero where scoring starts: {figures}."
     if expanded:
         caption += " Bands: the expanded uncertainty (k = 2) since scoring starts."
     if invalid.any():
         caption += " Red along the axis: the ellipse was too round for its angle to mean something."
-    ends = [math.degrees(float(estimates.part(row, row + 1)["angle_rad"][0])) for row in (0, len(estimates) - 1)]
-    runs = f"from {significant(ends[0], 4)} to {significant(ends[1], 4)} degrees over {span[1] - span[0]:.4g} seconds"
+    ends = [float(estimates.part(row, row + 1)["angle_rad"][0]) for row in (0, len(estimates) - 1)]
+    runs = f"from {significant(ends[0], 4)} to {significant(ends[1], 4)} rad over {span[1] - span[0]:.4g} seconds"
     alt = f"Two panels over time. The reported angle runs {runs}. Difference from {against}: {figures}."
     return Drawing(figure, "Angle", caption, alt)
 
 
 def _series(material: Material, part: Estimates) -> list[Floats]:
     """Angle, the ends of its band, whether it means nothing, and half the band, of a part of the estimates (n,)."""
-    angle, half = np.degrees(part["angle_rad"]), np.zeros(len(part))
+    angle, half = part["angle_rad"], np.zeros(len(part))
     if "angle_u_rad" in part:  # of the angle's change since scoring starts: 0 before
         u = part["angle_u_rad"]
-        half = np.degrees(2.0 * np.where((part.t_s >= material.settle_s) & np.isfinite(u), u, 0.0))
+        half = 2.0 * np.where((part.t_s >= material.settle_s) & np.isfinite(u), u, 0.0)
     return [angle, angle - half, angle + half, np.where(part.valid, 0.0, 1.0), half]
 
 
 def _differences(material: Material, curves: tuple[_Curve, ...]) -> Course:
-    """Differences of some curves in degrees, zero where scoring starts, and behind them the reference itself, put where
+    """Differences of some curves in rad, zero where scoring starts, and behind them the reference itself, put where
     the reported angle is there."""
 
     def given(part: Compared) -> list[Floats]:
@@ -102,8 +101,8 @@ def _differences(material: Material, curves: tuple[_Curve, ...]) -> Course:
 
     def series(part: Compared) -> list[Floats]:
         *found, along = given(part)
-        differences = [np.degrees(value - zero) for value, zero in zip(found, zeros, strict=True)]
-        return [*differences, np.degrees(along - origin + angle[0])]
+        differences = [value - zero for value, zero in zip(found, zeros, strict=True)]
+        return [*differences, along - origin + angle[0]]
 
     return material.compared(reference, series)
 

@@ -22,12 +22,12 @@ def draw(material: Material) -> Drawing | None:
         assert run is not None
         drawn, span = run
         size = float(drawn.held.rms[0])
-        factor, prefix = prefix_for(drawn.held.size(0))
+        factor, prefix = prefix_for(drawn.held.size(0), 0)
         trace(ax, drawn, 0, colour, factor=factor)
         ax.axhline(0.0, color=INK, linewidth=0.6)
-        ax.set_ylabel(f"{name} / {prefix}deg")
+        ax.set_ylabel(f"{name} / {prefix}rad")
         fit_to(ax, np.array([drawn.held.low[0], drawn.held.high[0]]) * factor)
-        words.append(f"{name} {quantity(size, 'deg')} rms")
+        words.append(f"{name} {quantity(size, 'rad')} rms")
         sizes.append(size)
         span_time([ax], span)
     caption = f"Reported angle minus the true rotation: {', '.join(words)}. Mind the scales: they differ "
@@ -36,7 +36,7 @@ def draw(material: Material) -> Drawing | None:
 
 
 def _error(material: Material) -> tuple[Course, tuple[float, float]] | None:
-    """The angle's error in degrees, zero where scoring begins, and from when to when it is scored."""
+    """The angle's error in rad, zero where scoring begins, and from when to when it is scored."""
     estimates, reference = material.estimates, material.reference
     if estimates is None or reference is None or "angle_rad" not in estimates:
         return None
@@ -45,6 +45,6 @@ def _error(material: Material) -> tuple[Course, tuple[float, float]] | None:
         return [part.estimated("angle_rad") - part.angle_rad]
 
     zero = material.at_first(reference, difference)
-    drawn = material.compared(reference, lambda part: [np.degrees(difference(part)[0] - zero[0])])
+    drawn = material.compared(reference, lambda part: [difference(part)[0] - zero[0]])
     first, last = estimates.ends_s
     return drawn, (first if material.settle_s > last else max(first, material.settle_s), last)

@@ -44,27 +44,27 @@ def draw(material: Material) -> Drawing | None:
         span_time([above], span, material.settle_s)
         caption = "Estimated rate; the band is the observer's 95 %."
     above.plot(*whole.line(_RATE), color=FIRST, label="estimated rate Ω")
-    above.set_ylabel("rate / (deg/s)")
+    above.set_ylabel("rate / (rad/s)")
     legend(above)
     low, high = held.low[_RATE], held.high[_RATE]
-    alt = f"Rate over time, between {low:.4g} and {high:.4g} degrees per second. {caption}"
+    alt = f"Rate over time, between {low:.4g} and {high:.4g} rad/s. {caption}"
     return Drawing(figure, "Rate", caption, alt)
 
 
 def _series(part: Estimates) -> list[Floats]:
-    rate, half = np.degrees(part["rate_rad_s"]), SD_95 * np.degrees(part.sd("rate_rad_s"))
+    rate, half = part["rate_rad_s"], SD_95 * part.sd("rate_rad_s")
     return [rate, rate - half, rate + half]
 
 
 def _errors(part: Compared) -> list[Floats]:
-    """Error, half of the claimed band, whether the one is within the other, and the reference, in deg/s (n,)."""
-    error = np.degrees(part.estimated("rate_rad_s") - part.rate_rad_s)
-    half = SD_95 * np.degrees(part.estimated("sd_rate_rad_s"))
-    return [error, half, (np.abs(error) <= half).astype(float), np.degrees(part.rate_rad_s)]
+    """Error, half of the claimed band, whether the one is within the other, and the reference, in rad/s (n,)."""
+    error = part.estimated("rate_rad_s") - part.rate_rad_s
+    half = SD_95 * part.estimated("sd_rate_rad_s")
+    return [error, half, (np.abs(error) <= half).astype(float), part.rate_rad_s]
 
 
 def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: Course) -> str:
-    """The error in deg/s, and its claimed half width; returns the caption."""
+    """The error in rad/s, and its claimed half width; returns the caption."""
     held = beside.held
 
     def sizes() -> Iterator[Floats]:
@@ -76,18 +76,18 @@ def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: Co
     size = spread(sizes, len(material.estimates))
     usual = float(np.quantile(size, 0.99)) if size.size else held.size(_ERROR)
     largest, reach = held.size(_ERROR), float(np.fmax(_STEP * usual, held.high[_HALF]))
-    factor, prefix = prefix_for(min(largest, reach))
+    factor, prefix = prefix_for(min(largest, reach), 0)
     for sign, label in ((-1, ""), (1, "claimed 95 % band")):
         edge = beside.line(_HALF, sign * factor)
         ax.plot(*edge, color=INK, linewidth=0.8, dashes=(4, 3), label=label)
     trace(ax, beside, _ERROR, FIRST, "estimate", factor)
-    ax.set_ylabel(f"minus {reference.name} / ({prefix}deg/s)")
+    ax.set_ylabel(f"minus {reference.name} / ({prefix}rad/s)")
     ends = np.clip([held.low[_ERROR], held.high[_ERROR]], -reach, reach)
     fit_to(ax, np.array([*ends, -held.high[_HALF], held.high[_HALF]]) * factor)
     legend(ax)
     caption = (
-        f"Above, the rate; below, the difference from {reference.name}: {quantity(float(held.rms[_ERROR]), 'deg/s')} "
+        f"Above, the rate; below, the difference from {reference.name}: {quantity(float(held.rms[_ERROR]), 'rad/s')} "
         f"rms, {percent(float(held.mean[_INSIDE]))} of it inside the band the observer claims (95 % expected)."
     )
-    beyond = f" The largest, {quantity(largest, 'deg/s')}, runs out of the panel."
+    beyond = f" The largest, {quantity(largest, 'rad/s')}, runs out of the panel."
     return caption + beyond if largest > reach else caption

@@ -9,7 +9,7 @@ from hil.records.quantiles import quantiles
 from hil.records.result import Percentiles
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.numbers import count, percent
+from hil.report.numbers import count, percent, significant
 from hil.report.theme import BAD, FIRST, MUTED, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def draw(material: Material) -> Drawing | None:
     if deadline:
         _mark(ax, deadline, "deadline", BAD, 2 if bare is not None else 1)
         slow = percent(sum(int(np.count_nonzero(part > deadline)) for part in parts()) / int(counts.sum()), 2)
-        caption += f" {slow} of these answers left the host after the deadline of {deadline:.4g} µs."
+        caption += f" {slow} of these answers left the host after the deadline of {significant(deadline, 4)} µs."
     if bare is not None:
         caption += f" A bare read and write paced alike: {_listed(bare)}."
     plain_log_ticks(ax.xaxis)
@@ -63,7 +63,7 @@ def draw(material: Material) -> Drawing | None:
 
 
 def _listed(times: Percentiles) -> str:
-    return f"p50 {times.p50:.3g}, p99 {times.p99:.3g}, p99.9 {times.p999:.3g} µs"
+    return f"p50 {significant(times.p50)}, p99 {significant(times.p99)}, p99.9 {significant(times.p999)} µs"
 
 
 def _mark(ax: "Axes", value_us: float, name: str, colour: str, row: int) -> None:

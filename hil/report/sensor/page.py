@@ -5,6 +5,7 @@ from pathlib import Path
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.report import markup
+from hil.report.facts import facts
 from hil.report.numbering import Figures
 from hil.report.numbers import count, quantity, significant
 from hil.report.sensor import allan, checks, rate, spectrum, tables, words
@@ -54,6 +55,7 @@ def render(material: SensorMaterial) -> str:
         sentence=line.sentence,
         key=markup.key_figures(_key_figures(material)),
         sections="".join(sections),
+        facts=facts(result, {}),
     )
 
 
