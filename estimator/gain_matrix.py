@@ -71,11 +71,11 @@ class GainMatrix:
                 "gives one signal twice; choose a delay near a quarter of a cycle"
             )
 
-    def solve(self, reign: int, ahead: int = 0) -> tuple[Array, Array]:
+    def solve(self, horizon: int, ahead: int = 0) -> tuple[Array, Array]:
         """(G (2, 4) in drive codes per sense code, b (2,) in drive codes) for the newest estimate; lent until the next
         call.  Zeros where the estimate is not finite.
 
-        `reign` is the time in samples from the estimate to the end of what it will be used for: a hold does no more
+        `horizon` is the time in samples from the estimate to the end of what it will be used for: a hold does no more
         than a quarter of its work in that time; `ahead` is the time in samples until it comes into force.
         """
         observer = self._observer
@@ -84,8 +84,8 @@ class GainMatrix:
         if not np.isfinite(observer.x).all():
             return self._gain, self._bias
         gain_matrix(
-            observer.record, observer.memory, observer.x, *self._filter, self._delay, _UNCHANGED / (reign * observer.h),
-            ahead * observer.h, self._gain, self._bias,
+            observer.record, observer.memory, observer.x, *self._filter, self._delay,
+            _UNCHANGED / (horizon * observer.h), ahead * observer.h, self._gain, self._bias,
         )  # fmt: skip
         if np.any(self._turns < 0.0):
             # An offset is added to what a channel shows, whichever way round that is.

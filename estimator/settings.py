@@ -77,7 +77,7 @@ class Device:
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations of the initial guess.
+    """Standard deviations of the initial value.
 
     position, velocity: of the nominal amplitude; stiffness: of the target; damping: of the mean nominal damping;
     drive_gain: of the nominal; offset [V]; rate [rad/s].
@@ -108,7 +108,7 @@ class ProcessNoise:
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """Variant, gain, memory [s] of the fading, initial guesses by name in SI (the rest from the device), spread, noise.
+    """Variant, gain, memory [s] of the fading, initial values by name in SI (the rest from the device), spread, noise.
 
     effects: what the base model lacks and this observer carries, by name (`estimator.effects`), each with first
     guesses of its coefficients in SI (0 where not given); they are estimated with the rest.
@@ -117,7 +117,7 @@ class ObserverSettings:
     reference: time [s] from which on the angle's uncertainty counts; what it was there is zero by definition.
 
     A stationary gain takes over from an EKF with fading memory one memory after `acquisition` [s]: it corrects by a
-    constant share of what it sees, and would carry the errors of the first guess on for many memories.
+    constant share of what it sees, and would carry the errors of the initial value on for many memories.
     """
 
     variant: Variant = Variant.FULL

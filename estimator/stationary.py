@@ -31,7 +31,7 @@ _TURNS = 12
 
 
 def stationary_table(observer: "Observer") -> Array:
-    """Gains (ANGLES, PHASES, n, 2), scaled, for the observer's variant, first guess, noise and memory.
+    """Gains (ANGLES, PHASES, n, 2), scaled, for the observer's variant, initial value, noise and memory.
 
     The step is stretched by 0.7 % so that the phases fill the table even when the sampling is an exact multiple of the
     vibration.  Raises ModelError for a single axis, which has no pattern angle.

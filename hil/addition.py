@@ -122,7 +122,7 @@ def write_custom(
     """`bench_text` with the effect [effects.custom.NAME] added, which the next run carries; the rest stays.
 
     forces: laws of the force per unit mass along x and y in the grammar of [effects.custom], "" where there is none;
-    sensed: laws of what is added to the sensed displacement, alike; coefficients: first guess (SI per unit mass) and
+    sensed: laws of what is added to the sensed displacement, alike; coefficients: initial value (SI per unit mass) and
     unit of each; parameters: value and unit.  Raises InputError for a law or a unit that is none, for a name that is
     declared already, and for a file that nothing can be added to.
     """

@@ -21,7 +21,7 @@ _STRETCHES = 10  # of a longer record
 
 class Samples(NamedTuple):
     """Samples of a record, a row a tick: tick, sense (n, axes) V, NaN where it was lost, drive (n, axes, degree + 1) in
-    the record's unit, step (n,) s; gap (n,): at the last sample of a run whose drive is a guess, the number of what
+    the record's unit, step (n,) s; gap (n,): at the last sample of a run whose drive is estimated, the number of what
     that adds to the motion (`estimator.gaps`), 0 elsewhere.
     """
 
@@ -120,7 +120,7 @@ def pieces_of_samples(record: Capture, drives: Drives | None = None) -> Iterator
     start = 0
     for piece in record.pieces():
         stop = start + len(piece)
-        # With the rows around, from which the drive over a gap is guessed.
+        # With the rows around, from which the drive over a gap is estimated.
         earlier = max(start - ROWS_BEFORE, 0)
         later = min(stop + record.latency_ticks, len(record))
         around = record.part(earlier, later)

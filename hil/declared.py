@@ -42,7 +42,7 @@ def device_of(bench: Bench, noise_gain: float = 1.0) -> settings.Device:
 
 
 def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
-    """Variant, gain, first guess and noise."""
+    """Variant, gain, initial value and noise."""
     observer, mass = bench.observer, bench.device.mass_kg
     given, spread, noise = observer.initial, observer.initial_sd, observer.process_noise
     initial = {"rate": given.rate_rad_s} if bench.device.axes == 2 else {}

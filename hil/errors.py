@@ -37,7 +37,7 @@ def _escape(mark: str) -> str:
 class InputError(ValueError):
     """A file, key or value given by the user is unusable.
 
-    The message is one line that names the place and the cure, e.g.
+    The message is one line that names the place and the remedy, e.g.
     ``ride.csv:17: column vy_V: 'abc' is not a number; correct or remove the row``.
     The command line prints it as it is and exits with 2.
     """

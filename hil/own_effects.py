@@ -80,7 +80,7 @@ def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
 
 
 def carried(bench: Bench) -> dict[str, dict[str, float]]:
-    """The effects that the observer of `bench` is to carry, with first guesses: those named, and those declared."""
+    """The effects that the observer of `bench` is to carry, with initial values: those named, and those declared."""
     known = {name: one.declared(name).start for name, one in bench.effects.custom.items()}
     if set(bench.effects.named) - set(known):
         known |= {name: one.start for name, one in packaged().effects.items() if isinstance(one, Declaration)}

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 class Progress(NamedTuple):
     """One report: ``done`` of ``total`` steps of ``stage``; ``note`` is a few words on how it goes, ``alarm`` a line
-    that has to be seen at once, whatever else is shown; ``left_s`` a guess at the seconds until all stages are done."""
+    that has to be seen at once, whatever else is shown; ``left_s`` an estimate of the seconds until all is done."""
 
     stage: str
     done: int

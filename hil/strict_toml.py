@@ -1,4 +1,4 @@
-"""Read a TOML file into a pydantic model; every mistake is one line that names file, key and cure.
+"""Read a TOML file into a pydantic model; every mistake is one line that names file, key and remedy.
 
 pydantic reports several errors at once, each as a paragraph.  A user mends one key at a time, so only the
 first is shown, with a count of the others: ``file: [section] key: what is wrong; what was expected``.
@@ -32,7 +32,7 @@ _EXPECTED = {
 
 
 def read_toml(path: Path, model: type[Model]) -> Model:
-    """The file at ``path`` as an instance of ``model``; `InputError` names the place and the cure."""
+    """The file at ``path`` as an instance of ``model``; `InputError` names the place and the remedy."""
     return parse_table(read_table(path), model, str(path))
 
 

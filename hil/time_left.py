@@ -21,11 +21,11 @@ _GROUND_S = 3.0
 """So long nothing is said."""
 
 _JUMP = 1.5
-"""A guess counts down by the clock; a new one that is less than so many times longer does not move it up."""
+"""An estimate counts down by the clock; a new one that is less than so many times longer does not move it up."""
 
 
 class TimeLeft:
-    """Told of every step of a trace, it guesses the seconds that are left.
+    """Told of every step of a trace, it estimates the seconds that are left.
 
     longer: how many times as long as usual the record is beside the part on which candidates are compared.
     """

@@ -100,7 +100,7 @@ def shown(effects: NDArray[Any], code: int) -> int:
 def flip(effects: NDArray[Any], seed: int, tick: int, ts_s: float, motion: NDArray[np.float64]) -> None:
     """Throw the dice of random telegraphs for one sample; they start at 1.
 
-    Their luck is hashed from seed and tick (splitmix64), so that they leave the noise as it is.
+    Whether one flips is hashed from seed and tick (splitmix64), so that they leave the noise as it is.
     """
     for effect in effects:
         if effect.kind == Kind.TELEGRAPH_OFFSET:

@@ -35,7 +35,7 @@ SENSED = {METRE: "a sensed displacement", VOLT: "a sensed voltage"}
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A number that is estimated: its unit per unit mass (`1/(m⁴·s²)`), the first guess, the standard deviation with
+    """A number that is estimated: its unit per unit mass (`1/(m⁴·s²)`), the initial value, the standard deviation with
     which it enters an observer, whether a negative one would be no such effect.
     """
 
@@ -105,7 +105,7 @@ class Declaration:
 
     @property
     def start(self) -> dict[str, float]:
-        """First guesses of its coefficients, values of its parameters, SI."""
+        """Initial values of its coefficients, values of its parameters, SI."""
         return {
             **{name: one.start for name, one in self.coefficients.items()},
             **{name: one.value for name, one in self.parameters.items()},

@@ -88,7 +88,7 @@ MINUS_ONE = Number(-1.0)
 def parsed(text: str) -> Node:
     """The tree of a law.
 
-    Raises ModelError, one line that names the place and the cure, for whatever is more than arithmetic.
+    Raises ModelError, one line that names the place and the remedy, for whatever is more than arithmetic.
     """
     if len(text) > LONGEST:
         raise ModelError(f"{len(text)} characters; a law has at most {LONGEST}: split it into several effects")
@@ -227,8 +227,8 @@ class _Reader:
         return sign * Fraction(number.value).limit_denominator(1000)
 
     def _refused(self, node: ast.AST) -> ModelError:
-        cure = f"a law has numbers, names, + - * / **, parentheses and {', '.join(FUNCTIONS)} only"
-        return ModelError(f"{self._source(node)} is more than arithmetic; {cure}")
+        remedy = f"a law has numbers, names, + - * / **, parentheses and {', '.join(FUNCTIONS)} only"
+        return ModelError(f"{self._source(node)} is more than arithmetic; {remedy}")
 
     def _source(self, node: ast.AST) -> str:
         return _shown(ast.get_source_segment(self.text, node) or type(node).__name__)

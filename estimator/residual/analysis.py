@@ -81,18 +81,18 @@ def _of_level(fit: Fit, floor: Floor, deviation: Array, samples: int, share: flo
     axes = len(fit.innovation_rms)
     spread = math.hypot(math.sqrt(2.0 / (samples * axes)), 2.0 * floor.uncertainty)
     excess = math.sqrt(sum(max(a * a - b * b, 0.0) for a, b in zip(fit.innovation_rms, fit.noise_floor, strict=True)))
-    surprise = (fit.ratio**2 - 1.0) / spread
-    if surprise > deviations(math.log(share / 2.0)):
+    significance = (fit.ratio**2 - 1.0) / spread
+    if significance > deviations(math.log(share / 2.0)):
         text = f"the innovation is {fit.ratio:.3g} × the noise floor ({floor.source})"
-        found.append(Finding("level", text, excess, surprise))
+        found.append(Finding("level", text, excess, significance))
     if floor.source.startswith("the spectrum"):
         declared = np.nanmedian(deviation, axis=0)
         over = float(np.sqrt(np.mean((np.array(fit.noise_floor) / declared) ** 2)))
-        surprise = (over**2 - 1.0) / (2.0 * floor.uncertainty)
-        if surprise > deviations(math.log(share / 2.0)):
+        significance = (over**2 - 1.0) / (2.0 * floor.uncertainty)
+        if significance > deviations(math.log(share / 2.0)):
             text = f"the noise floor itself is {over:.3g} × what the declared noise gives"
             size = float(np.sqrt(max(np.sum(np.array(fit.noise_floor) ** 2 - declared**2), 0.0)))
-            found.append(Finding("level", text, size, surprise, suspects("floor")))
+            found.append(Finding("level", text, size, significance, suspects("floor")))
     return found
 
 

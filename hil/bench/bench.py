@@ -33,7 +33,7 @@ class Bench(Section):
     limits: Limits = Limits()
     """table [limits]"""
     effects: Effects = Field(default_factory=lambda: Effects.model_validate({}))
-    """What the base model lacks and the observer is to carry: one table per effect with first guesses of its
+    """What the base model lacks and the observer is to carry: one table per effect with initial values of its
     coefficients, in SI per unit mass (0 where not given). The effects and their coefficients stand in effects.md."""
 
     @model_validator(mode="after")
@@ -93,7 +93,7 @@ class Bench(Section):
     @property
     def virtual_reversal_s(self) -> float:
         """Time between reversals of the virtual rotation, 0: never; in gain mode half of it is whole blocks, as a
-        matrix reigns for one.
+        matrix is in force for one.
         """
         period = self.controller.virtual_reversal_s
         if self.loop.mode == "force" or period == 0.0:
@@ -103,7 +103,7 @@ class Bench(Section):
 
     @property
     def offset_sd_V(self) -> float:
-        """Standard deviation of the first guess of the sense offsets."""
+        """Standard deviation of the initial value of the sense offsets."""
         own = self.observer.initial_sd.offset_V
         return self.device.sense.offset_sd_V if own is None else own
 

@@ -37,7 +37,7 @@ class Drive(Section):
     full_scale: Positive
     """largest drive magnitude, in `unit`"""
     gain_N_per_V: float | None = None
-    """force per volt of drive, for unit = "V"; the first guess where gain_known = false"""
+    """force per volt of drive, for unit = "V"; the initial value where gain_known = false"""
     gain_known: bool = True
     """false: the drive gain is estimated as well (axes = 1)"""
     hold: Literal["zoh", "foh", "bandlimited"] = "zoh"
@@ -48,15 +48,15 @@ class Drive(Section):
     @model_validator(mode="after")
     def _gain_matches_unit(self) -> Self:
         if (self.unit == "V") != (self.gain_N_per_V is not None):
-            cure = "give the force per volt" if self.unit == "V" else 'leave it out, or set unit = "V"'
-            raise ValueError(f'gain_N_per_V: belongs to unit = "V" and only there; {cure}')
+            remedy = "give the force per volt" if self.unit == "V" else 'leave it out, or set unit = "V"'
+            raise ValueError(f'gain_N_per_V: belongs to unit = "V" and only there; {remedy}')
         if self.gain_N_per_V == 0:
             raise ValueError("gain_N_per_V: 0 would mean that the drive does nothing")
         return self
 
 
 class Device(Section):
-    """The oscillator as its data sheet describes it, which is also the observer's first guess."""
+    """The oscillator as its data sheet describes it, which is also the observer's initial value."""
 
     name: str
     """what the device is called in reports"""

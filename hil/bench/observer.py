@@ -1,4 +1,4 @@
-"""What is estimated, from which first guess, and how much may wander."""
+"""What is estimated, from which initial value, and how much may wander."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ from hil.bench.section import NotNegative, Numbers, Positive, Section
 
 
 class InitialSd(Section):
-    """Standard deviations of the first guess."""
+    """Standard deviations of the initial value."""
 
     position: Positive = 1.0
     """of the amplitude"""
@@ -25,7 +25,7 @@ class InitialSd(Section):
 
 
 class Initial(Section):
-    """First guesses where they differ from the data sheet's."""
+    """Initial values where they differ from the data sheet's."""
 
     position_m: Numbers | None = None
     """one number per axis; without it 0"""
@@ -57,7 +57,7 @@ class ProcessNoise(Section):
 
 
 class Observer(Section):
-    """Which states are estimated, by which gain, from which first guess."""
+    """Which states are estimated, by which gain, from which initial value."""
 
     variant: Literal["full", "gyro", "sense"] = "full"
     """full: 13 states; gyro: 11, no sense offsets; sense: 7, parameters taken from [device]"""

@@ -22,9 +22,9 @@ class OwnCoefficient(Section):
     unit: str
     """SI per unit mass, `1/(m⁴·s²)` or `1/(m^4 s^2)`"""
     start: float = 0.0
-    """first guess"""
+    """initial value"""
     plausible: Positive | None = None
-    """its likely size, the standard deviation of the first guess; without it what makes 0.05 of the spring's force"""
+    """its likely size, the standard deviation of the initial value; without it what makes 0.05 of the spring's force"""
     positive: bool = False
     """a negative one would be no such effect, as friction that drives"""
 
@@ -54,7 +54,7 @@ class OwnEffect(Section):
     sense_y: str = ""
     """along y"""
     carried: bool = True
-    """false: no observer carries it, unless [effects.NAME] gives it first guesses; a trace may name it"""
+    """false: no observer carries it, unless [effects.NAME] gives it initial values; a trace may name it"""
     coefficients: dict[str, OwnCoefficient] = Field(default_factory=dict)
     """a table for each: unit, start, plausible, positive"""
     parameters: dict[str, OwnParameter] = Field(default_factory=dict)
@@ -87,7 +87,7 @@ class Effects(Section):
 
     @property
     def named(self) -> dict[str, dict[str, float]]:
-        """Those that are declared elsewhere, by name, with first guesses in SI per unit mass."""
+        """Those that are declared elsewhere, by name, with initial values in SI per unit mass."""
         return dict(self.__pydantic_extra__ or {})
 
     @model_validator(mode="after")

@@ -21,7 +21,7 @@ TABLE_SAMPLES = 2e7  # that a stationary gain is computed from, a microsecond ea
 
 
 def implausible(bench: "Bench") -> str | None:
-    """The first thing that cannot be meant, as `[section] key: what; cure`; None where all is plausible."""
+    """The first thing that cannot be meant, as `[section] key: what; remedy`; None where all is plausible."""
     return next(_findings(bench), None)
 
 

@@ -59,5 +59,5 @@ def _print(findings: "list[Finding]") -> None:
         style = _STYLES[finding.state]
         console.print(f"[{style}]{finding.state:<8}[/{style}]", end="")
         console.print(printable(f"{finding.subject:<24}{finding.told}"), markup=False)
-        if finding.cure:
-            console.print(printable(f"{'':<32}{finding.cure}"), markup=False)
+        if finding.remedy:
+            console.print(printable(f"{'':<32}{finding.remedy}"), markup=False)

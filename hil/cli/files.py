@@ -22,6 +22,6 @@ def capture_in(place: Path) -> Path:
 def fresh(target: Path, *, replace: bool = False) -> Path:
     """``target`` itself; `InputError` where it exists, since nothing is overwritten unasked: `replace` asks for it."""
     if target.exists() and not (replace and target.is_file()):
-        cure = "give another name" if target.is_dir() else "give another name, or --replace"
-        raise InputError(f"{target}: exists already; {cure}")
+        remedy = "give another name" if target.is_dir() else "give another name, or --replace"
+        raise InputError(f"{target}: exists already; {remedy}")
     return target

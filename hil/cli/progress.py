@@ -11,8 +11,8 @@ from hil.progress import Progress, Watcher
 @contextmanager
 def watching(title: str, *, whole: bool = False) -> Iterator[Watcher]:
     """A watcher that draws what it is told for the length of the block; an interruption that says what was done by
-    then has it printed. The time left is that of the stage at hand, by its own pace, or with ``whole`` the guess of all
-    stages that it is told."""
+    then has it printed. The time left is that of the stage at hand, by its own pace, or with ``whole`` that of all
+    stages, which it is told."""
     try:
         if sys.stderr.isatty():
             with _bar(title, whole=whole) as watch:

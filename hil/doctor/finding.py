@@ -6,9 +6,9 @@ State = Literal["good", "missing", "bad"]
 
 
 class Finding(NamedTuple):
-    """`missing` costs something that can be had; `bad` stops the link that was asked for. `cure` is one line."""
+    """`missing` costs something that can be had; `bad` stops the link that was asked for. `remedy` is one line."""
 
     subject: str
     state: State
     told: str
-    cure: str = ""
+    remedy: str = ""

@@ -32,8 +32,8 @@ def examine(link: str) -> tuple[list[Finding], dict[str, Any] | None]:
         return [Finding("link", "bad", f"the measurement ended with code {said.returncode}")], None
     probed: dict[str, Any] = json.loads(said.stdout)
     if "error" in probed:
-        told, _, cure = str(probed["error"]).removeprefix(f"{link}: ").partition(": sudo ")
-        return [Finding("link", "bad", told, f"sudo {cure}" if cure else "")], None
+        told, _, remedy = str(probed["error"]).removeprefix(f"{link}: ").partition(": sudo ")
+        return [Finding("link", "bad", told, f"sudo {remedy}" if remedy else "")], None
     held = capacity(probed, baud=uart_baud(link), bit_rates=_bit_rates(link))
     probed["force_Hz"], probed["gain_Hz"] = held.force_Hz, held.gain_Hz
     return list(judge(link, probed, held)), probed
@@ -63,12 +63,12 @@ def judge(link: str, probed: dict[str, Any], held: Capacity) -> Iterator[Finding
         if bit not in able:
             yield Finding(mode, "missing", f"{told}; the board does not offer it")
         elif held_Hz < rate:
-            cure = (
+            remedy = (
                 'use [loop] mode = "gain", or clock = "lockstep" on an emulated board'
                 if mode == "force mode"
                 else ("use a faster wire, or a lower sample rate")
             )
-            yield Finding(mode, "missing", f"{told}; too slow for this board", cure)
+            yield Finding(mode, "missing", f"{told}; too slow for this board", remedy)
         else:
             yield Finding(mode, "good", told)
 

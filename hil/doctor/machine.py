@@ -25,8 +25,8 @@ def scheduling() -> Finding:
     """Whether a process of ours may run before ordinary ones."""
     if _permitted():
         return Finding("real-time scheduling", "good", "permitted")
-    cure = f"echo '@{_group()} - rtprio 50' | sudo tee -a {_LIMITS}, then log in again"
-    return Finding("real-time scheduling", "missing", "not permitted: other programs make answers late", cure)
+    remedy = f"echo '@{_group()} - rtprio 50' | sudo tee -a {_LIMITS}, then log in again"
+    return Finding("real-time scheduling", "missing", "not permitted: other programs make answers late", remedy)
 
 
 def memory() -> Finding:
@@ -34,8 +34,8 @@ def memory() -> Finding:
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if soft == resource.RLIM_INFINITY or os.geteuid() == 0:
         return Finding("locked memory", "good", "permitted")
-    cure = f"echo '@{_group()} - memlock unlimited' | sudo tee -a {_LIMITS}, then log in again"
-    return Finding("locked memory", "missing", f"only {soft >> 20} MB may be locked: paging can stop the loop", cure)
+    remedy = f"echo '@{_group()} - memlock unlimited' | sudo tee -a {_LIMITS}, then log in again"
+    return Finding("locked memory", "missing", f"only {soft >> 20} MB may be locked: paging can stop the loop", remedy)
 
 
 def awake() -> Finding:
@@ -45,8 +45,8 @@ def awake() -> Finding:
     asleep = "waking up takes up to 100 µs"
     if not AWAKE.exists():
         return Finding("processors kept awake", "missing", f"no {AWAKE} here: {asleep}")
-    cure = f"sudo setfacl -m u:$USER:rw {AWAKE} (until the next start of the machine)"
-    return Finding("processors kept awake", "missing", f"{AWAKE} may not be written: {asleep}", cure)
+    remedy = f"sudo setfacl -m u:$USER:rw {AWAKE} (until the next start of the machine)"
+    return Finding("processors kept awake", "missing", f"{AWAKE} may not be written: {asleep}", remedy)
 
 
 def processors() -> Finding:
@@ -55,8 +55,8 @@ def processors() -> Finding:
     load = os.getloadavg()[0]
     told = f"{count}, load {load:.1f}"
     if count < 2:
-        cure = "give the machine a second one: loop and recorder want one each"
-        return Finding("processors", "missing", told, cure)
+        remedy = "give the machine a second one: loop and recorder want one each"
+        return Finding("processors", "missing", told, remedy)
     if load > 0.75 * count:
         return Finding("processors", "missing", told, "end what else runs here, or expect late answers")
     return Finding("processors", "good", told)
@@ -68,8 +68,8 @@ def framing() -> Finding:
 
     if COBS_IN_C:
         return Finding("framing", "good", "cobs has its C part (0.1 µs a frame)")
-    cure = "sudo apt install gcc python3-dev, then pip install --force-reinstall --no-binary cobs cobs"
-    return Finding("framing", "missing", "cobs runs in Python (2 to 4 µs a frame)", cure)
+    remedy = "sudo apt install gcc python3-dev, then pip install --force-reinstall --no-binary cobs cobs"
+    return Finding("framing", "missing", "cobs runs in Python (2 to 4 µs a frame)", remedy)
 
 
 def kernels() -> Finding:

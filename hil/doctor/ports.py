@@ -57,13 +57,13 @@ def can() -> Iterator[Finding]:
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError:
-        cure = "sudo modprobe can-raw vcan, or a kernel built with CONFIG_CAN; make test-vcan needs neither"
-        yield Finding("CAN", "missing", "this kernel has none (no AF_CAN)", cure)
+        remedy = "sudo modprobe can-raw vcan, or a kernel built with CONFIG_CAN; make test-vcan needs neither"
+        yield Finding("CAN", "missing", "this kernel has none (no AF_CAN)", remedy)
         return
     names = interfaces()
     if not names:
-        cure = "sudo ip link add vcan0 type vcan && sudo ip link set vcan0 mtu 72 up"
-        yield Finding("CAN", "missing", "no interface", cure)
+        remedy = "sudo ip link add vcan0 type vcan && sudo ip link set vcan0 mtu 72 up"
+        yield Finding("CAN", "missing", "no interface", remedy)
     for name in names:
         yield can_interface(name, details(name))
 
@@ -76,11 +76,11 @@ def can_interface(name: str, link: dict[str, Any]) -> Finding:
     if "UP" not in link.get("flags", ()):
         return Finding(name, "bad", "the interface is down", f"sudo ip link set {name} {timing}")
     if link.get("mtu", 72) < 72:
-        cure = f"sudo ip link set {name} down && sudo ip link set {name} {timing}"
-        return Finding(name, "bad", "no CAN FD", cure)
+        remedy = f"sudo ip link set {name} down && sudo ip link set {name} {timing}"
+        return Finding(name, "bad", "no CAN FD", remedy)
     if (state := data.get("state", "ERROR-ACTIVE")) != "ERROR-ACTIVE":
-        cure = f"check wiring, termination and bit timing, then sudo ip link set {name} type can restart"
-        return Finding(name, "bad", f"the controller is in {state}", cure)
+        remedy = f"check wiring, termination and bit timing, then sudo ip link set {name} type can restart"
+        return Finding(name, "bad", f"the controller is in {state}", remedy)
     rates = [f"{data[key]['bitrate'] / 1e6:g} Mbit/s" for key in ("bittiming", "data_bittiming") if key in data]
     return Finding(name, "good", "up" + (f", {' and '.join(rates)}" if rates else ", virtual" if virtual else ""))
 

@@ -19,13 +19,13 @@ _OF_MAPS = (*CHANNELS, *OWN, "base")
 
 
 def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) -> str | None:
-    """What is wrong with this set of channels, of a file or of a map, with the cure; None when it can be a record."""
+    """What is wrong with this set of channels, of a file or of a map, with the remedy; None when it can be a record."""
     known = _OF_MAPS if mapped else CHANNELS
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
-            cure = f"did you mean {near[0]}?" if near else f"known are {', '.join(CHANNELS)}, others need --map"
-            return f"column {name!r} is not known; {cure}"
+            remedy = f"did you mean {near[0]}?" if near else f"known are {', '.join(CHANNELS)}, others need --map"
+            return f"column {name!r} is not known; {remedy}"
         if names.count(name) > 1:
             return f"column {name!r} appears twice; keep one"
     if needs_time and "t_s" not in names:

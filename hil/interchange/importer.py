@@ -46,7 +46,7 @@ def import_record(
     between
     samples: by default what the map says, or zoh. Time must increase, and be even unless `nonuniform`.
 
-    Raises InputError with file, line or column, and the cure; `target` is then left as it was.
+    Raises InputError with file, line or column, and the remedy; `target` is then left as it was.
     """
     record = _read_plain(source) if map_file is None else _read_mapped(source, read_map(map_file))
     rate_Hz, uniform = _time_base(source, record, nonuniform)

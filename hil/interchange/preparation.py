@@ -33,7 +33,7 @@ def prepared(
     uniform: bool,
     mapping: RecordMap | None,
 ) -> Prepared:
-    """What `mapping` asks for, done to channels in SI, `t_s` among them. Raises ValueError with key and cure."""
+    """What `mapping` asks for, done to channels in SI, `t_s` among them. Raises ValueError with key and remedy."""
     if mapping is None:
         return Prepared(dict(channels), dict(segments), rate_Hz, {})
     said: list[str] = []

@@ -2,7 +2,7 @@
 
 Benches are given as objects, as paths, or by the name of an example.  Records are given as runs, as paths of a run
 folder or a capture, or as arrays by the names of an interchange CSV.  Whatever cannot be used raises `InputError` with
-one line that names the place and the cure.
+one line that names the place and the remedy.
 """
 
 import sys

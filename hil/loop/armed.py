@@ -97,7 +97,7 @@ class ArmedBoard:
         self.waiting: Callable[[float], None] = lambda _: None
 
     def arm(self) -> Status:
-        """ARM; what the board says to it. From its first byte on it has to be brought to SAFE: see `farewell`.
+        """ARM; what the board says to it. From its first byte on it has to be brought to SAFE: see `to_safe`.
 
         Raises ProtocolError when the board refuses, LinkError when it does not answer.
         """
@@ -129,7 +129,7 @@ class ArmedBoard:
             raise
         return Pause(stop.tick, unwrap(armed.tick, self._endpoint.rx.tick))
 
-    def farewell(self, reason: SafeReason) -> dict[str, int]:
+    def to_safe(self, reason: SafeReason) -> dict[str, int]:
         """Bring the board to SAFE if it may be armed; its own counters, by name, none when it does not answer."""
         if not self.safety.armed:
             return {}

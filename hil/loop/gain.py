@@ -68,7 +68,7 @@ class GainLoop(Loop):
         self._lead = 1 if self._lockstep else block
         board = board_filter_of(bench)
         self._matrix = GainMatrix(observer, board)
-        self._reign = self._lead + block + identity.latency_ticks
+        self._horizon = self._lead + block + identity.latency_ticks
         self._late: deque[int] = deque((0,), maxlen=_RECENT)  # ticks by which matrices came into force too late
         self._foresight = Foresight(observer, board, self._drive_limit, board_dither_of(bench, identity))
         self._stride = min(bench.loop.estimate_every, block)
@@ -134,7 +134,7 @@ class GainLoop(Loop):
 
     def _answer(self, last: int, received_ns: int, estimated_ns: int) -> None:
         """Solve for the matrix and send it, zeros while the loop is open."""
-        gain, bias = self._matrix.solve(self._reign + max(self._late), self._lead)
+        gain, bias = self._matrix.solve(self._horizon + max(self._late), self._lead)
         if not self._closed:
             gain[:] = 0.0
             bias[:] = 0.0

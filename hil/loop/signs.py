@@ -38,21 +38,21 @@ def wrong_way(bench: Bench, make_observer: Callable[[], Observer], sense_V: Floa
     if not axes or len(sense_V) < 2:
         return ""
     begin = int(np.flatnonzero(drive.any(axis=1))[0])
-    surprise: dict[tuple[int, ...], float] = {}
+    nis: dict[tuple[int, ...], float] = {}
     for signs in itertools.product((1, -1), repeat=2):
         if all(sign == 1 or axis in axes for axis, sign in enumerate(signs)):
-            surprise[signs] = _surprise(make_observer(), sense_V, drive * signs, begin)
-    declared, best = surprise[1, 1], min(surprise, key=lambda signs: surprise[signs])
-    if best == (1, 1) or surprise[best] > _WELL or declared < _WORSE * surprise[best]:
+            nis[signs] = _mean_nis(make_observer(), sense_V, drive * signs, begin)
+    declared, best = nis[1, 1], min(nis, key=lambda signs: nis[signs])
+    if best == (1, 1) or nis[best] > _WELL or declared < _WORSE * nis[best]:
         return ""
     turned = [axis for axis, sign in zip("xy", best, strict=True) if sign < 0]
     act = f"the drive of {turned[0]} acts" if len(turned) == 1 else "the drives of x and y act"
     return f"{act} the wrong way round: check the sign of [device.sense] gain_V_per_m and the wiring of drive and sense"
 
 
-def _surprise(observer: Observer, sense_V: Floats, drive: Floats, begin: int) -> float:
-    """Mean over the samples from `begin` on of the squared innovation over its predicted variance; 1 for a model that
-    is right."""
+def _mean_nis(observer: Observer, sense_V: Floats, drive: Floats, begin: int) -> float:
+    """Mean NIS over the samples from `begin` on, an axis at a time: the squared innovation over its predicted variance;
+    1 for a model that is right."""
     with np.errstate(all="ignore"):
         estimates = observer.run(sense_V, drive)
         squares = np.square(estimates.innovation / estimates.innovation_deviation)[begin:].mean(axis=1)

@@ -137,7 +137,7 @@ class Loop(ABC):
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters. Nothing where ARM was never sent; raises nothing that the link does."""
         self._board.newest = None if self._next is None else self._next - 1
-        self.counters.board = self._board.farewell(reason)
+        self.counters.board = self._board.to_safe(reason)
 
     @abstractmethod
     def _turn(self) -> int:

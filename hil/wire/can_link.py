@@ -122,10 +122,10 @@ def _open(name: str, interface: str) -> socket.socket:
         wire = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     except OSError as error:
         if error.errno == errno.EAFNOSUPPORT:
-            cure = "this kernel has no CAN; load it (sudo modprobe can-raw), or use an adapter: can:INTERFACE:CHANNEL"
+            remedy = "this kernel has no CAN; load it (sudo modprobe can-raw), or use an adapter: can:INTERFACE:CHANNEL"
         else:
-            cure = str(error.strerror)
-        raise LinkError(f"{name}: {cure}") from None
+            remedy = str(error.strerror)
+        raise LinkError(f"{name}: {remedy}") from None
     try:
         _look_at(wire, name, interface)
         # Of an adapter's queue, ten frames by default, the kernel does not tell when it has room again; of the socket's

@@ -13,13 +13,13 @@ class Claim:
         LinkError: somebody holds it.
     """
 
-    def __init__(self, what: str, link: str, cure: str) -> None:
+    def __init__(self, what: str, link: str, remedy: str) -> None:
         self._holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
             self._holder.bind(f"\0gyrohil/{what}")  # an abstract name: no file to be left behind
         except OSError as error:
             self._holder.close()
-            raise LinkError(f"{link}: {cure if error.errno == errno.EADDRINUSE else error.strerror}") from None
+            raise LinkError(f"{link}: {remedy if error.errno == errno.EADDRINUSE else error.strerror}") from None
 
     def release(self) -> None:
         """Let the next one have it; a second call does nothing."""

@@ -1,4 +1,4 @@
-"""Errors of the wire. Every message is one line that names the place and the cure."""
+"""Errors of the wire. Every message is one line that names the place and the remedy."""
 
 
 class WireError(Exception):

@@ -20,7 +20,7 @@ def open_link(url: str) -> Link:
 
     Raises:
         LinkError: unknown scheme or option, or the link cannot be opened; one line that names the link and
-            the cure.
+            the remedy.
     """
     scheme, colon, rest = url.partition(":")
     opener = _OPENERS.get(scheme)

@@ -1,4 +1,4 @@
-"""The bench file: what it accepts, and that every mistake is one line naming file, key and cure."""
+"""The bench file: what it accepts, and that every mistake is one line naming file, key and remedy."""
 
 import tomllib
 from pathlib import Path
@@ -237,9 +237,9 @@ def test_template_says_what_is_still_to_be_filled_in(tmp_path: Path) -> None:
 
 
 def test_published_schema_and_reference_are_current() -> None:
-    cure = "run: .venv/bin/python -m hil.bench.text docs/reference"
-    assert (REFERENCE / "bench.schema.json").read_text(encoding="utf-8") == json_schema(), cure
-    assert (REFERENCE / "bench.md").read_text(encoding="utf-8") == reference(), cure
+    remedy = "run: .venv/bin/python -m hil.bench.text docs/reference"
+    assert (REFERENCE / "bench.schema.json").read_text(encoding="utf-8") == json_schema(), remedy
+    assert (REFERENCE / "bench.md").read_text(encoding="utf-8") == reference(), remedy
 
 
 def test_every_key_says_what_it_means() -> None:

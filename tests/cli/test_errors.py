@@ -1,4 +1,4 @@
-"""What a user gets wrong: one line that names place and cure, exit code 2, nothing left behind."""
+"""What a user gets wrong: one line that names place and remedy, exit code 2, nothing left behind."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Numbers that cannot be meant are refused when the bench file is read, in one line that names key and cure."""
+"""Numbers that cannot be meant are refused when the bench file is read, in one line that names key and remedy."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`hil doctor`: findings with one-line cures, a link measured, and no link that is down taken for a silent board."""
+"""`hil doctor`: findings with one-line remedies, a link measured, and no link that is down taken for a silent board."""
 
 import json
 import os
@@ -40,8 +40,8 @@ def test_every_finding_is_a_line_and_what_is_missing_has_a_cure(monkeypatch: pyt
     assert len(found) == 6
     for finding in found:
         assert finding.state == "missing"
-        assert finding.cure
-        assert "\n" not in finding.told + finding.cure
+        assert finding.remedy
+        assert "\n" not in finding.told + finding.remedy
 
 
 def test_a_fit_machine(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,9 +65,9 @@ def test_a_port_without_permission_and_a_slow_adapter(tmp_path: Path, monkeypatc
     monkeypatch.setattr(os, "access", lambda *_: False)
     closed, slow = ports.serial_port(str(port))
     assert (closed.state, closed.told) == ("bad", "no permission")
-    assert closed.cure == f"sudo usermod -aG {port.group()} $USER, then log in again"
+    assert closed.remedy == f"sudo usermod -aG {port.group()} $USER, then log in again"
     assert slow.told == "the adapter holds bytes back for up to 16 ms"
-    assert slow.cure == f"echo 1 | sudo tee {timer}"
+    assert slow.remedy == f"echo 1 | sudo tee {timer}"
     timer.write_text("1\n")
     monkeypatch.setattr(os, "access", lambda *_: True)
     assert [finding.state for finding in ports.serial_port(str(port))] == ["good"]
@@ -133,7 +133,7 @@ def test_a_board_that_is_too_fast_is_told_what_to_do() -> None:
     found = {finding.subject: finding for finding in link.judge("can:can0", fast, capacity(fast))}
     assert found["force mode"].state == "missing"
     assert found["force mode"].told.startswith("up to 10000 Hz (round trip 90 µs and observer 10 µs, p99")
-    assert 'mode = "gain"' in found["force mode"].cure
+    assert 'mode = "gain"' in found["force mode"].remedy
     assert found["gain mode"] == Finding(
         "gain mode", "good", "up to 120000 Hz (the observer takes 2 µs a sample, the host 2 times that, 50% of a core)"
     )
@@ -159,7 +159,7 @@ def test_only_a_real_uart_has_a_baud_rate(url: str, baud: float | None) -> None:
 
 
 def test_an_interface_that_is_down_is_not_a_silent_board(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the link says when it is opened comes through with its cure, not as a board that does not answer."""
+    """What the link says when it is opened comes through with its remedy, not as a board that does not answer."""
     said = "can:can0: can0 is down: sudo ip link set can0 up type can bitrate 1000000 dbitrate 8000000 fd on"
 
     class Said:
@@ -171,7 +171,7 @@ def test_an_interface_that_is_down_is_not_a_silent_board(monkeypatch: pytest.Mon
     assert measured is None
     assert finding.state == "bad"
     assert finding.told == "can0 is down"
-    assert finding.cure == "sudo ip link set can0 up type can bitrate 1000000 dbitrate 8000000 fd on"
+    assert finding.remedy == "sudo ip link set can0 up type can bitrate 1000000 dbitrate 8000000 fd on"
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Scenario files: what is accepted, and that every mistake is one line with file, key and cure."""
+"""Scenario files: what is accepted, and that every mistake is one line with file, key and remedy."""
 
 import math
 import tomllib

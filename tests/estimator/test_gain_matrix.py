@@ -210,7 +210,7 @@ def test_the_pattern_turns_as_it_should_in_a_continuous_gyro(case: Case) -> None
 def test_holds_are_in_it_and_no_faster_than_the_host() -> None:
     """A sluggish energy, a round pattern: their damping as eigenvalues of the loop; and capped by the time between."""
     case = Case()
-    for gain, reign, fastest in ((1e-3, 10, np.inf), (0.5, 500, 0.25 / 500)):
+    for gain, horizon, fastest in ((1e-3, 10, np.inf), (0.5, 500, 0.25 / 500)):
         observer = case.observer(energy_gain=gain, quadrature_gain=gain)
         observer.x[:4] = 0.9, 0.0, 0.0, 0.2
         w = (case.rate + VIRTUAL) / OMEGA0
@@ -221,7 +221,7 @@ def test_holds_are_in_it_and_no_faster_than_the_host() -> None:
         hold = rate * (0.5 - energy) / 0.5 * OMEGA0
         square = -rate * x * vy / energy * OMEGA0**2
         board = luenberger(observer.h)
-        matrix, _ = GainMatrix(observer, board).solve(reign)
+        matrix, _ = GainMatrix(observer, board).solve(horizon)
         found = np.linalg.eigvals(loop_matrix(case, board, matrix))
         for value in np.exp(np.linalg.eigvals(target(case, hold, square)) * case.step):
             assert np.min(np.abs(found - value)) < 1e-9

@@ -117,7 +117,7 @@ TRIPPED = stopped(SafeReason.WATCHDOG)
 def test_arm_is_taken_and_safe_is_confirmed(armed: Armed) -> None:
     armed.to_safe = [stopped(SafeReason.HOST_REQUEST)._replace(late=3, tick=TICK + 1)]
     assert (armed.board.safety.armed, armed.board.safety.taken, armed.board.safety.confirmed) == (True, True, None)
-    counters = armed.board.farewell(SafeReason.HOST_REQUEST)
+    counters = armed.board.to_safe(SafeReason.HOST_REQUEST)
     assert counters["late"] == 3
     safety = armed.board.safety
     assert (safety.confirmed, safety.confirmed_tick, safety.latched, safety.stops) == (True, TICK + 1, "", [])
@@ -127,7 +127,7 @@ def test_nothing_is_said_to_a_board_that_was_never_told_arm() -> None:
     with connected() as ends:
         armed = Armed(*ends)
         assert (armed.board.safety.taken, armed.board.safety.rearmed) == (False, 0)
-        assert armed.board.farewell(SafeReason.HOST_REQUEST) == {}
+        assert armed.board.to_safe(SafeReason.HOST_REQUEST) == {}
         assert armed.far.count(Safe) == 0
         assert armed.board.safety.confirmed is None
 
@@ -146,21 +146,21 @@ def test_safe_is_said_after_an_arm_that_failed(answer: str) -> None:
         assert ("protection" in str(failed.value)) == (answer == "refused")
         assert (armed.board.safety.armed, armed.board.safety.taken) == (True, False)
         armed.to_safe = [stopped(SafeReason.HOST_REQUEST)]
-        armed.board.farewell(SafeReason.HOST_REQUEST)
+        armed.board.to_safe(SafeReason.HOST_REQUEST)
         assert armed.far.count(Safe) == 1
         assert armed.board.safety.confirmed is True
 
 
 def test_a_stop_that_is_not_answered_is_not_confirmed(armed: Armed) -> None:
     armed.to_safe = []
-    assert armed.board.farewell(SafeReason.HOST_REQUEST) == {}
+    assert armed.board.to_safe(SafeReason.HOST_REQUEST) == {}
     assert armed.board.safety.confirmed is False
     assert "cut the supply" in armed.board.safety.alarm
 
 
 def test_a_fault_that_trips_while_it_is_told_to_stop_has_latched(armed: Armed) -> None:
     armed.to_safe = [stopped(SafeReason.FAULT)]
-    armed.board.farewell(SafeReason.HOST_REQUEST)
+    armed.board.to_safe(SafeReason.HOST_REQUEST)
     safety = armed.board.safety
     assert (safety.confirmed, safety.latched) == (True, "FAULT")
     assert [(stop.reason, stop.by, stop.tick) for stop in safety.stops] == [("FAULT", "board", TICK)]

@@ -36,8 +36,8 @@ PROMISED = [
 
 @pytest.mark.parametrize("name", sorted(published()))
 def test_the_published_schema_is_current(name):
-    cure = "run: python -m hil.records.schema docs/reference"
-    assert (REFERENCE / name).read_text(encoding="utf-8") == published()[name], cure
+    remedy = "run: python -m hil.records.schema docs/reference"
+    assert (REFERENCE / name).read_text(encoding="utf-8") == published()[name], remedy
 
 
 def test_every_promised_key_is_written(make_run):

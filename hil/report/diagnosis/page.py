@@ -195,17 +195,17 @@ def _missing(diagnosis: Diagnosis) -> str:
 
 
 def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
-    """Title, equation and cure of each effect, as HTML."""
+    """Title, equation and remedy of each effect, as HTML."""
     parts = []
     for effect in diagnosis.effects:
         lines = "".join(f"<div>{typeset(equation)}</div>" for equation in effect.equations)
         key = f" <code>[effects.{escape(effect.name)}]</code>" if declarable else ""
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
-        cure = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone + rest)
+        remedy = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone + rest)
         parts.append(
             f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation">{lines}</div>'
-            f"{markup.paragraph(cure)}"
+            f"{markup.paragraph(remedy)}"
         )
     return "".join(parts)
 
