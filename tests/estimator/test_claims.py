@@ -170,6 +170,14 @@ def test_rate_and_angle_vote_beside_what_is_to_be_expected_of_them(noise: float)
     assert angle.errors.floor == pytest.approx(math.hypot(0.002, walk), rel=1e-2)
 
 
+def test_what_is_to_be_expected_is_of_the_part_held_out_from_its_first_sample_on() -> None:
+    after = seen(1e-3, 0.3, 0.0)
+    after.estimates.deviation[SPLIT, 1], after.estimates.angle_deviation[SPLIT] = 3.0, 0.7
+    rate, angle = claims._votes(problem(rate=reference(0.0)), seen(1e-3, 0.3), after, SPLIT)
+    assert rate.errors.floor == pytest.approx(3.0 / math.sqrt(N - SPLIT))
+    assert angle.errors.floor == pytest.approx(math.sqrt((0.7**2 + (N - SPLIT - 1) * 0.002**2) / (N - SPLIT)))
+
+
 def test_a_rate_only_must_not_become_worse() -> None:
     (rate, _) = claims._votes(problem(rate=reference(0.0)), seen(0.4, 0.3), seen(0.5, 0.1), SPLIT)
     assert rate.errors.floor == 0.4

@@ -184,6 +184,20 @@ def test_lost_samples_say_nothing_of_a_mode_and_hide_none() -> None:
     )  # fmt: skip
 
 
+def test_a_mode_is_that_of_the_response_though_the_drive_has_a_peak_of_its_own() -> None:
+    """A drive that is loudest at 372 Hz, and what it leaves of a mode at 360 Hz."""
+    random = np.random.default_rng(7).standard_normal((N, 2))
+    t = np.arange(4000) / RATE
+    ringing = [np.exp(-w * z * t) * np.sin(w * t) for w, z in ((2 * np.pi * 372.0, 1e-2), (1.8 * OMEGA0, 1e-2))]
+    drive = 0.1 * random + np.stack([np.convolve(random[:, a], ringing[0])[:N] for a in (0, 1)], axis=1)
+    left = np.stack([np.convolve(drive[:, a], ringing[1])[:N] for a in (0, 1)], axis=1)
+    left += 0.05 * np.std(left) * WHITE
+    seen = replace(record(), drive=drive[:, :, None])
+    found = watch_list(seen, GYRO, left, np.ones_like(left))
+    modes = [given for name, given in found.items() if kind(name) == "parasitic_mode" and name.endswith("1")]
+    assert min(abs(given["omega"] / (1.8 * OMEGA0) - 1.0) for given in modes) < 2e-3
+
+
 @pytest.mark.parametrize(("samples", "segment"), [(8 * 5000, 4096), (8 * 1500 + 7, 1500)])
 def test_a_response_is_of_eight_segments_at_least(samples: int, segment: int) -> None:
     long = Record(np.zeros((samples, 1)), np.zeros((samples, 1, 1)), np.ones(samples))
