@@ -42,29 +42,29 @@ def demo(
     options = (duration_s, seed)
     with tempfile.TemporaryDirectory() as aside:
         truths = Path(aside) / "before.arrow", Path(aside) / "after.arrow"
-        before = _run(_bench(path, f"{name}-before", *options), EXAMPLE, out, truths[0], progress)
+        before = _run(_bench(path, f"{name}-before", *options), EXAMPLE, out, truths[0], progress, report=False)
         record = RunFolder(before).capture_path
         try:  # where the machine was far too busy, a run ends early, or too little of its record is left
             _score(before, truths[0], progress)
             traced = trace(record, _bench(path, f"{name}-trace", *options), out, progress=progress)
         except InputError as error:
-            progress(Progress("report", 0, 0))
-            write_report(before, truths[0])
+            if not RunFolder(before).report_path.exists():
+                progress(Progress("report", 0, 0))
+                write_report(before, truths[0])
             return Circle(before, None, None, str(error))
         found = additions(traced.diagnosis)
         after: Path | None = None
         if found:
             completed = traced.folder / "completed.bench.toml"
             add_effects(path, completed, found)
-            after = _run(_bench(completed, name, *options), EXAMPLE, out, truths[1], progress)
+            after = _run(_bench(completed, name, *options), EXAMPLE, out, truths[1], progress, report=False)
             _score(after, truths[1], progress)
         last = RunFolder(after or before)
         diagnosis = traced.diagnosis.model_dump(mode="json", by_alias=True)
         save_result(last.result_path, load_result(last.result_path).model_copy(update={"diagnosis": diagnosis}))
         progress(Progress("report", 0, 0))
-        if after is None:
-            write_report(before, truths[0])
-        else:
+        write_report(before, truths[0])
+        if after is not None:
             write_report(after, truths[1], earlier=(before, truths[0]))
     return Circle(before, traced.folder, after)
 
@@ -80,7 +80,7 @@ def in_gain_mode(
     path = examples.find("bench", GAIN_MODE_EXAMPLE)
     with tempfile.TemporaryDirectory() as aside:
         truth = Path(aside) / "truth.arrow"
-        folder = _run(_bench(path, name, duration_s, seed), GAIN_MODE_EXAMPLE, out, truth, progress)
+        folder = _run(_bench(path, name, duration_s, seed), GAIN_MODE_EXAMPLE, out, truth, progress, report=False)
         _score(folder, truth, progress)
         progress(Progress("report", 0, 0))
         write_report(folder, truth)
@@ -97,18 +97,26 @@ def _bench(source: Path, name: str, duration_s: float | None, seed: int | None) 
     )
 
 
-def _run(bench: Bench, scenario: str, out: Path, truth: Path, progress: Watcher) -> Path:
-    """A run against an example's board in its own process."""
+def _run(bench: Bench, scenario: str, out: Path, truth: Path, progress: Watcher, *, report: bool = True) -> Path:
+    """A run against an example's board in its own process; without `report` its page is drawn after the score."""
     from hil.loop.run import run
 
-    folder = run(bench, f"pty:{examples.find('scenario', scenario)}", out, truth=truth, progress=progress).folder
+    link = f"pty:{examples.find('scenario', scenario)}"
+    folder = run(bench, link, out, truth=truth, report=report, progress=progress).folder
     assert folder is not None  # only a dry run leaves none
     return folder
 
 
 def _score(run: Path, truth: Path, progress: Watcher) -> None:
-    """Raises InputError for a run that ended too early for it."""
+    """Raises InputError for a run that ended too early for it, which has its page then."""
+    from hil.errors import InputError
+    from hil.report.page import write_report
     from hil.scoring import score
 
     progress(Progress("score", 0, 0))
-    score(run, truth)
+    try:
+        score(run, truth)
+    except InputError:
+        progress(Progress("report", 0, 0))
+        write_report(run, truth)
+        raise

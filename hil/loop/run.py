@@ -57,6 +57,7 @@ def run(
     note: str | None = None,
     log: Path | None = None,
     begun: Callable[[Path, Callable[[], None]], None] | None = None,
+    report: bool = True,
     progress: Watcher,
 ) -> RunResult:
     """Run the bench against `link` and record below `out`.
@@ -64,7 +65,8 @@ def run(
     The board of `pty:SCENARIO` is started and stopped here; `truth` goes to an emulated board, `log` takes the
     frames of a CAN link.  `open_loop` holds the drive at zero.  `begun` is told the folder once the loop's process has
     started, and what has it end well, as Ctrl-C does, from whichever thread.  A run that was interrupted or failed
-    leaves its folder with what was recorded and a result that says so.  Raises InputError or WireError, and leaves
+    leaves its folder with what was recorded and a result that says so; without `report` its page is left to be drawn
+    by whoever has more to put into it.  Raises InputError or WireError, and leaves
     nothing, when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
     require_compiler()
@@ -103,7 +105,7 @@ def run(
         outcome["refused"] = [*outcome.get("refused", ()), remark]
     if recorded:
         try:
-            conclude(folder, bench, outcome, link=link, note=note, progress=progress)
+            conclude(folder, bench, outcome, link=link, note=note, report=report, progress=progress)
         except Interrupted as interruption:
             raise Interrupted(f"{said}; {interruption}") from None
         except OSError as error:
@@ -193,6 +195,7 @@ def conclude(
     *,
     link: str | None,
     note: str | None,
+    report: bool = True,
     progress: Watcher,
 ) -> None:
     """Figures, the closing scan, verdict and report of a recorded run.
@@ -202,7 +205,7 @@ def conclude(
     """
     result = RunFolder(folder).result_path
     try:
-        _conclude(folder, bench, outcome, link=link, note=note, progress=progress)
+        _conclude(folder, bench, outcome, link=link, note=note, report=report, progress=progress)
     except KeyboardInterrupt:
         with _undisturbed():
             figures = f"its figures are in {result.name}, its report is not drawn"
@@ -221,6 +224,7 @@ def _conclude(
     *,
     link: str | None,
     note: str | None,
+    report: bool,
     progress: Watcher,
 ) -> None:
     from hil.closing_scan import scan_run, to_model
@@ -256,7 +260,8 @@ def _conclude(
     result = result.model_copy(update=budget(run_folder.estimates, bench, information)._asdict())
     result = result.model_copy(update=judge(run_folder, result, bench, outcome)._asdict())
     save_result(run_folder.result_path, result)
-    write_report(folder)
+    if report:
+        write_report(folder)
 
 
 def _keep_if_recorded(folder: Path, *, whatever: bool = False) -> bool:
