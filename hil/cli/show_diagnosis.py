@@ -1,5 +1,6 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
+import shlex
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -22,8 +23,11 @@ _REJECTED = 5
 SOMETHING_LEFT = 1
 
 
-def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
-    """Print the diagnosis and leave: exit code 0, or 1 when something is left that nothing accounts for."""
+def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool, added: Path | None = None) -> NoReturn:
+    """Print the diagnosis and leave: exit code 0, or 1 when something is left that nothing accounts for.
+
+    added: bench file that declares what was found, where one was written.
+    """
     if as_json:
         print(printable_json((folder / "diagnosis.json").read_text(encoding="utf-8")), end="")
     else:
@@ -34,7 +38,27 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool) -> NoReturn:
             print(printable(f"force      {folder / 'force.arrow'}"))
         if (folder / "report.html").exists():
             print(printable(f"report     {folder / 'report.html'}"))
+        if (command := next_of(folder, diagnosis, added)) is not None:
+            print(printable(f"next       {command}"))
     raise typer.Exit(0 if diagnosis.verdict in _COMPLETE else SOMETHING_LEFT)
+
+
+def next_of(folder: Path, diagnosis: "Diagnosis", added: Path | None = None) -> str | None:
+    """The command that comes next: a run with what was found, a bench file that declares it, or the experiment that
+    tells look-alikes apart; else the page. None where there is none.
+    """
+    quoted = shlex.quote
+    if added is not None:
+        return f"hil run {quoted(str(added))}"
+    record, bench = folder.parent / diagnosis.record, folder / "bench.toml"
+    again = f"hil trace {quoted(str(record))} --bench {quoted(str(bench))}"
+    if record.is_dir() and bench.exists():
+        if diagnosis.verdict == "explained":
+            return f"{again} --add better.bench.toml"
+        if any(pair.separate_by is not None for pair in diagnosis.confusable):
+            return f"{again} --live"
+    page = folder / "report.html"
+    return f"xdg-open {quoted(str(page))}" if page.exists() else None
 
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:

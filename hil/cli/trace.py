@@ -125,13 +125,13 @@ def trace(
         )
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction)
-    if add is not None:
-        _added(done.diagnosis, path, add)
-    finish(done.folder, done.diagnosis, as_json=json)
+    written = add is not None and _added(done.diagnosis, path, add)
+    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None)
 
 
-def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> None:
-    """Write the bench file with what was found: the effects, or else the form of the missing force."""
+def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
+    """Write the bench file with what was found: the effects, or else the form of the missing force; whether any
+    was."""
     from hil.addition import add_effects, add_form, additions
     from hil.cli.show import say
 
@@ -139,7 +139,7 @@ def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> None:
     if found:
         add_effects(source, target, found)
         say(f"{target}: written; it declares {', '.join(one.name for one in found)}")
-        return
+        return True
     missing = diagnosis.missing_force
     written, unwritten = ([], []) if missing is None else add_form(source, target, missing, diagnosis.record)
     memory = f"; {', '.join(unwritten)} has a memory, which no law of [effects.custom] has" if unwritten else ""
@@ -148,6 +148,7 @@ def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> None:
         say(f"{target}: written; no effect accounts for what is missing, so that it declares its form: {named}{memory}")
     else:
         say(f"{target}: not written; there is nothing to add{memory}")
+    return bool(written)
 
 
 def _together(

@@ -219,6 +219,29 @@ def test_the_exit_code_says_whether_something_is_left(tmp_path: Path, verdict: t
     assert end.value.exit_code == code
 
 
+def test_a_trace_ends_with_the_command_that_comes_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "a trace"
+    folder.mkdir()
+
+    def told(verdict: traced.Verdict, added: Path | None = None, *, found: bool = True) -> str:
+        model = to_model(answer(verdict=verdict, found=found), record="ride", bench="S-test")
+        with pytest.raises(typer.Exit):
+            finish(folder, model, as_json=False, added=added)
+        last = capsys.readouterr().out.splitlines()[-1]
+        return last.removeprefix("next       ") if last.startswith("next ") else ""
+
+    assert told(traced.Verdict.EXPLAINED) == ""
+    (folder / "report.html").touch()
+    assert told(traced.Verdict.EXPLAINED) == f"xdg-open '{folder}/report.html'"
+    (tmp_path / "ride").mkdir()
+    (folder / "bench.toml").touch()
+    again = f"hil trace {tmp_path}/ride --bench '{folder}/bench.toml'"
+    assert told(traced.Verdict.EXPLAINED) == f"{again} --add better.bench.toml"
+    assert told(traced.Verdict.EXPLAINED, Path("better.bench.toml")) == "hil run better.bench.toml"
+    assert told(traced.Verdict.PARTLY) == f"{again} --live"
+    assert told(traced.Verdict.ADEQUATE, found=False) == f"xdg-open '{folder}/report.html'"
+
+
 def test_a_terminal_says_what_a_part_acts_like_and_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     print_diagnosis(to_model(partly(), record="ride", bench="S-test"))
     out = capsys.readouterr().out
