@@ -142,7 +142,7 @@ def lines(spectrum: Periodogram, sample_rate: float, resonance: float, level: fl
         claimed = slice(start, stop)
         excess = np.sum(spectrum.density[claimed] - spectrum.floor[claimed]) * spectrum.spacing
         frequency = _between_bins(spectrum, peak)
-        if np.any(free[max(peak - _SET.lobe, 0) : peak + _SET.lobe + 1]) and _apart(frequency, found, spectrum.spacing):
+        if _apart(frequency, found, spectrum.spacing):
             order, offset = _order(frequency, sample_rate, resonance)
             found.append(Line(frequency, math.sqrt(max(float(excess), 0.0)), log_p, order, offset))
         free[claimed] = False

@@ -122,6 +122,16 @@ def test_the_strongest_line_holds_a_tenth_of_the_power_of_all_channels(
     assert fitness._strongest(sense, RATE) == (pytest.approx(700.0) if seen else 0.0)
 
 
+@pytest.mark.parametrize(("share", "seen"), [(0.107, True), (0.097, False)])
+def test_of_a_line_all_of_its_lobe_counts(share: float, *, seen: bool) -> None:
+    """A Hann window leaves a sixth of it in the bin to either side: 0.107 of the power, beside ten of 0.089."""
+    t = np.arange(4000) / RATE
+    rest = np.sqrt((1.0 - share) / 10.0)
+    sense = sum(rest * np.sin(2.0 * np.pi * (100.0 + 130.0 * k) * t + k) for k in range(10))
+    sense = sense + np.sqrt(share) * np.sin(2.0 * np.pi * 1777.0 * t)
+    assert fitness._strongest(sense[:, None], RATE) == (pytest.approx(1777.0) if seen else 0.0)
+
+
 def test_a_line_at_the_lowest_frequency_is_one_all_the_same() -> None:
     sense = np.sin(2.0 * np.pi * np.arange(1000) / 1000.0)[:, None]
     assert fitness._strongest(sense, 1000.0) == pytest.approx(1.0)

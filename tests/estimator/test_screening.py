@@ -135,3 +135,10 @@ def test_what_goes_with_a_temperature_shows_late(world: Any) -> None:
     warm = problem(temperature=np.linspace(20.0, 30.0, N))
     assert ask(world, spared=("a",), of=warm) == ["a", "late"]
     assert not [name for name, *_ in world.carried if name == "a"]
+
+
+def test_what_the_start_alone_tells_of_the_best_is_no_gain_of_it(world: Any) -> None:
+    """Three times what it gains: half of the gain is what those spared are held to."""
+    world.losses.update(known=lambda k: np.where(k < SHORT / 32, 100.0, 0.0), a=steadily(0.55 * SHORT))
+    assert ask(world, spared=("a",), gain=float(N)) == []
+    assert ask(world, spared=("a",), gain=1.2 * N) == ["a"]
