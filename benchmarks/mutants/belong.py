@@ -54,7 +54,7 @@ _TRACE = {
     "evidence": "evidence width scan closed_forms",
     "examination": "certainty closed_forms",
     "fitness": "fitness_rules fitness",
-    "fitting": "passes fitting certainty",
+    "fitting": "passes fitting certainty closed_forms",
     "free_response": "free_response closed_forms",
     "free_run": "promised free_run closed_forms",
     "free_run_model": "by_simulation free_run_model",
@@ -83,8 +83,8 @@ _TRACE = {
     "width": "width",
 }
 _RESIDUAL = {
-    "analysis": "residual residual_findings",
-    "demodulation": "residual residual_measures",
+    "analysis": "residual residual_findings closed_forms",
+    "demodulation": "residual residual_measures closed_forms",
     "dependence": "residual_measures residual closed_forms",
     "effective": "judgement determined",
     "floor": "residual_measures residual",
