@@ -89,7 +89,7 @@ _RESIDUAL = {
     "effective": "judgement determined",
     "floor": "residual_measures residual",
     "significance": "residual_measures residual",
-    "spectrum": "residual_measures residual",
+    "spectrum": "residual_measures residual closed_forms",
     "suspects": "residual",
     "whiteness": "residual_measures residual closed_forms",
 }

@@ -384,6 +384,15 @@ def test_the_tail_of_an_ordinate_is_that_of_fisher_s_f(ordinate: float, axes: in
     assert said == pytest.approx(stats.f.logsf(ordinate / axes, 2 * axes, 80.0), rel=1e-9)
 
 
+def test_a_tail_of_f_that_underflows_has_its_leading_term() -> None:
+    """I_x(a, b) = xᵃ (1 − x)ᵇ / (a B(a, b)) · (1 + …), whose rest is less than e here."""
+    mpmath.mp.dps = 60
+    above, below, ratio = 300.0, 4000.0, 30.0
+    x = mpmath.mpf(below) / (below + above * ratio)
+    exact = mpmath.log(mpmath.betainc(below / 2, above / 2, 0, x, regularized=True))
+    assert spectrum._log_f(ratio, above, below) == pytest.approx(float(exact), abs=1.0)
+
+
 # -- the floor --------------------------------------------------------------------------------------------------------
 
 
