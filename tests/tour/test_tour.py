@@ -49,6 +49,7 @@ def test_the_quick_ones_twice_and_in_any_order(tmp_path: Path) -> None:
     for command in (*scored, *(one for one in shown if one not in scored)):
         done = run(command, tmp_path)
         assert done.as_documented, done
-    for command in reversed([one for one in shown if one not in scored]):
+    again = [one for one in shown if one not in scored and one.split()[1] not in ("run", "record")]
+    for command in reversed(again):
         done = run(command, tmp_path)
         assert done.as_documented, done
