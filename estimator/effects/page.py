@@ -8,7 +8,7 @@ _INTRODUCTION = """\
 # Effects
 
 What a gyro can have beyond the base model (2), as the observer can carry it. An effect is switched on in the bench
-file, `[effects.NAME]`, with first guesses of its coefficients; they are estimated with everything else, and what the
+file, `[effects.NAME]`, with initial values of its coefficients; they are estimated with everything else, and what the
 effect does is undone as its entry says. Per unit mass, SI. Generated: `python -m estimator.effects.page`.
 """
 

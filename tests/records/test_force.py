@@ -33,7 +33,7 @@ def cubic() -> MissingForce:
     there = np.ones(N, dtype=bool)
     there[100:103] = False
     unit = "1/(m²·s²)"
-    term = FormTerm("q³", False, {"x": Interval(COEFFICIENT, -4.1e12, -3.9e12, unit)}, {})
+    term = FormTerm("q³", False, {"x": Interval(COEFFICIENT, -4.1e12, -3.9e12, unit)}, {}, {"x": ("x**3", "")})
     return MissingForce(
         0, t, position, velocity, 0.0 * position, COEFFICIENT * position**3 + noise, np.array([0.1, 0.1]), noise,
         np.array([0.1, 0.1]), None, there, 9600, Form((term,), 0.02, 3.0, 1.01),
