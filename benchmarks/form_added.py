@@ -8,7 +8,7 @@ it; the same run again with that, and with what a trace names from the catalogue
 import tempfile
 from pathlib import Path
 
-from benchmarks.compensation import SAMPLES, angle_error, problem_of, traced
+from benchmarks.compensation import FITTED, SAMPLES, angle_error, problem_of, traced
 from benchmarks.lockstep import close_loop
 from benchmarks.row import Row, Say
 from benchmarks.undeclared.population import Order
@@ -34,7 +34,7 @@ KINDS = (
     "drive_misalignment",
     "electrostatic_drive",
 )
-DRAW, FITTED = 52, 0.6
+DRAW = 52
 
 
 def rows(say: Say) -> list[Row]:

@@ -83,18 +83,17 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
     for term in missing.form:
         if not term.laws:
             continue
+        symbols = {label: f"c_{label.replace(' ', '_')}" for label in term.coefficients}
         along = [
-            " + ".join(
-                f"c_{label.replace(' ', '_')}*({laws[axis]})" for label, laws in term.laws.items() if laws[axis]
-            )
+            " + ".join(f"{symbols[label]}*({laws[axis]})" for label, laws in term.laws.items() if laws[axis])
             for axis in (0, 1)
-        ]  # fmt: skip
+        ]
         name = f"form_{len(written) + 1}"
         text = write_custom(
             text,
             name,
             () if term.sensed else along,
-            {f"c_{label.replace(' ', '_')}": (_rounded(one), one.unit) for label, one in term.coefficients.items()},
+            {symbols[label]: (_rounded(one), one.unit) for label, one in term.coefficients.items()},
             sensed=along if term.sensed else (),
             parameters={symbol: (one.value or 0.0, one.unit) for symbol, one in term.inside.items()},
             title=f"{'Sensed' if term.sensed else 'Force'} of the form {term.form}",

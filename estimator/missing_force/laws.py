@@ -7,7 +7,7 @@ import re
 
 import sympy as sp
 
-from estimator.missing_force.library import THRESHOLD, Term, t, temperature
+from estimator.missing_force.library import THRESHOLD, Term, temperature
 
 _NAMES = {"Abs": "abs", "temperature": "T"}
 _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
@@ -23,17 +23,8 @@ def laws(term: Term) -> dict[str, tuple[str, str]]:
     columns = term.columns
     if term.threshold is not None:
         inside = sp.Symbol(term.threshold[0], positive=True)
-        columns = tuple(
-            (one.subs(THRESHOLD, inside), two.subs(THRESHOLD, inside))
-            for one, two in (term.general or tuple(_wave(pair, term.threshold[1]) for pair in columns))
-        )
+        columns = tuple((one.subs(THRESHOLD, inside), two.subs(THRESHOLD, inside)) for one, two in term.general)
     return {label: (_text(one), _text(two)) for label, (one, two) in zip(term.labels, columns, strict=True)}
-
-
-def _wave(pair: tuple[sp.Expr, sp.Expr], frequency: float) -> tuple[sp.Expr, sp.Expr]:
-    """A wave with its frequency as the number inside."""
-    one, two = (law.subs(frequency * t, THRESHOLD * t) for law in pair)
-    return one, two
 
 
 def _text(law: sp.Expr) -> str:

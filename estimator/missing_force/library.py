@@ -208,24 +208,30 @@ def _series(name: str, axes: int) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
     return both[:axes]
 
 
+_WAVES = sp.cos(THRESHOLD * t), sp.sin(THRESHOLD * t)
+
+
 def _line(axes: int, frequency: float, *, sense: bool) -> Term:
     columns, named = [], []
     for axis in range(axes):
-        for wave in (sp.cos(frequency * t), sp.sin(frequency * t)):
+        for wave in _WAVES:
             zero = sp.Integer(0)
             columns.append((wave, zero) if axis == 0 else (zero, wave))
             named.append("xy"[axis])
-    threshold = ("w", frequency, 0, -1)
-    return Term("cos(w t), sin(w t)", "line", tuple(columns), 0, 0, tuple(named), sense, threshold)
+    threshold, general = ("w", frequency, 0, -1), tuple(columns)
+    term = Term("cos(w t), sin(w t)", "line", general, 0, 0, tuple(named), sense, threshold, general=general)
+    return term.at(frequency)
 
 
 def _modulated(axes: int, frequency: float) -> Term:
-    columns = tuple(
-        (wave * x, wave * y if axes == 2 else sp.Integer(0)) for wave in (sp.cos(frequency * t), sp.sin(frequency * t))
-    )
+    general = tuple((wave * x, wave * y if axes == 2 else sp.Integer(0)) for wave in _WAVES)
     threshold = ("w", frequency, 0, -1)
     both = "both" if axes == 2 else "x"
-    return Term("q cos(w t), q sin(w t)", "modulated stiffness", columns, 1, 0, (both, both), threshold=threshold)
+    term = Term(
+        "q cos(w t), q sin(w t)", "modulated stiffness", general, 1, 0, (both, both), threshold=threshold,
+        general=general,
+    )  # fmt: skip
+    return term.at(frequency)
 
 
 def _of_the_plane(extent: Extent) -> Iterator[Term]:

@@ -39,9 +39,11 @@ def asked(
 
     Raises InputError that names the place.
     """
-    path = None if isinstance(bench, Bench) else examples.find("bench", str(bench))
-    declared = bench if isinstance(bench, Bench) else load_bench(examples.find("bench", str(bench)))
-    source = declared.device.name if path is None else str(path)
+    if isinstance(bench, Bench):
+        path, declared, source = None, bench, bench.device.name
+    else:
+        path = examples.find("bench", str(bench))
+        declared, source = load_bench(path), str(path)
     given = {key: value for key, value in loop.items() if value is not None}
     control = {"enabled": False} if open_loop else {}
     declared = override(declared, {"loop": given, "controller": control}, f"{source} with the options given")

@@ -92,3 +92,9 @@ def write_short_bench(folder: Path) -> str:
         text = text.replace(old, new)
     (folder / "short.bench.toml").write_text(text, encoding="utf-8")
     return "short.bench.toml"
+
+
+def finished(process: "subprocess.Popen[str]", wait_s: float = WAIT_S) -> tuple[int, str, str]:
+    """Exit code and both outputs of a process that ends by itself."""
+    out, err = process.communicate(timeout=wait_s)
+    return process.returncode, out, err

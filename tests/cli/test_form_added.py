@@ -10,8 +10,7 @@ from hil.addition import add_form
 from hil.bench import load_bench
 from hil.examples import find
 from hil.records.diagnosis import MissingForce
-from tests.cli.conftest import WAIT_S, Start
-from tests.cli.test_processes import finished
+from tests.cli.conftest import WAIT_S, Start, finished
 
 CUBIC = {
     "form": "q³",

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from hil.records.result import load_result
-from tests.cli.conftest import Start
-from tests.cli.test_processes import finished, wait_for
+from tests.cli.conftest import Start, finished
+from tests.cli.test_processes import wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]  # whole processes, by the clock
 

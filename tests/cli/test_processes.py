@@ -17,15 +17,9 @@ from hil.emulation import emulator
 from hil.errors import InputError
 from hil.records.capture import read_capture
 from hil.records.truth import read_truth
-from tests.cli.conftest import WAIT_S, Start
+from tests.cli.conftest import WAIT_S, Start, finished
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]  # whole processes
-
-
-def finished(process: "subprocess.Popen[str]", wait_s: float = WAIT_S) -> tuple[int, str, str]:
-    """Exit code and both outputs of a process that ends by itself."""
-    out, err = process.communicate(timeout=wait_s)
-    return process.returncode, out, err
 
 
 def line_of(process: "subprocess.Popen[str]", stream: str) -> str:
