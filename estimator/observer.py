@@ -274,9 +274,10 @@ class Observer:
             for signal in effect.signals:
                 if signals == MAX_SIGNALS:
                     raise ModelError(f"more than {MAX_SIGNALS} signals for the effects; leave one of them out")
-                behind = first + symbols.index(signal.behind) if signal.behind is not None else -1
+                behind = first + symbols.index(signal.behind) if signal.behind in symbols else -1
                 record["signals"][0, signals] = signal.source.value, signal.axis, behind
-                own = [scaled[signal.symbol]] if signal.source is Source.PARAMETER else list(scaled.values())[:2]
+                one = signal.symbol if signal.source is Source.PARAMETER else signal.behind
+                own = [scaled[one]] if one in scaled else list(scaled.values())[:2]
                 record["signal_parameters"][0, signals, : len(own)] = own
                 signals += 1
             first += len(effect.coefficients)
@@ -341,6 +342,19 @@ class Observer:
     def scale_target(self, factor: float) -> None:
         """Make the controller's target stiffness so many times the declared one."""
         self.record["stiffness"] = factor
+
+    def retarget(self, stiffness: float, amplitude: float) -> None:
+        """Make the controller's target stiffness and the amplitude that it holds so many times the declared ones."""
+        self.record["stiffness"] = stiffness
+        self.record["energy"] = 0.5 * stiffness * amplitude**2
+
+    def turn(self, virtual_rotation: float) -> None:
+        """Impose another virtual rotation [rad/s]."""
+        self.record["virtual_rate"] = virtual_rotation / self.scaling.omega0
+
+    def dither(self, rms: float) -> None:
+        """Add another random force [m/s²] to each command."""
+        self.record["dither"] = rms / self.scaling.drive
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""

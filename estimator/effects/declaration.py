@@ -31,7 +31,7 @@ class Source(Enum):
     COSINE = 1  # cos ωt with ω the effect's first parameter
     SINE = 2
     TEMPERATURE = 3  # measured, less its first value
-    INTEGRAL = 4  # ∫ position dt of an axis, leaking at the rate of that axis' parameter
+    INTEGRAL = 4  # ∫ drive dt of an axis, leaking at the rate of the parameter `behind`
     RESONATOR = 5  # p of p̈ + 2ζω ṗ + ω² p = drive of an axis, with ω, ζ the first two parameters
     DIRECTION = 6  # tanh(v/v0) of an axis, v0 the first parameter; the flow stops where the velocity turns
     DECAY = 7  # exp(−λt) from the first sample on, with λ the parameter of that axis
@@ -53,7 +53,8 @@ class Parameter:
 
     length, time, kelvin, volt: powers of metre, second, kelvin and volt in its SI unit, per unit mass; default: in
     scaled units, where there is a sensible one; choices: the only values it may have, none: any; above: below or at
-    that there is no such device; tried: in scaled units, from where a trace begins its search.
+    that there is no such device; tried: in scaled units, from where a trace begins its search; found_as: the effect's
+    coefficient that it is the same number as, where it is one: then a trace takes it from there.
     """
 
     symbol: sp.Symbol
@@ -66,6 +67,7 @@ class Parameter:
     kelvin: int = 0
     volt: int = 0
     tried: tuple[float, ...] = ()
+    found_as: sp.Symbol | None = None
 
     @property
     def unit(self) -> str:
@@ -77,7 +79,7 @@ class Parameter:
 class Signal:
     """A series that an effect depends on beside state and drive, computed sample by sample from what is measured.
 
-    behind: the effect's coefficient that it hangs on, where it does.
+    behind: the effect's coefficient that it hangs on, or its parameter, where it does.
     """
 
     symbol: sp.Symbol
@@ -162,7 +164,8 @@ class Effect:
         if not left:
             return None
         zero = sp.Integer(0)
-        signals = self.signals if self.alone is None else ()
+        asked = force.free_symbols | sense.free_symbols
+        signals = self.signals if self.alone is None else tuple(s for s in self.signals if s.symbol in asked)
         return replace(self, coefficients=left, force=(force, zero), sense=(sense, zero), signals=signals)
 
 

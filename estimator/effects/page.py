@@ -16,7 +16,7 @@ _SIGNALS = {
     Source.COSINE: "cos(omega t)",
     Source.SINE: "sin(omega t)",
     Source.TEMPERATURE: "measured temperature, less its first reading",
-    Source.INTEGRAL: "∫ {axis} dt, leaking at `leak_{axis}`",
+    Source.INTEGRAL: "∫ u{axis} dt, leaking at `{behind}`",
     Source.RESONATOR: "p of p̈ + 2 zeta omega ṗ + omega² p = u{axis}",
     Source.DIRECTION: "tanh(v{axis}/v0)",
     Source.DECAY: "exp(−leak_{axis} t) from the first sample on",
@@ -40,6 +40,8 @@ def _entry(effect: Effect) -> str:
         lines.append("- coefficients: " + ", ".join(f"`{c.name}` [{c.unit}]" for c in effect.coefficients))
         if effect.parameters:
             lines.append(f"- parameters, given and not estimated (a trace searches for them): {named}")
+            same = [f"`{p.name}` and `{p.found_as}`" for p in effect.parameters if p.found_as is not None]
+            lines += [f"- one number each: {', '.join(same)}"] if same else []
     for signal in effect.signals:
         if signal.source is not Source.PARAMETER:
             meaning = _SIGNALS[signal.source].format(axis="xy"[signal.axis], behind=signal.behind)

@@ -4,13 +4,15 @@ import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate, ux, uy, vx, vy, x, y
+from estimator.model.oscillator import b, d, k
 
 gy, ey, ex, a2x, a2y, a3x, a3y, fdx, fdy = sp.symbols("gy ey ex a2x a2y a3x a3y fdx fdy")
-tlx, tly, hpx, hpy, clx, cly, ix, iy, level = sp.symbols("tlx tly hpx hpy clx cly ix iy level")
+tlx, tly, hpx, hpy, clx, cly, level = sp.symbols("tlx tly hpx hpy clx cly level")
 odx, ody, wane_x, wane_y, leak_x, leak_y = sp.symbols("odx ody wane_x wane_y leak_x leak_y")
 rx, ry, px, py, omega, zeta = sp.symbols("rx ry px py omega_p zeta_p")
 ux_behind_x, uy_behind_x, ux_behind_y, uy_behind_y = sp.symbols("ux_behind_x uy_behind_x ux_behind_y uy_behind_y")
 olx, oly, start_x, start_y = sp.symbols("olx oly start_x start_y")
+ux_over_x, uy_over_x, ux_over_y, uy_over_y = sp.symbols("ux_over_x uy_over_x ux_over_y uy_over_y")
 
 
 def smoothed_velocities(lag: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
@@ -25,6 +27,22 @@ def smoothed_velocities(lag: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) ->
     xy, yx = (lag * (lag * kxy - dxy + turn) for turn in (2 * rate, -2 * rate))
     of_x = vx + lag * (own_x * x + kxy * y - push_x)
     of_y = vy + lag * (kxy * x + own_y * y - push_y)
+    determinant = xx * yy - xy * yx
+    return (yy * of_x - xy * of_y) / determinant, (xx * of_y - yx * of_x) / determinant
+
+
+def leaking_integrals(leak: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
+    """∫ x dt and ∫ y dt, leaking at that rate, their own start being over: exact for the base model.
+
+    With ṡ = A s + B u, q̇ = s − a q is q = (a I + A)⁻¹ (s − B l), l the drive integrated with the same leak.  Solved for
+    the positions; a velocity's integral is the position less a times its own.
+    """
+    own_x, own_y = kxx - rate**2, kyy - rate**2
+    to_x, to_y = dxy - 2 * rate, dxy + 2 * rate
+    xx, yy = leak**2 - leak * dxx + own_x, leak**2 - leak * dyy + own_y
+    xy, yx = kxy - leak * to_x, kxy - leak * to_y
+    of_x = (leak - dxx) * x - to_x * y + push_x - vx
+    of_y = (leak - dyy) * y - to_y * x + push_y - vy
     determinant = xx * yy - xy * yx
     return (yy * of_x - xy * of_y) / determinant, (xx * of_y - yx * of_x) / determinant
 
@@ -124,15 +142,31 @@ SENSE_HIGH_PASS = Effect(
         Coefficient(odx, "odx", 0.1, 1),
         Coefficient(ody, "ody", 0.1, 1),
     ),
-    parameters=(Parameter(leak_x, "leak_x", 0, -1), Parameter(leak_y, "leak_y", 0, -1)),
+    parameters=(
+        Parameter(leak_x, "leak_x", 0, -1, found_as=hpx),
+        Parameter(leak_y, "leak_y", 0, -1, found_as=hpy),
+    ),
     signals=(
-        Signal(ix, Source.INTEGRAL, 0),
-        Signal(iy, Source.INTEGRAL, 1),
+        Signal(leak_x, Source.PARAMETER),
+        Signal(leak_y, Source.PARAMETER),
+        Signal(ux_over_x, Source.INTEGRAL, 0, leak_x),
+        Signal(uy_over_x, Source.INTEGRAL, 1, leak_x),
+        Signal(ux_over_y, Source.INTEGRAL, 0, leak_y),
+        Signal(uy_over_y, Source.INTEGRAL, 1, leak_y),
         Signal(wane_x, Source.DECAY, 0),
         Signal(wane_y, Source.DECAY, 1),
     ),
-    sense=(-hpx * ix + odx * wane_x, -hpy * iy + ody * wane_y),
-    source="charge amplifier with feedback resistor, sRC/(1 + sRC); what its mismatch shows at first wanes",
+    sense=(
+        -hpx * leaking_integrals(leak_x, ux_over_x, uy_over_x)[0] + odx * wane_x,
+        -hpy * leaking_integrals(leak_y, ux_over_y, uy_over_y)[1] + ody * wane_y,
+    ),
+    shown=(
+        "sensed x = x - hpx*q + phi_x, q̇ + leak_x*q = x, at first off by odx",
+        "sensed y = y - hpy*q + phi_y, q̇ + leak_y*q = y, at first off by ody",
+    ),
+    alone=-hpx * ((leak_x - d) * x + b * ux_over_x - vx) / (leak_x**2 - leak_x * d + k) + odx * wane_x,
+    source="charge amplifier with feedback resistor, sRC/(1 + sRC), of the motion that the base model has; what it and "
+    "its mismatch show at first wanes",
     signature="phase lead atan(1/ωRC), constants blocked",
     undone=Undone.MAP,
     look_alikes={"sense_delay": "a slow motion"},

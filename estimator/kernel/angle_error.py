@@ -53,14 +53,14 @@ def predict_angle(settings: Record, memory: Record, c: Floats, h: float) -> None
 
 @compiled
 def move_angle(memory: Record, g: Floats) -> None:
-    """The states' part of the cross-covariance by the flow g (states, n)."""
+    """The states' part of the cross-covariance by the flow g (n, states)."""
     cross = memory.angle_cross
     a0, a1, a2, a3 = 0.0, 0.0, 0.0, 0.0
-    for j in range(g.shape[1]):
-        a0 += g[0, j] * cross[j]
-        a1 += g[1, j] * cross[j]
-        a2 += g[2, j] * cross[j]
-        a3 += g[3, j] * cross[j]
+    for j in range(g.shape[0]):
+        a0 += g[j, 0] * cross[j]
+        a1 += g[j, 1] * cross[j]
+        a2 += g[j, 2] * cross[j]
+        a3 += g[j, 3] * cross[j]
     cross[0], cross[1], cross[2], cross[3] = a0, a1, a2, a3
 
 
@@ -113,3 +113,22 @@ def recall_angle(memory: Record, c: Floats, row: int, gain: Floats, noise: float
     memory.angle_variance += (pushed - 2.0 * seen) * turn
     for i in range(c.shape[0]):
         cross[i] += (pushed - seen) * gain[i] - turn * c[row, i]
+
+
+@inlined
+def turn_angle(memory: Record, h: Floats, y: Floats, share: float) -> None:
+    """A measurement h (n,) taken in by the Kalman gain y/√S, y = C h/√S; share: 1/√S.
+
+    With that gain what `correct_angle` says of the covariance comes down to −(h·c) y/√S, c the covariance before.
+    """
+    cross = memory.angle_cross
+    turn = 0.0
+    for i in range(4):
+        turn -= memory.gradient[i] * y[i]
+    seen = 0.0
+    for j in range(h.shape[0]):
+        seen += h[j] * cross[j]
+    seen *= share
+    memory.angle_variance += (turn - 2.0 * seen) * turn
+    for i in range(h.shape[0]):
+        cross[i] -= seen * y[i]

@@ -6,14 +6,14 @@ import numpy as np
 
 from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.angle_error import note_gradient, refer_angle
-from estimator.kernel.compiled import compiled
+from estimator.kernel.compiled import compiled, inlined
 from estimator.kernel.controller import advance_queue, command, virtual_rate
 from estimator.kernel.layout import Floats, Ints, Record
-from estimator.kernel.observer import correct, predict, remember_drive, workspace
+from estimator.kernel.observer import correct, narrowed, predict, remember_drive, widened, workspace
 from estimator.kernel.plain import advance_plain, is_plain, plain_state, restore
 
 
-@compiled
+@inlined
 def advance(
     settings: Record,
     active: Ints,
@@ -92,9 +92,11 @@ def observe_block(
     work = workspace(settings, p.shape[0], n_full)
     nu = np.zeros(2)
     variance = np.zeros(2)
-    actual = c if settings.twin == 1 else p
     plain = truth.shape[0] == 0 and is_plain(settings, active, x)
     flat_x, flat_p, flat_c, own = plain_state(x, p, c, memory, plain)
+    wide_p = widened(p)
+    wide_c = widened(c) if settings.twin == 1 else wide_p
+    actual = c if plain else wide_c
     written = 0
     for m in range(z.shape[0]):
         if truth.shape[0] > 0:
@@ -110,7 +112,7 @@ def observe_block(
             )  # fmt: skip
         else:
             advance(
-                settings, active, walk, prior, spread, guess, table, x, p, c, memory, z[m], u[m], h[m],
+                settings, active, walk, prior, spread, guess, table, x, wide_p, wide_c, memory, z[m], u[m], h[m],
                 work, nu, variance, rows[m],
             )  # fmt: skip
         if m % every == every - 1:
@@ -127,6 +129,10 @@ def observe_block(
             written += 1
     if plain:
         restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
+    else:
+        narrowed(wide_p, p)
+        if settings.twin == 1:
+            narrowed(wide_c, c)
     return written
 
 

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from estimator.errors import ModelError
-from estimator.kernel.compiled import compiled, generated
+from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.lanes import put, take
 from estimator.kernel.layout import MAX_DELAY, Floats, Record
 from estimator.kernel.signals import directions, line_values, turns_over
@@ -24,23 +24,27 @@ _NORM, _TOLERANCE = 1.5, 1e-14
 _LONGEST = np.array([(_TOLERANCE * math.factorial(n + 1)) ** (1.0 / (n + 1)) / _NORM for n in range(_MAX_ORDER)])
 """By order, the interval that it does for (`taylor_order`)."""
 _TURNOVER = (-3.0, 0.0, 3.0)
-"""In v0: beyond, tanh is level to 0.5 %; between two of them five impulses give its integral to 1e-4."""
+"""In v0: beyond, tanh is level to 0.5 %; between two of them seven impulses give its integral to 1e-4."""
 _MOST_CUTS = 24
 Push = tuple[Floats, Floats, Floats, Floats, Floats]  # force, its derivatives by states, by constants; drive; signals
 _DRIFTS = (
-    0.07534696026989288842,
-    0.51791685468825678230,
-    -0.09326381495814967072,
-    -0.09326381495814967072,
-    0.51791685468825678230,
-    0.07534696026989288842,
+    0.07113342649822312,
+    0.24115342795664010,
+    0.52141176177281479,
+    -0.33369861622767801,
+    -0.33369861622767801,
+    0.52141176177281479,
+    0.24115342795664010,
+    0.07113342649822312,
 )
 _KICKS = (
-    0.19022593937367661925,
-    0.84652407044352625706,
-    -1.07350001963440575260,
-    0.84652407044352625706,
-    0.19022593937367661925,
+    0.18308368747219722,
+    0.31078285989857487,
+    -0.02656461851195880,
+    0.06539614228237342,
+    -0.02656461851195880,
+    0.31078285989857487,
+    0.18308368747219722,
 )
 
 
@@ -59,7 +63,7 @@ def taylor_order(h: float, norm: float = _NORM, tolerance: float = _TOLERANCE) -
     )
 
 
-@compiled
+@inlined
 def taylor(
     model: int, c: Floats, u: Floats, h: float, order: int, columns: int, a: Floats, b: Floats, out: Floats
 ) -> None:
@@ -93,45 +97,6 @@ def effect_forces(settings: Record, c: Floats, s: Floats, push: Push) -> None:
 
 
 @compiled
-def push_columns(
-    settings: Record, c: Floats, weight: float, columns: int, at: Floats, start: Floats, out: Floats, push: Push
-) -> None:
-    """Velocities of out ← those of start, pushed by weight × the effects' forces at the columns `at`, sensitivities
-    alike; start may be out, `at` not.  columns is 1 or all of out's.
-    """
-    force, by_states, by_constants = push[:3]
-    states = out.shape[0]
-    effect_forces(settings, c, at[:, 0], push)
-    for axis in range(settings.axes):
-        row = 2 * axis + 1
-        pushed = start[row, 0] + weight * force[axis]
-        if columns > 1:
-            add_rows(by_states[axis], weight, row, at, start, out)
-            for j in range(1 + states, columns):
-                out[row, j] += weight * by_constants[axis, settings.sense_constants + j - 1 - states]
-        out[row, 0] = pushed
-
-
-@compiled
-def add_rows(weights: Floats, weight: float, row: int, at: Floats, start: Floats, out: Floats) -> None:
-    """A row of out ← that of start and the rows of `at`, each times its weight and `weight`, column by column."""
-    columns = out.shape[1]
-    fours = columns - columns % 4
-    place = row * columns
-    for j in range(0, fours, 4):
-        put(out, place + j, take(start, place + j, 4))
-    for j in range(fours, columns):
-        out[row, j] = start[row, j]
-    for i in range(out.shape[0]):
-        w = weight * weights[i]
-        if w != 0.0:  # few are not
-            for j in range(0, fours, 4):
-                put(out, place + j, take(out, place + j, 4) + w * take(at, i * columns + j, 4))
-            for j in range(fours, columns):
-                out[row, j] += w * at[i, j]
-
-
-@compiled
 def drive_at(u: Floats, at: float, out: Floats) -> None:
     """out (axes,) ← the polynomial u (axes, degree + 1) at normalised time `at`."""
     for axis in range(u.shape[0]):
@@ -141,17 +106,107 @@ def drive_at(u: Floats, at: float, out: Floats) -> None:
         out[axis] = value
 
 
-@compiled
-def kick(settings: Record, c: Floats, weight: float, columns: int, b: Floats, out: Floats, push: Push) -> None:
-    """Give the velocities in the columns of out the impulse weight × the effects' forces; b is scratch of its shape.
+@inlined
+def by_velocity(settings: Record, by_states: Floats) -> bool:
+    """Whether the effects' forces, by their derivatives, depend on a velocity."""
+    depends = False
+    for axis in range(settings.axes):
+        for other in range(settings.axes):
+            depends |= by_states[axis, 2 * other + 1] != 0.0
+    return depends
 
-    A force that depends on the velocity changes during the impulse: it is taken from its middle.
+
+@inlined
+def kick(
+    settings: Record, c: Floats, weight: float, columns: int, s: Floats, b: Floats, out: Floats, push: Push
+) -> None:
+    """Give the velocities in the columns of out the impulse weight × the effects' forces, sensitivities alike; s
+    (states,) and b, of out's shape, are scratch.  columns is 1 or all of out's.
+
+    A force that depends on the velocity changes during the impulse: it is taken from its middle.  There the velocities
+    are v + ½ weight f, so that with f' = ∂f/∂v the derivatives of the whole are those in the middle, and ½ weight f'
+    times those at the start.
     """
-    for i in range(0, out.shape[0], 2):
-        for j in range(columns):
-            b[i, j] = out[i, j]
-    push_columns(settings, c, 0.5 * weight, columns, out, out, b, push)
-    push_columns(settings, c, weight, columns, b, out, out, push)
+    force, by_states, by_constants = push[:3]
+    states = out.shape[0]
+    for i in range(states):
+        s[i] = out[i, 0]
+    effect_forces(settings, c, s, push)
+    if by_velocity(settings, by_states):
+        half = 0.5 * weight
+        first = settings.sense_constants
+        flowing = columns - 1 - states
+        for axis in range(settings.axes):
+            s[2 * axis + 1] += half * force[axis]
+            if columns > 1:
+                for i in range(states):
+                    b[axis, i] = by_states[axis, i]
+                for j in range(flowing):
+                    b[axis, states + j] = by_constants[axis, first + j]
+        effect_forces(settings, c, s, push)
+        if columns > 1:
+            for axis in range(settings.axes):
+                slope = half * by_states[axis, 1]
+                other = half * by_states[axis, 3] if settings.axes == 2 else 0.0
+                across = 1 if settings.axes == 2 else 0
+                for i in range(states):
+                    by_states[axis, i] += slope * b[0, i] + other * b[across, i]
+                for j in range(flowing):
+                    by_constants[axis, first + j] += slope * b[0, states + j] + other * b[across, states + j]
+    if columns == 1:
+        for axis in range(settings.axes):
+            out[2 * axis + 1, 0] += weight * force[axis]
+    elif states == 4:
+        push_two(settings.sense_constants, weight, out, push)
+    else:
+        push_one(settings.sense_constants, weight, out, push)
+
+
+@inlined
+def push_two(first: int, weight: float, out: Floats, push: Push) -> None:
+    """The velocities of two axes in out ← what weight × the forces in push, linear in its columns, leave of them; of
+    the constants from `first` on.
+    """
+    force, by_states, by_constants = push[:3]
+    columns = out.shape[1]
+    own = by_constants.shape[1]
+    vx = out[1, 0] + weight * force[0]
+    vy = out[3, 0] + weight * force[1]
+    x0, x1, x2, x3 = (
+        weight * by_states[0, 0], weight * by_states[0, 1], weight * by_states[0, 2], weight * by_states[0, 3],
+    )  # fmt: skip
+    y0, y1, y2, y3 = (
+        weight * by_states[1, 0], weight * by_states[1, 1], weight * by_states[1, 2], weight * by_states[1, 3],
+    )  # fmt: skip
+    fours = columns - columns % 4
+    for j in range(0, fours, 4):
+        o0, o1 = take(out, j, 4), take(out, columns + j, 4)
+        o2, o3 = take(out, 2 * columns + j, 4), take(out, 3 * columns + j, 4)
+        to_x = o1 + x0 * o0 + x1 * o1 + x2 * o2 + x3 * o3
+        to_y = o3 + y0 * o0 + y1 * o1 + y2 * o2 + y3 * o3
+        if j > 0:  # before, there are only the state and its own derivatives
+            to_x = to_x + weight * take(by_constants, first + j - 5, 4)
+            to_y = to_y + weight * take(by_constants, own + first + j - 5, 4)
+        put(out, columns + j, to_x)
+        put(out, 3 * columns + j, to_y)
+    for j in range(fours, columns):
+        o0, o1, o2, o3 = out[0, j], out[1, j], out[2, j], out[3, j]
+        out[1, j] += x0 * o0 + x1 * o1 + x2 * o2 + x3 * o3 + weight * by_constants[0, first + j - 5]
+        out[3, j] += y0 * o0 + y1 * o1 + y2 * o2 + y3 * o3 + weight * by_constants[1, first + j - 5]
+    out[1, 0] = vx
+    out[3, 0] = vy
+
+
+@inlined
+def push_one(first: int, weight: float, out: Floats, push: Push) -> None:
+    """The same of a single axis."""
+    force, by_states, by_constants = push[:3]
+    for j in range(1, out.shape[1]):
+        pushed = by_states[0, 0] * out[0, j] + by_states[0, 1] * out[1, j]
+        if j > 2:
+            pushed += by_constants[0, first + j - 3]
+        out[1, j] += weight * pushed
+    out[1, 0] += weight * force[0]
 
 
 @compiled
@@ -184,22 +239,25 @@ def advance_columns(
     """Advance the columns of out by h from `time` under the input polynomial u (axes, degree + 1), effects included.
 
     The linear part is exact; effects, which are small, enter as impulses between exact drifts, the symmetric scheme of
-    orders (8, 4) of Blanes, Casas, Farrés, Laskar, Makazaga & Murua (Appl. Numer. Math. 68, 2013): an error of ε h⁸ +
-    ε² h⁴ for an effect of relative size ε.
+    orders (8, 6, 4) of Blanes, Casas, Farrés, Laskar, Makazaga & Murua (Appl. Numer. Math. 68, 2013): an error of
+    ε h⁸ + ε² h⁶ + ε³ h⁴ for an effect of relative size ε.
     """
     order = settings.order
     if settings.pushes == 0:
         taylor(settings.model, c, u, h, order, columns, a, b, out)
         return
     at = 0.0
+    held = u.shape[1] == 1
+    s = np.empty(out.shape[0])
     for stage in range(len(_DRIFTS)):
         length = _DRIFTS[stage]
-        taylor(settings.model, c, part_of(u, at, length), length * h, order, columns, a, b, out)
+        part = u if held else part_of(u, at, length)
+        taylor(settings.model, c, part, length * h, order, columns, a, b, out)
         at += length
         if stage < len(_KICKS):
             drive_at(u, at, push[3])
             line_values(settings, time + at * h, push[4])
-            kick(settings, c, _KICKS[stage] * h, columns, b, out, push)
+            kick(settings, c, _KICKS[stage] * h, columns, s, b, out, push)
 
 
 @compiled

@@ -7,11 +7,14 @@ tabulated gain there is no P at all.  Intervals are reported from C; for the pla
 carried.
 """
 
+import math
+
 import numpy as np
 
-from estimator.kernel.angle_error import correct_angle, move_angle, predict_angle, recall_angle
-from estimator.kernel.compiled import compiled, generated
+from estimator.kernel.angle_error import correct_angle, move_angle, predict_angle, recall_angle, turn_angle
+from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.flow import drive_at, flow, sensed_before
+from estimator.kernel.lanes import lane, put, put_columns, take
 from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
@@ -29,30 +32,86 @@ _FASTEST = 0.1
 
 @compiled
 def propagate(p: Floats, g: Floats, scratch: Floats, factor: float) -> None:
-    """p ← factor · F p Fᵀ with F = [g; 0 I]: only the rows of the states change."""
-    states, n = g.shape
-    for i in range(states):
-        for j in range(n):
-            scratch[i, j] = 0.0
-        for k in range(n):
-            w = g[i, k]
-            if w != 0.0:  # the sense offsets move nothing
-                for j in range(n):
-                    scratch[i, j] += w * p[k, j]
-    for i in range(states):
-        for j in range(i, states):
-            total = 0.0
+    """p ← factor · F p Fᵀ with F = [gᵀ; 0 I]: only the rows of the states change; g (n, states), scratch (2 · states,
+    p's width).
+    """
+    n, states = g.shape
+    if states == 4:
+        propagate_two(p, g, scratch)
+    else:
+        for i in range(states):
+            for j in range(n):
+                scratch[i, j] = 0.0
             for k in range(n):
-                total += scratch[i, k] * g[j, k]
-            p[i, j] = total
-            p[j, i] = total
-        for j in range(states, n):
-            p[i, j] = scratch[i, j]
-            p[j, i] = scratch[i, j]
+                w = g[k, i]
+                if w != 0.0:  # the sense offsets move nothing
+                    for j in range(n):
+                        scratch[i, j] += w * p[k, j]
+        for i in range(states):
+            for j in range(i, states):
+                total = 0.0
+                for k in range(n):
+                    total += scratch[i, k] * g[k, j]
+                p[i, j] = total
+                p[j, i] = total
+            for j in range(states, n):
+                p[i, j] = scratch[i, j]
+                p[j, i] = scratch[i, j]
     if factor != 1.0:
         for i in range(n):
             for j in range(n):
                 p[i, j] *= factor
+
+
+@inlined
+def propagate_two(p: Floats, g: Floats, scratch: Floats) -> None:
+    """p ← F p Fᵀ of two axes: T = gᵀ p, of which the constants' part is the states' new one, and their square T g."""
+    n = g.shape[0]
+    width = p.shape[1]
+    stride = scratch.shape[1]
+    fours = width - width % 4
+    mirror = 4 * stride  # T, column by column
+    for j in range(0, fours, 4):
+        row, q = take(p, j, 4), take(g, 0, 4)
+        t0, t1, t2, t3 = lane(q, 0) * row, lane(q, 1) * row, lane(q, 2) * row, lane(q, 3) * row
+        for k in range(1, n):
+            row, q = take(p, k * width + j, 4), take(g, 4 * k, 4)
+            t0 = t0 + lane(q, 0) * row
+            t1 = t1 + lane(q, 1) * row
+            t2 = t2 + lane(q, 2) * row
+            t3 = t3 + lane(q, 3) * row
+        put(scratch, j, t0)
+        put(scratch, stride + j, t1)
+        put(scratch, 2 * stride + j, t2)
+        put(scratch, 3 * stride + j, t3)
+        put_columns(scratch, mirror + 4 * j, t0, t1, t2, t3)
+    for j in range(fours, n):
+        column = p[0, j] * take(g, 0, 4)
+        for k in range(1, n):
+            column = column + p[k, j] * take(g, 4 * k, 4)
+        put(scratch, mirror + 4 * j, column)
+    column, q = take(scratch, mirror, 4), take(g, 0, 4)
+    t0, t1, t2, t3 = lane(column, 0) * q, lane(column, 1) * q, lane(column, 2) * q, lane(column, 3) * q
+    for k in range(1, n):
+        column, q = take(scratch, mirror + 4 * k, 4), take(g, 4 * k, 4)
+        t0 = t0 + lane(column, 0) * q
+        t1 = t1 + lane(column, 1) * q
+        t2 = t2 + lane(column, 2) * q
+        t3 = t3 + lane(column, 3) * q
+    put(p, 0, t0)
+    put(p, width, t1)
+    put(p, 2 * width, t2)
+    put(p, 3 * width, t3)
+    for i in range(4):
+        for j in range(i + 1, 4):
+            p[j, i] = p[i, j]
+        for j in range(4, fours, 4):
+            put(p, i * width + j, take(scratch, i * stride + j, 4))
+    for j in range(fours, n):
+        column = take(scratch, mirror + 4 * j, 4)
+        p[0, j], p[1, j], p[2, j], p[3, j] = lane(column, 0), lane(column, 1), lane(column, 2), lane(column, 3)
+    for j in range(4, n):
+        put(p, j * width, take(scratch, mirror + 4 * j, 4))
 
 
 @compiled
@@ -116,6 +175,61 @@ def kalman_gain(p: Floats, jacobian: Floats, noise: Floats, channels: int, nu: F
         gain[i, 0] = (g0 * s11 - g1 * s01) / determinant
         gain[i, 1] = (g1 * s00 - g0 * s01) / determinant
     surprise = 0.5 * (nu[0] * nu[0] * s11 - 2.0 * nu[0] * nu[1] * s01 + nu[1] * nu[1] * s00) / determinant
+    return surprise
+
+
+@inlined
+def measure_two(
+    p: Floats, jacobian: Floats, noise: Floats, nu: Floats, variance: Floats, gain: Floats, seen: Floats, memory: Record
+) -> float:
+    """p ← p − p Hᵀ S⁻¹ H p with S = H p Hᵀ + R for two channels whose noise is independent, and gain ← p Hᵀ S⁻¹ of p as
+    it was; variance ← S's diagonal; returns νᵀ S⁻¹ ν per channel, expected 1.  seen (4, p's width) is scratch.
+
+    One channel after the other, each with y = p h/√S: what is taken off, y yᵀ, is symmetric to the last bit.  The
+    angle's uncertainty follows.
+    """
+    n = p.shape[0]
+    width = p.shape[1]
+    fours = width - width % 4
+    for a in range(2):
+        for i in range(width):
+            seen[a, i] = 0.0
+        for j in range(n):
+            w = jacobian[a, j]
+            if w != 0.0:  # few are not
+                for i in range(width):
+                    seen[a, i] += w * p[j, i]
+    s00, s01, s11 = noise[0], 0.0, noise[1]
+    for j in range(n):
+        s00 += jacobian[0, j] * seen[0, j]
+        s01 += jacobian[1, j] * seen[0, j]
+        s11 += jacobian[1, j] * seen[1, j]
+    variance[0] = s00
+    variance[1] = s11
+    first = 1.0 / math.sqrt(s00)
+    shared = first * s01  # y₀ · h₁
+    rest = s11 - shared * shared
+    second = 1.0 / math.sqrt(rest)
+    for i in range(width):
+        y = first * seen[0, i]
+        seen[0, i] = y
+        seen[1, i] = second * (seen[1, i] - shared * y)
+    for i in range(n):
+        gain[i, 1] = second * seen[1, i]
+        gain[i, 0] = first * seen[0, i] - first * shared * gain[i, 1]
+    turn_angle(memory, jacobian[0], seen[0], first)
+    turn_angle(memory, jacobian[1], seen[1], second)
+    stride = seen.shape[1]
+    for i in range(n):
+        y0, y1 = -seen[0, i], -seen[1, i]
+        for j in range(0, fours, 4):
+            left = take(p, i * width + j, 4) + y0 * take(seen, j, 4)
+            put(p, i * width + j, left + y1 * take(seen, stride + j, 4))
+        for j in range(fours, width):
+            p[i, j] = (p[i, j] + y0 * seen[0, j]) + y1 * seen[1, j]
+    white = first * nu[0]
+    other = second * (nu[1] - shared * white)
+    surprise: float = 0.5 * (white * white + other * other)
     return surprise
 
 
@@ -294,31 +408,60 @@ def runs_riccati(settings: Record, memory: Record) -> bool:
 
 
 @compiled
-def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
-    """Scratch of one observer, made once per block: flow a, b, out; g, scratch; jacobian, full; gain, ph; kick,
-    predicted, noise; the effects' force, its derivatives by states and constants, drive, signals; assumed
-    noise; the state before the interval.
+def filled_up(n: int) -> int:
+    """The next multiple of four, so that rows fill vector registers."""
+    return (n + 3) // 4 * 4
 
-    n counts states and active constants, total states and all constants.
+
+@compiled
+def widened(p: Floats) -> Floats:
+    """A covariance (n, n) with rows filled up to a multiple of four by zeros, which they stay."""
+    n = p.shape[0]
+    wide = np.zeros((n, filled_up(n)))
+    for i in range(n):
+        for j in range(n):
+            wide[i, j] = p[i, j]
+    return wide
+
+
+@compiled
+def narrowed(wide: Floats, p: Floats) -> None:
+    """p (n, n) ← a widened one."""
+    for i in range(p.shape[0]):
+        for j in range(p.shape[0]):
+            p[i, j] = wide[i, j]
+
+
+@compiled
+def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
+    """Scratch of one observer, made once per block: flow a, b, out; the states' rows of the Jacobian, turned; scratch;
+    jacobian, full; gain, ph; kick, predicted, noise; the effects' force, its derivatives by states and constants,
+    drive, signals; assumed noise; the state before the interval.
+
+    n counts states and active constants, total states and all constants.  What has lanes is filled up to a multiple of
+    four.
     """
     states = settings.states
     columns = 1 + states + settings.flow_constants
+    if states == 4:
+        columns = filled_up(columns)
+    width = filled_up(n)
     return (
         np.zeros((states, columns)),
         np.zeros((states, columns)),
         np.zeros((states, columns)),
-        np.zeros((states, n)),
-        np.zeros((states, n)),
+        np.zeros((n, states)),
+        np.zeros((2 * states, width)),
         np.zeros((2, n)),
         np.zeros((2, total)),
         np.zeros((n, 2)),
-        np.zeros((4, n)),
+        np.zeros((4, width)),
         np.zeros(states),
         np.zeros(2),
         np.zeros(2),
         np.zeros(2),
         np.zeros((2, states)),
-        np.zeros((2, total - states)),
+        np.zeros((2, max(total - states, columns + settings.sense_constants - 1 - states))),
         np.zeros(2),
         np.zeros(2 * MAX_SIGNALS),  # values, derivatives by the velocity
         np.zeros(2),
@@ -326,7 +469,7 @@ def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
     )
 
 
-@compiled
+@inlined
 def predict_state(
     settings: Record, active: Ints, memory: Record, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]
 ) -> None:
@@ -340,13 +483,13 @@ def predict_state(
     for i in range(states):
         x[i] = out[i, 0]
         for j in range(states):
-            g[i, j] = out[i, 1 + j]
+            g[j, i] = out[i, 1 + j]
         for k in range(active.shape[0]):
             offset = active[k] - settings.sense_constants
-            g[i, states + k] = out[i, 1 + states + offset] if offset >= 0 else 0.0
+            g[states + k, i] = out[i, 1 + states + offset] if offset >= 0 else 0.0
 
 
-@compiled
+@inlined
 def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]) -> None:
     """Add to predicted measurement and Jacobian in work what the effects do to the measurement at the end of the
     interval.
@@ -354,14 +497,14 @@ def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: flo
     states = settings.states
     a, b, out = work[:3]
     full, predicted, drive, signals = work[6], work[10], work[15], work[16]
-    c = x[states:]
+    c, s = x[states:], x[:states]
+    by_states, by_constants = full[:, :states], full[:, states:]
     drive_at(u, 1.0, drive)
     signal_values(settings, memory, memory.time + h, signals)
     for e in range(settings.effect_count):
         number, first, signal = settings.effects[e]
         _effect_sense(
-            number, settings.model, c, x[:states], drive, signals, first, signal,
-            predicted, full[:, :states], full[:, states:],
+            number, settings.model, c, s, drive, signals, first, signal, predicted, by_states, by_constants
         )  # fmt: skip
     if settings.sense_delay >= 0:
         for axis in range(settings.axes):
@@ -376,7 +519,7 @@ def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: flo
             full[axis, states + settings.sense_delay + axis] -= out[row + 1, 0]
 
 
-@compiled
+@inlined
 def predict_measurement(
     settings: Record,
     active: Ints,
@@ -420,7 +563,7 @@ def predict_measurement(
     return measured
 
 
-@compiled
+@inlined
 def predict(
     settings: Record,
     active: Ints,
@@ -439,7 +582,7 @@ def predict(
     before[:] = s
     predict_state(settings, active, memory, x, u, h, work)
     if settings.signal_count > 0:
-        advance_signals(settings, memory, x[settings.states :], before, s, u, h)
+        advance_signals(settings, memory, x[settings.states :], u, h)
     if settings.axes == 2:
         predict_angle(settings, memory, c if settings.twin == 1 else p, h)
         move_angle(memory, g)
@@ -451,7 +594,7 @@ def predict(
         add_process_noise(p, settings, h, s, active, walk, kick)
 
 
-@compiled
+@inlined
 def correct(
     settings: Record,
     active: Ints,
@@ -479,38 +622,50 @@ def correct(
     jacobian, gain, ph, noise, assumed = work[5], work[7], work[8], work[11], work[17]
     measured = predict_measurement(settings, active, memory, x, z, u, h, work, nu, noise)
     actual = c if settings.twin == 1 else p
-    for channel in range(channels):
-        variance[channel] = noise[channel]
-        assumed[channel] = noise[channel] + settings.ignored[channel]
-        for i in range(n):
-            if jacobian[channel, i] != 0.0:
-                for j in range(n):
-                    if jacobian[channel, j] != 0.0:
-                        variance[channel] += jacobian[channel, i] * actual[i, j] * jacobian[channel, j]
-    if not measured:
-        return
     riccati = runs_riccati(settings, memory)
-    if riccati:
-        surprise = kalman_gain(p, jacobian, assumed, channels, nu, gain)
+    for channel in range(channels):
+        assumed[channel] = noise[channel] + settings.ignored[channel]
+    if measured and riccati and channels == 2 and settings.twin == 0:
+        surprise = measure_two(p, jacobian, noise, nu, variance, gain, ph, memory)
         memory.surprise += (surprise - memory.surprise) * ATTENTION
+        add_correction(states, active, gain, nu, channels, x)
     else:
-        tabulated_gain(table, x[:states], gain)
         for channel in range(channels):
-            if not np.isfinite(z[channel]):
-                gain[:, channel] = 0.0
-    for i in range(n):
+            variance[channel] = noise[channel]
+            for i in range(n):
+                if jacobian[channel, i] != 0.0:
+                    for j in range(n):
+                        if jacobian[channel, j] != 0.0:
+                            variance[channel] += jacobian[channel, i] * actual[i, j] * jacobian[channel, j]
+        if not measured:
+            return
+        if riccati:
+            surprise = kalman_gain(p, jacobian, assumed, channels, nu, gain)
+            memory.surprise += (surprise - memory.surprise) * ATTENTION
+        else:
+            tabulated_gain(table, x[:states], gain)
+            for channel in range(channels):
+                if not np.isfinite(z[channel]):
+                    gain[:, channel] = 0.0
+        add_correction(states, active, gain, nu, channels, x)
+        if channels == 2:
+            correct_angle(memory, actual, jacobian, noise, channels, gain, ph)
+        if settings.twin == 1:
+            joseph(c, jacobian, noise, channels, gain, ph)
+        if riccati:
+            joseph(p, jacobian, assumed, channels, gain, ph)
+    if riccati and settings.fade > 1.0 and active.shape[0] > 0:
+        remember_prior(settings, active, prior, spread, guess, x, p, c, memory, ph)
+
+
+@inlined
+def add_correction(states: int, active: Ints, gain: Floats, nu: Floats, channels: int, x: Floats) -> None:
+    """x, all constants in it, plus gain (n, channels) times the innovation."""
+    for i in range(gain.shape[0]):
         correction = 0.0
         for channel in range(channels):
             correction += gain[i, channel] * nu[channel]
         x[i if i < states else states + active[i - states]] += correction
-    if settings.axes == 2:
-        correct_angle(memory, actual, jacobian, noise, channels, gain, ph)
-    if settings.twin == 1:
-        joseph(c, jacobian, noise, channels, gain, ph)
-    if riccati:
-        joseph(p, jacobian, assumed, channels, gain, ph)
-        if settings.fade > 1.0 and active.shape[0] > 0:
-            remember_prior(settings, active, prior, spread, guess, x, p, c, memory, ph)
 
 
 @compiled

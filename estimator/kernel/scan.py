@@ -139,12 +139,12 @@ def watch_sensed(
 
 @compiled
 def multiply_rows(g: Floats, delta: Floats, scratch: Floats) -> None:
-    """First rows of delta ← g delta; delta (n, coefficients), g (rows, n)."""
-    rows, n = g.shape
+    """First rows of delta ← gᵀ delta; delta (n, coefficients), g (n, rows)."""
+    n, rows = g.shape
     scratch[:rows] = 0.0
     for i in range(rows):
         for j in range(n):
-            w = g[i, j]
+            w = g[j, i]
             for k in range(delta.shape[1]):
                 scratch[i, k] += w * delta[j, k]
     for i in range(rows):

@@ -136,7 +136,7 @@ def scan_plain_block(
             x[i] = flat_x[i]
         predict_plain(settings, memory, walk, flat_x, flat_p, flat_c, u[m], h[m], work)
         if settings.signal_count > 0:
-            advance_signals(settings, memory, x[STATES:], before, flat_x, u[m], h[m])
+            advance_signals(settings, memory, x[STATES:], u[m], h[m])
         note_forced_rotation(settings, memory, flat_x, h[m])
         for i in range(STATES):
             foreseen[i] = flat_x[i]

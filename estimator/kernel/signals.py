@@ -17,6 +17,7 @@ _DECAY = Source.DECAY.value
 _LAG = Source.LAG.value
 _WANE = Source.WANE.value
 _TIME = Source.TIME.value
+_MOST_TERMS = 25
 
 
 @compiled
@@ -93,13 +94,35 @@ def lagged(value: float, u: Floats, axis: int, share: float) -> float:
 
 
 @compiled
-def advance_signals(
-    settings: Record, memory: Record, c: Floats, before: Floats, after: Floats, u: Floats, h: float
-) -> None:
+def leaking(value: float, u: Floats, axis: int, rate: float, h: float) -> float:
+    """The integral q of q̇ = u − rate q, of the drive u (axes, degree + 1) of an axis, over an interval, exactly.
+
+    ∫ sⁿ e^(−z(1−s)) ds over 0..1 is the series Σ (−z)ᵏ n!/(n + k + 1)!, and (1 − n times that of one degree less)/z.
+    """
+    z = rate * h
+    total = 0.0
+    share = -math.expm1(-z) / z if z > 0.0 else 1.0
+    for n in range(u.shape[1]):
+        if z > 2.0:
+            share = share if n == 0 else (1.0 - n * share) / z
+        else:
+            term = 1.0 / (n + 1.0)
+            share = term
+            for k in range(_MOST_TERMS):
+                term *= -z / (n + k + 2.0)
+                share += term
+                if abs(term) < 1e-17:
+                    break
+        total += u[axis, n] * share
+    return value * math.exp(-z) + h * total
+
+
+@compiled
+def advance_signals(settings: Record, memory: Record, c: Floats, u: Floats, h: float) -> None:
     """Carry the signals' recursions in memory over an interval h.
 
-    c: the constants; before, after: states at its ends; u (axes, degree + 1) the drive, of which a resonator takes the
-    mean over the interval.  memory.time is that of its beginning.
+    c: the constants; u (axes, degree + 1) the drive, of which a resonator takes the mean over the interval.
+    memory.time is that of its beginning.
     """
     for i in range(settings.signal_count):
         source = settings.signals[i, 0]
@@ -107,9 +130,7 @@ def advance_signals(
         if axis >= settings.axes:
             continue
         if source == _INTEGRAL:
-            x = 2 * axis
-            grown = 0.5 * h * (before[x] + after[x]) + h * h / 12.0 * (before[x + 1] - after[x + 1])
-            memory.signals[i, 0] = math.exp(-settings.signal_parameters[i, axis] * h) * memory.signals[i, 0] + grown
+            memory.signals[i, 0] = leaking(memory.signals[i, 0], u, axis, settings.signal_parameters[i, 0], h)
         elif source == _LAG:
             memory.signals[i, 0] = lagged(memory.signals[i, 0], u, axis, c[settings.signals[i, 2]] / h)
         elif source == _WANE:

@@ -226,19 +226,25 @@ def _series(model: Model, indent: str, forced: bool) -> list[str]:
 
 def _taylor_lanes(model: Model) -> str:
     """`<model>_taylor_lanes(c, u, h, order, out)`: what `<model>_taylor` does with all columns of out, those of the
-    base model side by side and the others, of effects, by fours.
+    base model side by side and the others, of effects, by fours; `<model>_taylor_rest` those that make no four.
     """
     rows, width = range(len(model.states)), _width(model)
-    lines = ["@compiled", f"def {model.name}_taylor_lanes(c, u, h, order, out):", *_lanes_prologue(model)]
+    lines = ["@inlined", f"def {model.name}_taylor_lanes(c, u, h, order, out):", *_lanes_prologue(model)]
     lines.append("    columns = out.shape[1]")
+    lines.append("    fours = columns - columns % 4")
     lines += [f"    a{i} = take(out, {i} * columns, {width})" for i in rows]
     lines += [f"    total{i} = a{i}" for i in rows]
     lines += _series(model, "    ", forced=True)
     lines += [f"    put(out, {i} * columns, total{i})" for i in rows]
-    lines.append(f"    {model.name}_taylor_more(c, h, order, out)")
-    more = ["@compiled", f"def {model.name}_taylor_more(c, h, order, out):"]
+    lines.append(f"    for j in range({width}, fours, 4):")
+    lines += [f"        a{i} = take(out, {i} * columns + j, 4)" for i in rows]
+    lines += [f"        total{i} = a{i}" for i in rows]
+    lines += _series(model, "        ", forced=False)
+    lines += [f"        put(out, {i} * columns + j, total{i})" for i in rows]
+    lines += ["    if fours < columns:", f"        {model.name}_taylor_rest(c, h, order, out)"]
+    more = ["@compiled", f"def {model.name}_taylor_rest(c, h, order, out):"]
     more += [line for line in _lanes_prologue(model) if "degree" not in line]
-    more += ["    columns = out.shape[1]", f"    for j in range({width}, columns, 4):"]
+    more += ["    columns = out.shape[1]", "    for j in range(columns - columns % 4, columns, 4):"]
     for i in rows:
         there = [f"out[{i}, j]", *(f"out[{i}, j + {q}] if j + {q} < columns else 0.0" for q in (1, 2, 3))]
         more.append(f"        a{i} = gather(({', '.join(there)}))")
@@ -432,7 +438,7 @@ def _dispatch_effects(models: Sequence[Model], effects: Sequence[Effect], what: 
 
 
 def _dispatch(models: Sequence[Model], stem: str, arguments: str) -> str:
-    lines = ["@compiled", f"def {stem}(model, {arguments}):"]
+    lines = ["@inlined", f"def {stem}(model, {arguments}):"]
     for number, model in enumerate(models):
         lines += [
             f"    {'if' if number == 0 else 'elif'} model == {number}:",

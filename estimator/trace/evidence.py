@@ -49,10 +49,12 @@ def solve(normal: Array, score: Array) -> tuple[Array, int]:
 
 
 def evidence(scan: Scan) -> dict[str, Evidence]:
-    """Evidence of every watched effect by itself, best first."""
+    """Evidence of every watched effect by itself, best first; of one whose equations are no numbers there is none."""
     total, score = scan.normal.sum(axis=0), scan.score.sum(axis=0)
     found = []
     for name, columns in scan.columns.items():
+        if not _is_told(scan, columns):
+            continue
         normal, b = total[columns, columns], score[columns]
         coefficients, degrees = solve(normal, b)  # what the innovations lose by it, so with the sign turned
         own = scan.normal[:, columns, columns]
@@ -76,6 +78,11 @@ def evidence(scan: Scan) -> dict[str, Evidence]:
     return {item.name: item for item in sorted(found, key=lambda item: -item.gain)}
 
 
+def _is_told(scan: Scan, columns: slice) -> bool:
+    """Whether the scan followed an effect: where an observer diverges, what it is watched by may overflow."""
+    return bool(np.isfinite(scan.normal[:, columns, columns]).all() and np.isfinite(scan.score[:, columns]).all())
+
+
 def likeness(scan: Scan, name: str, coefficients: Array | None = None) -> dict[str, float]:
     """How well each other watched effect can imitate `name`: the correlation of its signature, with the coefficients
     given (SI; else those found), with what the other could make of it, everything the observer estimates projected out.
@@ -87,7 +94,7 @@ def likeness(scan: Scan, name: str, coefficients: Array | None = None) -> dict[s
     size = float(c @ own @ c)
     alike = {}
     for other, others in scan.columns.items():
-        if other == name or size <= 0.0:
+        if other == name or not size > 0.0 or not _is_told(scan, others):
             continue
         cross = total[others, columns] @ c
         imitated = float(cross @ solve(total[others, others], cross)[0])

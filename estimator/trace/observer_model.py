@@ -172,9 +172,9 @@ def degrees(name: str, device: Device) -> int:
 
 
 def numbers(name: str, device: Device) -> int:
-    """How many coefficients and parameters it has."""
+    """How many coefficients it has, and parameters that are none of them."""
     _, effect = effect_for(name, device.axes, device.own)
-    return len(effect.coefficients) + len(effect.parameters)
+    return len(effect.coefficients) + sum(p.found_as is None for p in effect.parameters)
 
 
 def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bool:

@@ -5,8 +5,8 @@ Each parameter climbs by itself; several are then moved together, since a resona
 together.  Close to its top twice the log-likelihood is L − Δᵀ C⁻¹ Δ, with C the covariance of the parameters.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -58,9 +58,57 @@ def refine_parameters(
     """
     _, effect = effect_for(name, problem.device.axes, problem.device.own)
     given = model.settings.effects[name]
-    names = tuple(p.name for p in effect.parameters if p.name in given)
+    names = tuple(p.name for p in effect.parameters if p.name in given and p.found_as is None)
     if not names:
-        return model, NOTHING
+        return _in_step(problem, model, name), NOTHING
+    beginning = _beginning(problem, given)
+    if before is None and beginning is not None:
+        return _refined_in_two(problem, beginning, model, name, names, to_beat)
+    return _refined(problem, model, name, names, before, to_beat)
+
+
+def _beginning(problem: Problem, given: Mapping[str, float]) -> Problem | None:
+    """The part of a long record on which a search begins, if a frequency that is searched for shows on it."""
+    samples = max(_SET.beginning, round(_SET.beginning_share * len(problem.record)))
+    if samples > _SET.worth_beginning * len(problem.record):
+        return None
+    part = problem.part(slice(0, samples))
+    turns = given.get("omega", np.inf) * part.span / (2.0 * np.pi)
+    return part if turns > THRESHOLDS.candidates.periods else None
+
+
+def _refined_in_two(
+    problem: Problem, beginning: Problem, model: Fitted, name: str, names: tuple[str, ...], to_beat: float
+) -> tuple[Fitted, Searched]:
+    """`refine_parameters` over the beginning of the record, and from there over all of it, which few steps do then."""
+    share = len(beginning.record) / len(problem.record)
+    begun = fit(beginning.under(model.settings), passes=1)
+    behind = begun.likelihood + share * (to_beat - model.likelihood)
+    found, searched = _refined(beginning, begun, name, names, None, behind)
+    effects = {other: dict(given) for other, given in model.settings.effects.items()}
+    effects[name] |= {which: found.settings.effects[name][which] for which in names}
+    moved = fit(problem.under(model.settings).carrying(effects), passes=1, about=model.observer)
+    if not moved.likelihood > model.likelihood:
+        moved, searched = model, NOTHING
+    promised = begun.likelihood + _SET.hope * (found.likelihood - begun.likelihood) + _SET.rough_start
+    turned = turned_into(problem, name, {which: moved.settings.effects[name][which] for which in names})
+    if promised < behind or turned is not None:
+        return moved, _unknown(name, names, problem)
+    known = replace(searched, covariance=share * searched.covariance) if searched.names else None
+    return _refined(problem, moved, name, names, known, to_beat)
+
+
+def _unknown(name: str, names: tuple[str, ...], problem: Problem) -> Searched:
+    """Of parameters of which nothing is known."""
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+    return Searched(names, np.zeros((len(names), len(names))), np.zeros((len(effect.coefficients), len(names))))
+
+
+def _refined(
+    problem: Problem, model: Fitted, name: str, names: tuple[str, ...], before: Searched | None, to_beat: float
+) -> tuple[Fitted, Searched]:
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+    given = model.settings.effects[name]
     hill = Hill(problem, model, name, names)
     start = np.array([given[which] for which in names])
     alone = names == ("omega",)
@@ -84,6 +132,30 @@ def refine_parameters(
         top, covariance = hill.together(top, deviation)
     moves = hill.moves(top, deviation)
     return hill.fitted(top), Searched(names, covariance, moves)
+
+
+def _in_step(problem: Problem, model: Fitted, name: str) -> Fitted:
+    """`model` with those parameters of its effect that are one number with a coefficient set to what was found of that,
+    and fitted again, until that moves it no more.  Where the coefficient is none that the parameter could be, it stays.
+    """
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+    own = {c.symbol: c.name for c in effect.coefficients}
+    twins = {p.name: own[p.found_as] for p in effect.parameters if p.found_as in own}
+    for _ in range(_SET.rounds if twins else 0):
+        effects = coefficients_of(model.observer)
+        given = effects[name]
+        found = {parameter: given[twin.partition(":")[0]] for parameter, twin in twins.items() if parameter in given}
+        rows = {parameter: model.observer.estimated.index(twins[parameter]) for parameter in found}
+        near = {p: _SET.near * float(np.sqrt(model.observer.covariance[row, row])) for p, row in rows.items()}
+        moved = {p: value for p, value in found.items() if value > 0.0 and abs(value - given[p]) > near[p]}
+        if not moved:
+            break
+        again = problem.under(model.settings).carrying({**effects, name: {**given, **moved}})
+        following = fit(again, passes=1, about=model.observer)
+        if not np.isfinite(following.likelihood):
+            break
+        model = following
+    return model
 
 
 class Hill:
@@ -179,6 +251,8 @@ class Hill:
             gained, promised = self.at(place + shift * along) - here, (shift / deviation) ** 2
             if gained > 0.0:
                 place = place + shift * along
+            if narrow and abs(gained - promised) < _SET.near**2:  # the parabola holds as far as its top
+                break
             # Where the top is as high as the parabola promised, it is one; elsewhere it is come nearer to first.
             fits = narrow or gained > _SET.kept * promised
             width = min(_SET.fine * deviation, 0.5 * width) if fits else _SET.approach * width

@@ -161,6 +161,9 @@ class ParameterSearch:
 
     rounds: int = _set(12, "steps", "A climb that has not ended by then follows a ridge without a top.")
     together: int = _set(8, "steps of Newton's method", "The same for all parameters at once.")
+    beginning: int = _set(10_000, "samples", "From so many a search finds a parameter to a few of its deviations.")
+    beginning_share: float = _set(0.25, "of the record", "The same of a long record, whose amplitude and rate move.")
+    worth_beginning: float = _set(0.5, "of the record", "A longer beginning saves nothing.")
     first_share: float = _set(0.1, "of the parameter", "First step of a threshold, a corner or a damping ratio.")
     first_turn: float = _set(0.5, "rad over the record", "First step of a frequency: within the lobe of its line.")
     near: float = _set(0.2, "standard deviations", "A top that is nearer moves no interval.")

@@ -1,7 +1,7 @@
 """From a record to a diagnosis: which effect the model lacks, how large it is, and what the error is with it."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -279,6 +279,9 @@ def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Int
         if p.name in searched.names:
             low, high = interval_of(p.name, given[p.name], model, searched)
             intervals[p.name] = Interval(given[p.name], low, high, p.unit)
+        elif p.found_as is not None and p.name in given:  # the same number as a coefficient
+            own = next(symbol for c, symbol in zip(effect.coefficients, found, strict=True) if c.symbol == p.found_as)
+            intervals[p.name] = replace(intervals[own], value=given[p.name], unit=p.unit)
     return intervals
 
 

@@ -107,3 +107,19 @@ def test_where_one_part_alone_says_something_nothing_can_scatter():
     none = evidence(scan)["drive_gain"]
     assert (none.gain, none.degrees, none.scatter) == (0.0, 0, 0.0)
     assert np.all(np.isfinite(none.deviation))
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf])
+def test_what_the_scan_could_not_follow_has_no_evidence_and_the_others_theirs(lost: float):
+    """An observer that diverges overflows in what one effect is watched by; that is no word about the rest."""
+    scan, _, _ = scanned((0.3, -0.2, 0.1))
+    whole, alike = evidence(scan), likeness(scan, "drive_gain")
+    assert "drag" in alike
+    scan.normal[3, 2, :] = scan.normal[3, :, 2] = lost
+    found = evidence(scan)
+    assert list(found) == ["drive_gain"]
+    assert found["drive_gain"].gain == whole["drive_gain"].gain
+    assert likeness(scan, "drive_gain") == {}
+    scan.normal[3, 2, :] = scan.normal[3, :, 2] = 1.0
+    scan.score[2, 2] = lost
+    assert list(evidence(scan)) == ["drive_gain"]

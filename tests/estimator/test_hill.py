@@ -409,3 +409,131 @@ def test_a_climb_that_turns_into_a_simpler_effect_ends_there(monkeypatch: pytest
 def test_without_parameters_there_is_nothing_to_search(monkeypatch: pytest.MonkeyPatch) -> None:
     model = carrying("drive_gain", {"hx": 0.1})
     assert refine_parameters(PROBLEM, model, "drive_gain") == (model, NOTHING)
+
+
+# -- a long record ----------------------------------------------------------------------------------------------------
+
+
+class Fits:
+    """In the place of fits: a model of what is asked for, its likelihood by length of the record and ω."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, likelihood: Callable[[int, float], float]) -> None:
+        self.asked: list[tuple[int, float]] = []
+        self.likelihood = likelihood
+        monkeypatch.setattr(parameters, "fit", self)
+
+    def __call__(self, problem: Problem, passes: int, about: Any = None) -> Any:
+        given = dict(problem.settings.effects["parasitic_mode"])
+        samples = len(problem.record)
+        self.asked.append((samples, given["omega"]))
+        settings = ObserverSettings(effects={"parasitic_mode": given})
+        likelihood = self.likelihood(samples, given["omega"])
+        return SimpleNamespace(settings=settings, likelihood=likelihood, observer="observer")
+
+
+class Places(Climbs):
+    """Climbs that end in models."""
+
+    def __call__(self, problem: Problem, model: Any, name: str, names: tuple[str, ...]) -> "Places":
+        self.samples = len(problem.record)
+        return self
+
+    def fitted(self, place: Array) -> Any:
+        given = dict(zip(("omega", "zeta"), place.tolist(), strict=True))
+        self.last = self.samples, given
+        return SimpleNamespace(settings=ObserverSettings(effects={"parasitic_mode": given}), likelihood=40.0)
+
+
+def long_record(samples: int) -> Problem:
+    record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1 / 4000.0))
+    return Problem(record, DEVICE, ObserverSettings())
+
+
+def mode(likelihood: float) -> Any:
+    return SimpleNamespace(**vars(carrying("parasitic_mode", MODE, likelihood)), observer="before")
+
+
+def test_a_search_on_a_long_record_begins_on_a_quarter_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On 10,000 samples of 40,000; on all of them from there, with steps of three of the deviations it has there."""
+    climbs = Places(monkeypatch)
+    fits = Fits(monkeypatch, lambda samples, omega: 30.0 if samples == 10_000 else 110.0)
+    monkeypatch.setattr(parameters, "turned_into", lambda *_: None)
+    found, searched = refine_parameters(long_record(40_000), mode(100.0), "parasitic_mode")
+    assert fits.asked == [(10_000, 600.0), (40_000, 6020.0)]
+    starts = [one[0] for one in climbs.asked]
+    assert starts[0] == (600.0, 0.01)
+    assert starts[2] == pytest.approx((6020.0, 20.1))
+    assert climbs.asked[2][2] == pytest.approx(3.0 * 0.5 * 3.0)  # of a deviation of 3 on the quarter
+    assert climbs.samples == 40_000
+    assert found.settings.effects["parasitic_mode"]["omega"] == pytest.approx(60220.0)
+    assert searched.names == ("omega", "zeta")
+
+
+def test_where_the_whole_record_is_no_better_there_it_is_searched_from_where_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    climbs = Places(monkeypatch)
+    Fits(monkeypatch, lambda samples, omega: 30.0 if samples == 10_000 else 90.0)
+    monkeypatch.setattr(parameters, "turned_into", lambda *_: None)
+    refine_parameters(long_record(40_000), mode(100.0), "parasitic_mode")
+    assert climbs.asked[2] == ((600.0, 0.01), 0, 60.0)
+
+
+@pytest.mark.parametrize(("samples", "omega"), [(19_000, 600.0), (40_000, 25.0)])
+def test_a_short_record_and_a_slow_line_are_searched_whole(
+    monkeypatch: pytest.MonkeyPatch, samples: int, omega: float
+) -> None:
+    """Half of a record saves nothing; ten periods are asked of a line."""
+    climbs = Places(monkeypatch)
+    fits = Fits(monkeypatch, lambda samples, omega: 0.0)
+    model = carrying("parasitic_mode", {"omega": omega, "zeta": 0.01})
+    refine_parameters(long_record(samples), model, "parasitic_mode")
+    assert (fits.asked, climbs.samples) == ([], samples)
+
+
+def test_what_is_hopeless_on_the_beginning_is_left_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of the lead of another model is out of reach there: 30 + 4 · 10 + 300."""
+    climbs = Places(monkeypatch)
+    climbs.highest = -90.0
+    Fits(monkeypatch, lambda samples, omega: 30.0 if samples == 10_000 else 110.0)
+    monkeypatch.setattr(parameters, "turned_into", lambda *_: None)
+    for lead, left in ((1359.0, False), (1361.0, True)):
+        climbs.asked.clear()
+        _, searched = refine_parameters(long_record(40_000), mode(100.0), "parasitic_mode", to_beat=100.0 + lead)
+        assert len(climbs.asked) == (1 if left else 3)  # of the whole record, one more
+        if left:
+            np.testing.assert_array_equal(searched.covariance, np.zeros((2, 2)))
+
+
+# -- a parameter that is a coefficient --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("corner", "asked"), [(25.0, [25.0]), (-3.0, []), (10.05, [])])
+def test_a_parameter_that_is_a_coefficient_follows_it(
+    monkeypatch: pytest.MonkeyPatch, corner: float, asked: list[float]
+) -> None:
+    """Until it moves by less than a fifth of a deviation, here of 0.5; never to what would be no corner."""
+    seen: list[float] = []
+
+    def model(leak: float) -> Any:
+        observer = SimpleNamespace(
+            estimated=("x", "hpx", "hpy"), covariance=np.diag([1.0, 0.25, 0.25]), leak=leak,
+        )  # fmt: skip
+        given = {"leak_x": leak, "leak_y": 7.0}
+        settings = ObserverSettings(effects={"sense_high_pass": given})
+        return SimpleNamespace(observer=observer, settings=settings, likelihood=1.0)
+
+    def fitted(problem: Problem, passes: int, about: Any) -> Any:
+        seen.append(problem.settings.effects["sense_high_pass"]["leak_x"])
+        return model(seen[-1])
+
+    monkeypatch.setattr(parameters, "fit", fitted)
+    monkeypatch.setattr(
+        parameters,
+        "coefficients_of",
+        lambda observer: {"sense_high_pass": {"hpx": corner, "hpy": 7.0, "leak_x": observer.leak, "leak_y": 7.0}},
+    )
+    found, searched = refine_parameters(PROBLEM, model(10.0), "sense_high_pass")
+    assert seen == asked
+    assert found.settings.effects["sense_high_pass"]["leak_x"] == (asked[-1] if asked else 10.0)
+    assert searched is NOTHING

@@ -25,12 +25,14 @@ RATE, KXX, KYY, KXY, DXX, DYY, DXY = 7.0, 1.9e7, 2.0e7, 3e5, 4.0, 5.0, 0.6
 
 SIGNALS = {"warmth": (7.0, 0, 0), "cosine": (0.6, 0, 0), "sine": (-0.8, 0, 0), "directionx": (1.0, 0, 0)}
 SIGNALS |= {"directiony": (-1.0, 0, 0), "wane_x": (0.4, 0, 0), "wane_y": (0.3, 0, 0)}
-SIGNALS |= {"ix": (2e-8, 1, 1), "iy": (-3e-8, 1, 1), "px": (4e-6, 1, 0), "py": (5e-6, 1, 0)}
+SIGNALS |= {"px": (4e-6, 1, 0), "py": (5e-6, 1, 0)}
 LAGGED = {"ux_behind_x": 280.0, "uy_behind_x": -170.0, "ux_behind_y": 260.0, "uy_behind_y": -150.0}
 SIGNALS |= {name: (value, 1, -2) for name, value in LAGGED.items()}
+SUMMED = {"ux_over_x": 0.062, "uy_over_x": -0.041, "ux_over_y": 0.057, "uy_over_y": -0.045}
+SIGNALS |= {name: (value, 1, -1) for name, value in SUMMED.items()}
 SIGNALS |= {"start_x": (0.02, 0, 0), "start_y": (0.03, 0, 0)}
-"""By symbol: value in SI, powers of metre and second. K; displacement summed over time; displacement of a mode; drive
-behind a lag.
+"""By symbol: value in SI, powers of metre and second. K; displacement of a mode; drive behind a lag, drive summed over
+time.
 """
 
 Law = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace], tuple[float, float]]
@@ -96,7 +98,13 @@ SENSES: dict[str, Law] = {
         settled(c.tlx, s, LAGGED["ux_behind_x"], LAGGED["uy_behind_x"])[0] - s.x + c.olx * 0.02,
         settled(c.tly, s, LAGGED["ux_behind_y"], LAGGED["uy_behind_y"])[2] - s.y + c.oly * 0.03,
     ),
-    "sense_high_pass": lambda s, c, g: (-c.hpx * 2e-8 + c.odx * 0.4, c.hpy * 3e-8 + c.ody * 0.3),
+    # A leaking integral is its corner's low-pass over that corner.
+    "sense_high_pass": lambda s, c, g: (
+        -c.hpx / g.leak_x * settled(1 / g.leak_x, s, g.leak_x * SUMMED["ux_over_x"], g.leak_x * SUMMED["uy_over_x"])[0]
+        + c.odx * 0.4,
+        -c.hpy / g.leak_y * settled(1 / g.leak_y, s, g.leak_y * SUMMED["ux_over_y"], g.leak_y * SUMMED["uy_over_y"])[2]
+        + c.ody * 0.3,
+    ),
     "parasitic_mode": lambda s, c, g: (c.rx * 4e-6, c.ry * 5e-6),
     "interference": lambda s, c, g: (c.lcx * 0.6 - c.lsx * 0.8, c.lcy * 0.6 - c.lsy * 0.8),
     "temperature_offset": lambda s, c, g: (c.ptx * 7.0, c.pty * 7.0),
@@ -104,6 +112,7 @@ SENSES: dict[str, Law] = {
 
 # Where the drive or the displacement is beyond the threshold on x and within it on y, or the other way.
 GIVEN = {"limit": (250.0, 1, -2), "band": (250.0, 1, -2), "level": (1.7e-5, 1, 0), "v0": (1e-4, 1, -1)}
+GIVEN |= {"leak_x": (90.0, 0, -1), "leak_y": (130.0, 0, -1)}
 GIVEN |= {"delta": (0.02, 0, 0), "m": (0.25, 0, 0), "px": (1.0, 0, 0), "py": (0.0, 0, 0)}
 
 SENSES["sense_clipping"] = lambda s, c, g: tuple(
