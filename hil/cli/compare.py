@@ -1,0 +1,133 @@
+"""``hil compare``: every method on one record, one table and one figure."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out
+
+if TYPE_CHECKING:
+    from hil.methods.comparing import Compared
+    from hil.records.diagnosis import Diagnosis
+
+TruthFile = Annotated[
+    Path | None,
+    typer.Option("--truth", help="File the emulated board of the record wrote; for errors and for the bound."),
+]
+Board = Annotated[
+    str | None,
+    typer.Option(
+        "--link",
+        "-l",
+        help="Emulated board, inproc:SCENARIO or pty:SCENARIO, for the methods that close the loop themselves.",
+    ),
+]
+Traced = Annotated[
+    Path | None,
+    typer.Option("--diagnosis", help="Folder of a trace of the record: its effect is carried by the 13 states."),
+]
+Trace = Annotated[bool, typer.Option("--trace", help="Trace the record first, and do so with what is found.")]
+_WIDTH = 200  # the table is not cut where nobody says how wide the terminal is
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw report.html; without it, for many records.")]
+
+
+def compare(
+    capture: CaptureArgument,
+    bench: BenchOption,
+    truth: TruthFile = None,
+    link: Board = None,
+    diagnosis: Traced = None,
+    trace: Trace = False,
+    out: Out = RUNS,
+    name: Name = None,
+    report: Report = True,
+    json: Json = False,
+) -> None:
+    """Compare all methods on one record.
+
+    The observers of 7, 11 and 13 states with each gain; what came before them: the rate estimated and integrated, the
+    formula of the pattern angle on the raw signals, the control law without sense errors, Park–Horowitz, and
+    Friedland–Hutton; last the posterior Cramér–Rao bound. Errors of angle, rate and parameters, uncertainties, when a
+    method settled or diverged, what a sample costs. Writes comparison.json and report.html. Exit code 0: compared; 1:
+    the bench file's own observer diverged on the record.
+    Errors need a reference: the truth of an emulated board, or the rate channel of the record.
+
+    Examples:
+
+    \b
+      hil run s-slow --link inproc:s-slow --clock lockstep --truth truth.arrow --replace
+      hil compare last --bench s-slow --truth truth.arrow --link inproc:s-slow
+      hil compare last --bench s-undeclared --truth truth.arrow --trace --json
+    """
+    from hil.bench import load_bench, override
+    from hil.cli.files import capture_in
+    from hil.cli.own import prepare
+    from hil.cli.progress import watching
+    from hil.errors import InputError
+    from hil.examples import find
+
+    if trace and diagnosis is not None:
+        raise InputError("--trace and --diagnosis: one of them says what the record lacks; leave out the other")
+    path = find("bench", bench)
+    declared = load_bench(path)
+    prepare(declared)
+    place = capture_in(capture)
+    from hil.methods.comparing import compare as compare_record  # loads the estimator: after what can be refused
+
+    named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-compare"}}, str(path))
+    with watching("compare") as watch:
+        found = _diagnosis(diagnosis)
+        if trace:
+            from hil.tracing import trace as trace_record
+
+            traced = override(declared, {"loop": {"name": f"{named.loop.name}-trace"}}, str(path))
+            found = trace_record(place, traced, out, report=report, progress=watch).diagnosis
+        done = compare_record(place, named, out, truth=truth, link=link, diagnosis=found, report=report, progress=watch)
+    _finish(done, as_json=json)
+
+
+def _diagnosis(folder: Path | None) -> "Diagnosis | None":
+    if folder is None:
+        return None
+    from hil.records.diagnosis import load_diagnosis
+
+    return load_diagnosis(folder / "diagnosis.json" if folder.is_dir() else folder)
+
+
+def _finish(done: "Compared", *, as_json: bool) -> None:
+    from hil.cli.show import print_json
+
+    if as_json:
+        print_json({"folder": str(done.folder), **done.methods.model_dump(mode="json")})
+    else:
+        _print(done)
+    raise typer.Exit(1 if done.diverged else 0)
+
+
+def _print(done: "Compared") -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from hil.errors import printable
+    from hil.report.methods import HEAD, cells, headline
+
+    found = done.methods
+    console = Console(highlight=False, soft_wrap=True, width=_WIDTH)
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    rows = [cells(row) for row in found.rows]
+    # What a method says of itself is left to the page and to --json.
+    told = [column for column, heading in enumerate(HEAD) if not heading.startswith("U")]
+    shown = [column for column in told if any(row[column] for row in rows)]
+    for column in shown:
+        table.add_column(HEAD[column], justify="left" if column in (0, len(HEAD) - 1) else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*(Text(printable(row[column])) for column in shown))
+    console.print(table)
+    console.print()
+    for remark in found.remarks:
+        console.print(printable(remark), markup=False)
+    _, word, sentence = headline(found)
+    console.print(printable(f"{word}  {sentence}"), markup=False)
+    console.print(printable(f"{done.folder}"), markup=False)

@@ -1,0 +1,164 @@
+"""What a method made of a record, in bench time, and what it is held against."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.records.capture import Capture
+from hil.records.methods import MethodKind, MethodRow
+from hil.records.truth import Truth
+
+Floats = npt.NDArray[np.float64]
+STIFFNESS, DAMPING = ("kxx", "kyy", "kxy"), ("dxx", "dyy", "dxy")
+_SETTLED_RAD = 0.02
+_HELD = 0.1  # of the scored window, over which it has to hold
+
+
+@dataclass(frozen=True)
+class Course:
+    """Angle (rows,) [rad] and rate [rad/s] after the ticks `tick` (rows,); parameters at the end, [1/s²] and [1/s],
+    with their standard deviations where the method says them; angle_u, the expanded uncertainty of the angle's change,
+    and rate_sd (rows,) likewise.  lost_tick: where the method itself tells that it has lost the device.
+    """
+
+    name: str
+    kind: MethodKind
+    tick: npt.NDArray[np.int64]
+    angle: Floats
+    rate: Floats | None = None
+    rate_sd: Floats | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    angle_u: Floats | None = None
+    lost_tick: int | None = None
+    cost_us: float | None = None
+    own_record: bool = False
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """True rotation (n,) [rad] and rate [rad/s] at the ticks `tick` (n,), ascending; the true parameters, where they
+    are known.
+    """
+
+    name: str
+    tick: npt.NDArray[np.int64]
+    angle: Floats
+    rate: Floats
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def at(self, tick: npt.NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Angle and rate at other ticks (rows,), linear between."""
+        return np.interp(tick, self.tick, self.angle), np.interp(tick, self.tick, self.rate)
+
+
+def parameters_of(truth: Truth) -> dict[str, float]:
+    """True stiffness [1/s²] and damping [1/s], by the names of the model."""
+    return {name.partition("_per_")[0]: value for name, value in truth.constants.items()}
+
+
+def reference_of(captured: Capture, truth: Truth | None) -> Reference | None:
+    """The truth, or else the record's own rate channel; None where there is neither."""
+    if truth is not None:
+        return Reference("truth", truth.tick, truth["angle_rad"], truth["rate_rad_s"], parameters_of(truth))
+    rate = captured.rate_rad_s
+    if rate is None:
+        return None
+    steps = np.diff(captured.tick) / captured.tick_rate_Hz
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)])
+    return Reference("rate channel", captured.tick, angle, np.asarray(rate))
+
+
+class Judge:
+    """Turns courses into rows: rate_Hz of the ticks, settle_s where the scored window begins, the target stiffness."""
+
+    def __init__(self, rate_Hz: float, settle_s: float, stiffness_per_s2: float) -> None:
+        self.rate_Hz, self.settle_s, self._k = rate_Hz, settle_s, stiffness_per_s2
+
+    def error(self, course: Course, reference: Reference) -> tuple[Floats, Floats]:
+        """Bench time (rows,) and error of the angle [rad], zero at the start of the scored window."""
+        true, _ = reference.at(course.tick)
+        return course.tick / self.rate_Hz, self._from_start(course.tick, course.angle - true)
+
+    def row(self, course: Course, reference: Reference | None) -> MethodRow:
+        """The figures of a course."""
+        seconds = course.tick / self.rate_Hz
+        scored = seconds >= self.settle_s
+        if np.count_nonzero(scored) < 2:
+            raise InputError(f"{course.name}: nothing after settle_s = {self.settle_s:g} s; give a longer record")
+        row = MethodRow(
+            name=course.name,
+            kind=course.kind,
+            record="its own" if course.own_record else "this",
+            angle_rad=_finite(course.angle[scored][-1] - course.angle[scored][0]),
+            angle_u_rad=None if course.angle_u is None else _finite(course.angle_u[-1]),
+            rate_u_rad_s=None if course.rate_sd is None else _finite(2.0 * _rms(course.rate_sd[scored])),
+            stiffness_u=self._deviation(course, STIFFNESS, self._k),
+            cost_us=course.cost_us,
+            remark=course.remark,
+        )
+        lost_s = None if course.lost_tick is None else course.lost_tick / self.rate_Hz
+        if reference is None:
+            return row.model_copy(update={"diverged_s": self._not_finite(course) if lost_s is None else lost_s})
+        _, error = self.error(course, reference)
+        settled = _last(~(np.abs(error - np.mean(error[scored])) <= _SETTLED_RAD))
+        off = _last(~(np.abs(error) > 0.5 * np.pi))
+        away = [lost_s, self._not_finite(course)]
+        if off < len(error):
+            away.append(float(seconds[off]))
+        found = [moment for moment in away if moment is not None]
+        damping = {name: reference.parameters[name] for name in DAMPING if name in reference.parameters}
+        mean = 0.5 * (damping["dxx"] + damping["dyy"]) if damping else None
+        return row.model_copy(
+            update={
+                "angle_error_rms_rad": _finite(_rms(error[scored])),
+                "angle_error_max_rad": _finite(np.max(np.abs(error[scored]))),
+                "rate_error_rms_rad_s": None
+                if course.rate is None
+                else _finite(_rms((course.rate - reference.at(course.tick)[1])[scored])),
+                "stiffness_error": _parameter_error(course, reference, STIFFNESS, self._k),
+                "damping_error": _parameter_error(course, reference, DAMPING, mean),
+                "damping_u": self._deviation(course, DAMPING, mean),
+                "settled_s": float(seconds[settled]) if settled < len(seconds) - _HELD * scored.sum() else None,
+                "diverged_s": min(found) if found else None,
+            }
+        )
+
+    def _from_start(self, tick: npt.NDArray[np.int64], values: Floats) -> Floats:
+        first = int(np.searchsorted(tick / self.rate_Hz, self.settle_s))
+        return np.asarray(values - values[min(first, len(values) - 1)])
+
+    def _not_finite(self, course: Course) -> float | None:
+        wrong = np.flatnonzero(~np.isfinite(course.angle))
+        return float(course.tick[wrong[0]] / self.rate_Hz) if wrong.size else None
+
+    @staticmethod
+    def _deviation(course: Course, names: tuple[str, ...], unit: float | None) -> float | None:
+        found = [course.deviations[name] for name in names if name in course.deviations]
+        return _finite(2.0 * _rms(np.array(found)) / unit) if found and unit else None
+
+
+def _parameter_error(course: Course, reference: Reference, names: tuple[str, ...], unit: float | None) -> float | None:
+    known = [name for name in names if name in course.parameters and name in reference.parameters]
+    if not known or not unit:
+        return None
+    return _finite(_rms(np.array([course.parameters[n] - reference.parameters[n] for n in known])) / unit)
+
+
+def _last(bad: npt.NDArray[np.bool_]) -> int:
+    """The first place behind the last that is bad."""
+    found = np.flatnonzero(bad)
+    return int(found[-1]) + 1 if found.size else 0
+
+
+def _rms(values: Floats) -> float:
+    with np.errstate(all="ignore"):
+        return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _finite(value: float | np.floating) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,143 @@
+"""The bench's observers on a record: three by what they estimate, each with three gains."""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.gaps import Gaps, observe
+from estimator.observer import Estimates, Observer
+from estimator.scaling import Array
+from hil.bench import Bench, override
+from hil.captured import gaps_of
+from hil.declared import device_of, observer_settings_of
+from hil.loop.angle import ReportedAngle
+from hil.methods.course import DAMPING, STIFFNESS, Course
+from hil.methods.record import Given
+from hil.records.methods import MethodKind
+
+STATES = {"sense": 7, "gyro": 11, "full": 13}
+GAINS = ("stationary", "ekf", "fading")
+_LEVEL_SAMPLES = 200
+"""Over which the innovation is averaged before it tells of a divergence, as in a run."""
+
+
+class Observed(NamedTuple):
+    """Rows of the estimates: the samples `at` (rows,) that they follow, what was estimated, and the sample at which the
+    innovation left its bounds, None where it did not.
+    """
+
+    names: tuple[str, ...]
+    at: NDArray[np.int64]
+    state: Array
+    deviation: Array
+    angle: Array
+    angle_sd: Array
+    forced: Array
+    rate_integral: Array
+    lost: int | None
+
+
+def name_of(variant: str, gain: str) -> str:
+    """What a row is called."""
+    return f"{STATES[variant]} states, {gain if gain != 'ekf' else 'EKF'}"
+
+
+def with_observer(bench: Bench, variant: str, gain: str) -> Bench:
+    """The bench with another of its observers."""
+    return override(bench, {"observer": {"variant": variant, "gain": gain}}, bench.device.name or "bench")
+
+
+def course_of(given: Given, bench: Bench, name: str, kind: MethodKind = "observer") -> Course:
+    """The observer of `bench` over the record.  Raises ModelError where there is no such observer."""
+    device, settings = device_of(bench, given.captured.noise_gain), observer_settings_of(bench)
+    observer = Observer(device, settings, given.control)
+    begun = time.process_time()
+    seen = observed(given, observer, bench)
+    cost_us = 1e6 * (time.process_time() - begun) / len(given.samples.tick)
+    tick = given.samples.tick[seen.at]
+    column = {label: i for i, label in enumerate(seen.names)}
+    estimated = set(observer.estimated)
+    parameters = [label for label in (*STIFFNESS, *DAMPING) if label in estimated]
+    damping = [seen.state[:, column[label]] for label in DAMPING]
+    u = ReportedAngle(bench).uncertainty(
+        tick / device.sample_rate, seen.angle, seen.forced, seen.angle_sd,
+        seen.state[:, column["kxy"]], (damping[0], damping[1], damping[2]),
+    )  # fmt: skip
+    rate = column["rate"]
+    return Course(
+        name=name,
+        kind=kind,
+        tick=tick,
+        angle=seen.angle,
+        rate=seen.state[:, rate],
+        rate_sd=seen.deviation[:, rate],
+        parameters={label: float(seen.state[-1, column[label]]) for label in parameters},
+        deviations={label: float(seen.deviation[-1, column[label]]) for label in parameters},
+        angle_u=2.0 * u,
+        lost_tick=None if seen.lost is None else int(given.samples.tick[seen.lost]),
+        cost_us=cost_us,
+    )
+
+
+def integrated(given: Given, bench: Bench, name: str) -> Course:
+    """∫Ω̂ dt of the observer of `bench`, as a method of the prior art."""
+    device, settings = device_of(bench, given.captured.noise_gain), observer_settings_of(bench)
+    begun = time.process_time()
+    seen = observed(given, Observer(device, settings, given.control), bench)
+    cost_us = 1e6 * (time.process_time() - begun) / len(given.samples.tick)
+    rate = seen.names.index("rate")
+    return Course(
+        name, "prior art", given.samples.tick[seen.at], seen.rate_integral, seen.state[:, rate],
+        lost_tick=None if seen.lost is None else int(given.samples.tick[seen.lost]), cost_us=cost_us,
+    )  # fmt: skip
+
+
+def observed(given: Given, observer: Observer, bench: Bench) -> Observed:
+    """One pass of an observer, in portions, with what belongs to the rows of the estimates kept."""
+    every = bench.loop.estimate_every
+    portion = max((1 << 14) // every, 1) * every
+    samples, parts, level = given.samples, [], _Level(observer, bench)
+    for first in range(0, len(samples.tick), portion):
+        piece = samples.part(slice(first, first + portion))
+        gaps: Gaps | None = gaps_of(piece, given.drives)
+        with np.errstate(all="ignore"):  # an observer that diverged is told by its figures, not by NumPy
+            estimates = observe(observer, piece.sense, piece.drive, gaps, step=piece.step, every=every)
+        level.saw(estimates)
+        at = estimates.index
+        parts.append(
+            (at + first, estimates.state, estimates.deviation, estimates.angle[at], estimates.angle_deviation[at],
+             estimates.angle_forced[at], estimates.angle_rate_integral[at])
+        )  # fmt: skip
+    index, state, deviation, angle, angle_sd, forced, integral = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
+    return Observed(observer.names, index, state, deviation, angle, angle_sd, forced, integral, level.lost)
+
+
+class _Level:
+    """Watches the innovation; `lost` is the sample at which its mean square over the last ones left [limits]
+    residual_safe, as a run would have stopped, counted from the end of the acquisition.
+    """
+
+    def __init__(self, observer: Observer, bench: Bench) -> None:
+        self.lost: int | None = None
+        self._noise = np.array(observer.device.noise)
+        self._limit = bench.limits.residual_safe**2
+        self._guarded = int(bench.observer.acquisition_s * observer.device.sample_rate) + _LEVEL_SAMPLES
+        self._seen = 0
+
+    def saw(self, estimates: Estimates) -> None:
+        """The next samples."""
+        with np.errstate(all="ignore"):
+            square = np.mean((estimates.innovation / self._noise) ** 2, axis=1)
+        lost = ~np.isfinite(estimates.angle)
+        square = np.where(np.isnan(square) & ~lost, 0.0, square)  # a sample that did not arrive
+        count = len(square) // _LEVEL_SAMPLES
+        for block in range(count):
+            part = slice(block * _LEVEL_SAMPLES, (block + 1) * _LEVEL_SAMPLES)
+            sample = self._seen + part.start
+            if self.lost is None and sample >= self._guarded and not np.mean(square[part]) <= self._limit:
+                self.lost = sample
+        self._seen += len(square)

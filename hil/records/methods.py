@@ -1,0 +1,97 @@
+"""`comparison.json`: what several methods make of one record, a row each. Its JSON Schema is published in
+docs/reference/comparison.schema.json."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hil.errors import InputError
+from hil.records.atomic import read_json, write_text
+
+MethodKind = Literal["observer", "traced", "prior art", "bound"]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+NonNegative = Annotated[float, Field(ge=0)]
+
+
+class MethodRow(_Model):
+    """One method. Null: the method has no such figure, or the record no reference for it."""
+
+    name: str
+    kind: MethodKind
+    record: Literal["this", "its own"] = Field(
+        description="its own: the method closed the loop itself, on the same emulated device with the same seed"
+    )
+    angle_rad: float | None = Field(default=None, description="Change of the angle over the scored window")
+    angle_u_rad: NonNegative | None = Field(
+        default=None, description="Its expanded uncertainty (k = 2), as the method says it"
+    )
+    angle_error_rms_rad: NonNegative | None = Field(
+        default=None, description="Angle less the reference's, both zero at the start of the scored window"
+    )
+    angle_error_max_rad: NonNegative | None = None
+    rate_error_rms_rad_s: NonNegative | None = None
+    rate_u_rad_s: NonNegative | None = Field(default=None, description="Twice the rms of the deviation it says")
+    stiffness_error: NonNegative | None = Field(
+        default=None, description="rms of the errors of kxx, kyy and kxy at the end, over the target stiffness"
+    )
+    stiffness_u: NonNegative | None = Field(default=None, description="Twice the rms of the deviations it says")
+    damping_error: NonNegative | None = Field(
+        default=None, description="rms of the errors of dxx, dyy and dxy at the end, over the true mean of dxx and dyy"
+    )
+    damping_u: NonNegative | None = None
+    settled_s: NonNegative | None = Field(
+        default=None,
+        description="Bench time from which on the angle's error stays within 20 mrad of its mean over the scored "
+        "window; null where it never does, or for less than its last tenth",
+    )
+    diverged_s: NonNegative | None = Field(
+        default=None,
+        description="Bench time from which on the method had lost the device: figures that are not finite, an "
+        "innovation beyond [limits] residual_safe, or an angle off by more than a quarter of a turn for good",
+    )
+    cost_us: NonNegative | None = Field(default=None, description="Processor time a sample, on this machine")
+    remark: str = ""
+
+
+class Methods(_Model):
+    """All methods on one record."""
+
+    record: str
+    bench: str
+    seconds: NonNegative
+    window_s: tuple[float, float] = Field(description="The scored window, bench time")
+    reference: Literal["truth", "rate channel"] | None = Field(
+        default=None, description="What errors are held against; null: nothing, and there are no errors"
+    )
+    rows: tuple[MethodRow, ...]
+    remarks: tuple[str, ...] = Field(default=(), description="What could not be compared, and why, a line each")
+
+    def of(self, name: str) -> MethodRow:
+        """The row of that name. Raises InputError with the names there are."""
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise InputError(f"{name}: no such method; there are {', '.join(row.name for row in self.rows)}")
+
+
+def save_methods(path: Path, methods: Methods) -> None:
+    """Write comparison.json, whole or not at all."""
+    write_text(path, methods.model_dump_json(indent=2) + "\n")
+
+
+def load_methods(path: Path) -> Methods:
+    """Read comparison.json. Raises InputError naming the file and the key that is wrong."""
+    try:
+        return Methods.model_validate_json(read_json(path))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the folder of a comparison") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the whole file"
+        raise InputError(f"{path}: {key}: {first['msg']}; compare again to write it anew") from None

@@ -1,0 +1,195 @@
+"""The page of a comparison: every method on one record, a figure and a table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.records.atomic import write_text
+from hil.records.methods import MethodKind, MethodRow, Methods
+from hil.report import markup
+from hil.report.facts import date_of
+from hil.report.figures.drawing import Drawing
+from hil.report.numbering import Figures
+from hil.report.numbers import quantity, relative, significant
+from hil.report.theme import FIRST, INK, MUTED, SECOND, new_figure
+
+Floats = npt.NDArray[np.float64]
+HEAD = (
+    "method", "angle error, rms", "U of the angle", "rate error, rms", "U of the rate", "stiffness error", "U",
+    "damping error", "U", "settled", "diverged", "a sample", "remark",
+)  # fmt: skip
+_COLOURS: dict[MethodKind, str] = {"observer": FIRST, "traced": FIRST, "prior art": SECOND, "bound": INK}
+_WINDOWS = 160
+
+
+@dataclass(frozen=True)
+class Line:
+    """The angle's error (n,) [rad] over bench time (n,), of one method."""
+
+    name: str
+    kind: MethodKind
+    t_s: Floats
+    error: Floats
+
+
+def write_report(folder: Path, found: Methods, lines: Sequence[Line]) -> Path:
+    """Write `folder/report.html`, whole or not at all, and return its path."""
+    listing = folder / "bench.toml"
+    text = listing.read_text(encoding="utf-8") if listing.exists() else ""
+    path = folder / "report.html"
+    write_text(path, render(found, lines, text, folder.name))
+    return path
+
+
+def render(found: Methods, lines: Sequence[Line], bench_text: str = "", made: str = "") -> str:
+    """The page as text; `made` is the name of its folder, which has the date."""
+    numbered = Figures()
+    tone, word, sentence = headline(found)
+    sections = [
+        markup.section("methods", "Methods", numbered.add(lambda: draw(found, lines)), table(found)),
+        markup.section("left-out", "What could not be compared", *map(markup.paragraph, found.remarks)),
+        markup.section("columns", "Columns", *map(markup.paragraph, _COLUMNS)),
+        markup.section("bench", "Bench file", markup.listing(bench_text) if bench_text else ""),
+    ]
+    start, stop = found.window_s
+    facts = (
+        date_of(made), f"record {found.record}", f"{significant(found.seconds, 4)} s",
+        f"scored from {significant(start)} to {significant(stop)} s", f"gyrohil {version('gyrohil')}",
+    )  # fmt: skip
+    return markup.page(
+        kind="Gyro bench · comparison of methods",
+        title=f"{found.bench}: {found.record}",
+        tone=tone,
+        word=word,
+        sentence=sentence,
+        key="",
+        sections="".join(sections),
+        facts=(fact for fact in facts if fact),
+    )
+
+
+_COLUMNS = (
+    "Errors are those of the scored window, angles zero at its start; stiffness and damping at its end. U is what the "
+    "method says of itself (k = 2); the methods of the prior art say nothing.",
+    "Settled: from when on the angle's error stays within 20 mrad of its mean. Diverged: from when on figures are not "
+    "finite, the innovation is beyond [limits] residual_safe, or the angle is off by more than a quarter of a turn for "
+    "good. A sample: processor time on this machine.",
+    "The bound is the posterior Cramér–Rao bound of this record by the noise and walk that the bench file declares; no "
+    "unbiased estimator that believes these does better on the average over records.",
+)
+
+
+def headline(found: Methods) -> tuple[str, str, str]:
+    """Tone, word, sentence: the best of ours beside the best of the prior art."""
+    ours = best(found, ("observer", "traced"))
+    theirs = best(found, ("prior art",))
+    if ours is None or theirs is None:
+        return "open", "Compared", f"{len(found.rows)} methods; without a reference there are no errors to compare"
+    assert ours.angle_error_rms_rad is not None
+    assert theirs.angle_error_rms_rad is not None
+    ratio = theirs.angle_error_rms_rad / ours.angle_error_rms_rad if ours.angle_error_rms_rad else float("inf")
+    tone = "good" if ratio > 1.0 else "slow"
+    return (
+        tone,
+        f"{significant(ratio, 2)} ×",
+        f"Best observer: {ours.name}, {quantity(ours.angle_error_rms_rad, 'rad')} rms; best of the prior art: "
+        f"{theirs.name}, {quantity(theirs.angle_error_rms_rad, 'rad')}",
+    )
+
+
+def best(found: Methods, kinds: Sequence[MethodKind]) -> MethodRow | None:
+    """The row of these kinds with the least angle error; None without a reference."""
+    rows = [row for row in found.rows if row.kind in kinds and row.angle_error_rms_rad is not None]
+    return min(rows, key=lambda row: row.angle_error_rms_rad or 0.0, default=None)
+
+
+def cells(row: MethodRow) -> tuple[str, ...]:
+    """A row as text, in the order of `HEAD`; empty where there is no such figure."""
+    own = ("a run of its own",) if row.record == "its own" else ()
+    return (
+        row.name,
+        _shown(row.angle_error_rms_rad, "rad"),
+        _shown(row.angle_u_rad, "rad"),
+        _shown(row.rate_error_rms_rad_s, "rad/s"),
+        _shown(row.rate_u_rad_s, "rad/s"),
+        _share(row.stiffness_error),
+        _share(row.stiffness_u),
+        _share(row.damping_error),
+        _share(row.damping_u),
+        "" if row.settled_s is None else f"{significant(row.settled_s)} s",
+        "" if row.diverged_s is None else f"at {significant(row.diverged_s)} s",
+        "" if row.cost_us is None else f"{significant(row.cost_us, 2)} µs",
+        "; ".join([*own, *([row.remark] if row.remark else [])]),
+    )
+
+
+def table(found: Methods) -> str:
+    """All rows as HTML."""
+    caption = "Every method on one record" + (f", errors against the {found.reference}" if found.reference else "")
+    return markup.table(caption, HEAD, [cells(row) for row in found.rows], range(1, 12))
+
+
+def draw(found: Methods, lines: Sequence[Line]) -> Drawing | None:
+    """The angle's error of every method, rms over short windows, on a logarithmic scale."""
+    if not lines:
+        return None
+    figure = new_figure(4.2)
+    ax = figure.subplots()
+    bound = next((row.angle_error_rms_rad for row in found.rows if row.kind == "bound"), None)
+    ends: list[tuple[float, str, str]] = []
+    for line in lines:
+        t, level = _levels(line)
+        if not t.size:
+            continue
+        colour = _COLOURS[line.kind]
+        ax.semilogy(t, level, color=colour, linewidth=1.1 if line.kind == "observer" else 0.9, alpha=0.9)
+        ends.append((float(np.log10(level[-1])), line.name, colour))
+    if bound:
+        ax.axhline(bound, color=INK, linewidth=0.9, dashes=(4, 3))
+        ends.append((float(np.log10(bound)), "bound", INK))
+    start, stop = float(min(line.t_s[0] for line in lines)), float(max(line.t_s[-1] for line in lines))
+    ax.set_xlim(start, stop)
+    ax.axvspan(start, found.window_s[0], color=MUTED, alpha=0.10, linewidth=0)
+    low, high = np.log10(ax.get_ylim())
+    for place, (_, name, colour) in zip(_apart(sorted(ends), 0.045 * (high - low)), sorted(ends), strict=True):
+        ax.annotate(
+            name, (1.0, 10.0**place), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points",
+            color=colour, fontsize=7, va="center", annotation_clip=False,
+        )  # fmt: skip
+    ax.set_xlabel("time / s")
+    ax.set_ylabel("angle error / rad")
+    caption = (
+        f"Error of the angle against the {found.reference}, rms over short windows, zero where scoring starts (end of "
+        "the shading). Blue: observers; brown: prior art; dashed: the bound."
+    )
+    return Drawing(figure, "Angle error of every method", caption, f"{len(lines)} curves over time. {caption}")
+
+
+def _levels(line: Line) -> tuple[Floats, Floats]:
+    size = max(len(line.error) // _WINDOWS, 1)
+    windows = len(line.error) // size
+    with np.errstate(all="ignore"):
+        square = np.mean(line.error[: windows * size].reshape(windows, size) ** 2, axis=1)
+    t = line.t_s[: windows * size].reshape(windows, size).mean(axis=1)
+    seen = np.isfinite(square) & (square > 0.0)
+    return t[seen], np.sqrt(square[seen])
+
+
+def _apart(ends: list[tuple[float, str, str]], least: float) -> list[float]:
+    """Places for labels, ascending and that far apart at least."""
+    places: list[float] = []
+    for value, _, _ in ends:
+        places.append(max(value, places[-1] + least) if places else value)
+    return places
+
+
+def _shown(value: float | None, unit: str) -> str:
+    return "" if value is None else quantity(value, unit)
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else relative(value).lstrip("+")

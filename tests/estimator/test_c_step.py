@@ -1,0 +1,17 @@
+"""The observer beside a step written by hand in C, which shares no line with the kernels: `benchmarks/speed/step.c`."""
+
+import pytest
+
+from benchmarks.speed import ALIKE
+from benchmarks.speed.cases import CASES, Case
+from benchmarks.speed.peers import HandWritten, compiler
+
+PLAIN = [case for case in CASES if not case.effects]
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
+@pytest.mark.parametrize("case", PLAIN, ids=lambda case: case.name)
+def test_angle_state_and_deviations_are_those_of_the_step_in_c(case: Case) -> None:
+    hand = HandWritten.built(case)
+    assert hand is not None
+    assert hand.apart(case) < ALIKE
