@@ -1,0 +1,70 @@
+"""A campaign that was carried out, as an object."""
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hil.sweeping.plan import Plan
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+    from hil.sweeping.dependence import Dependence
+    from hil.sweeping.worst import Worst
+
+
+class Sweep:
+    """The results of a campaign in a folder. What is large is read when asked for."""
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        self._plan = plan
+        self._folder = folder
+
+    @property
+    def path(self) -> Path:
+        """Its folder: campaign.json, results/, report.html."""
+        return self._folder
+
+    @cached_property
+    def table(self) -> "pyarrow.Table":
+        """A row a run, in their order: its keys, its figures (docs/reference/campaigns.md)."""
+        from hil.sweeping.figures import schema
+        from hil.sweeping.kept import read_rows
+
+        return read_rows(self._folder, schema(self._plan.campaign))
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """The table as a frame over the number of the run."""
+        return self.table.to_pandas().set_index("run")
+
+    @cached_property
+    def worst(self) -> "list[Worst]":
+        """The runs that came out worst, each with the command that makes it again."""
+        from hil.sweeping.worst import worst_of
+
+        report = self._plan.campaign.report
+        return worst_of(self.table, report.figure, report.worst, self._plan.called)
+
+    @cached_property
+    def dependence(self) -> "Dependence | None":
+        """Which keys the figure of [report] depends on; None where nothing is varied or nothing differs."""
+        return self.dependence_of(self._plan.campaign.report.figure)
+
+    def dependence_of(self, figure: str) -> "Dependence | None":
+        """The same of another column of numbers."""
+        from hil.sweeping.dependence import dependence
+
+        return dependence(self._plan, self.table, figure)
+
+    def report(self) -> Path:
+        """The page of the campaign, report.html; written where it is missing."""
+        path = self._folder / "report.html"
+        if not path.exists():
+            from hil.sweeping.page import write_report
+
+            write_report(self._plan, self._folder, self.table)
+        return path
+
+    def __repr__(self) -> str:
+        return f"<Sweep {self._folder}: {len(self.table)} of {len(self._plan)} runs>"

@@ -1,0 +1,67 @@
+"""The Cramér–Rao bound of a recorded run, beside what the observer made of it."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.bench import Bench
+from hil.loop.tracks import column_of
+from hil.records.runfolder import RunFolder
+from hil.records.truth import Truth
+
+Floats = npt.NDArray[np.float64]
+
+
+class LeastDeviation(NamedTuple):
+    """Bounds of rate and pattern angle: rms over the scored window, and at its end."""
+
+    rate_rms: float
+    rate_end: float
+    pattern_rms: float
+    pattern_end: float
+
+
+def least_deviation(folder: RunFolder, truth: Truth, bench: Bench) -> LeastDeviation | None:
+    """Along the true trajectory, from the first sample on, with the noise that the bench declares.
+
+    A virtual rotation that reverses is taken as if it did not: its sign changes the bound of the angle by the ratio of
+    rotation to resonance.  None where the record lacks samples or the truth does not have the whole state.
+    """
+    from estimator.bound import posterior_bound
+    from estimator.observer import Observer
+    from hil.declared import device_of, observer_settings_of
+
+    capture, estimates = folder.capture, folder.estimates
+    if capture is None or estimates is None or not len(estimates):
+        return None
+    tick = capture.tick
+    known, _ = truth.at(tick)
+    device, settings = device_of(bench), observer_settings_of(bench)
+    names = [column_of(name) for name in Observer(device, settings).names]
+    if len(known) != len(tick) or np.any(np.diff(tick) != 1) or "rate_rad_s" not in names:
+        return None
+    if not all(name in truth.constants or name in truth.columns for name in names):
+        return None
+    there = truth.between(int(tick[0]), int(tick[-1]))
+    true = np.stack(
+        [np.full(len(tick), truth.constants[n]) if n in truth.constants else np.asarray(there[n]) for n in names], 1
+    )
+    every = bench.loop.estimate_every
+    bound = posterior_bound(
+        device,
+        settings,
+        true,
+        device.drive_gain * capture.drive,
+        every=every,
+        virtual_rotation=bench.controller.virtual_rotation_rad_s,
+    )
+    scored = tick[bound.index] / estimates.tick_rate_Hz >= folder.settle_s
+    if not scored.any():
+        return None
+    rate, pattern = bound.of("rate")[scored], bound.angle[scored]
+    return LeastDeviation(_rms(rate), float(rate[-1]), _rms(pattern), float(pattern[-1]))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,93 @@
+"""What the runs of a campaign came to together: errors over their bound, and whether the observers knew how wrong they
+were."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.nees import band
+from hil.sweeping.figures import STATES
+
+if TYPE_CHECKING:
+    import pyarrow
+
+Floats = npt.NDArray[np.float64]
+
+_DRAWS = 2000
+_HALF = 1.959964
+_OVER_BOUND = {
+    "rate, at the end": ("error_rate_rad_s", "bound_rate_end_rad_s"),
+    "rate, scored window": ("rate_error_rms_rad_s", "bound_rate_rms_rad_s"),
+    "pattern angle, at the end": ("pattern_error_end_rad", "bound_pattern_end_rad"),
+    "pattern angle, scored window": ("pattern_error_rms_rad", "bound_pattern_rms_rad"),
+}
+
+
+class Ratio(NamedTuple):
+    """Root mean square over the runs of error over bound, with its 95 % interval by resampling the runs."""
+
+    what: str
+    runs: int
+    ratio: float
+    interval: tuple[float, float]
+
+
+class Knows(NamedTuple):
+    """NEES per entry at the end of each run, mean over the runs, beside the 95 % band of χ²; and the shares of runs
+    whose 95 % interval holds the truth at the end, by state, beside the band of that share."""
+
+    runs: int
+    entries: int
+    nees: float
+    nees_band: tuple[float, float]
+    held: dict[str, float]
+    held_band: tuple[float, float]
+
+
+def over_bound(table: "pyarrow.Table") -> list[Ratio]:
+    """Of whatever has a bound."""
+    found = []
+    for what, (error, bound) in _OVER_BOUND.items():
+        e, b = column(table, error), column(table, bound)
+        known = np.isfinite(e) & (b > 0.0)
+        if np.count_nonzero(known) > 1:
+            squares = (e[known] / b[known]) ** 2
+            found.append(Ratio(what, len(squares), float(np.sqrt(squares.mean())), _resampled(squares)))
+    return found
+
+
+def knows(table: "pyarrow.Table") -> Knows | None:
+    """None where no run has an NEES."""
+    nees, entries = column(table, "nees_end"), column(table, "nees_entries")
+    known = np.isfinite(nees) & (entries > 0)
+    if not known.any():
+        return None
+    degrees = float(entries[known].sum())
+    held, runs = {}, int(known.sum())
+    for name in STATES:
+        error, sd = column(table, f"error_{name}")[known], column(table, f"sd_{name}")[known]
+        there = np.isfinite(error) & (sd > 0.0)
+        if there.any():
+            held[name] = float(np.mean(np.abs(error[there]) <= _HALF * sd[there]))
+    spread = _HALF * float(np.sqrt(0.95 * 0.05 / runs))
+    return Knows(
+        runs=runs,
+        entries=int(entries[known].max()),
+        nees=float(np.sum(nees[known] * entries[known]) / degrees),
+        nees_band=band(degrees),
+        held=held,
+        held_band=(0.95 - spread, min(0.95 + spread, 1.0)),
+    )
+
+
+def column(table: "pyarrow.Table", name: str) -> Floats:
+    """A column (runs,) of numbers; what is missing is not a number."""
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=float)
+
+
+def _resampled(squares: Floats) -> tuple[float, float]:
+    generator = np.random.default_rng(0)
+    means = [squares[generator.integers(0, len(squares), len(squares))].mean() for _ in range(_DRAWS)]
+    low, high = np.sqrt(np.percentile(means, (2.5, 97.5)))
+    return float(low), float(high)

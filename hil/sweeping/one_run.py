@@ -1,0 +1,244 @@
+"""One run of a campaign, in this process: board and host in lockstep, judged against the truth; a row of figures."""
+
+import hashlib
+import json
+import math
+import os
+import socket
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hil.bench import Bench
+from hil.bench.template import template, values_of
+from hil.errors import InputError
+from hil.nees import nees
+from hil.records.result import Result, save_result
+from hil.records.runfolder import RunFolder
+from hil.records.truth import Truth, read_truth
+from hil.scoring import (
+    angle_error_rad,
+    estimation_error_rad,
+    rate_error_rad_s,
+    score,
+    scored_window,
+)
+from hil.sweeping.campaign import Each
+from hil.sweeping.figures import STATES
+from hil.wire.errors import WireError
+
+if TYPE_CHECKING:
+    from hil.records.estimates import Estimates
+
+Row = dict[str, Any]
+_SIGMAS = 4.0  # of the deviation at the end, within which the rate counts as converged
+
+
+@dataclass(frozen=True)
+class Task:
+    """A run as it is handed to whoever carries it out: plain text, the same on every machine."""
+
+    run: int
+    scenario: str
+    bench: str  # JSON
+    each: Mapping[str, bool]
+    scratch: str | None = None
+
+    def as_json(self) -> str:
+        """In one line."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> "Task":
+        """Back again."""
+        return cls(**json.loads(text))
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run that was carried out: its figures, and what was measured on the wall."""
+
+    run: int
+    row: Row
+    wall: Mapping[str, Any]
+
+
+def carry_out(task: Task) -> Done:
+    """Do it; what a run may come to is in its row.  Raises OSError where this machine, and not the run, is at fault."""
+    began = time.perf_counter()
+    if task.scratch is not None:
+        Path(task.scratch).mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f"run-{task.run}-", dir=task.scratch) as place:
+        try:
+            row = _row(task, Path(place))
+        except (InputError, WireError) as error:
+            row = {"outcome": "refused", "reason": str(error).replace(f"{place}/", "")}
+        except ValueError as error:  # of the emulator, whose classes nothing here may import
+            if not type(error).__module__.startswith(("device_emulator", "estimator", "hil")):
+                raise
+            row = {"outcome": "refused", "reason": str(error).replace(f"{place}/", "")}
+    wall = {"seconds": round(time.perf_counter() - began, 3), "host": socket.gethostname(), "pid": os.getpid()}
+    return Done(task.run, {name: _finite(value) for name, value in row.items()}, wall)
+
+
+def _row(task: Task, place: Path) -> Row:
+    from hil.loop.worker import Order, untold, work
+
+    bench = Bench.model_validate_json(task.bench, strict=False)
+    each = Each(**task.each)
+    scenario, truth_file, folder = place / "board.scenario.toml", place / "truth.arrow", place / "run"
+    scenario.write_text(task.scenario, encoding="utf-8")
+    if each.guess:
+        from hil.sweeping.guess import with_drawn_guess
+
+        bench = with_drawn_guess(bench, scenario, place)
+    folder.mkdir()
+    (folder / "bench.toml").write_text(template(values_of(bench), "The bench as run."), encoding="utf-8")
+    order = Order(bench.model_dump_json(), f"inproc:{scenario}", str(folder), truth=str(truth_file))
+    outcome = work(order, untold, own_process=False)
+    stopped = str(outcome["stopped"] or "").replace(f"{place}/", "")
+    row: Row = {"outcome": "stopped" if stopped else "ran", "reason": stopped or None}
+    run = RunFolder(folder)
+    if run.capture is None or not len(run.capture):
+        return row | {"samples": 0}
+    row |= {"samples": len(run.capture), "record_sha256": digest_of(run.capture_path)}
+    row |= _concluded(run, bench, outcome, scan=each.scan)
+    try:
+        result = score(folder, truth_file)
+    except InputError as error:
+        return row | {"reason": row["reason"] or str(error).replace(f"{place}/", "")}
+    truth = read_truth(truth_file)
+    row |= _scored(result) | _at_end(run, truth)
+    if each.bound:
+        row |= _bound(run, truth, bench)
+    if each.trace:
+        row |= _traced(run, place)
+    return row
+
+
+def digest_of(capture: Path) -> str:
+    """SHA-256 of a file."""
+    with capture.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
+def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], *, scan: bool) -> Row:
+    if not scan:
+        from hil.records.summary import summarise
+
+        save_result(run.result_path, summarise(run, outcome.get("counters", {})))
+        return {}
+    from hil.loop.run import conclude
+    from hil.records.result import load_result
+
+    conclude(run.path, bench, outcome, link="inproc:", note=None, report=False, progress=lambda _: None)
+    said = load_result(run.result_path)
+    return {
+        "verdict": said.verdict,
+        "angle_u_rad": said.angle_u_rad,
+        "model_complete": None if said.scan is None else said.scan.complete,
+    }
+
+
+def _scored(result: Result) -> Row:
+    found = result.score
+    assert found is not None
+    ratio = result.innovation_rms / result.noise_floor if result.innovation_rms and result.noise_floor else None
+    return {
+        "angle_error_rms_rad": result.angle_error_rms_rad,
+        "angle_error_max_rad": found.angle_error_max_rad,
+        "angle_per_rotation": found.angle_per_rotation,
+        "rate_error_rms_rad_s": result.rate_error_rms_rad_s,
+        "rate_error_max_rad_s": found.rate_error_max_rad_s,
+        "pattern_error_rms_rad": found.angle_estimation_error_rms_rad,
+        "control_imperfection_rms_rad": found.control_imperfection_rms_rad,
+        "innovation_ratio": ratio,
+        "nees": None if found.nees is None else found.nees.mean,
+        "nees_entries": None if found.nees is None else found.nees.entries,
+        "coverage": sum(found.coverage.values()) / len(found.coverage) if found.coverage else None,
+    }
+
+
+@np.errstate(all="ignore")
+def _at_end(run: RunFolder, truth: Truth) -> Row:
+    """Errors at the last instant, and when the rate had converged."""
+    estimates = run.estimates
+    assert estimates is not None
+    window = scored_window(estimates, truth, run.settle_s)
+    row: Row = {}
+    for name, errors in (
+        ("angle_error_end_rad", angle_error_rad(estimates, truth, window)),
+        ("pattern_error_end_rad", estimation_error_rad(estimates, truth, window)),
+    ):
+        if errors is not None and errors.size:
+            row[name] = float(errors[-1])
+    last, true = int(window.estimated[-1]), int(window.true[-1])
+    for name in STATES:
+        if name in estimates and (name in truth.constants or name in truth.columns):
+            value = truth.constants[name] if name in truth.constants else float(truth[name][true])
+            row[f"error_{name}"] = float(estimates[name][last]) - value
+            row[f"sd_{name}"] = float(estimates.sd(name)[last])
+    covariance = run.covariance
+    if covariance is not None and len(covariance):
+        at_end = nees(covariance, estimates, truth, float(covariance.tick[-1]) / estimates.tick_rate_Hz)
+        row["nees_end"] = None if at_end is None else at_end.mean
+    row["converged_s"] = _converged_s(estimates, truth)
+    return row
+
+
+def _converged_s(estimates: "Estimates", truth: Truth) -> float | None:
+    """See the column of that name; over the whole record, not the scored window."""
+    whole = scored_window(estimates, truth, 0.0)
+    error = rate_error_rad_s(estimates, truth, whole)
+    if error is None or not error.size:
+        return None
+    limit = _SIGMAS * float(estimates.sd("rate_rad_s")[whole.estimated[-1]])
+    beyond = np.flatnonzero(~(np.abs(error) <= limit))
+    if not beyond.size:
+        return float(whole.t_s[0])
+    return float(whole.t_s[beyond[-1] + 1]) if beyond[-1] + 1 < error.size else None
+
+
+def _bound(run: RunFolder, truth: Truth, bench: Bench) -> Row:
+    from hil.sweeping.bound import least_deviation
+
+    found = least_deviation(run, truth, bench)
+    if found is None:
+        return {}
+    return {
+        "bound_rate_rms_rad_s": found.rate_rms,
+        "bound_rate_end_rad_s": found.rate_end,
+        "bound_pattern_rms_rad": found.pattern_rms,
+        "bound_pattern_end_rad": found.pattern_end,
+    }
+
+
+def _traced(run: RunFolder, place: Path) -> Row:
+    from hil.tracing import trace_file
+
+    try:
+        done = trace_file(
+            run.capture_path, run.bench_path, place / "traces",
+            name=None, fraction=None, report=False, force=False, progress=lambda _: None,
+        )  # fmt: skip
+    except InputError as refusal:
+        return {"traced": f"refused: {refusal}".replace(f"{place}/", "")}
+    found = done.diagnosis
+    return {"traced": found.verdict, "traced_effects": "+".join(effect.name for effect in found.effects)}
+
+
+def _finite(value: Any) -> Any:
+    """A plain Python value; what is not finite is none."""
+    if isinstance(value, bool | str) or value is None:
+        return value
+    if isinstance(value, np.integer | int):
+        return int(value)
+    if isinstance(value, np.bool_):
+        return bool(value)
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,261 @@
+"""The report of a campaign: one page that opens offline."""
+
+import json
+from collections import Counter
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.records.atomic import write_text
+from hil.report import markup
+from hil.report.numbering import Figures
+from hil.report.numbers import count, percent, quantity, significant
+from hil.sweeping import figures, pictures
+from hil.sweeping.dependence import Dependence, dependence
+from hil.sweeping.ensemble import Knows, Ratio, column, knows, over_bound
+from hil.sweeping.plan import Plan
+from hil.sweeping.worst import Worst, worst_of
+
+if TYPE_CHECKING:
+    import pyarrow
+
+_UNITS = {"_rad": "rad", "_rad_s": "rad/s", "_s": "s"}
+_QUANTILES = (
+    "angle_error_rms_rad", "angle_error_max_rad", "rate_error_rms_rad_s", "pattern_error_rms_rad", "nees",
+    "innovation_ratio", "coverage", "converged_s", "angle_u_rad",
+)  # fmt: skip
+_MOST_PAIRS = 10
+_FORETELLS = 0.3
+"""Below that the shares are of a fit that says little."""
+
+_READ = """\
+import pandas as pd; pd.read_parquet("{folder}/results")
+import polars as pl; pl.read_parquet("{folder}/results/**/*.parquet")
+duckdb -c "select * from read_parquet('{folder}/results/*/*.parquet')"
+"""
+
+
+def write_report(plan: Plan, folder: Path, table: "pyarrow.Table") -> Path:
+    """Write FOLDER/report.html of the rows that there are; returns its path."""
+    path = folder / "report.html"
+    write_text(path, render(plan, folder, table))
+    return path
+
+
+def render(plan: Plan, folder: Path, table: "pyarrow.Table") -> str:
+    """The page as text."""
+    figure = plan.campaign.report.figure
+    found = dependence(plan, table, figure)
+    worst = worst_of(table, figure, plan.campaign.report.worst, plan.called)
+    ratios, honesty = over_bound(table), knows(table)
+    numbered = Figures()
+    outcomes = Counter(table["outcome"].to_pylist())
+    sections = [
+        markup.section(
+            "depends",
+            "What the error depends on",
+            _fit(plan, found),
+            numbered.add(lambda: pictures.draw_shares(found)),
+            _keys(found),
+            _pairs(found),
+            numbered.add(lambda: pictures.draw_courses(plan, table, found)),
+        ),
+        markup.section("worst", "Worst runs", _worst(worst, figure, plan)),
+        markup.section(
+            "errors", "All runs", _quantiles(table), numbered.add(lambda: pictures.draw_distribution(table))
+        ),
+        markup.section("bound", "Beside the bound", _ratios(ratios)),
+        markup.section("honesty", "Does the observer know how wrong it is?", _knows(honesty)),
+        markup.section("ended", "Runs that did not run to their end", _outcomes(table)),
+        markup.section("data", "The data", markup.listing(_READ.format(folder=folder)), _columns(plan)),
+        markup.section("campaign", "Campaign as run", markup.listing(_as_run(plan))),
+    ]
+    tone, word, sentence = _headline(plan, table, outcomes, found)
+    return markup.page(
+        kind="Gyro bench · campaign",
+        title=plan.campaign.name,
+        tone=tone,
+        word=word,
+        sentence=sentence,
+        key=markup.key_figures(_key_figures(table, figure, ratios, honesty)),
+        sections="".join(sections),
+        facts=(
+            f"scenario {plan.campaign.scenario}",
+            f"bench {plan.campaign.bench}",
+            f"{plan.campaign.design.kind.replace('_', ' ')}",
+            f"seed {plan.campaign.seed}",
+            f"gyrohil {version('gyrohil')}",
+        ),
+    )
+
+
+def _headline(
+    plan: Plan, table: "pyarrow.Table", outcomes: "Counter[str]", found: Dependence | None
+) -> tuple[str, str, str]:
+    left = len(plan) - len(table)
+    if left:
+        return "open", "Under way", f"{count(len(table))} of {count(len(plan))} runs are done"
+    others = len(table) - outcomes["ran"]
+    said = f"{count(len(table))} runs are done"
+    if found is not None and (clear := [one for one in found.keys if one.clear]):
+        said += f"; {found.figure} depends mostly on {_listed([one.keys[0] for one in clear[:3]])}"
+    if others:
+        return "open", "Complete", f"{said}; {count(others)} of them did not run to their end"
+    return "good", "Complete", said
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _key_figures(
+    table: "pyarrow.Table", figure: str, ratios: list[Ratio], honesty: Knows | None
+) -> list[tuple[str, str, str]]:
+    values = column(table, figure)
+    values = values[np.isfinite(values)]
+    entries = []
+    if values.size:
+        entries.append(("Median", _quantity(float(np.median(values)), figure), figure))
+        entries.append(("Worst", _quantity(float(np.abs(values).max()), figure), f"of {count(values.size)} runs"))
+    entries += [
+        (f"Over the bound: {one.what.split(',')[0]}", f"{significant(one.ratio)} ×", "rms, at the end")
+        for one in ratios
+        if one.what.endswith("at the end")
+    ]
+    if honesty is not None:
+        low, high = honesty.nees_band
+        entries.append(("NEES per entry", significant(honesty.nees), f"band {low:.3f} … {high:.3f}"))
+    return entries
+
+
+def _fit(plan: Plan, found: Dependence | None) -> str:
+    if found is None:
+        if not plan.campaign.vary:
+            return markup.paragraph("No key was varied: the runs differ by their seeds alone.")
+        return markup.paragraph("Too few runs have the figure, or it is the same in all: nothing can be divided.")
+    said = (
+        f"Of the variance of {'log10 of ' if found.logarithmic else ''}{found.figure} over {count(found.rows)} runs "
+        f"the fit explains {percent(found.explained)}, and foretells {percent(found.foretold)} of runs that it has not "
+        "seen."
+    )
+    if found.left_out:
+        said += f" {count(found.left_out)} runs have no such figure and are left out."
+    if found.between_seeds is not None:
+        said += f" Between runs of one point, which differ by their seeds, there is {percent(found.between_seeds)}."
+    if found.foretold < _FORETELLS:
+        said += " That is little: the shares below say what stands out, not what the error is made of."
+    return markup.paragraph(said)
+
+
+def _keys(found: Dependence | None) -> str:
+    if found is None:
+        return ""
+    rows = [
+        (
+            one.keys[0],
+            percent(one.share),
+            _interval(one.interval),
+            "" if one.first is None else _quantity(one.first, found.figure),
+            "" if one.last is None else _quantity(one.last, found.figure),
+        )
+        for one in found.keys
+    ]
+    head = ("key", "share", "95 % interval", "lowest third", "highest third")
+    return markup.table(f"Keys, and the mean of {found.figure} at their ends, by the fit", head, rows, (1, 2, 3, 4))
+
+
+def _pairs(found: Dependence | None) -> str:
+    clear = [] if found is None else [one for one in found.pairs if one.clear][:_MOST_PAIRS]
+    if not clear:
+        return ""
+    rows = [(" × ".join(one.keys), percent(one.share), _interval(one.interval)) for one in clear]
+    return markup.table(
+        "Two keys together, beyond what each does alone", ("keys", "share", "95 % interval"), rows, (1, 2)
+    )
+
+
+def _interval(interval: tuple[float, float]) -> str:
+    return f"{percent(interval[0])} … {percent(interval[1])}"
+
+
+def _worst(worst: list[Worst], figure: str, plan: Plan) -> str:
+    names = [one.column for one in plan.campaign.vary]
+    rows = [
+        (
+            str(one.run),
+            "–" if one.value is None else _quantity(one.value, figure),
+            one.outcome if one.row["reason"] is None else f"{one.outcome}: {one.row['reason']}",
+            ", ".join(f"{name} {_shown(one.row[name])}" for name in names),
+            one.command,
+        )
+        for one in worst
+    ]
+    caption = f"By {figure}; each command makes the run again, byte for byte, and says so"
+    return markup.table(caption, ("run", figure, "outcome", "keys", "command"), rows, (1,)) if rows else ""
+
+
+def _shown(value: object) -> str:
+    return significant(value) if isinstance(value, float) else str(value)
+
+
+def _quantiles(table: "pyarrow.Table") -> str:
+    rows = []
+    for name in _QUANTILES:
+        values = column(table, name)
+        values = np.abs(values[np.isfinite(values)])
+        if values.size:
+            low, middle, high = np.percentile(values, (5, 50, 95))
+            told = [_quantity(float(value), name) for value in (low, middle, high, values.max())]
+            rows.append((name, *told, count(values.size), figures.FIGURES[name][1]))
+    head = ("figure", "5 %", "median", "95 %", "largest", "runs", "")
+    return markup.table("What the runs came to", head, rows, (1, 2, 3, 4, 5)) if rows else ""
+
+
+def _ratios(ratios: list[Ratio]) -> str:
+    rows = [
+        (one.what, f"{one.ratio:.3f}", f"{one.interval[0]:.3f} … {one.interval[1]:.3f}", count(one.runs))
+        for one in ratios
+    ]
+    caption = "Error over the posterior Cramér–Rao bound of the same record, root mean square over the runs"
+    return markup.table(caption, ("error", "over bound", "95 % interval", "runs"), rows, (1, 2, 3)) if rows else ""
+
+
+def _knows(found: Knows | None) -> str:
+    if found is None:
+        return ""
+    low, high = found.nees_band
+    inside = "inside" if low <= found.nees <= high else "outside"
+    said = (
+        f"NEES at the end of {count(found.runs)} runs, per entry of {found.entries}: {found.nees:.4f}, {inside} the "
+        f"band {low:.4f} … {high:.4f} in which an honest observer's lies in 95 of 100 campaigns."
+    )
+    least, most = found.held_band
+    rows = [(name, percent(held), "" if least <= held <= most else "outside") for name, held in found.held.items()]
+    caption = f"Runs whose 95 % interval holds the truth at the end; expected {percent(least)} … {percent(most)}"
+    return markup.paragraph(said) + markup.table(caption, ("state", "held", ""), rows, (1,))
+
+
+def _outcomes(table: "pyarrow.Table") -> str:
+    pairs = zip(table["outcome"].to_pylist(), table["reason"].to_pylist(), strict=True)
+    told = Counter((outcome, reason or "") for outcome, reason in pairs if outcome != "ran")
+    rows = [(outcome, count(number), reason) for (outcome, reason), number in told.most_common(20)]
+    return markup.table("Outcome and reason", ("outcome", "runs", "reason"), rows, (1,)) if rows else ""
+
+
+def _columns(plan: Plan) -> str:
+    varied = [(one.column, figures.kind_of(one), ", ".join(one.keys)) for one in plan.campaign.vary]
+    own = {**figures.IDENTITY, **figures.FIGURES}
+    rows = varied + [(name, kind, meaning) for name, (kind, meaning) in own.items()]
+    caption = "Columns, beside error_… and sd_… of each state at the end"
+    return markup.table(caption, ("column", "type", "meaning"), rows)
+
+
+def _as_run(plan: Plan) -> str:
+    return json.dumps(plan.campaign.model_dump(mode="json", exclude_none=True), indent=1, ensure_ascii=False)
+
+
+def _quantity(value: float, name: str) -> str:
+    unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), "")
+    return quantity(value, unit) if unit else significant(value)

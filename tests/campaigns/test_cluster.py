@@ -1,0 +1,68 @@
+"""A campaign on a Dask cluster whose worker and then whose scheduler are killed: nothing lost, nothing twice."""
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import hil
+from hil.progress import Progress
+from tests.campaigns.clusters import Cluster, free_port
+from tests.campaigns.conftest import bytes_in
+from tests.campaigns.small import RUNS
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    made = Cluster(tmp_path)
+    made.start_scheduler()
+    yield made
+    made.end()
+
+
+@pytest.mark.slow
+def test_a_worker_and_then_the_scheduler_killed_lose_nothing_and_double_nothing(
+    cluster: Cluster, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    first, _ = cluster.start_worker(), cluster.start_worker()
+    notes, killed = [], []
+
+    def watch(progress: Progress) -> None:
+        if progress.note:
+            notes.append(progress.note)
+        if progress.done >= 3 and not killed:
+            first.kill()
+            killed.append("worker")
+        if progress.done >= 7 and killed == ["worker"]:
+            assert cluster.scheduler is not None
+            cluster.scheduler.kill()
+            cluster.scheduler.wait()
+            killed.append("scheduler")
+            threading.Thread(target=start_again).start()
+
+    def start_again() -> None:
+        time.sleep(0.5)
+        cluster.start_scheduler()
+        cluster.start_worker()
+
+    swept = hil.sweep(RUNS, out=tmp_path / "there", scheduler=cluster.address, progress=watch)
+    assert killed == ["worker", "scheduler"]
+    assert any("is gone; waiting for it" in note for note in notes)
+    assert any("is back" in note for note in notes)
+    runs = [json.loads(line)["run"] for line in (swept.path / "wall.jsonl").read_text().splitlines()]
+    assert sorted(runs) == list(range(16))
+    assert swept.table["run"].to_pylist() == list(range(16))
+    assert set(swept.table["outcome"].to_pylist()) == {"ran"}
+    assert bytes_in(swept.path) == whole
+
+
+def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hil.sweeping.cluster._CONNECT_S", 0.5)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(hil.InputError, match="no scheduler answers there; start one with `dask scheduler`"):
+        hil.sweep(RUNS, out=tmp_path / "a", scheduler=address)
+    with pytest.raises(hil.InputError, match="give it as tcp://HOST:8786"):
+        hil.sweep(RUNS, out=tmp_path / "a", scheduler="nonsense://x")
