@@ -12,6 +12,7 @@ from hil.interchange.channels import CHANNELS, SENSED, fault_in
 from hil.interchange.columns import write_columns
 from hil.interchange.mapping import RecordMap, delimiter_meant, locate, locate_where, read_map
 from hil.interchange.matlab import is_matlab, read_vectors
+from hil.interchange.parquet import is_parquet, read_parquet
 from hil.interchange.preparation import prepared
 from hil.interchange.table import Table, read_columns, read_header
 from hil.interchange.uniformity import first_not_increasing, spacing
@@ -38,8 +39,8 @@ def import_record(
     hold: Hold | None = None,
     nonuniform: bool = False,
 ) -> Capture:
-    """Turn the record `source` (CSV, plain or gzipped; MATLAB with a map) into the capture `target`, and return it read
-    back.
+    """Turn the record `source` (CSV, plain or gzipped; MATLAB with a map; Parquet as `hil export` has it) into the
+    capture `target`, and return it read back.
 
     Without `map_file` the header must be the interchange one: t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N),
     and optionally rate_rad_s, temp_C; a single-axis record leaves out y. `hold` says what the drive did
@@ -77,6 +78,8 @@ def import_record(
 
 
 def _read_plain(source: Path) -> _Record:
+    if is_parquet(source):
+        return _read_parquet(source)
     if is_matlab(source):
         raise InputError(f"{source}: a MATLAB file; give a --map that says which variable is which channel")
     header = read_header(source)
@@ -91,7 +94,18 @@ def _read_plain(source: Path) -> _Record:
     return _Record(channels, table.lines, None, "zoh", {})
 
 
+def _read_parquet(source: Path) -> _Record:
+    names, values, hold = read_parquet(source)
+    fault = fault_in(names, needs_time=True)
+    if fault:
+        raise InputError(f"{source}: {fault}")
+    channels = dict(zip(names, values.T, strict=True))
+    return _Record(channels, np.arange(1, len(values) + 1), None, hold, {})
+
+
 def _read_mapped(source: Path, mapping: RecordMap) -> _Record:
+    if is_parquet(source):
+        raise InputError(f"{source}: a map is for CSV and MATLAB files; name the columns of Parquet as hil export does")
     sources = mapping.columns.given()
     if is_matlab(source):
         table = read_vectors(source, [str(entry.column) for entry in sources.values()], mapping.rows)

@@ -99,7 +99,7 @@ class StoredColumns(Mapping[str, npt.NDArray[Any]]):
         dtype = self._scan.dtypes[name]
         values = np.empty(self.rows, dtype)
         column = list(self._scan.dtypes).index(name)
-        with _opened(self._scan.path, "record") as file:
+        with opened(self._scan.path, "record") as file:
             row = self._start
             block = max(bisect_right(self._firsts, row) - 1, 0)
             while row < self._stop:
@@ -207,26 +207,46 @@ def read_blocks(path: Path, kind: str) -> Blocks:
 def scan_blocks(path: Path, kind: str | None) -> Scan:
     """Find and check the blocks of a record file, of any kind where None is given; raises InputError as `read_blocks`
     does, but not for damage."""
-    wanted, kind = kind, kind or "record"
-    with _opened(path, kind) as file:
+    with opened(path, kind or "record") as file:
         size = os.fstat(file.fileno()).st_size
-        opening = _opening(file, size)
-        _require_whole(path, file, opening)
-        try:
-            schema = pa.ipc.read_schema(pa.py_buffer(opening))
-        except (pa.ArrowException, OSError, ValueError):
-            raise InputError(
-                f"{path}: no {kind} record: not an Arrow stream, or cut inside its header; give a {kind} file"
-            ) from None
-        header = _header(path, wanted, schema)
-        numbered = header["kind"] != "truth"
-        dtypes = _dtypes(path, schema)
-        seal = header.get("checksum")
-        walk = _Walk(file, size, opening, None if seal is None else _heads(path, seal), numbered)
+        opening = read_opening(path, file, kind)
+        numbered = opening.header["kind"] != "truth"
+        walk = _Walk(file, size, opening.data, opening.heads, numbered)
         blocks, complete, damage = walk.blocks()
-        if seal is not None and not blocks and not damage:
+        sealed = opening.heads is not None
+        if sealed and not blocks and not damage:
+            kind = kind or "record"
             raise InputError(f"{path}: no {kind} record: cut inside its header; give a {kind} file")
-    return Scan(path, header, dtypes, tuple(blocks), complete, seal is not None, damage, len(opening))
+    return Scan(
+        path, opening.header, opening.dtypes, tuple(blocks), complete, sealed, damage, len(opening.data)
+    )  # fmt: skip
+
+
+class Opening(NamedTuple):
+    """How a record file begins: its bytes, what the header says, the columns, and the lengths that heads of its blocks
+    have, None where they carry no checksums."""
+
+    data: bytes
+    header: Mapping[str, Any]
+    dtypes: Mapping[str, np.dtype[Any]]
+    heads: tuple[int, ...] | None
+
+
+def read_opening(path: Path, file: BufferedReader, kind: str | None) -> Opening:
+    """The opening of a record file of the given kind, of any where None is given. Raises InputError as `read_blocks`
+    does."""
+    data = _opening(file, os.fstat(file.fileno()).st_size)
+    _require_whole(path, file, data)
+    try:
+        schema = pa.ipc.read_schema(pa.py_buffer(data))
+    except (pa.ArrowException, OSError, ValueError):
+        wanted = kind or "record"
+        raise InputError(
+            f"{path}: no {wanted} record: not an Arrow stream, or cut inside its header; give a {wanted} file"
+        ) from None
+    header = _header(path, kind, schema)
+    seal = header.get("checksum")
+    return Opening(data, header, _dtypes(path, schema), None if seal is None else _heads(path, seal))
 
 
 class GrowingFile:
@@ -373,7 +393,8 @@ class _Walk:
 
 
 @contextmanager
-def _opened(path: Path, kind: str) -> Iterator[BufferedReader]:
+def opened(path: Path, kind: str) -> Iterator[BufferedReader]:
+    """The file, open. Raises InputError where it cannot be read."""
     try:
         with path.open("rb") as file:
             yield file

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from hil.errors import InputError
-from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
+
+RUNS = Path("runs")
+"""Where runs and traces are kept, of the folder one works in."""
 
 LAST = "last"
 """What stands for the newest run, wherever a run is named."""
@@ -17,7 +19,7 @@ _STAMP = len("20250314-092653")
 
 class Listed(NamedTuple):
     """A run or a trace: its folder; verdict, "" where it has none yet; bench seconds of a run; what a trace named;
-    why the folder cannot be read, "" else.
+    why the folder cannot be read, "" else; the reasons of the verdict.
     """
 
     path: Path
@@ -26,6 +28,7 @@ class Listed(NamedTuple):
     seconds: float | None = None
     named: tuple[str, ...] = ()
     unreadable: str = ""
+    reasons: tuple[str, ...] = ()
 
 
 def listed(folder: Path) -> Iterator[Listed]:
@@ -46,6 +49,15 @@ def last_run(folder: Path) -> Path:
     return runs[-1]
 
 
+def named(place: Path | str, folder: Path = RUNS) -> Path:
+    """The path meant by `place`: `last` is the newest run in `folder`, unless something has that name.
+
+    Raises InputError where there is none.
+    """
+    path = Path(place)
+    return last_run(folder) if str(place) == LAST and not path.exists() else path
+
+
 def _by_time(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; runs are kept in runs/ where hil is called, or give --out")
@@ -58,12 +70,15 @@ def _run(place: Path) -> Listed:
     run = RunFolder(place)
     if not run.result_path.exists():
         return Listed(place, "run", "")
+    from hil.records.result import load_result  # where figures are asked for, and only there
+
     result = load_result(run.result_path)
-    return Listed(place, "run", result.verdict or "", result.seconds)
+    return Listed(place, "run", result.verdict or "", result.seconds, reasons=result.reasons)
 
 
 def _trace(place: Path) -> Listed:
     from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which the rest needs not
 
     diagnosis = load_diagnosis(place / "diagnosis.json")
-    return Listed(place, "trace", diagnosis.verdict, named=tuple(effect.name for effect in diagnosis.effects))
+    named = tuple(effect.name for effect in diagnosis.effects)
+    return Listed(place, "trace", diagnosis.verdict, named=named, reasons=diagnosis.reasons)

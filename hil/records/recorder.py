@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.records.layout import Layout
+from hil.records.pyramid import KINDS, Pyramid
 from hil.records.stream import BlockWriter
 from hil.ring import Ring
 
@@ -118,12 +119,18 @@ def _why(error: Exception) -> str:
 
 
 def record_apart(
-    folder: Path, layouts: Mapping[str, Layout], *, wait: bool = False, ring_rows: Mapping[str, int] = _NO_ROWS
+    folder: Path,
+    layouts: Mapping[str, Layout],
+    *,
+    wait: bool = False,
+    ring_rows: Mapping[str, int] = _NO_ROWS,
+    shown: Callable[[Mapping[str, int]], None] | None = None,
 ) -> Recording:
     """Write `folder/<stem>.arrow` for each stem from a child process behind rings of `ring_rows[stem]` rows.
 
     Call it before the loop asks for real-time scheduling: the child is to run as an ordinary process. With
-    `wait` (lockstep) a full ring holds the loop up instead of dropping rows. Leaving the recording waits
+    `wait` (lockstep) a full ring holds the loop up instead of dropping rows. `shown` is given a descriptor of each
+    ring, by stem, to be read only (`hil.ring.Onlooker`), which is closed when it returns. Leaving the recording waits
     until the files are closed. Raises RecorderError when the child did not manage that, or could not begin.
     """
     names = {stem: f"{os.getpid()}-{time.monotonic_ns()}-{stem}" for stem in layouts}
@@ -132,6 +139,8 @@ def record_apart(
         for stem, layout in layouts.items():
             rings[stem] = Ring.create(names[stem], layout.dtype, ring_rows.get(stem, _RING_ROWS))
         child = _start_child(folder, layouts, names)
+        if shown is not None:
+            _show(rings, shown)
     finally:
         # both sides have them open by now: nothing is left behind in shared memory, however this ends
         for ring in rings.values():
@@ -154,6 +163,15 @@ def record_apart(
             raise RecorderError(f"{folder}: {_ended(child.returncode, complaint)}")
 
     return Recording(rings, finish, watch.trouble)
+
+
+def _show(rings: Mapping[str, Ring], shown: Callable[[Mapping[str, int]], None]) -> None:
+    with ExitStack() as open_files:
+        descriptors = {}
+        for stem, ring in rings.items():
+            descriptors[stem] = os.open(ring.path, os.O_RDONLY)
+            open_files.callback(os.close, descriptors[stem])
+        shown(descriptors)
 
 
 class _Watch:
@@ -277,6 +295,38 @@ def _start_child(folder: Path, layouts: Mapping[str, Layout], names: Mapping[str
     return child
 
 
+class _File:
+    """A record file at the child's end: the ring that is emptied into it, and the pyramid that is written along, of
+    what is drawn over time."""
+
+    def __init__(self, name: str, path: str, layout: Layout) -> None:
+        self.path = path
+        self._ring = Ring.attach(name)
+        self._writer = BlockWriter(Path(path), layout)
+        self._pyramid = Pyramid(Path(path), layout) if layout.kind in KINDS else None
+
+    def drain(self) -> None:
+        """Write what waits. Raises OSError for the record; a pyramid that cannot be written is given up."""
+        rows = self._ring.pop()
+        self._writer.push(rows)
+        if self._pyramid is not None:
+            self._pyramid.push(rows)
+
+    def close(self) -> None:
+        """Write the rest, and end the record as the producer ended."""
+        try:
+            self.drain()
+            self._writer.close() if self._ring.closed else self._writer.abandon()
+        finally:
+            self._well = self._ring.closed
+            self._ring.detach()
+
+    def close_pyramid(self) -> None:
+        """End it: after all records, which are worth more."""
+        if self._pyramid is not None:
+            self._pyramid.close() if self._well else self._pyramid.abandon()
+
+
 def serve() -> None:
     """The child: attach to the rings named on standard input, drain them until it closes, then end the
     files.
@@ -284,29 +334,29 @@ def serve() -> None:
     order = json.loads(sys.stdin.buffer.readline())
     at = ""
     try:
-        tracks = []
+        files = []
         for name, at, layout in order.values():
-            tracks.append((Ring.attach(name), BlockWriter(Path(at), Layout.from_json(layout)), at))
+            files.append(_File(name, at, Layout.from_json(layout)))
         # What carries a pty's bytes is an ordinary kernel thread: a recorder in its way would make answers late.
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
         print("ready", flush=True)
         hung_up = False
         while not hung_up:
             hung_up = bool(select.select([sys.stdin], [], [], _DRAIN_EVERY_S)[0])
-            for ring, writer, path in tracks:
-                at = path
-                writer.push(ring.pop())
+            for file in files:
+                at = file.path
+                file.drain()
     except OSError as error:
         print(f"{at}: {_why(error)}", file=sys.stderr, flush=True)
         os._exit(1)  # at once: the board is driven until this is seen; what is written is the kernel's
     failed = ""
-    for ring, writer, path in tracks:
+    for file in files:
         try:
-            writer.push(ring.pop())
-            writer.close() if ring.closed else writer.abandon()
+            file.close()
         except OSError as error:  # of one file: the others may have room
-            failed = failed or f"{path}: {_why(error)}"
-        ring.detach()
+            failed = failed or f"{file.path}: {_why(error)}"
+    for file in files:
+        file.close_pyramid()
     if failed:
         print(failed, file=sys.stderr, flush=True)
         os._exit(1)  # what could not be closed would only fail again, and say more

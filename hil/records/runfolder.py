@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hil.errors import InputError
 from hil.records.capture import Capture, read_capture
@@ -11,9 +11,10 @@ from hil.records.clock import ClockRecord, read_clock
 from hil.records.covariance import Covariance, read_covariance
 from hil.records.estimates import Estimates, read_estimates
 from hil.records.innovation import Innovation, read_innovation
-from hil.records.result import Result, load_result
 from hil.records.timing import Timing, read_timing
-from hil.strict_toml import read_table
+
+if TYPE_CHECKING:
+    from hil.records.result import Result
 
 _Record = TypeVar("_Record")
 _LONGEST_S = 1e9
@@ -91,6 +92,8 @@ class RunFolder:
         """The bench file as plain tables: old runs stay readable when the bench file's rules change. Raises InputError
         when it is none at all: neither [device] nor [loop] is in it.
         """
+        from hil.strict_toml import read_table  # and the library that checks what is written there
+
         if not self.bench_path.exists():
             return {}
         table = read_table(self.bench_path)
@@ -129,8 +132,10 @@ class RunFolder:
         return _read_if_there(self.clock_path, read_clock)
 
     @cached_property
-    def result(self) -> Result | None:
+    def result(self) -> "Result | None":
         """The figures written when the run ended or was scored, or None."""
+        from hil.records.result import load_result  # its models take as long to build as all else to load
+
         return _read_if_there(self.result_path, load_result)
 
     @property

@@ -1,7 +1,7 @@
-"""The published JSON Schemas of result.json and diagnosis.json.
+"""The published JSON Schemas of result.json, diagnosis.json and comparison.json.
 
-``python -m hil.records.schema FOLDER`` writes ``result.schema.json`` and ``diagnosis.schema.json``, which
-docs/reference keeps.
+``python -m hil.records.schema FOLDER`` writes ``result.schema.json``, ``diagnosis.schema.json`` and
+``comparison.schema.json``, which docs/reference keeps.
 """
 
 import json
@@ -11,6 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from hil.records.diagnosis import Diagnosis
+from hil.records.methods import Methods
 from hil.records.result import Result
 
 
@@ -25,7 +26,11 @@ def schema_of(model: type[BaseModel]) -> str:
 
 def published() -> dict[str, str]:
     """Name and text of each schema file."""
-    return {"result.schema.json": schema_of(Result), "diagnosis.schema.json": schema_of(Diagnosis)}
+    return {
+        "result.schema.json": schema_of(Result),
+        "diagnosis.schema.json": schema_of(Diagnosis),
+        "comparison.schema.json": schema_of(Methods),
+    }
 
 
 if __name__ == "__main__":

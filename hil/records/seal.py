@@ -70,6 +70,15 @@ def checked_head(head: bytes, before: int) -> tuple[int, int]:
     return found, _hexadecimal(head[at + _BODY_AT : at + _BODY_AT + _DIGITS])
 
 
+def stated_head(head: bytes) -> int:
+    """The `head` checksum that a block says it has, from bytes that begin with it, for the one that follows.
+
+    Raises BrokenBlockError when it says none.
+    """
+    at = _digits_at(head, len(head))
+    return _hexadecimal(head[at : at + _DIGITS])
+
+
 def head_length(prefix: bytes) -> int:
     """Bytes up to the end of the head, from the first eight. Raises BrokenBlockError when they begin no message."""
     if prefix[:4] != MARKER:

@@ -14,6 +14,7 @@ import pytest
 
 from hil.records import recorder
 from hil.records.atomic import make_run_folder, write_text
+from hil.records.blocks import read_blocks
 from hil.records.capture import board_layout, read_capture
 from hil.records.recorder import record_apart, record_here
 from hil.records.timing import read_timing, timing_layout
@@ -261,3 +262,33 @@ def test_what_a_signal_interrupts_is_done_again(monkeypatch, tmp_path):
         assert calls
         assert (folder / "some.txt").read_text() == "some"
         assert [path.name for path in folder.iterdir()] == ["some.txt"]
+
+
+def test_a_long_record_gets_its_pyramid_from_the_recorder(tmp_path: Path) -> None:
+    layout = board_layout(tick_rate_Hz=1e5, axes=1, latency_ticks=1, sense_scale_V=1.0, drive_scale=1.0)
+    with record_apart(tmp_path, {"capture": layout}, wait=True) as recording:
+        for start in range(0, 1_200_000, 40_000):
+            rows = np.zeros(40_000, layout.dtype)
+            rows["tick"] = np.arange(start, start + 40_000)
+            rows["vx_code"] = rows["tick"] * 7 % 1_000
+            recording["capture"].push(rows)
+    level = read_blocks(tmp_path / "pyramid" / "capture-256.arrow", "pyramid")
+    assert level.complete
+    np.testing.assert_array_equal(level.columns["tick"], np.arange(0, 1_200_000, 256))
+    codes = np.arange(1_200_000) * 7 % 1_000
+    starts = level.columns["tick"]
+    np.testing.assert_array_equal(level.columns["vx_code_max"], np.maximum.reduceat(codes, starts))
+    np.testing.assert_array_equal(level.columns["vx_code_min"], np.minimum.reduceat(codes, starts))
+    assert not list((tmp_path / "pyramid").glob(".*"))
+
+
+def test_a_pyramid_that_cannot_be_written_costs_the_record_nothing(tmp_path: Path) -> None:
+    layout = board_layout(tick_rate_Hz=1e5, axes=1, latency_ticks=1, sense_scale_V=1.0, drive_scale=1.0)
+    (tmp_path / "pyramid").write_text("in the way")
+    with record_apart(tmp_path, {"capture": layout}, wait=True) as recording:
+        for start in range(0, 1_200_000, 40_000):
+            rows = np.zeros(40_000, layout.dtype)
+            rows["tick"] = np.arange(start, start + 40_000)
+            recording["capture"].push(rows)
+    found = read_capture(tmp_path / "capture.arrow")
+    assert (len(found), found.complete) == (1_200_000, True)
