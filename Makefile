@@ -4,6 +4,9 @@
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
+NODE   := .venv/node
+VENDOR := hil/service/page/vendor
+PAGE   := $(VENDOR)/uPlot.esm.js
 
 .PHONY: help install demo test coverage test-vcan quick check bench undeclared measured
 
@@ -13,13 +16,13 @@ help:
 	@echo "make test-vcan  those of them that need a CAN interface, in user-mode Linux where the kernel has no CAN"
 	@echo "make coverage all tests again, and which lines they run"
 	@echo "make quick    the tests of daily work, under a minute"
-	@echo "make check    lint, types, import contracts"
+	@echo "make check    lint, types (those of the page as well), import contracts"
 	@echo "make bench    measured speed, into runs/bench.json"
 	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; docs/results/undeclared.md"
 	@echo "make measured real records traced (DATA=folder), into runs/measured.json and docs/results"
 	@echo "make install  the .venv that the others need (they do it themselves)"
 
-install: $(STAMP)
+install: $(STAMP) $(PAGE)
 
 demo: $(STAMP)
 	$(BIN)/hil demo
@@ -27,12 +30,12 @@ demo: $(STAMP)
 # Files side by side, as many as there are processors; then what has to keep up with the wall clock, alone.
 BESIDE := -n auto --dist loadfile
 
-test: $(STAMP)
+test: $(STAMP) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "not realtime"
 	$(BIN)/python -m pytest -m realtime
 	$(BIN)/python -m tests.vcan --quiet
 
-coverage: $(STAMP)
+coverage: $(STAMP) $(PAGE)
 	$(BIN)/python -m pytest --cov --cov-report=term
 
 test-vcan: $(STAMP)
@@ -41,9 +44,10 @@ test-vcan: $(STAMP)
 quick: $(STAMP)
 	$(BIN)/python -m pytest $(BESIDE) -m "not slow and not realtime"
 
-check: $(STAMP)
+check: $(STAMP) $(PAGE)
 	$(BIN)/ruff check
 	$(BIN)/mypy
+	$(BIN)/node $(NODE)/node_modules/typescript/bin/tsc
 	$(BIN)/lint-imports --no-logo
 
 bench: $(STAMP)
@@ -67,3 +71,15 @@ $(STAMP): pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@$(BIN)/python -m estimator.warm
 	@touch $@
+
+# What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page
+# loads nothing from elsewhere: what it needs stands beside it, and is packed into a wheel.
+$(PAGE): package.json package-lock.json .npmrc | $(STAMP)
+	@mkdir -p $(NODE) $(VENDOR)
+	@cp package.json package-lock.json .npmrc $(NODE)
+	@$(BIN)/npm ci --prefix $(NODE) --silent \
+	  || { echo "make: npm cannot fetch what package-lock.json names; the rest works without: make demo" >&2; exit 1; }
+	@cp $(NODE)/node_modules/uplot/dist/uPlot.min.css $(VENDOR)
+	@cp $(NODE)/node_modules/uplot/dist/uPlot.d.ts $(VENDOR)/uPlot.esm.d.ts
+	@cp $(NODE)/node_modules/uplot/LICENSE $(VENDOR)/uPlot.LICENSE
+	@cp $(NODE)/node_modules/uplot/dist/uPlot.esm.js $(VENDOR)

@@ -7,6 +7,7 @@ leaves the others; the rows are printed as a table.
 import argparse
 import importlib
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -20,6 +21,7 @@ BENCHMARKS = {
     "s_classic": "the rate of S-classic at amplitude / noise = 20 beside its Cramér–Rao bound",
     "uncertainty": "errors of the angle beside its U over 60 drawn devices; results kept in runs/uncertainty",
     "variants": "the observers of 7 and 11 states",
+    "speed": "a step of 7, 11, 13 states, of 13 with effects, beside C, filterpy and NumPy",
     "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 %% off",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
@@ -39,11 +41,17 @@ BENCHMARKS = {
     "stream": "gain mode over a pty in real time: 100, 250 kS/s, and as fast as it goes",
     "clock": "offset and skew of a board's clock, found in real time over a pty",
     "laboratory": "emulated records as laboratories have them: velocity, g, µstrain, moving bases, filters, pools",
+    "catalogue": "a catalogue of 10^5 runs: read from the folders, listed, filtered, sorted, compared",
+    "series": "windows of a long record: opened, zoomed, memory; SERIES_ROWS=N for another length",
     "stream_parts": "what a streamed row costs the host, part by part",
     "can_codec": "CAN FD frames of four channels, made and read",
+    "campaigns": "a campaign killed ten times and gone on with; by 1, 2, 4 workers; on a Dask cluster: what it costs",
+    "growth": "how a step grows with states and effects; score, report and trace with the length of the record",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }
 LONG = {
+    "comparison": "the observers beside the prior art on 12 drawn records, kept in runs/comparison; ten minutes",
+    "service": "pages beside the loop, SAFE from the page, kills, cycles; SERVICE_PARTS names some; an hour and more",
     "calm": "traces of 22 records that hardly excite anything: what is named, and with which look-alikes; half an hour",
     "io_faults": "a disk that fails at every call of a run that writes; hours, IO_FAULTS_EVERY=N for one in N",
     "mutants": "a sample of small changes to what makes the bench's word: does a test fail for each; about an hour",
@@ -57,6 +65,7 @@ TARGET = Path("runs/bench.json")
 
 def main() -> int:
     """Run what was asked for."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line has it
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     known = BENCHMARKS | LONG
     names = "\n".join(f"{name}: {what}" for name, what in known.items())

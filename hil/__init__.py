@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from hil.bench import Bench, RateSensorBench
     from hil.comparison import Comparison
     from hil.errors import InputError
+    from hil.library.campaign import Sweep
     from hil.library.finished_run import Run
     from hil.library.live import Live
     from hil.library.loading import load
     from hil.library.series import Series
     from hil.library.tracing import Trace
-    from hil.library.verbs import diff, export, load_bench, replay, run, score, trace
+    from hil.library.verbs import compare, diff, export, load_bench, replay, run, score, sweep, trace
     from hil.library.verbs import open_live as open
     from hil.loop.run import Interrupted
+    from hil.records.methods import MethodRow, Methods
     from hil.wire.errors import WireError
 
 __all__ = [
@@ -34,13 +36,17 @@ __all__ = [
     "InputError",
     "Interrupted",
     "Live",
+    "MethodRow",
+    "Methods",
     "ModelError",
     "RateSensorBench",
     "Run",
     "Series",
+    "Sweep",
     "Trace",
     "WireError",
     "__version__",
+    "compare",
     "diff",
     "export",
     "load",
@@ -48,6 +54,7 @@ __all__ = [
     "replay",
     "run",
     "score",
+    "sweep",
     "trace",
 ]
 
@@ -59,12 +66,16 @@ _HOMES = {
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
     "Live": "hil.library.live",
+    "MethodRow": "hil.records.methods",
+    "Methods": "hil.records.methods",
     "ModelError": "estimator.errors",
     "RateSensorBench": "hil.bench",
     "Run": "hil.library.finished_run",
     "Series": "hil.library.series",
+    "Sweep": "hil.library.campaign",
     "Trace": "hil.library.tracing",
     "WireError": "hil.wire.errors",
+    "compare": "hil.library.verbs",
     "diff": "hil.library.verbs",
     "export": "hil.library.verbs",
     "load": "hil.library.loading",
@@ -73,6 +84,7 @@ _HOMES = {
     "replay": "hil.library.verbs",
     "run": "hil.library.verbs",
     "score": "hil.library.verbs",
+    "sweep": "hil.library.verbs",
     "trace": "hil.library.verbs",
 }
 

@@ -3,11 +3,13 @@
 import filecmp
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from hil.errors import InputError
+from hil.records.direct import DirectRecord
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.strict_toml import read_table
@@ -61,6 +63,10 @@ class Key:
     a: Any
     b: Any
 
+    def as_json(self) -> dict[str, Any]:
+        """In JSON values."""
+        return {"key": self.name, "a": _plain(self.a), "b": _plain(self.b)}
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -98,7 +104,7 @@ class Comparison:
             "verdict": [self.verdict_a or None, self.verdict_b or None],
             "same_record": self.same_record,
             "figures": figures,
-            "bench": [{"key": key.name, "a": _plain(key.a), "b": _plain(key.b)} for key in self.bench],
+            "bench": [key.as_json() for key in self.bench],
         }
 
 
@@ -116,10 +122,10 @@ def compare(a: Path, b: Path) -> Comparison:
 def _runs(a: Path, b: Path) -> Comparison:
     folders = RunFolder.open(a), RunFolder.open(b)
     results = [_result(folder) for folder in folders]
-    same = _same_file(folders[0].capture_path, folders[1].capture_path)
+    same = same_record(folders[0].capture_path, folders[1].capture_path)
     figures = _side_by_side(dict(_of_run(results[0])), dict(_of_run(results[1])), same)
     verdicts = [result.verdict or "" for result in results]
-    keys = _keys_apart(folders[0].bench, folders[1].bench)
+    keys = keys_apart(folders[0].bench, folders[1].bench)
     return Comparison("run", a, b, verdicts[0], verdicts[1], same, figures, keys)
 
 
@@ -130,7 +136,7 @@ def _traces(a: Path, b: Path) -> Comparison:
     same = first.record == second.record
     figures = _side_by_side(dict(_of_trace(first)), dict(_of_trace(second)), same)
     benches = [read_table(place / "bench.toml") if (place / "bench.toml").exists() else {} for place in (a, b)]
-    return Comparison("trace", a, b, first.verdict, second.verdict, same, figures, _keys_apart(*benches))
+    return Comparison("trace", a, b, first.verdict, second.verdict, same, figures, keys_apart(*benches))
 
 
 def _result(folder: RunFolder) -> Result:
@@ -139,8 +145,14 @@ def _result(folder: RunFolder) -> Result:
     return found
 
 
-def _same_file(a: Path, b: Path) -> bool:
-    return a.exists() and b.exists() and filecmp.cmp(a, b, shallow=False)
+def same_record(a: Path, b: Path) -> bool:
+    """Whether two captures hold the same: by their last checksum, which depends on all of it, where they have one."""
+    if not (a.exists() and b.exists()) or a.stat().st_size != b.stat().st_size:
+        return False
+    with suppress(InputError), DirectRecord(a) as one, DirectRecord(b) as other:
+        if one.seal is not None and other.seal is not None:
+            return one.seal == other.seal
+    return filecmp.cmp(a, b, shallow=False)
 
 
 _Value = tuple[str, float | None, float | None]  # unit, value, half width
@@ -191,7 +203,8 @@ def _side_by_side(a: Mapping[str, _Value], b: Mapping[str, _Value], same: bool) 
     return tuple(both)
 
 
-def _keys_apart(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Key, ...]:
+def keys_apart(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Key, ...]:
+    """The keys in which two bench files differ, given as plain tables."""
     flat_a, flat_b = dict(_flat(a)), dict(_flat(b))
     names = dict.fromkeys([*flat_a, *flat_b])
     return tuple(Key(n, flat_a.get(n), flat_b.get(n)) for n in names if flat_a.get(n) != flat_b.get(n))

@@ -21,6 +21,7 @@ from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts, pu
 from hil.progress import Progress, Watcher
 from hil.records.atomic import replacing
 from hil.records.capture import Capture, read_capture
+from hil.records.occupied import occupied
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
 
@@ -47,9 +48,10 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     folder = new_folder(out, bench)
-    with replacing(RunFolder(folder).capture_path) as part:
-        shutil.copyfile(capture, part)
-    _estimate(record, bench, observer, folder, progress)
+    with occupied(folder):
+        with replacing(RunFolder(folder).capture_path) as part:
+            shutil.copyfile(capture, part)
+        _estimate(record, bench, observer, folder, progress)
     stopped = "" if record.complete else "the record was interrupted"
     old = () if record.sealed else ("the record is from before there were checksums: a changed bit would not show",)
     conclude(folder, bench, {"stopped": stopped, "refused": old}, link=None, note=None, progress=progress)

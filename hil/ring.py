@@ -27,6 +27,7 @@ _PREFIX = struct.Struct("<8sqqq")  # magic, capacity in rows, offset of the rows
 # one cache line each, so that the two sides do not steal each other's
 _WRITTEN, _READ, _DROPPED, _CLOSED, _DTYPE = 64, 128, 192, 256, 320
 _PAUSE_S = 50e-6
+_BEING_WRITTEN = 1024  # rows that a producer may be writing at once and has not published; a block has fewer
 
 
 class Ring:
@@ -196,6 +197,63 @@ class Ring:
 
     def __exit__(self, *_: Any) -> None:
         self.detach()
+
+
+class Onlooker:
+    """One more reader of a ring, whom neither side knows of: it only looks, and what it is too late for is gone.
+
+    `descriptor` may be open for reading only; it is not kept.  A row is given once, whole, or counted as lost: what the
+    producer may have been writing over while it was copied is left out.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        memory = mmap.mmap(descriptor, 0, prot=mmap.PROT_READ)
+        magic, capacity, offset, length = _PREFIX.unpack_from(memory)
+        if magic != _MAGIC:
+            raise ValueError("not a ring")
+        self.dtype: np.dtype[np.void] = np.dtype(
+            [tuple(entry) for entry in json.loads(memory[_DTYPE : _DTYPE + length])]
+        )
+        self.capacity: int = capacity
+        self.lost = 0
+        self._memory = memory
+        self._words = memoryview(memory)[:_DTYPE].cast("q")
+        self._rows = np.frombuffer(memory, self.dtype, capacity, offset)
+        self._unsafe = min(_BEING_WRITTEN, capacity // 4)
+        self._at: int = self._words[_WRITTEN // 8]
+        self._fence = threading.Lock()
+        self._fence.acquire()
+
+    def look(self, at_most: int) -> npt.NDArray[np.void]:
+        """The rows that were written since the last look, in order, a copy; the oldest beyond `at_most` are lost."""
+        written = int(self._words[_WRITTEN // 8])
+        self._order()
+        begin = max(self._at, written - min(at_most, self.capacity - self._unsafe))
+        at, count = begin % self.capacity, written - begin
+        first = min(count, self.capacity - at)
+        rows = np.concatenate([self._rows[at : at + first], self._rows[: count - first]])
+        self._order()
+        overwritten = int(self._words[_WRITTEN // 8]) + self._unsafe - self.capacity - begin
+        if overwritten > 0:
+            rows, begin = rows[overwritten:], min(begin + overwritten, written)
+        self.lost += begin - self._at
+        self._at = written
+        return rows
+
+    @property
+    def finished(self) -> bool:
+        """True once the producer has said that it is done."""
+        return bool(self._words[_CLOSED // 8])
+
+    def close(self) -> None:
+        """Look no more."""
+        self._words.release()
+        del self._rows
+        self._memory.close()
+
+    def _order(self) -> None:
+        self._fence.release()
+        self._fence.acquire()
 
 
 def _directory() -> Path:

@@ -13,6 +13,7 @@ from hil.boards.ticks import TickCounter
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_name
 from hil.records.layout import Layout
+from hil.records.occupied import occupied
 from hil.records.rates import rates_layout, sensor_figures
 from hil.records.result import Result, Sensor, save_result
 from hil.records.runfolder import RunFolder
@@ -60,7 +61,7 @@ def record(
         folder = make_run_folder(out, name)
         interrupted = False
         try:
-            with BlockWriter(folder / "capture.arrow", stream.layout()) as writer:
+            with occupied(folder), BlockWriter(folder / "capture.arrow", stream.layout()) as writer:
                 stopped = stream.record(
                     writer, seconds, lambda done: progress(Progress("record", done, round(seconds)))
                 )

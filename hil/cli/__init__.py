@@ -19,6 +19,9 @@ INTERRUPTED = 130
 def main() -> None:
     """Entry point of ``hil``; SIGTERM is taken like Ctrl-C: a board is told to go SAFE in both cases."""
     signal.signal(signal.SIGTERM, _as_ctrl_c)
+    # Before NumPy is loaded.  Work is shared out in larger pieces (`estimator.side_by_side`), and threads of its own in
+    # each product of matrices only wait for those.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = execute(sys.argv[1:])
     if code == INTERRUPTED:  # to take all modules and compiled code apart would take a second more
         atexit._run_exitfuncs()

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from hil.cli.check import check
+from hil.cli.compare import compare
 from hil.cli.demo import demo
 from hil.cli.diff import diff
 from hil.cli.doctor import doctor
@@ -18,6 +19,9 @@ from hil.cli.replay import replay
 from hil.cli.run import run
 from hil.cli.runs import ls, show
 from hil.cli.score import score
+from hil.cli.serve import serve
+from hil.cli.sweep import sweep
+from hil.cli.top import top
 from hil.cli.trace import trace
 
 
@@ -48,7 +52,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 VERBS = (
-    demo, run, record, emulate, doctor, init, replay, trace, score, ls, show, diff, check, import_, export, key,
+    demo, run, record, emulate, doctor, init, replay, trace, score, compare, sweep, ls, show, diff, check, import_,
+    export, key, serve, top,
 )  # fmt: skip
 for verb in VERBS:
     app.command(verb.__name__.rstrip("_"))(verb)

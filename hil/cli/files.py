@@ -7,10 +7,9 @@ from hil.errors import InputError
 
 def run_folder(place: Path) -> Path:
     """The run folder meant by ``place``: `last` is the newest run in runs/, unless a file or folder has that name."""
-    from hil.cli.options import RUNS
-    from hil.records.listing import LAST, last_run
+    from hil.records.listing import named
 
-    return last_run(RUNS) if str(place) == LAST and not place.exists() else place
+    return named(place)
 
 
 def capture_in(place: Path) -> Path:

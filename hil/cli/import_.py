@@ -7,7 +7,7 @@ import typer
 
 from hil.cli.options import Json, Replace
 
-Source = Annotated[Path, typer.Argument(metavar="CSV", help="Text file with a header line, plain or gzipped; or .mat.")]
+Source = Annotated[Path, typer.Argument(metavar="CSV", help="Text with a header line, or gzipped; .mat; .parquet.")]
 Target = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Capture to write.  [default: the CSV's name with .arrow]"),

@@ -23,6 +23,7 @@ WireLog = Annotated[
     Path | None,
     typer.Option("--wire-log", help="File for the frames of a CAN link: NAME.log (candump), .blf or .asc."),
 ]
+Live = Annotated[bool, typer.Option("--live", help="Serve the run's page for as long as it lasts, and open it.")]
 OpenLoop = Annotated[bool, typer.Option("--open-loop", help="Hold the drive at zero: ring-down, noise floor.")]
 
 
@@ -41,6 +42,7 @@ def run(
     dry_run: DryRun = False,
     open_loop: OpenLoop = False,
     wire_log: WireLog = None,
+    live: Live = False,
     json: Json = False,
 ) -> None:
     """Connect to a board, arm it, close the loop, record, and report.
@@ -57,13 +59,17 @@ def run(
       hil run my.bench.toml --link serial:/dev/ttyACM0 --dry-run
       hil run my.bench.toml --link can:can0 --arm --wire-log bus.blf
       hil run my.bench.toml --link serial:/dev/ttyACM0 --arm --note "after rework"
+      hil run s-slow --duration 600 --live
     """
     from hil.cli import consent
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish, show_identity
+    from hil.errors import InputError
     from hil.library.asked import asked
 
+    if live and (dry_run or truth is not None or wire_log is not None):
+        raise InputError("--live: without --dry-run, --truth and --wire-log; give --truth to a hil emulate of its own")
     given = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
     declared, url, truth = request = asked(
         bench, given, link=link, open_loop=open_loop, truth=truth, replace=replace
@@ -76,6 +82,10 @@ def run(
     from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it
 
     with watching(declared.loop.name) as watch:
+        if live:
+            from hil.cli.run_live import run_live
+
+            finish(run_live(declared, url, out, note=note, open_loop=open_loop, progress=watch), as_json=json)
         done = run_loop(
             declared,
             url,

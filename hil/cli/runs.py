@@ -5,16 +5,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hil.cli.options import RUNS, Json
+from hil.cli.options import RUNS, Json, Replace
 
 if TYPE_CHECKING:
     from hil.records.listing import Listed
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Where runs were recorded.")]
+Junit = Annotated[
+    Path | None, typer.Option("--junit", help="Write the verdicts as JUnit XML too, for continuous integration.")
+]
 Place = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run or a trace, or `last`, the newest run.")]
 
 
-def ls(folder: Folder = RUNS, json: Json = False) -> None:
+def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: Replace = False) -> None:
     """List the runs and traces of a folder, oldest first, with their verdicts.
 
     Examples:
@@ -22,11 +25,18 @@ def ls(folder: Folder = RUNS, json: Json = False) -> None:
     \b
       hil ls
       hil ls bench3/runs --json
+      hil ls --junit verdicts.xml --replace
     """
     from hil.cli.show import print_json
     from hil.records.listing import listed
 
+    if junit is not None:
+        from hil.cli.files import fresh
+
+        fresh(junit, replace=replace)
     found = list(listed(folder))
+    if junit is not None:
+        _write_junit(found, folder, junit)
     if json:
         print_json({"folder": str(folder), "runs": [_as_json(one) for one in found]})
     else:
@@ -57,6 +67,30 @@ def show(run: Place, json: Json = False) -> None:
     if not RunFolder.open(folder).result_path.exists():
         raise InputError(f"{folder}: no result.json; `hil replay {folder}` works its figures out")
     finish(folder, as_json=json)
+
+
+def _write_junit(found: list["Listed"], folder: Path, target: Path) -> None:
+    from hil.records.atomic import write_text
+    from hil.records.junit import Case, junit_xml
+
+    cases = []
+    for one in found:
+        reasons = (one.unreadable,) if one.unreadable else one.reasons
+        cases.append(Case(one.path.name, _device(one.path), one.verdict, one.seconds, reasons))
+    write_text(target, junit_xml(cases, folder.resolve().name))
+
+
+def _device(folder: Path) -> str:
+    """What the bench file calls the device, "" where none can be read."""
+    from hil.errors import InputError
+    from hil.records.runfolder import RunFolder
+
+    try:
+        device = RunFolder(folder).bench.get("device")
+    except InputError:
+        return ""
+    name = device.get("name") if isinstance(device, dict) else None
+    return name if isinstance(name, str) else ""
 
 
 def _as_json(one: "Listed") -> dict[str, object]:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, TypeVar
 from hil.errors import InputError
 from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates, of_innovation
 from hil.library.series import Series
-from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 
 if TYPE_CHECKING:
     from hil.bench import Bench
+    from hil.records.result import Result
 
 _Record = TypeVar("_Record")
 
@@ -35,7 +35,7 @@ class Run:
         return load_bench(self._folder.bench_path)
 
     @property
-    def result(self) -> Result:
+    def result(self) -> "Result":
         """Figures, verdict and its parts, as in result.json. Raises InputError where the run has none yet."""
         if (found := self._folder.result) is None:
             raise InputError(f"{self.path}: no result.json; hil.replay works its figures out")

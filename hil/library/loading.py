@@ -4,12 +4,13 @@ from pathlib import Path
 
 from hil.library.finished_run import Run
 from hil.library.tracing import Trace
+from hil.records.listing import named
 from hil.records.runfolder import RunFolder
 
 
 def load(place: Path | str) -> Run | Trace:
-    """What `hil run`, `hil replay` or `hil trace` left in a folder."""
-    folder = Path(place)
+    """What `hil run`, `hil replay` or `hil trace` left in a folder; `last` is the newest run in runs/."""
+    folder = named(place)
     if (folder / "diagnosis.json").exists():
         from hil.records.diagnosis import load_diagnosis
 

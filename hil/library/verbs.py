@@ -21,19 +21,23 @@ from hil.errors import InputError, printable
 from hil.examples import find
 from hil.library.arrays import write_capture
 from hil.library.asked import asked, require_consent
+from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
 from hil.library.live import Live
 from hil.library.tracing import Trace
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
+from hil.records.listing import RUNS, named
+from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder
+from hil.strict_toml import parse_table
 
 if TYPE_CHECKING:
     from estimator.backend import Backend
+    from hil.sweeping.campaign import Campaign
 
 AnyBench = Bench | RateSensorBench | Path | str
 Record = Run | Path | str | Mapping[str, npt.ArrayLike]
-RUNS = Path("runs")
 
 
 def alarms_only(progress: Progress) -> None:
@@ -161,11 +165,46 @@ def trace(
     return Trace(done.folder, done.diagnosis)
 
 
+def compare(
+    record: Record,
+    bench: Bench | Path | str | None = None,
+    *,
+    truth: Path | str | None = None,
+    link: str | None = None,
+    trace: Trace | None = None,
+    name: str | None = None,
+    hold: Hold = "zoh",
+    report: bool = True,
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+) -> Methods:
+    """Run every method over a record, a row each: the observers with each gain, the prior art, the bound; the answer is
+    kept below `out`.
+
+    bench: default that of a run.  truth: what the emulated board of the record wrote; without it the record's rate
+    channel is the reference.  link: an emulated board for the methods that close the loop themselves.  trace: of the
+    record, whose effect the 13 states carry.  hold: what the drive of arrays does between samples.
+    """
+    from hil.methods.comparing import compare as compare_record
+
+    declared = _bench_for(record, bench)
+    if isinstance(declared, RateSensorBench):
+        raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
+    declared = declared.with_(loop={"name": name or f"{declared.loop.name}-compare"})
+    with _captured(record, hold) as capture:
+        done = compare_record(
+            capture, declared, Path(out),
+            truth=None if truth is None else Path(truth), link=link,
+            diagnosis=None if trace is None else trace.diagnosis, report=report, progress=progress,
+        )  # fmt: skip
+    return done.methods
+
+
 def score(run: Run | Path | str, truth: Path | str) -> Run:
     """Compare a run with the truth that its emulated board wrote; the figures are in `.result` then."""
     from hil.scoring import score as compare
 
-    place = run.path if isinstance(run, Run) else Path(run)
+    place = run.path if isinstance(run, Run) else named(run)
     compare(place, Path(truth))
     return _run_at(place)
 
@@ -183,9 +222,39 @@ def export(
     file = Path(target)
     if file.exists():
         raise InputError(f"{file}: exists already; give another name, or remove it")
-    place = record.path if isinstance(record, Run | Trace) else Path(record)
+    place = record.path if isinstance(record, Run | Trace) else named(record)
     write(place, file, to or file.suffix.removeprefix("."), (what,) if isinstance(what, str) else what)
     return file
+
+
+def sweep(
+    campaign: "Campaign | Mapping[str, object] | Path | str",
+    *,
+    out: Path | str | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Watcher = alarms_only,
+) -> Sweep:
+    """Carry out a campaign, or what is left of it: a file, or what would stand in one.
+
+    out: the folder of the results, by default runs/NAME; one that holds part of the same campaign is gone on in.
+    workers: processes on this machine, by default one for each processor.  scheduler: address of a Dask scheduler,
+    whose workers make the runs instead.  Raises InputError that names the key; whatever ends it, what is done is kept.
+    """
+    from hil.sweeping.campaign import Campaign
+    from hil.sweeping.plan import plan_of, read_plan
+    from hil.sweeping.sweep import sweep as carry_out
+
+    if isinstance(campaign, str | Path):
+        plan = read_plan(find("campaign", str(campaign)), called=str(campaign))
+    else:
+        known = campaign if isinstance(campaign, Campaign) else parse_table(campaign, Campaign, "the campaign")
+        plan = plan_of(known, known.name)
+    folder = RUNS / plan.campaign.name if out is None else Path(out)
+    done = carry_out(plan, folder, workers=workers, scheduler=scheduler, progress=progress)
+    if done.made:
+        (folder / "report.html").unlink(missing_ok=True)
+    return Sweep(plan, folder)
 
 
 def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison:
@@ -194,7 +263,7 @@ def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison
     """
     from hil.comparison import compare
 
-    first, second = (one.path if isinstance(one, Run | Trace) else Path(one) for one in (a, b))
+    first, second = (one.path if isinstance(one, Run | Trace) else named(one) for one in (a, b))
     return compare(first, second)
 
 
@@ -210,8 +279,8 @@ def _bench_for(record: Record, bench: AnyBench | None) -> Bench | RateSensorBenc
         return load_any_bench(find("bench", str(bench)))
     if isinstance(record, Run):
         return record.bench
-    if isinstance(record, str | Path) and (Path(record) / "bench.toml").exists():
-        return load_any_bench(Path(record) / "bench.toml")
+    if isinstance(record, str | Path) and (named(record) / "bench.toml").exists():
+        return load_any_bench(named(record) / "bench.toml")
     raise InputError("no bench: give the bench file that declares the device of this record")
 
 
@@ -224,5 +293,5 @@ def _captured(record: Record, hold: Hold) -> Iterator[Path]:
             write_capture(record, capture, hold=hold)
             yield capture
         return
-    place_of = record.path if isinstance(record, Run) else Path(record)
+    place_of = record.path if isinstance(record, Run) else named(record)
     yield place_of / "capture.arrow" if place_of.is_dir() else place_of

@@ -70,6 +70,7 @@ class ArmedBoard:
         newest: tick of the last row, for the loop to set where it is cheap; None before the first.
         running: tick at which the board said RUNNING; None since ARM.
         waiting: told now and then for how many seconds a board has been waited for.
+        answered: told the STATUS by which the board answers the last SAFE, as soon as it is there.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class ArmedBoard:
         self.running: int | None = None
         self._refusals: Counter[int] = Counter()  # of drives, by reason, since ARM
         self.waiting: Callable[[float], None] = lambda _: None
+        self.answered: Callable[[Status], None] = lambda _: None
 
     def arm(self) -> Status:
         """ARM; what the board says to it. From its first byte on it has to be brought to SAFE: see `to_safe`.
@@ -140,6 +142,7 @@ class ArmedBoard:
             rate_Hz=self._rate_Hz,
             block=self._block,
             newest=self.newest,
+            answered=self.answered,
         )
         self.safety.confirmed, self.safety.words = stopped.confirmed, stopped.why
         status = stopped.status

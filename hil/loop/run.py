@@ -2,10 +2,11 @@
 
 import shutil
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -17,13 +18,14 @@ import numpy as np
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.compiler import require_compiler
-from hil.emulation import served
+from hil.emulation import Served, served
 from hil.errors import InputError, told_to_user
 from hil.loop.stops import alarm_of
 from hil.loop.supervision import as_raised, supervise
 from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, write_text
+from hil.records.occupied import occupied
 from hil.records.result import Result, save_result
 from hil.records.runfolder import RunFolder
 from hil.verdict.safety import judge_safety
@@ -58,6 +60,8 @@ def run(
     log: Path | None = None,
     begun: Callable[[Path, Callable[[], None]], None] | None = None,
     report: bool = True,
+    board: Served | None = None,
+    control: socket.socket | None = None,
     progress: Watcher,
 ) -> RunResult:
     """Run the bench against `link` and record below `out`.
@@ -66,8 +70,9 @@ def run(
     frames of a CAN link.  `open_loop` holds the drive at zero.  `begun` is told the folder once the loop's process has
     started, and what has it end well, as Ctrl-C does, from whichever thread.  A run that was interrupted or failed
     leaves its folder with what was recorded and a result that says so; without `report` its page is left to be drawn
-    by whoever has more to put into it.  Raises InputError or WireError, and leaves
-    nothing, when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
+    by whoever has more to put into it.  `board` is one that serves already, and is not stopped here; `control` the
+    loop's end of a line to whoever looks (`hil.loop.control`).  Raises InputError or WireError, and leaves nothing,
+    when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
     require_compiler()
     if open_loop:
@@ -75,8 +80,14 @@ def run(
         bench = bench.model_copy(update={"controller": controller})
     said = "nothing was armed"
     try:
-        with served(link, truth=truth, seed=bench.loop.seed) as board, _logged(log, board.url) as logged:
+        with (
+            nullcontext(board) if board is not None else served(link, truth=truth, seed=bench.loop.seed) as board,
+            _logged(log, board.url) as logged,
+            ExitStack() as held,
+        ):
             folder = out if dry_run else new_folder(out, bench)
+            if not dry_run:
+                held.enter_context(occupied(folder))
             order = Order(
                 bench.model_dump_json(),
                 board.url,
@@ -86,7 +97,7 @@ def run(
             )
             try:
                 started = None if begun is None else partial(begun, folder)
-                ended = supervise(order, bench, progress, board, started)
+                ended = supervise(order, bench, progress, board, started, control)
                 outcome, safety = ended.outcome, ended.safety
                 if outcome.get("stopped") and (words := board.last_words):
                     outcome["stopped"] = f"the emulated board died: {words}"
@@ -205,7 +216,8 @@ def conclude(
     """
     result = RunFolder(folder).result_path
     try:
-        _conclude(folder, bench, outcome, link=link, note=note, report=report, progress=progress)
+        with occupied(folder):
+            _conclude(folder, bench, outcome, link=link, note=note, report=report, progress=progress)
     except KeyboardInterrupt:
         with _undisturbed():
             figures = f"its figures are in {result.name}, its report is not drawn"

@@ -108,6 +108,15 @@ class Loop(ABC):
         """Have `told` called now and then while a board in lockstep says nothing, with the seconds so far."""
         self._board.waiting = told
 
+    def answered_safe(self, told: Callable[[Status], None]) -> None:
+        """Have `told` called with the STATUS that answers the SAFE at the end, before it is known to be confirmed."""
+        self._board.answered = told
+
+    @property
+    def newest(self) -> int | None:
+        """Tick of the last sample that was answered, None before the first."""
+        return None if self._next is None else self._next - 1
+
     def arm(self) -> Status:
         """ARM; `finish` has to follow, whatever comes. Raises as `ArmedBoard.arm`."""
         return self._board.arm()
@@ -136,7 +145,7 @@ class Loop(ABC):
 
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters. Nothing where ARM was never sent; raises nothing that the link does."""
-        self._board.newest = None if self._next is None else self._next - 1
+        self._board.newest = self.newest
         self.counters.board = self._board.to_safe(reason)
 
     @abstractmethod

@@ -6,6 +6,7 @@ board streams nothing in SAFE, so the host listens for a while longer than a blo
 
 import math
 import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 from hil.loop.stops import LATCHING
@@ -31,11 +32,19 @@ class Stopped(NamedTuple):
 
 
 def bring_to_safe(
-    endpoint: Endpoint, reason: int, patience_s: float, *, rate_Hz: float, block: int = 1, newest: int | None = None
+    endpoint: Endpoint,
+    reason: int,
+    patience_s: float,
+    *,
+    rate_Hz: float,
+    block: int = 1,
+    newest: int | None = None,
+    answered: Callable[[Status], None] = lambda _: None,
 ) -> Stopped:
     """Send SAFE until it is answered or `patience_s` is over, then listen whether the drive is gone.
 
-    `newest` is the tick of the last row known; `block` rows come at a time. Raises nothing that the link does.
+    `newest` is the tick of the last row known; `block` rows come at a time; `answered` is told STATUS as soon as it is
+    there, before anything is listened for. Raises nothing that the link does.
     """
     rows = _Rows(newest)
     sent, begin = 0, time.monotonic()
@@ -58,6 +67,7 @@ def bring_to_safe(
                     elapsed = (time.monotonic() - begin) * rate_Hz * _AHEAD
                     rows.stop(unwrap(message.tick, item.tick), round(elapsed) + 2 * block + 2)
                     status = message
+                    answered(status)
                     items = items[k + 1 :]
                     break
                 rows.hear(item)

@@ -8,13 +8,14 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
@@ -56,7 +57,14 @@ class Ended:
         return safety
 
 
-def supervise(order: Order, bench: Bench, progress: Watcher, board: "Served", begun: Begun | None = None) -> Ended:
+def supervise(
+    order: Order,
+    bench: Bench,
+    progress: Watcher,
+    board: "Served",
+    begun: Begun | None = None,
+    control: socket.socket | None = None,
+) -> Ended:
     """Start the loop's process against `board` and follow it to its end.
 
     `begun` is told what has it end well, as Ctrl-C does, once it has started. Raises InputError or WireError with what
@@ -64,9 +72,17 @@ def supervise(order: Order, bench: Bench, progress: Watcher, board: "Served", be
     """
     pipe = subprocess.PIPE
     # A session of its own: Ctrl-C at the terminal comes here, and the worker is told in its own way.
+    inherited = () if control is None else (control.fileno(),)
     worker = subprocess.Popen(
-        [sys.executable, "-m", "hil.loop.worker"], stdin=pipe, stdout=pipe, start_new_session=True
+        [sys.executable, "-m", "hil.loop.worker"],
+        stdin=pipe,
+        stdout=pipe,
+        start_new_session=True,
+        pass_fds=inherited,
     )
+    if control is not None:
+        order = replace(order, control=control.fileno())
+        control.close()
     assert worker.stdin is not None
     followed = _Followed(worker, progress, lambda: _confirm(order.link, bench, board))
     with worker, _ctrl_c(followed.interrupt):

@@ -21,7 +21,9 @@ from typing import TYPE_CHECKING, Any, Self
 from hil.bench import Bench
 from hil.errors import told_to_user
 from hil.loop import realtime
+from hil.loop.control import LOOKS_PER_S, Control
 from hil.loop.load import LoadMeter
+from hil.loop.stops import reason_name
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError
@@ -49,6 +51,7 @@ class Order:
     folder: str
     dry_run: bool = False
     truth: str | None = None
+    control: int | None = None  # descriptor of a socket to whoever looks at the run
 
     @classmethod
     def read(cls) -> Self:
@@ -62,6 +65,13 @@ def tell(**line: Any) -> None:
         os.write(1, json.dumps(line).encode() + b"\n")
 
 
+Say = Callable[..., None]
+
+
+def untold(**_: Any) -> None:
+    """Instead of `tell`, where nobody follows a run step by step."""
+
+
 def connect(order: Order, bench: Bench) -> Link:
     """The link of the order; an in-process board gets its truth file and seed."""
     kind, _, place = order.link.partition(":")
@@ -72,8 +82,11 @@ def connect(order: Order, bench: Bench) -> Link:
     return open_link(order.link)
 
 
-def work(order: Order) -> dict[str, Any]:
-    """Carry out an order; what happened, as JSON values."""
+def work(order: Order, tell: Say = tell, *, own_process: bool = True) -> dict[str, Any]:
+    """Carry out an order; what happened, as JSON values.
+
+    own_process: signals of this process are for the loop; without, in lockstep only, they stay whose they are.
+    """
     bench = Bench.model_validate_json(order.bench, strict=False)
     tell(stage="connect", done=0, total=0, note=order.link)
     with closing(connect(order, bench)) as link:
@@ -87,11 +100,19 @@ def work(order: Order) -> dict[str, Any]:
             require_clock(endpoint)
         if order.dry_run:
             return {"identity": identity._asdict()}
-        return {"identity": identity._asdict(), **_loop(order, bench, endpoint, identity, registers)}
+        happened = _loop(order, bench, endpoint, identity, registers, tell, own_process=own_process)
+        return {"identity": identity._asdict(), **happened}
 
 
 def _loop(
-    order: Order, bench: Bench, endpoint: Endpoint, identity: Identity, registers: Mapping[str, float]
+    order: Order,
+    bench: Bench,
+    endpoint: Endpoint,
+    identity: Identity,
+    registers: Mapping[str, float],
+    tell: Say,
+    *,
+    own_process: bool,
 ) -> dict[str, Any]:
     import numpy as np
 
@@ -119,16 +140,23 @@ def _loop(
     observer = make_observer()
     layouts = run_layouts(observer, bench, identity)
     folder = Path(order.folder)
-    recording = (
-        record_here(folder, layouts)
-        if lockstep
-        else record_apart(
-            folder, layouts, ring_rows=_COVARIANCE_ROWS | (_RING_ROWS if bench.loop.mode == "gain" else {})
+    control = None if order.control is None else Control(order.control)
+    if lockstep and control is None:
+        recording = record_here(folder, layouts)
+    else:
+        recording = record_apart(
+            folder,
+            layouts,
+            wait=lockstep,
+            ring_rows=_COVARIANCE_ROWS | (_RING_ROWS if bench.loop.mode == "gain" else {}),
+            shown=None if control is None else lambda rings: control.show(rings, layouts),
         )
-    )
     loop = make_loop(endpoint, identity, bench, observer, recording.tracks, registers)
-    driven = _Driven(loop, recording, bench, identity)
+    line = None if control is None else _Line(control, loop, observer, bench)
+    driven = _Driven(loop, recording, bench, identity, tell, own_process=own_process, line=line)
     driven.run(endpoint)
+    if control is not None:
+        control.close()
     if bench.controller.enabled and bench.device.axes == 2 and not loop.wrong:
         loop.safety.signs = loop.opening.wrong_way(make_observer)
     rx = endpoint.rx
@@ -164,8 +192,19 @@ class _Driven:
         dropped: rows that the recorder did not take, by file.
     """
 
-    def __init__(self, loop: "Loop", recording: "Recording", bench: Bench, identity: Identity) -> None:
+    def __init__(
+        self,
+        loop: "Loop",
+        recording: "Recording",
+        bench: Bench,
+        identity: Identity,
+        tell: Say,
+        *,
+        own_process: bool,
+        line: "_Line | None" = None,
+    ) -> None:
         self._loop, self._recording, self._bench = loop, recording, bench
+        self._tell, self._own_process, self._line = tell, own_process, line
         self._lockstep = bench.loop.clock == "lockstep"
         self._samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
         self._rate_Hz = identity.tick_rate_Hz
@@ -206,7 +245,10 @@ class _Driven:
         report_every = max(self._samples // REPORTS, 1)
         if not lockstep:
             report_every = max(min(report_every, int(self._rate_Hz / EXCHANGES_PER_S)), 1)
-        orphaned = _on_signals(loop)
+        line = self._line
+        if line is not None:
+            report_every = max(min(report_every, int(self._rate_Hz / LOOKS_PER_S)), 1)
+        orphaned = _on_signals(loop) if self._own_process else lambda: False
         if not lockstep:
             self.refused = realtime.prepare()
             os.set_blocking(1, False)
@@ -219,26 +261,31 @@ class _Driven:
 
         def report(done: int) -> None:
             self._done = done
-            tell(stage="run", done=done, total=self._samples)
+            self._tell(stage="run", done=done, total=self._samples)
             if clock is not None:
                 clock.ask()
+            if line is not None:
+                line.look()
 
         if loop.stop:  # asked to end before it began: nothing is armed
             self.stopped = "stopped on request"
             return
-        tell(armed=True)
+        self._tell(armed=True)
         meter = LoadMeter()
         failed: OSError | WireError | None = None
         try:
             self.armed = loop.arm()
+            if line is not None:
+                line.armed()
             loop.run(self._samples, report, report_every)
         except (OSError, WireError) as error:
             failed = error
         finally:  # after a fault of the loop itself, too
             meter.stop()
             loop.finish(_why_safe(loop))
-            os.set_blocking(1, True)
-            tell(safety=loop.safety.told)
+            if not lockstep:
+                os.set_blocking(1, True)
+            self._tell(safety=loop.safety.told)
         self._conclude(failed)
         if clock is not None and loop.counters.board and not orphaned():
             with suppress(WireError):
@@ -267,7 +314,33 @@ class _Driven:
 
     def _wait(self, seconds: float) -> None:
         note = f"waiting for the board, {seconds:.0f} s"
-        tell(stage="run", done=self._done, total=self._samples, note=note)
+        self._tell(stage="run", done=self._done, total=self._samples, note=note)
+
+
+class _Line:
+    """What goes over the line to whoever looks at the run: each message is a table with one of `track` (and a
+    descriptor), `armed`, `changed` and `safe`; what comes are tables of settings.
+    """
+
+    def __init__(self, control: Control, loop: "Loop", observer: "Observer", bench: Bench) -> None:
+        from hil.loop.live_settings import LiveSettings
+
+        self._control, self._loop = control, loop
+        self._settings = LiveSettings(observer, bench)
+        loop.answered_safe(self._answered)
+
+    def armed(self) -> None:
+        """The board has said that it is."""
+        self._control.tell(armed=True)
+
+    def look(self) -> None:
+        """Change what was asked to be changed, from the next sample on."""
+        for settings in self._control.asked():
+            changed = self._settings.change(settings)
+            self._control.tell(changed=changed, tick=self._loop.newest)
+
+    def _answered(self, status: Status) -> None:
+        self._control.tell(safe={"tick": status.tick, "reason": reason_name(status.reason)})
 
 
 def make_loop(

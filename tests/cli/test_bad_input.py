@@ -53,7 +53,11 @@ VERBS = {
     "repair": ["check", "FILE", "--repair"],
     "import": ["import", "FILE", "-o", "out.arrow"],
     "map": ["import", "ride.csv", "--map", "FILE", "-o", "out.arrow"],
+    "campaign": ["sweep", "FILE", "--dry-run"],
     "truth": ["score", "run", "--truth", "FILE"],
+    "compare": ["compare", "FILE", "--bench", "s-slow"],
+    "truth of a comparison": ["compare", "capture.arrow", "--bench", "s-slow", "--truth", "FILE"],
+    "trace of a comparison": ["compare", "capture.arrow", "--bench", "s-slow", "--diagnosis", "FILE"],
     "key": ["run", "s-slow", "--link", "udp:127.0.0.1:4299?key=FILE", "--arm"],
 }
 FINE = {("import", "csv")}

@@ -1,5 +1,6 @@
 """`import hil`: a run, its arrays, a replay and a trace of it, as README and docs/library.md promise."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -32,6 +33,26 @@ def test_opening_what_is_there_loads_no_estimator(run: hil.Run) -> None:
     program += f"print(*[m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
+
+
+def test_arrays_need_no_models_of_figures(run: hil.Run) -> None:
+    program = f"import hil, sys; run = hil.load({str(run.path)!r}); run.angle.values[-1], run.rate, run.innovation; "
+    program += "print('pydantic' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_last_is_the_newest_run_wherever_one_is_named(
+    run: hil.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(hil.InputError, match="runs"):
+        hil.load("last")
+    for name in ("20250101-000000-older", "20250102-000000-newer"):
+        shutil.copytree(run.path, tmp_path / "runs" / name)
+    assert hil.load("last").path.name == "20250102-000000-newer"
+    assert hil.export("last", tmp_path / "angle.csv", what="angle").exists()
+    assert not [row for row in hil.diff("last", run).figures if row.a != row.b]
 
 
 def test_all_that_is_offered_is_there() -> None:

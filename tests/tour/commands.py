@@ -19,10 +19,14 @@ WAIT_S = 1800.0
 _SHOWN = re.compile(r"^    ((?:hil|sha256sum) .+?)(?:  .*)?$")
 _BOARD = "serial:/dev/pts/3"
 _SENSOR = "stim300:/dev/ttyUSB0"
-_SERVES = "hil emulate s-slow"
+_SERVES = {
+    "hil emulate s-slow": (["-m", "hil", "emulate", "s-slow"], "ready "),
+    "hil serve": (["-m", "hil", "serve", "--port", "0"], "http://127.0.0.1:"),
+}
+"""What serves until it is told to end, as it is started here, and how its first line begins."""
 _NEEDS_ANOTHER = ("serial:/dev/ttyACM0", "my.bench.toml")
 """Of a command that a board of one's own is needed for."""
-_MAY_FAIL = ("run", "demo", "trace", "score", "doctor", "replay", "record")
+_MAY_FAIL = ("run", "demo", "trace", "score", "compare", "doctor", "replay", "record")
 """Verbs that leave with 1 where their verdict is against what they looked at (docs/reference/cli.md)."""
 
 
@@ -66,9 +70,9 @@ def run(command: str, place: Path) -> Done:
     if _SENSOR in command:
         with _served(["-m", "device_emulator.stim300"], "ready ") as url:
             return _run(command.replace(_SENSOR, url), place)
-    if command == _SERVES:
+    if command in _SERVES:
         begin = time.monotonic()
-        with _served(["-m", "hil", "emulate", "s-slow"], "ready ") as url:
+        with _served(*_SERVES[command], place) as url:
             return Done(command, 0, time.monotonic() - begin, url)
     return _run(command, place)
 
@@ -90,10 +94,15 @@ def _run(command: str, place: Path) -> Done:
 
 
 @contextmanager
-def _served(arguments: list[str], word: str) -> Iterator[str]:
-    """What a process says behind `word`, which ends with the block."""
+def _served(arguments: list[str], word: str, place: Path | None = None) -> Iterator[str]:
+    """What a process says behind `word`, which ends with the block; it works at `place`."""
     process = subprocess.Popen(
-        [sys.executable, *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, env=_environment()
+        [sys.executable, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=_environment(),
+        cwd=place,
     )
     try:
         assert process.stdout is not None

@@ -1,0 +1,87 @@
+"""``hil run --live``: the run of a service that is there for this run alone, with its page."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hil.errors import InputError
+from hil.progress import Progress, Watcher
+
+if TYPE_CHECKING:
+    from hil.bench import Bench
+
+_END_S = 120.0
+
+
+def run_live(
+    bench: "Bench", link: str, out: Path, *, note: str | None, open_loop: bool, progress: Watcher
+) -> Path:
+    """The folder of the run, once it has ended; its consent has been given. Raises InputError where nothing was
+    recorded.
+
+    Ctrl-C ends the run well, and the service with it.
+    """
+    from hil.client import connect
+
+    with _served(out) as said, connect(said["links"]["administer"]) as service:
+        print(f"live: {said['links']['administer']}", file=sys.stderr, flush=True)
+        _show(said["links"]["administer"])
+        with service.board("hil run --live") as board:
+            board.connect(_named(link))
+            try:
+                run = board.start(bench, arm=True, open_loop=open_loop, note=note).id
+                _follow(service, run, progress)
+            except KeyboardInterrupt:
+                board.stop()
+                _follow(service, service.state["run"], progress)
+                raise
+            if not (out / run).exists():
+                raise InputError(f"nothing was recorded: {service.state['words']}")
+            return out / run
+
+
+def _follow(service: Any, run: str | None, progress: Watcher) -> None:
+    for state in service.states():
+        if state["run"] != run or run is None:
+            return
+        progress(Progress(state["stage"] or "run", state["done"], state["total"]))
+
+
+@contextmanager
+def _served(out: Path) -> Iterator[dict[str, Any]]:
+    # A session of its own: Ctrl-C comes here, and the service is told in its own way.
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hil", "serve", "--port", "0", "--json", "--folder", str(out)],
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        if not line:
+            raise InputError("the service for --live did not start; its own line says why")
+        yield json.loads(line)
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(_END_S)
+        process.stdout.close()
+
+
+def _named(link: str) -> str:
+    """A link as a request names it: scenarios by name."""
+    kind, _, place = link.partition(":")
+    return f"{kind}:{Path(place).name}" if kind in ("pty", "inproc") else link
+
+
+def _show(url: str) -> None:
+    """Open the page where there is a screen."""
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        import webbrowser
+
+        webbrowser.open(url)

@@ -1,0 +1,166 @@
+"""A bench service as an object."""
+
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from hil.client.board import Board
+from hil.client.remote_run import RemoteRun
+from hil.client.requests import Requests, found
+from hil.client.stream import Frame, Stream
+from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from hil.bench import Bench
+
+_LOOK_S = 0.2
+
+
+def connect(
+    url: str | None = None, token: str | None = None, *, folder: Path | str = "runs", verify: bool | str = True
+) -> "Service":
+    """The service at `url`, with a token as `hil serve` prints it; without them that of this user whose runs are in
+    `folder`. `verify` is as of httpx: a file with the certificate of a service that signed its own.
+
+    Raises InputError where there is none, or it does not take the token.
+    """
+    if url is None:
+        url, token = found(Path(folder))
+    elif token is None:
+        url, _, token = url.partition("#token=")
+    service = Service(Requests(url, token or "", verify))
+    try:
+        service.requests.json("GET", "/api/who")
+    except InputError:
+        service.close()
+        raise
+    return service
+
+
+class Service:
+    """See `connect`. What is refused raises InputError, one line."""
+
+    def __init__(self, requests: Requests) -> None:
+        self.requests = requests
+        self._place = tempfile.TemporaryDirectory(prefix="gyrohil-")
+
+    # -- runs ----------------------------------------------------------------------------------------------------------
+
+    def runs(self, **chosen: Any) -> Iterator[dict[str, Any]]:
+        """Rows of runs and traces, the newest first; chosen by `verdict`, `device`, `bench`, `tag`, `kind`, `q` …"""
+        after: str | None = None
+        while True:
+            page = self.requests.json("GET", "/api/runs", params={**chosen, **({"after": after} if after else {})})
+            yield from page["runs"]
+            if (after := page.get("next")) is None:
+                return
+
+    def load(self, run: str) -> RemoteRun:
+        """A run by its id; "last" is the newest. Its records are fetched when they are asked for."""
+        if run == "last":
+            newest = next(self.runs(kind="run"), None)
+            if newest is None:
+                raise InputError("last: the service has no run")
+            run = newest["id"]
+        return RemoteRun(self.requests, run, Path(self._place.name))
+
+    def run(
+        self,
+        bench: "Bench | Path | str | None" = None,
+        *,
+        link: str | None = None,
+        arm: bool = False,
+        purpose: str = "hil.client",
+        **given: Any,
+    ) -> RemoteRun:
+        """A run of the board, to its end: as `hil.run`, with the lease for as long. `arm` is the consent to arming."""
+        with self.board(purpose) as board:
+            if link is not None:
+                board.connect(link, bench if isinstance(bench, str) else None)
+            return board.start(bench, arm=arm, **given).finished()
+
+    def trace(self, run: RemoteRun | str, **given: Any) -> dict[str, Any]:
+        """A trace of a run's record, made by the service: its diagnosis."""
+        row = self.job("trace", run=_id(run), **given)
+        answer: dict[str, Any] = self.requests.json("GET", f"/api/runs/{row['result']['run']}/diagnosis")
+        return answer
+
+    def replay(self, run: RemoteRun | str, bench: str | None = None, **given: Any) -> RemoteRun:
+        """Today's estimator on a run's record, by the service."""
+        asked = {} if bench is None else {"bench": bench}
+        return self.load(self.job("replay", run=_id(run), **asked, **given)["result"]["run"])
+
+    def diff(self, a: RemoteRun | str, b: RemoteRun | str) -> dict[str, Any]:
+        """Two runs side by side."""
+        answer: dict[str, Any] = self.requests.json("GET", "/api/compare", params={"a": _id(a), "b": _id(b)})
+        return answer
+
+    def job(self, kind: str, **asked: Any) -> dict[str, Any]:
+        """A job, to its end: its row. Raises InputError where it failed or was cancelled."""
+        row: dict[str, Any] = self.requests.json("POST", "/api/jobs", json={"kind": kind, **asked})
+        while row["state"] in ("queued", "running"):
+            time.sleep(_LOOK_S)
+            row = self.requests.json("GET", f"/api/jobs/{row['id']}")
+        if row["state"] != "done":
+            raise InputError(f"{kind}: {row['state']}: {row.get('error') or 'see its row'}")
+        return row
+
+    def devices(self) -> list[dict[str, Any]]:
+        """The devices whose runs are there."""
+        answer = self.requests.json("GET", "/api/devices")
+        devices: list[dict[str, Any]] = answer["devices"] if isinstance(answer, dict) else answer
+        return devices
+
+    # -- the board -----------------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What is known of the board."""
+        answer: dict[str, Any] = self.requests.json("GET", "/api/board")
+        return answer
+
+    def safe(self) -> dict[str, Any]:
+        """Bring the board to SAFE, whoever has it; says whether it has confirmed."""
+        answer: dict[str, Any] = self.requests.json("POST", "/api/board/safe")
+        return answer
+
+    def board(self, purpose: str = "", *, holder: str | None = None, wait: bool = False) -> Board:
+        """The board, for a `with`: its lease is kept for as long. With `wait` the queue is stood in."""
+        return Board(self, purpose, holder, wait=wait)
+
+    def stream(
+        self, channels: Sequence[str], *, window_s: float = 1.0, points: int = 800, **more: Any
+    ) -> Iterator[Frame]:
+        """Decimated channels of the run that lasts, frame by frame, until it ends."""
+        request = {"op": "subscribe", "channels": list(channels), "window_s": window_s, "points": points, **more}
+        with self.live() as live:
+            yield from live.frames(request)
+
+    def states(self) -> Iterator[dict[str, Any]]:
+        """The board's state as it is told, several times a second."""
+        with self.live() as live:
+            yield from live.states()
+
+    def live(self) -> Stream:
+        """The live connection, for a `with`."""
+        return Stream(self.requests.url, self.requests.token)
+
+    def close(self) -> None:
+        """Let go of the connection and of what was fetched."""
+        self.requests.close()
+        self._place.cleanup()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _id(run: RemoteRun | str | Mapping[str, Any]) -> str:
+    return run if isinstance(run, str) else run.id if isinstance(run, RemoteRun) else str(run["id"])

@@ -1,0 +1,104 @@
+"""The live connection of a service: the board's state as it is told, and frames of a run that lasts."""
+
+import json
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+
+_HEAD = struct.Struct("<4sIIIddQ")
+_SILENT_S = 10.0  # the state comes several times a second
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Lowest and highest value of each channel (channels, buckets), from bench time `begin_s` on, `step_s` to a bucket
+    whose first has the number `first`; equal where a bucket is one sample, not a number where nothing was recorded.
+    """
+
+    id: int
+    begin_s: float
+    step_s: float
+    first: int
+    low: npt.NDArray[np.float32]
+    high: npt.NDArray[np.float32]
+
+    @property
+    def t_s(self) -> npt.NDArray[np.float64]:
+        """Bench time of each bucket's beginning (buckets,)."""
+        return np.asarray(self.begin_s + self.step_s * np.arange(self.low.shape[1]), np.float64)
+
+    @classmethod
+    def of(cls, data: bytes) -> Self:
+        """A frame as it is sent. Raises InputError where it is none."""
+        if len(data) < _HEAD.size or data[:4] != b"GYT1":
+            raise InputError("the service sent what is no frame; are both of one version?")
+        _, number, channels, buckets, begin, step, first = _HEAD.unpack_from(data)
+        pairs = np.frombuffer(data, "<f4", offset=_HEAD.size).reshape(channels, buckets, 2)
+        return cls(number, begin, step, first, pairs[:, :, 0], pairs[:, :, 1])
+
+
+class Stream:
+    """One connection; for a `with`."""
+
+    def __init__(self, url: str, token: str) -> None:
+        from websockets.sync.client import connect
+
+        try:
+            self._socket = connect(f"ws{url.removeprefix('http')}/api/live", max_size=None)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"{url}: the service does not answer ({error}); is `hil serve` running?") from None
+        self.say(op="hello", token=token)
+
+    def say(self, **message: Any) -> None:
+        """A request: subscribe, unsubscribe, pattern, spectrum, safe."""
+        self._socket.send(json.dumps(message))
+
+    def received(self) -> Iterator[Frame | dict[str, Any]]:
+        """What comes, frames and messages. Raises InputError when the service is gone."""
+        from websockets.exceptions import ConnectionClosed
+
+        while True:
+            try:
+                data = self._socket.recv(timeout=_SILENT_S)
+            except (ConnectionClosed, TimeoutError) as error:
+                why = getattr(getattr(error, "rcvd", None), "reason", "") or "it does not answer any more"
+                raise InputError(f"the live connection ended: {why}") from None
+            yield json.loads(data) if isinstance(data, str) else Frame.of(data)
+
+    def states(self) -> Iterator[dict[str, Any]]:
+        """The board's state, as it comes."""
+        for said in self.received():
+            if isinstance(said, dict) and said["kind"] == "state":
+                yield said
+
+    def frames(self, request: Mapping[str, Any]) -> Iterator[Frame]:
+        """The frames of one request, until the run ends. Raises InputError where it is refused."""
+        self.say(id=1, **request)
+        began = False
+        for said in self.received():
+            if isinstance(said, Frame):
+                began = True
+                yield said
+            elif said["kind"] == "error":
+                raise InputError(said["error"])
+            elif said["kind"] == "state" and began and said["run"] is None:
+                return
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

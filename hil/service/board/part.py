@@ -1,0 +1,207 @@
+"""The board of a service: its state as everybody is told it, who may operate it, and what he can have done."""
+
+import asyncio
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from hil.bench import Bench
+from hil.errors import InputError
+from hil.library.asked import asked, require_consent
+from hil.loop.live_settings import Settings, at_once, with_settings
+from hil.service.bench_files import found
+from hil.service.board.lease import Leases
+from hil.service.board.line import BoardLine
+from hil.service.board.links import allowed
+from hil.service.board.messages import NOBODY, Message
+from hil.service.problems import Problem
+from hil.service.service import Service
+
+_SAFE_S = 2.0  # for the board to say so; then the answer says that it has not
+_START_S = 600.0  # the first start on a machine compiles, which takes minutes on a busy one
+_END_S = 90.0  # for record, figures and report of a run that ends with the service
+Track = Callable[[str, dict[str, Any], int], None]
+
+
+class BoardPart:
+    """What routes, telemetry and metrics know the board by.
+
+    Attributes:
+        leases: who may operate it.
+        on_track: called with the name of a ring of the run that begins, its layout, and a descriptor to be kept.
+        on_run: called with the name of a run that has ended, None where nothing was recorded.
+        health: what telemetry says of it, part of the state.
+    """
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._told: dict[str, Any] = dict(NOBODY)
+        self._next: dict[str, float] = {}  # settings that wait for the next start
+        self._bench: Bench | None = None  # of the run under way
+        self._bench_name: str | None = None
+        self._safe: asyncio.Event = asyncio.Event()
+        self.line = BoardLine(service.private, self._heard)
+        self.leases = Leases(self._changed)
+        self.on_track: Track = _nobody_looks
+        self.on_state: list[Callable[[], None]] = []
+        self.on_run: list[Callable[[str | None], None]] = []
+        self.health: dict[str, Any] = {}
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """As GET /api/board."""
+        return {
+            **self._told,
+            "bench": self._bench_name,
+            **self.leases.told(),
+            "next_settings": dict(self._next),
+            "health": self.health,
+        }
+
+    async def connect(self, link: str, bench: str | None) -> dict[str, Any]:
+        """Look at the board at `link`; nothing is armed."""
+        place = await asyncio.to_thread(allowed, self._service, link)
+        if bench is not None:
+            await asyncio.to_thread(found, self._service.folder, "bench", bench)
+        await self.line.start()
+        await self.line.ask("connect", _START_S, link=place)
+        self._bench_name = bench
+        self._changed()
+        return self.state
+
+    async def disconnect(self) -> dict[str, Any]:
+        """Let the board go."""
+        if self.line.attached:
+            await self.line.ask("disconnect")
+            await self.line.end(_SAFE_S)
+        return self.state
+
+    async def start(
+        self,
+        *,
+        bench: str | None,
+        bench_toml: str | None,
+        consent: bool,
+        open_loop: bool,
+        note: str | None,
+        settings: dict[str, float],
+        loop: dict[str, Any],
+    ) -> dict[str, Any]:
+        """Begin a run; {"run": folder}. Raises Problem or InputError where it is refused."""
+        if not self._told["connected"]:
+            raise Problem(409, "no board is connected", "POST /api/board/connect")
+        name = bench or self._bench_name
+        declared = await asyncio.to_thread(self._declared, name, bench_toml, open_loop, consent, loop)
+        declared = with_settings(declared, self._next | settings)
+        self._bench, self._bench_name = declared, name or declared.loop.name
+        self._safe.clear()
+        said = await self.line.ask(
+            "start",
+            _START_S,
+            bench=declared.model_dump_json(),
+            out=os.path.realpath(self._service.folder),
+            open_loop=open_loop,
+            note=note,
+        )
+        self._next = {}
+        return {"run": said["run"]}
+
+    def _declared(
+        self, name: str | None, text: str | None, open_loop: bool, consent: bool, loop: dict[str, Any]
+    ) -> Bench:
+        link = self._told["link"]
+        declared: Any = None
+        if text is not None:
+            declared = _parsed(text)
+        elif name is not None:
+            declared = found(self._service.folder, "bench", name)
+        else:
+            raise Problem(422, "no bench file is named", 'give "bench", or "bench_toml" with what is in one')
+        request = asked(declared, loop, link=link, open_loop=open_loop, truth=None)
+        try:
+            require_consent(request, given=consent)
+        except InputError as refusal:
+            raise Problem(409, str(refusal), 'look at what would move, then send "consent": true') from None
+        return request.bench
+
+    async def stop(self) -> dict[str, Any]:
+        """End the run: SAFE, the record closed."""
+        return await self.safe()
+
+    async def safe(self) -> dict[str, Any]:
+        """Bring the board to SAFE, and say within two seconds whether it has said that it is there."""
+        if not self.line.attached:
+            return {"told": False, "confirmed": None, "words": "no board is connected"}
+        begin = time.perf_counter()
+        self._safe.clear()
+        said = await self.line.ask("safe", _SAFE_S)
+        if not said.get("loop"):
+            confirmed = True if said["told"] else None
+            return {"told": said["told"], "confirmed": confirmed, "tick": said.get("tick"), "ms": _ms(begin)}
+        if self._told["safe_tick"] is None:  # else it has ended meanwhile, and the board has said so
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._safe.wait(), _SAFE_S)
+        confirmed = self._told["safe_tick"] is not None
+        words = "" if confirmed else "the board has not said SAFE yet; if it does not, cut its supply"
+        if self._told["run"] is None and not confirmed:
+            confirmed, words = None, self._told["words"] or "the run ended before the board was armed"
+        return {"told": True, "confirmed": confirmed, "tick": self._told["safe_tick"], "ms": _ms(begin), "words": words}
+
+    async def settings(self, settings: Settings) -> dict[str, Any]:
+        """Change settings: what can be at once, the rest at the next start; says which."""
+        given = settings.given
+        if self._bench is not None and self._told["run"] is not None:
+            bench = self._bench
+            with_settings(bench, given)  # refuses what no bench file could say
+            later = {name: why for name, why in at_once(bench, given).items() if why}
+            now = {name: value for name, value in given.items() if name not in later}
+            if now:
+                await self.line.ask("settings", settings=now)
+        else:
+            later, now = dict.fromkeys(given, "no loop runs"), {}
+        self._next |= {name: given[name] for name in later}
+        self._changed()
+        return {"at_once": now, "at_next_start": later}
+
+    async def close(self) -> None:
+        """The service ends: SAFE, the record closed, the process that holds the board ended."""
+        await self.line.end(_END_S)
+
+    def _heard(self, message: Message, descriptor: int | None) -> None:
+        if "track" in message and descriptor is not None:
+            self.on_track(message["track"], message["layout"], descriptor)
+        elif "board" in message:
+            self._told = message["board"]
+            self._changed()
+        elif "safe" in message:
+            self._safe.set()
+        elif "run" in message:
+            self._safe.set()
+            for told in self.on_run:
+                told(message["run"])
+            self._service.audit.note("board", "run ended", run=message["run"], words=message["words"])
+
+    def _changed(self) -> None:
+        for told in self.on_state:
+            told()
+
+
+def _parsed(text: str) -> Bench:
+    import tomllib
+
+    from hil.strict_toml import parse_table
+
+    try:
+        return parse_table(tomllib.loads(text), Bench, "bench_toml")
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"bench_toml: {error}") from None
+
+
+def _ms(begin: float) -> float:
+    return round(1e3 * (time.perf_counter() - begin), 3)
+
+
+def _nobody_looks(_name: str, _layout: dict[str, Any], descriptor: int) -> None:
+    os.close(descriptor)

@@ -1,0 +1,202 @@
+"""What a run folder says of itself, read for the catalogue: the little that lists need, and all figures."""
+
+import hashlib
+import json
+import re
+import time
+import tomllib
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
+
+from hil.errors import InputError, printable
+from hil.records.blocks import read_opening
+from hil.records.direct import DirectRecord
+from hil.records.occupied import is_occupied
+from hil.records.result import load_result
+from hil.service.catalogue.figures import Known, of_run, of_trace
+from hil.service.catalogue.marks import Marks, read_marks
+
+State = Literal["done", "running", "interrupted", "recorded", "unreadable"]
+"""running: a process works on it; interrupted: it has no figures, or those of a run that was stopped; recorded: from
+elsewhere, without figures."""
+
+_PARTS = ("result.json", "diagnosis.json", "capture.arrow", "estimates.arrow")
+_STAMPED = re.compile(r"(\d{8}-\d{6})-(.+)", re.DOTALL)
+_PLAIN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,150}")
+
+
+class Entry(NamedTuple):
+    """A run or a trace. `time` in s since 1970; `details` is what rows show besides, JSON values."""
+
+    kind: Literal["run", "trace"]
+    time: float
+    name: str
+    device: str | None
+    serial: str | None
+    bench: str | None
+    verdict: str | None
+    seconds: float | None
+    state: State
+    tags: tuple[str, ...]
+    details: Mapping[str, Any]
+    figures: Sequence[Known]
+
+
+def id_of(folder: str) -> str:
+    """What a run is called in addresses: the name of its folder, where that is a plain one."""
+    if _PLAIN_ID.fullmatch(folder):
+        return folder
+    return "~" + hashlib.sha256(folder.encode("utf-8", "surrogateescape")).hexdigest()[:24]
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder is that of a run or a trace."""
+    return any((folder / part).exists() for part in _PARTS)
+
+
+def read_entry(folder: Path) -> Entry:
+    """What a folder says; what cannot be read is said in `details`, and never raised."""
+    stamped = _STAMPED.fullmatch(folder.name)
+    when, name = (stamped[1], stamped[2]) if stamped else ("", folder.name)
+    trace = (folder / "diagnosis.json").exists()
+    unreadable, marks = "", Marks()
+    device = bench = None
+    try:
+        marks = read_marks(folder)
+    except InputError as error:
+        unreadable = str(error)
+    try:
+        device, bench = _declared(folder)
+    except InputError as error:
+        unreadable = str(error)
+    told: _Told
+    try:
+        told = _trace(folder) if trace else _run(folder)
+    except InputError as error:
+        told, unreadable = _Told("unreadable"), str(error)
+    details = {
+        "note": told.note if marks.note is None else marks.note,
+        "noted": marks.note is not None,
+        "tags": list(marks.tags),
+        "unreadable": unreadable or None,
+        **told.details,
+    }
+    return Entry(
+        "trace" if trace else "run", _time(when, folder), printable(name), told.device or device, told.serial, bench,
+        told.verdict, told.seconds, told.state, tuple(dict.fromkeys(marks.tags)), details, told.figures,
+    )  # fmt: skip
+
+
+class _Told(NamedTuple):
+    state: State
+    verdict: str | None = None
+    seconds: float | None = None
+    serial: str | None = None
+    device: str | None = None
+    note: str | None = None
+    details: Mapping[str, Any] = MappingProxyType({})
+    figures: Sequence[Known] = ()
+
+
+def _run(folder: Path) -> _Told:
+    path = folder / "result.json"
+    if not path.exists():
+        return _without_figures(folder)
+    result = load_result(path)
+    details = {
+        "parts": {name: part.outcome for name, part in result.parts.items()},
+        "reasons": list(result.reasons),
+        "next": result.next,
+        "clock": result.clock,
+        "mode": result.mode,
+        "link": result.link,
+    }
+    return _Told(
+        "interrupted" if result.verdict == "interrupted" else "done", result.verdict, result.seconds,
+        result.serial_number or _serial(folder), None if result.sensor is None else result.sensor.device,
+        result.operator_note, details, of_run(result),
+    )  # fmt: skip
+
+
+def _trace(folder: Path) -> _Told:
+    from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which the rest needs not
+
+    found = load_diagnosis(folder / "diagnosis.json")
+    details = {
+        "record": found.record,
+        "effects": [effect.name for effect in found.effects],
+        "reasons": list(found.reasons),
+    }
+    serial = None
+    if Path(found.record).name == found.record and (folder.parent / found.record).is_dir():
+        serial = _serial(folder.parent / found.record)
+    return _Told("done", found.verdict, None, serial, found.bench, None, details, of_trace(found))
+
+
+def _without_figures(folder: Path) -> _Told:
+    if is_occupied(folder):
+        return _Told("running", serial=_serial(folder))
+    ended = not (folder / "bench.toml").exists() and _is_complete(folder / "capture.arrow")
+    return _Told("recorded" if ended else "interrupted", serial=_serial(folder))
+
+
+def _is_complete(capture: Path) -> bool:
+    with suppress(InputError), DirectRecord(capture, "capture") as record:
+        return record.complete
+    return False
+
+
+def _serial(folder: Path) -> str | None:
+    """Of the board, by the header of the capture."""
+    path = folder / "capture.arrow"
+    with suppress(InputError, OSError, AttributeError, TypeError, ValueError), path.open("rb") as file:
+        identity = read_opening(path, file, "capture").header.get("identity") or {}
+        if isinstance(number := identity.get("unique_id"), int):
+            return f"{number:016x}"
+    return None
+
+
+def _declared(folder: Path) -> tuple[str | None, str | None]:
+    """Names that the bench file as run gives the device and the run."""
+    path = folder / "bench.toml"
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError:
+        return None, None
+    except OSError:
+        raise InputError(f"{path}: cannot be read") from None
+    try:
+        return _names(text)
+    except (ValueError, RecursionError):
+        raise InputError(f"{path}: not TOML; restore the file as run") from None
+
+
+@lru_cache(maxsize=512)
+def _names(text: bytes) -> tuple[str | None, str | None]:
+    """[device] name and [loop] name: of a file that hil wrote, by these tables alone, since TOML is slow to read."""
+    told = text.decode()
+    named = []
+    for section in ("device", "loop"):
+        part = re.search(rf"^\[{section}\]$(.*?)^\[", told, re.DOTALL | re.MULTILINE)
+        table = tomllib.loads(part[1]) if part else tomllib.loads(told).get(section, {})
+        name = table.get("name") if isinstance(table, dict) else None
+        named.append(printable(name) if isinstance(name, str) else None)
+    return named[0], named[1]
+
+
+def _time(stamp: str, folder: Path) -> float:
+    with suppress(ValueError, OverflowError):
+        return time.mktime(time.strptime(stamp, "%Y%m%d-%H%M%S"))
+    for part in _PARTS:
+        with suppress(OSError):
+            return (folder / part).stat().st_mtime
+    return 0.0
+
+
+def as_json(details: Mapping[str, Any]) -> str:
+    """Details as they are kept."""
+    return json.dumps(dict(details), ensure_ascii=False, allow_nan=False, separators=(",", ":"))

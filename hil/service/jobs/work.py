@@ -1,0 +1,105 @@
+"""What a job does: calls of the library, each with what it came to."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import hil
+from hil.progress import Progress, Watcher
+
+Said = Callable[[str], None]
+"""Is told the name of the run folder as soon as there is one."""
+
+
+def do(order: dict[str, Any], out: Path, place: Path, *, began: Said, progress: Watcher) -> dict[str, Any]:
+    """Do what is ordered; runs are made below `out`, what is only needed meanwhile in `place`. Raises what the library
+    does."""
+    told = dict(order)
+    return _KINDS[told.pop("kind")](told, out, place, began, progress)
+
+
+def _run(order: dict[str, Any], out: Path, place: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    from hil.library.asked import asked
+    from hil.loop.run import run
+
+    given = {name: order.get(name) for name in ("duration_s", "clock", "seed", "name")}
+    scored = order.get("score", False)
+    truth = place / "truth.arrow" if scored else None
+    open_loop = order.get("open_loop", False)
+    request = asked(order["bench"], given, link=order["link"], open_loop=open_loop, truth=truth)
+    assert request.emulated  # was looked at before, and is not driven unasked
+    done = run(
+        request.bench, request.url, out, open_loop=open_loop, truth=request.truth, note=order.get("note"),
+        begun=lambda folder, _: began(folder.name), progress=progress,
+    )  # fmt: skip
+    assert done.folder is not None
+    if truth is not None:
+        progress(Progress("score", 0, 0))
+        hil.score(done.folder, truth)
+        truth.unlink(missing_ok=True)
+    return _of_run(done.folder)
+
+
+def _trace(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    found = hil.trace(
+        order["run"], order.get("bench"), fraction=order.get("fraction"), name=order.get("name"), out=out,
+        progress=progress,
+    )  # fmt: skip
+    began(found.path.name)
+    return {"run": found.path.name, "verdict": found.verdict, "effects": [effect.name for effect in found.effects]}
+
+
+def _replay(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    bench: Any = order.get("bench")
+    if "effects_of" in order:
+        trace = hil.load(order["effects_of"])
+        if not isinstance(trace, hil.Trace):
+            raise hil.InputError("effects_of: that is no trace; name one")
+        bench = trace.add_to(hil.load_bench(bench or Path(order["run"]) / "bench.toml"))
+    done = hil.replay(order["run"], bench, name=order.get("name"), out=out, progress=progress)
+    began(done.path.name)
+    return _of_run(done.path)
+
+
+def _import(order: dict[str, Any], out: Path, place: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    from hil.interchange.importer import import_record
+    from hil.records.atomic import make_run_folder
+
+    progress(Progress("import", 0, 0))
+    made = place / "capture.arrow"
+    given = order.get("map")
+    capture = import_record(
+        Path(order["upload"]), made, map_file=None if given is None else Path(given), hold=order.get("hold"),
+        nonuniform=order.get("nonuniform", False),
+    )  # fmt: skip
+    figures = {"samples": len(capture), "axes": capture.axes, "tick_rate_Hz": capture.tick_rate_Hz}
+    folder = make_run_folder(out, order["name"])
+    began(folder.name)
+    shutil.move(made, folder / "capture.arrow")
+    return {"run": folder.name, "verdict": None, **figures}
+
+
+def _pyramid(order: dict[str, Any], _: Path, __: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    from hil.records.pyramid import build
+
+    record = Path(order["record"])
+    began(record.parent.name)
+    build(record, lambda done, total: progress(Progress("pyramid", done, total)))
+    return {"run": record.parent.name, "verdict": None}
+
+
+def _of_run(folder: Path) -> dict[str, Any]:
+    run = hil.load(folder)
+    assert isinstance(run, hil.Run)
+    error = run.result.angle_error_rms_rad
+    return {"run": folder.name, "verdict": run.result.verdict, "angle_error_rms_rad": error}
+
+
+_KINDS: dict[str, Callable[[dict[str, Any], Path, Path, Said, Watcher], dict[str, Any]]] = {
+    "run": _run,
+    "trace": _trace,
+    "replay": _replay,
+    "import": _import,
+    "pyramid": _pyramid,
+}

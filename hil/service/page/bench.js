@@ -1,0 +1,82 @@
+// The bench: the board that is connected, live, and what can be done with it.
+
+import { Circle } from "./circle.js";
+import { Controls } from "./controls.js";
+import { byId } from "./dom.js";
+import { showDrive } from "./drive.js";
+import { EstimatesTable } from "./estimates.js";
+import { showHealth } from "./health.js";
+import { Innovation } from "./innovation.js";
+import { Motion } from "./motion.js";
+import { complain } from "./notices.js";
+import { Pattern } from "./pattern.js";
+import { Scope } from "./scope.js";
+
+/** By then the catalogue lists a run that has begun. */
+const LISTED_S = 5;
+
+export class Bench {
+  title = "Bench";
+
+  /** @param {import("./live.js").Live} live @param {import("./board.js").BoardState} state */
+  constructor(live, state) {
+    this.state = state;
+    this.view = byId("view-bench");
+    const controls = new Controls(live, state);
+    new Circle(live, state, controls);
+    this.motion = new Motion();
+    this.estimates = new EstimatesTable();
+    this.innovation = new Innovation(live);
+    this.scope = new Scope(live);
+    this.streams = [new Pattern(live), this.scope, this.innovation];
+    /** @type {string | null} */
+    this.recalled = null;
+    this.visible = false;
+    /** @type {string | null} the run whose samples flow */
+    this.flowing = null;
+    state.listen((board) => this.hear(board));
+    live.on("run", ({ id }) => id === this.flowing && this.recall(id));
+  }
+
+  show() {
+    this.visible = true;
+    this.flow();
+  }
+
+  hide() {
+    this.visible = false;
+    this.flow();
+  }
+
+  /** @param {import("./board.js").Board} board */
+  hear({ run, health }) {
+    this.view.classList.toggle("stale", !run);
+    this.motion.set(run);
+    this.estimates.set(run);
+    this.innovation.set(run);
+    showHealth(health, run);
+    showDrive(/** @type {any} */ (run)?.drive);
+    this.flow();
+  }
+
+  /** Samples flow while a run lasts and somebody looks. */
+  flow() {
+    const { up, now } = this.state;
+    const run = this.visible && up && now.run ? now.runId : null;
+    if (run === this.flowing) return;
+    if (this.flowing) for (const stream of this.streams) stream.hide();
+    this.recalled = null;
+    this.flowing = run;
+    if (!run || !now.run) return;
+    for (const stream of this.streams) stream.show(run);
+    if (now.run.t_s > LISTED_S) this.recall(run);
+  }
+
+  /** What was recorded of a run before one looked, once the catalogue has it. @param {string} run */
+  recall(run) {
+    if (this.recalled === run && this.flowing === run) return;
+    this.recalled = run;
+    const asked = [this.scope.begin(run), this.motion.recall(run), this.estimates.recall(run, this.state.now.run?.t_s ?? 0)];
+    for (const one of asked) one.catch(complain);
+  }
+}

@@ -1,0 +1,40 @@
+// A verdict in words and tone, the same as in the reports.
+
+import { make } from "./dom.js";
+import { uncertain } from "./numbers.js";
+
+/** @typedef {{ outcome: string, reason?: string, next?: string | null }} Part */
+
+const TONES = /** @type {Record<string, "good" | "bad" | "slow">} */ ({
+  good: "good", complete: "good", adequate: "good", explained: "good",
+  failed: "bad", unsafe: "bad", unexplained: "bad",
+  lacks: "slow", interrupted: "slow", partly: "slow",
+});
+
+/** @param {string | null | undefined} verdict @returns {"good" | "bad" | "slow" | ""} */
+export const toneOf = (verdict) => TONES[verdict ?? ""] ?? "";
+
+/** @param {string | null | undefined} verdict @returns {HTMLElement} */
+export const word = (verdict) => make("span", { class: `word ${toneOf(verdict)}` }, verdict || "–");
+
+/** The parts of a run's verdict, the worst of which is the verdict. @param {Record<string, Part | string> | null | undefined} parts */
+export function partsOf(parts) {
+  const whole = Object.entries(parts ?? {}).map(([name, part]) => /** @type {[string, Part]} */ ([name, typeof part === "string" ? { outcome: part } : part]));
+  const rows = whole.map(([name, part]) =>
+    make("div", { class: toneOf(part.outcome) }, make("dt", {}, name), make("dd", {}, make("b", {}, part.outcome), part.reason ?? "")));
+  return make("dl", { class: "parts" }, ...rows);
+}
+
+/** What a trace found: effects with their coefficients and 95 % intervals. @param {any} diagnosis @returns {HTMLElement[]} */
+export function effectsOf(diagnosis) {
+  return (diagnosis.effects ?? []).map((/** @type {any} */ effect) =>
+    make("p", {}, make("b", {}, effect.name.replaceAll("_", " ")), ": ", Object.entries(effect.coefficients ?? {}).map(([symbol, one]) => coefficient(symbol, one)).join(", ")));
+}
+
+/** @param {string} symbol @param {any} one with value, ci95, unit */
+function coefficient(symbol, one) {
+  const half = one.ci95?.[0] === null || one.ci95?.[1] === null || !one.ci95 ? null : (one.ci95[1] - one.ci95[0]) / 2;
+  const written = uncertain(one.value, half, one.unit ?? "");
+  const value = `${written.value}${written.spread ? ` ± ${written.spread}` : ""}`;
+  return `${symbol} = ${written.unit.startsWith("×") ? `(${value})` : value} ${written.unit}`.trim();
+}

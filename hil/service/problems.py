@@ -1,0 +1,77 @@
+"""What a request is refused with: one line that says what is wrong, and one that says what to do."""
+
+import logging
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from estimator.errors import ModelError
+from hil.errors import InputError, printable
+from hil.wire.errors import WireError
+
+_LOG = logging.getLogger("hil.service")
+_UNKNOWN = {
+    404: ("there is nothing here", "GET /openapi.json lists what there is"),
+    405: ("this is not done to it", "GET /openapi.json lists what is"),
+}
+
+
+class Problem(Exception):
+    """A request that is refused with `status`; `error` and `remedy` are one line each."""
+
+    def __init__(self, status: int, error: str, remedy: str = "") -> None:
+        super().__init__(error)
+        self.status, self.error, self.remedy = status, _line(error), _line(remedy)
+
+
+class ProblemBody(BaseModel):
+    """The body of every refusal."""
+
+    error: str
+    """what is wrong, one line"""
+    remedy: str = ""
+    """what to do about it, one line, may be empty"""
+
+
+def problem_response(status: int, error: str, remedy: str = "") -> JSONResponse:
+    """The answer that refuses."""
+    return JSONResponse({"error": _line(error), "remedy": _line(remedy)}, status)
+
+
+def answer_problems(app: FastAPI) -> None:
+    """Have every error of a route answered in that form, and none with a traceback."""
+
+    @app.exception_handler(Problem)
+    async def _problem(_: Request, problem: Problem) -> JSONResponse:
+        return problem_response(problem.status, problem.error, problem.remedy)
+
+    @app.exception_handler(HTTPException)
+    async def _http(_: Request, error: HTTPException) -> JSONResponse:
+        said, remedy = _UNKNOWN.get(error.status_code, (str(error.detail), ""))
+        answer = problem_response(error.status_code, said, remedy)
+        answer.headers.update(error.headers or {})
+        return answer
+
+    @app.exception_handler(RequestValidationError)
+    async def _invalid(_: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        return problem_response(422, f"{place}: {first['msg']}", "GET /openapi.json says what is expected")
+
+    @app.exception_handler(InputError)
+    @app.exception_handler(ModelError)
+    @app.exception_handler(WireError)
+    async def _told(_: Request, error: Exception) -> JSONResponse:
+        return problem_response(400, str(error))
+
+    @app.exception_handler(Exception)
+    async def _fault(_: Request, error: Exception) -> JSONResponse:
+        _LOG.error("a fault of hil", exc_info=error)
+        return problem_response(500, f"a fault of hil: {type(error).__name__}", "the service's output has the details")
+
+
+def _line(text: str) -> str:
+    return printable(" ".join(text.split()))

@@ -1,0 +1,175 @@
+"""Routes of the board and its lease."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Annotated, Any, Literal, cast
+
+from fastapi import APIRouter, Header, Request
+from pydantic import BaseModel, ConfigDict, Field, StrictBool
+
+from hil.loop.live_settings import Settings
+from hil.service.board.lease import LONGEST_S
+from hil.service.board.part import BoardPart
+from hil.service.problems import Problem
+from hil.service.security.roles import Role
+from hil.service.service import Service, holder_of, service_of
+
+router = APIRouter(tags=["board"])
+Lease = Annotated[str | None, Header(alias="X-Lease", description="the lease of the board")]
+_LINE = Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Connect(_Body):
+    """Where the board is."""
+
+    link: str = Field(max_length=1000)
+    """as of `hil run --link`; scenarios by name, serial ports below /dev"""
+    bench: str | None = Field(default=None, max_length=200)
+    """name of a bench file of this bench, or of an example, that a start takes when it names none"""
+
+
+class Start(_Body):
+    """What is to be run."""
+
+    bench: str | None = Field(default=None, max_length=200)
+    bench_toml: str | None = Field(default=None, max_length=100_000)
+    """a bench file's text, instead"""
+    duration_s: float | None = Field(default=None, gt=0.0, le=1e6)
+    clock: Literal["lockstep", "paced", "real"] | None = None
+    name: str | None = Field(default=None, max_length=100)
+    note: str | None = Field(default=None, max_length=2000)
+    seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
+    open_loop: StrictBool = False
+    consent: StrictBool = False
+    """that the board may be armed: said for each run anew, needed for every board that was not started here"""
+    settings: Settings = Settings()
+
+
+class TakeLease(_Body):
+    """Who wants the board, for what, and for how long without renewal."""
+
+    holder: Annotated[str, _LINE]
+    purpose: Annotated[str, _LINE] = ""
+    seconds: float = Field(default=60.0, ge=1.0, le=LONGEST_S)
+    wait: StrictBool = False
+    """queue where somebody has it"""
+
+
+@asynccontextmanager
+async def lifespan(service: Service) -> AsyncIterator[None]:
+    """The board's part, as long as the service lives; a board that was held before is found again."""
+    part = BoardPart(service)
+    service.parts["board"] = part
+    service.at_signal.append(part.line.end_soon)
+
+    try:
+        yield
+    finally:
+        await part.close()
+
+
+def board_of(request: Request) -> BoardPart:
+    """The board of the service that a request came to."""
+    return cast(BoardPart, service_of(request).parts["board"])
+
+
+def _operated(request: Request, lease: str | None, what: str, **details: Any) -> BoardPart:
+    """The board, for the holder of its lease, with an entry in the audit log."""
+    part = board_of(request)
+    holder = part.leases.require(lease)
+    service_of(request).audit.note(holder_of(request), what, lease=holder, **details)
+    return part
+
+
+@router.get("/api/board")
+async def board(request: Request) -> dict[str, Any]:
+    """The board's state."""
+    return board_of(request).state
+
+
+@router.post("/api/board/connect")
+async def connect(request: Request, wanted: Connect, x_lease: Lease = None) -> dict[str, Any]:
+    """Open the link and look at the board; nothing is armed. An emulated board is started."""
+    return await _operated(request, x_lease, "connect", link=wanted.link).connect(wanted.link, wanted.bench)
+
+
+@router.post("/api/board/disconnect")
+async def disconnect(request: Request, x_lease: Lease = None) -> dict[str, Any]:
+    """Let the link go; an emulated board ends."""
+    return await _operated(request, x_lease, "disconnect").disconnect()
+
+
+@router.post("/api/board/start")
+async def start(request: Request, wanted: Start, x_lease: Lease = None) -> dict[str, Any]:
+    """Arm the board and close the loop; answers when it is armed, with the run's folder."""
+    said = wanted.model_dump(exclude={"bench_toml"}, exclude_none=True)
+    part = _operated(request, x_lease, "start", **said)
+    return await part.start(
+        bench=wanted.bench,
+        bench_toml=wanted.bench_toml,
+        consent=wanted.consent,
+        open_loop=wanted.open_loop,
+        note=wanted.note,
+        settings=wanted.settings.given,
+        loop={"duration_s": wanted.duration_s, "clock": wanted.clock, "name": wanted.name, "seed": wanted.seed},
+    )
+
+
+@router.post("/api/board/stop")
+async def stop(request: Request, x_lease: Lease = None) -> dict[str, Any]:
+    """End the run: SAFE, the record closed, its figures made."""
+    return await _operated(request, x_lease, "stop").stop()
+
+
+@router.post("/api/board/safe")
+async def safe(request: Request) -> dict[str, Any]:
+    """Bring the board to SAFE: for everybody who may look, without a lease. Answers when the board has said so."""
+    said = await board_of(request).safe()
+    service_of(request).audit.note(holder_of(request), "safe", **said)
+    return said
+
+
+@router.patch("/api/board/settings")
+async def settings(request: Request, wanted: Settings, x_lease: Lease = None) -> dict[str, Any]:
+    """Change settings: at once where the loop can, else at the next start; the answer says which, and why."""
+    return await _operated(request, x_lease, "settings", **wanted.given).settings(wanted)
+
+
+@router.get("/api/lease")
+async def lease(request: Request) -> dict[str, Any]:
+    """Who has the board, and who waits for it."""
+    return board_of(request).leases.told()
+
+
+@router.post("/api/lease")
+async def take_lease(request: Request, wanted: TakeLease) -> dict[str, Any]:
+    """Take the board, or with `wait` a place in the queue (`place` > 0); renew either by PUT before it ends."""
+    said = board_of(request).leases.take(wanted.holder, wanted.purpose, wanted.seconds, wait=wanted.wait)
+    service_of(request).audit.note(holder_of(request), "lease", **wanted.model_dump(), place=said["place"])
+    return said
+
+
+@router.put("/api/lease")
+async def renew_lease(request: Request, x_lease: Lease = None) -> dict[str, Any]:
+    """Keep the lease, or the place in the queue."""
+    if x_lease is None:
+        raise Problem(422, "the header X-Lease is missing", "send the lease that POST /api/lease gave")
+    return board_of(request).leases.renew(x_lease)
+
+
+@router.delete("/api/lease")
+async def end_lease(request: Request, x_lease: Lease = None) -> dict[str, Any]:
+    """Give the lease back, or leave the queue; who may administer ends another's by sending none."""
+    leases = board_of(request).leases
+    if x_lease is not None:
+        leases.give_back(x_lease)
+    elif holder_of(request).role is Role.ADMINISTER:
+        leases.end()
+    else:
+        raise Problem(403, "only an administrator ends another one's lease", "send X-Lease to give yours back")
+    service_of(request).audit.note(holder_of(request), "lease ended")
+    return leases.told()

@@ -1,0 +1,170 @@
+"""Routes of the jobs and of what they need: uploads and bench files."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Request
+from pydantic import Field
+from starlette.datastructures import UploadFile
+from starlette.requests import ClientDisconnect
+from starlette.types import Message, Receive
+
+from hil.errors import InputError
+from hil.service.jobs.asked import Asked, order_of
+from hil.service.jobs.jobs import FOLDER, Jobs
+from hil.service.jobs.uploads import TooLarge, Uploads
+from hil.service.problems import Problem
+from hil.service.routes_runs import catalogue_of
+from hil.service.service import Service, holder_of, service_of
+
+router = APIRouter(tags=["jobs"])
+
+JobId = Annotated[str, Field(max_length=200)]
+_PIECE = 1 << 20
+_ROUND_IT = 1 << 16  # bytes of a form besides its files
+_FORM = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["record"],
+                    "properties": {
+                        "record": {"type": "string", "format": "binary"},
+                        "map": {"type": "string", "format": "binary"},
+                    },
+                }
+            }
+        },
+    }
+}
+
+
+@asynccontextmanager
+async def lifespan(service: Service) -> AsyncIterator[None]:
+    """The jobs of a service."""
+    loop, catalogue = asyncio.get_running_loop(), service.parts["catalogue"]
+
+    def told(row: dict[str, Any]) -> None:
+        loop.call_soon_threadsafe(service.tell, {"kind": "job", "job": row})
+
+    uploads = Uploads(service.private / "uploads")
+
+    def told_and_tidied(row: dict[str, Any]) -> None:
+        if row["kind"] == "import" and row["state"] == "done":
+            uploads.remove(row["asked"]["upload"])
+        told(row)
+
+    jobs = await asyncio.to_thread(
+        Jobs, service.private / FOLDER, service.folder, told=told_and_tidied, made=catalogue.look_at
+    )
+    service.parts |= {"jobs": jobs, "uploads": uploads}
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(jobs.close)
+
+
+@router.get("/api/jobs")
+def jobs(request: Request) -> dict[str, list[dict[str, Any]]]:
+    """All jobs, the newest first."""
+    return {"jobs": _jobs(request).rows()}
+
+
+@router.post("/api/jobs", status_code=201)
+def add(request: Request, asked: Annotated[Asked, Body()]) -> dict[str, Any]:
+    """Ask for a run of an emulated board, a trace, a replay or an import."""
+    service = service_of(request)
+    try:
+        order = order_of(asked, service.folder, catalogue_of(request).path_of, service.parts["uploads"])
+        told = asked.model_dump(exclude_none=True, exclude_defaults=True)
+        row = _jobs(request).add(order, told, by=holder_of(request).name)
+    except KeyError as error:
+        raise Problem(404, f"no such run: {error.args[0]}", "GET /api/runs lists them") from None
+    except InputError as error:
+        raise Problem(400, str(error)) from None
+    service.audit.note(holder_of(request), "job asked for", job=row["id"], **told)
+    return row
+
+
+@router.get("/api/jobs/{job}")
+def job(request: Request, job: JobId) -> dict[str, Any]:
+    """One job."""
+    try:
+        return _jobs(request).row(job)
+    except KeyError:
+        raise _unknown(job) from None
+
+
+@router.delete("/api/jobs/{job}")
+def cancel(request: Request, job: JobId) -> dict[str, Any]:
+    """Have a job end, well: a run closes its record. One that has ended is taken off the list, what it made stays."""
+    try:
+        row = _jobs(request).cancel(job)
+    except KeyError:
+        raise _unknown(job) from None
+    service_of(request).audit.note(holder_of(request), "job cancelled", job=job)
+    return row
+
+
+@router.post("/api/uploads", status_code=201, openapi_extra=_FORM)
+async def upload(request: Request) -> dict[str, Any]:
+    """Send a record (CSV, plain or gzipped; MATLAB; Parquet) as `record` and, where its columns have other names, a map
+    of them as `map`; then ask for a job of kind `import`. It is not looked into here."""
+    uploads: Uploads = service_of(request).parts["uploads"]
+    most = uploads.most_bytes + _ROUND_IT
+    bounded = Request(request.scope, _bounded(request.receive, most))
+    try:
+        if int(request.headers.get("content-length", "0")) > most:
+            raise TooLarge(f"larger than the {uploads.most_bytes >> 20} MB that are taken; import it with hil import")
+        async with bounded.form(max_files=2, max_fields=4) as form:
+            record, given = form.get("record"), form.get("map")
+            if not isinstance(record, UploadFile):
+                raise InputError("no file called record in the form; send one")
+            receiving = uploads.begin(record.filename or "")
+            try:
+                await receiving.record(_pieces(record))
+                if isinstance(given, UploadFile) and given.size:
+                    await receiving.map(_pieces(given))
+                found = receiving.done()
+            except BaseException:
+                receiving.give_up()
+                raise
+    except TooLarge as error:
+        raise Problem(413, str(error)) from None
+    except (InputError, ClientDisconnect, ValueError) as error:
+        raise Problem(400, str(error) or "the upload was cut off") from None
+    service_of(request).audit.note(holder_of(request), "record uploaded", upload=found.id, bytes=found.bytes)
+    return {"id": found.id, "bytes": found.bytes, "map": found.map is not None}
+
+
+def _jobs(request: Request) -> Jobs:
+    found: Jobs = service_of(request).parts["jobs"]
+    return found
+
+
+def _unknown(job: str) -> Problem:
+    return Problem(404, f"no such job: {job}", "GET /api/jobs lists them")
+
+
+def _bounded(receive: Receive, most: int) -> Receive:
+    """`receive`, which raises TooLarge after so many bytes, whatever length was announced."""
+    came = 0
+
+    async def bounded() -> Message:
+        nonlocal came
+        message = await receive()
+        came += len(message.get("body", b""))
+        if came > most:
+            raise TooLarge(f"larger than the {most >> 20} MB that are taken; import it with hil import")
+        return message
+
+    return bounded
+
+
+async def _pieces(file: UploadFile) -> AsyncIterator[bytes]:
+    while piece := await file.read(_PIECE):
+        yield piece

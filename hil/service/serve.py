@@ -1,0 +1,193 @@
+"""The service's process: where it listens, which tokens it makes, how it begins and ends."""
+
+import asyncio
+import ipaddress
+import json
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import uvicorn
+
+from hil.errors import InputError
+from hil.service.app import make_app
+from hil.service.security.audit import Audit
+from hil.service.security.hosts import Hosts
+from hil.service.security.roles import Role
+from hil.service.security.tokens import Holder, Tokens
+from hil.service.service import PRIVATE, Service
+
+PORT = 8417
+FOUND_BY = "serve.json"
+"""File in the service's own folder by which programs of the same user find it."""
+_LARGEST_MESSAGE = 64 * 1024  # of a WebSocket's client
+_GRACE_S = 2  # for open requests, at the end
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a service is to listen.
+
+    Attributes:
+        folder: run folders.
+        port: 0 for any that is free.
+        listen: address other than loopback, None for loopback alone.
+        insecure: consent to tokens and data that anybody in the network can read.
+        certificate, key: files for TLS.
+        names: other names that this service may be called by.
+        read_only: no token can do more than look.
+        foxglove: port on loopback for Foxglove's viewers, None for none, 0 for any that is free.
+    """
+
+    folder: Path
+    port: int = PORT
+    listen: str | None = None
+    insecure: bool = False
+    certificate: Path | None = None
+    key: Path | None = None
+    names: Sequence[str] = ()
+    read_only: bool = False
+    foxglove: int | None = None
+
+
+class Begun(NamedTuple):
+    """A service that has begun to listen: its address, a link with the token for each role that was given out, and the
+    port of other viewers."""
+
+    url: str
+    links: dict[str, str]
+    foxglove: int | None
+
+
+def serve(where: Where, begun: Callable[[Begun], None]) -> None:
+    """Serve until SIGTERM or Ctrl-C. Raises InputError where that cannot be."""
+    _require_secure(where)
+    service, given = _service(where)
+    sock = _socket(where)
+    scheme = "https" if where.certificate else "http"
+    host, port = sock.getsockname()[:2]
+    host = socket.gethostname() if ipaddress.ip_address(host).is_unspecified else host
+    url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/"
+    config = uvicorn.Config(
+        make_app(service),
+        log_level="warning",
+        access_log=False,
+        ws="websockets-sansio",
+        ws_max_size=_LARGEST_MESSAGE,
+        ws_per_message_deflate=False,
+        server_header=False,
+        timeout_graceful_shutdown=_GRACE_S,
+        ssl_certfile=where.certificate,
+        ssl_keyfile=where.key,
+    )
+    links = {role: f"{url}#token={token}" for role, token in given.items()}
+    found_by = service.private / FOUND_BY
+    server = _Server(config)
+    with ExitStack() as stack:
+        stack.callback(sock.close)
+        stack.callback(service.audit.close)
+        port = None if where.foxglove is None else _viewed(service, where.foxglove, stack)
+        entry = {"url": url, "pid": os.getpid(), "token": next(reversed(given.values()))}
+        stack.enter_context(_findable(found_by, entry))
+        asyncio.run(server.until_told(sock, lambda: begun(Begun(url, links, port)), service))
+        if not server.started:
+            raise InputError("the service did not start; the lines above say why")
+
+
+def _viewed(service: Service, port: int, stack: ExitStack) -> int:
+    """Have other viewers served; the port."""
+    from hil.service.viewers import Viewers
+
+    viewers = service.parts["viewers"] = Viewers(port)
+    stack.callback(viewers.close)
+    return viewers.port
+
+
+class _Server(uvicorn.Server):
+    """Ends on SIGTERM and Ctrl-C, and gives the signal to nobody else."""
+
+    async def until_told(self, sock: socket.socket, begun: Callable[[], None], service: Service) -> None:
+        """Serve on `sock`; `begun` is called when it is ready."""
+        self._at_signal = service.at_signal
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self._end)
+        task = asyncio.ensure_future(self.serve([sock]))
+        while not self.started and not task.done():
+            await asyncio.sleep(0.01)
+        if self.started:
+            begun()
+        await task
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """The loop's handlers see to them."""
+        yield
+
+    def _end(self) -> None:
+        for act in self._at_signal:
+            act()
+        self.force_exit = self.should_exit
+        self.should_exit = True
+
+
+def _require_secure(where: Where) -> None:
+    if (where.certificate is None) != (where.key is None):
+        raise InputError("--tls-cert and --tls-key belong together: give both")
+    if where.listen is None:
+        return
+    try:
+        local = ipaddress.ip_address(where.listen).is_loopback
+    except ValueError:
+        raise InputError(f"--listen: {where.listen!r} is no address; give a number, such as 192.168.1.20") from None
+    if not (local or where.certificate or where.insecure):
+        raise InputError(
+            f"--listen {where.listen}: others could read the token; give --tls-cert and --tls-key, "
+            "or --insecure if nobody else is in that network"
+        )
+
+
+def _service(where: Where) -> tuple[Service, dict[str, str]]:
+    """The service, and the tokens given out by role: on loopback one that may do everything."""
+    try:
+        (where.folder / PRIVATE).mkdir(parents=True, exist_ok=True, mode=0o700)
+        audit = Audit(where.folder / PRIVATE / "audit.jsonl")
+    except OSError as error:
+        raise InputError(f"{where.folder}: {(error.strerror or 'cannot be used').lower()}") from None
+    tokens = Tokens()
+    roles = [Role.LOOK] if where.read_only else [Role.ADMINISTER] if where.listen is None else list(Role)
+    given = {role.name.lower(): tokens.make(Holder(role.name.lower(), role)) for role in roles}
+    hosts = Hosts(where.names, local=where.listen is None)
+    return Service(where.folder, hosts, tokens, audit), given
+
+
+def _socket(where: Where) -> socket.socket:
+    host = where.listen or "127.0.0.1"
+    sock = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        sock.bind((host, where.port))
+    except OSError as error:
+        sock.close()
+        why = (error.strerror or "cannot be used").lower()
+        raise InputError(f"{host}:{where.port}: {why}; give another --port, 0 for any that is free") from None
+    return sock
+
+
+@contextmanager
+def _findable(path: Path, entry: dict[str, object]) -> Iterator[None]:
+    """While it lasts, programs of the same user find the service by `path`."""
+    with suppress(FileNotFoundError):
+        path.unlink()
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w") as file:
+        json.dump(entry, file)
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,53 @@
+"""What the routes share: where the runs are, who may do what, and what is told to everybody who looks."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+from fastapi import Request
+
+from hil.service.live_messages import LiveMessages
+from hil.service.security.audit import Audit
+from hil.service.security.hosts import Hosts
+from hil.service.security.tickets import Tickets
+from hil.service.security.tokens import Holder, Tokens
+
+PRIVATE = ".service"
+"""Folder beside the runs in which the service keeps what is its own."""
+
+
+@dataclass
+class Service:
+    """One service; routes get it by `service_of(request)`, background work by its part's `lifespan`.
+
+    Attributes:
+        folder: where the run folders are.
+        tell: what every live client is told as JSON text, such as {"kind": "job", …}.
+        at_signal: what is called at once when the service is told to end, before open requests are waited for.
+        parts: what a part of the service shares with others, by its name; set in its `lifespan`.
+    """
+
+    folder: Path
+    hosts: Hosts
+    tokens: Tokens
+    audit: Audit
+    tickets: Tickets = field(default_factory=Tickets)
+    tell: LiveMessages = field(default_factory=LiveMessages)
+    parts: dict[str, Any] = field(default_factory=dict)
+    at_signal: list[Callable[[], None]] = field(default_factory=list)
+
+    @property
+    def private(self) -> Path:
+        """The service's own folder, which exists."""
+        return self.folder / PRIVATE
+
+
+def service_of(request: Request) -> Service:
+    """The service that a request came to."""
+    return cast(Service, request.app.state.service)
+
+
+def holder_of(request: Request) -> Holder:
+    """Who asks; every guarded request has a holder."""
+    return cast(Holder, request.state.holder)

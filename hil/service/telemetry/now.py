@@ -1,0 +1,146 @@
+"""The figures of a run that lasts, several times a second: what the observer says, how the link and the loop fare."""
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from hil.service.telemetry.tracks import Track, Tracks
+from hil.wire.messages import SenseFlags
+
+_LOOKED_S = 1.0  # over which powers and peaks are taken
+_INNOVATION_S = 0.5
+
+
+class Now:
+    """Told each look, asked a few times a second."""
+
+    def __init__(self) -> None:
+        self._first: int | None = None
+        self._last = 0
+        self._samples = self._held = self._late = self._answers = 0
+        self._heard_s = time.monotonic()
+
+    def look(self, tracks: Tracks) -> None:
+        """Count what the tracks' last look brought."""
+        capture, timing = tracks.get("capture"), tracks.get("timing")
+        if capture is not None and len(rows := capture.new):
+            self._heard_s = time.monotonic()
+            if self._first is None:
+                self._first = int(rows["tick"][0])
+            self._last = int(rows["tick"][-1])
+            self._samples += len(rows)
+            self._held += int(np.count_nonzero(rows["flags"] & SenseFlags.HELD))
+        if timing is not None and len(rows := timing.new):
+            self._answers += len(rows)
+            self._late += _late(timing)
+
+    def health(self, tracks: Tracks) -> dict[str, Any]:
+        """Link and deadlines: samples seen and missing between two ticks; `held`, those at which the board held its
+        drive for want of an answer, by its own word; `late`, answers that left later than the deadline after their
+        sample had come, in gain mode matrices that came into force too late or not at all; the time from a sample's
+        arrival to its answer over the last second.
+        """
+        if self._first is None:
+            return {}
+        seen = sum(track.passed_over for track in tracks if track.layout.kind == "capture")
+        missing = self._last - self._first + 1 - self._samples - seen
+        told: dict[str, Any] = {
+            "samples": self._samples + seen,
+            "lost": max(missing, 0),
+            "held": self._held,
+            "late": self._late,
+            "silent_s": round(time.monotonic() - self._heard_s, 2),
+        }
+        if self._samples:
+            told["in_time"] = 1.0 - self._held / self._samples
+        if (timing := tracks.get("timing")) is not None:
+            rows = timing.kept.newest(1 << 13)
+            rows = rows[rows["tick"] > self._last - _LOOKED_S * tracks.rate_Hz]
+            if len(rows):
+                turn = (rows["t_send_ns"] - rows["t_receive_ns"]) * 1e-3
+                p50, p99 = np.percentile(turn, [50, 99])
+                told["turnaround_us"] = {"p50": round(p50, 1), "p99": round(p99, 1), "max": round(float(turn.max()), 1)}
+        return told
+
+    def run(self, tracks: Tracks) -> dict[str, Any] | None:
+        """Angle, rate, estimates, innovation, drive, as they are now; None before the first sample."""
+        if self._first is None:
+            return None
+        told: dict[str, Any] = {"t_s": self._last / tracks.rate_Hz, "samples": self._samples}
+        if (estimates := tracks.get("estimates")) is not None:
+            told |= _estimates(estimates)
+        if (innovation := tracks.get("innovation")) is not None:
+            told["innovation"] = _innovation(innovation, round(_INNOVATION_S * tracks.rate_Hz))
+        if (capture := tracks.get("capture")) is not None:
+            told["drive"] = _drive(capture, round(_LOOKED_S * tracks.rate_Hz))
+        return {name: _finite(value) for name, value in told.items()}
+
+
+def _late(timing: Track) -> int:
+    rows, header = timing.new, timing.layout.header
+    if "applied_tick" in (rows.dtype.names or ()):
+        applied = rows["applied_tick"]
+        return int(np.count_nonzero((applied < 0) | (applied > rows["tick"] + int(header["block"]) + 1)))
+    if header.get("deadline_us") is None:
+        return 0
+    return int(np.count_nonzero(rows["t_send_ns"] - rows["t_receive_ns"] > 1e3 * float(header["deadline_us"])))
+
+
+def _estimates(track: Track) -> dict[str, Any]:
+    rows = track.kept.newest(1)
+    if not len(rows):
+        return {}
+    row = rows[0]
+    units = {column.name: column.unit for column in track.layout.columns}
+    names = track.layout.header["states"]
+    told: dict[str, Any] = {
+        "estimates": {name: [float(row[name]), float(row[f"sd_{name}"]), units[name]] for name in names}
+    }
+    if "rate_rad_s" in names:
+        told |= {"rate_rad_s": float(row["rate_rad_s"]), "rate_u": float(row["sd_rate_rad_s"])}
+    if "angle_rad" in units:
+        told |= {name: float(row[name]) for name in ("angle_rad", "angle_u_rad", "energy_ratio", "quadrature_ratio")}
+        told["valid"] = bool(row["valid"])
+    return told
+
+
+def _innovation(track: Track, count: int) -> dict[str, Any]:
+    rows = track.kept.newest(min(count, 1 << 15))
+    names = [name for name in rows.dtype.names or () if name.endswith("_V")]
+    measured = [name for name in names if not name.startswith(("sd_", "s_"))]
+    predicted = [name for name in names if name not in measured]
+    if not len(rows) or not measured or not predicted:
+        return {}
+    rms, expected = (
+        math.sqrt(float(np.mean([np.mean(np.square(rows[name], dtype=float)) for name in side])))
+        for side in (measured, predicted)
+    )
+    return {"rms_V": rms, "predicted_V": expected, "ratio": rms / expected if expected else None}
+
+
+def _drive(track: Track, count: int) -> dict[str, Any]:
+    rows = track.kept.newest(min(count, 1 << 15))
+    told: dict[str, Any] = {}
+    for column in track.layout.columns:
+        if column.name.startswith("u") and column.name.endswith("_code"):
+            codes = rows[column.name].astype(float)
+            told["unit"] = column.unit
+            told[f"rms_{column.name[1]}"] = float(np.sqrt(np.mean(np.square(codes)))) * column.scale
+            told[f"peak_{column.name[1]}"] = float(np.abs(codes).max()) * column.scale
+    identity = track.layout.header.get("identity", {})
+    if "drive_bits" in identity:
+        told["full_scale"] = (2 ** (identity["drive_bits"] - 1) - 1) * float(identity["drive_scale_mps2"])
+    return told
+
+
+def _finite(value: Any) -> Any:
+    """As JSON can say it: what is no number, as of an observer that diverged, is null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return value

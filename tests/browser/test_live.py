@@ -1,0 +1,174 @@
+"""A run, as the page shows it and as it is steered from there."""
+
+import json
+import math
+import re
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from hil.emulation import emulator
+from hil.examples import find
+from tests.browser.bench_page import BOARD, LOCKSTEP, PATIENT, BenchPage
+from tests.service.serving import Serving
+
+pytestmark = pytest.mark.realtime
+
+RATE_RAD_S = math.radians(90.0)  # of the scenario, for its first ten seconds
+
+
+def number(text: str) -> float:
+    """As the page writes it."""
+    return float(text.replace("−", "-").replace("\u202f", ""))
+
+
+def moment(page: BenchPage) -> tuple[float, float]:
+    """Bench time and angle, read off at one instant."""
+    t, angle = page.page.evaluate("['run-time', 'angle-value'].map(id => document.getElementById(id).textContent)")
+    return number(t.partition(" ")[0]), number(angle)
+
+
+def picture(page: BenchPage, canvas: str) -> str:
+    """What a canvas shows."""
+    shown: str = page.page.locator(canvas).first.evaluate("canvas => canvas.toDataURL()")
+    return shown
+
+
+def test_pattern_and_angle_move_and_agree_with_the_board(page: BenchPage) -> None:
+    page.connect(BOARD, LOCKSTEP)  # no browser beside it, however busy the machine, makes an answer late
+    assert page.api("GET", "/api/board")["run"] is None, "connecting arms nothing"
+    page.start(600.0)
+    rows = page.page.locator("#estimates tbody tr")
+    expect(rows).to_have_count(13, timeout=20_000)
+    before = {
+        name: picture(page, name)
+        for name in ("#pattern", "#scope-chart canvas", "#angle-chart canvas", "#spectrum-chart canvas")
+    }
+    page.eventually(lambda: moment(page)[0] > 3.0, 60.0)
+    begin, angle = moment(page)
+    page.eventually(lambda: moment(page)[0] > begin + 3.0, 60.0)
+    end, turned = moment(page)
+    assert all(picture(page, name) != shown for name, shown in before.items())
+    # the rate is the scenario's, which the emulator knows, and the host does not
+    assert (turned - angle) / (end - begin) == pytest.approx(RATE_RAD_S, rel=0.1)
+    assert number(page.page.locator("#rate-value").inner_text()) == pytest.approx(RATE_RAD_S, abs=0.2)
+    expect(page.page.locator("#rate-spread")).to_have_text(re.compile(r"± [\d.]+ rad/s"))
+    expect(page.page.locator("#health")).to_contain_text("answered in time")
+    expect(page.page.locator("#drive-x-text")).to_contain_text("m/s²")
+    page.page.keyboard.press("Escape")
+    expect(page.state).to_have_text("SAFE")
+    page.disconnect_if_connected()
+
+
+def test_settings_act_on_the_loop_that_runs_and_stop_ends_it(page: BenchPage) -> None:
+    page.connect(BOARD, LOCKSTEP)
+    page.start(600.0)
+    page.page.get_by_label("Virtual rotation").fill("4.5")
+    page.page.get_by_label("Amplitude").fill("110")
+    page.page.get_by_role("button", name="Apply now").click()
+    page.eventually(lambda: page.api("GET", "/api/board")["settings"].get("virtual_rotation") == 4.5)
+    assert page.api("GET", "/api/board")["settings"]["amplitude"] == pytest.approx(110e-6)
+    run = page.api("GET", "/api/board")["run"]
+    page.eventually(
+        lambda: page.millivolts("long axis") > 1.05 * 88.5, 15.0
+    )  # the board's own samples: 885 V/m · 110 µm
+    page.page.get_by_role("button", name="Stop", exact=True).click()
+    expect(page.state).to_have_text("SAFE")
+    expect(page.page.locator("#state-reason")).to_contain_text("INTERRUPTED")
+    changes = [json.loads(line) for line in (page.service.folder / run / "changes.jsonl").read_text().splitlines()]
+    assert changes[-1]["virtual_rotation"] == 4.5
+    page.disconnect_if_connected()
+
+
+@pytest.mark.parametrize("where", ["in a field", "in the dialog", "on another view"])
+def test_escape_is_safe_wherever_one_is(page: BenchPage, where: str) -> None:
+    page.connect_unless_connected(BOARD, PATIENT)
+    page.start(600.0)
+    if where == "in a field":
+        page.page.get_by_label("Amplitude").focus()
+    elif where == "in the dialog":
+        page.page.evaluate("document.getElementById('consent').showModal()")
+    else:
+        page.page.get_by_role("link", name="Runs").click()
+        page.page.get_by_label("Search").focus()
+    begin = time.monotonic()
+    page.page.keyboard.press("Escape")
+    expect(page.state).to_have_text("SAFE", timeout=2000)
+    assert time.monotonic() - begin < 1.0
+    page.eventually(lambda: page.api("GET", "/api/board")["state"] == "SAFE")
+    page.settled()
+
+
+def test_saying_no_arms_nothing(page: BenchPage) -> None:
+    page.connect_unless_connected(BOARD, PATIENT)
+    page.page.get_by_role("button", name="Arm and start").click()
+    dialog = page.page.get_by_role("dialog")
+    expect(dialog.get_by_role("button", name="Do not arm")).to_be_focused()
+    page.page.keyboard.press("Enter")
+    expect(dialog).to_be_hidden()
+    page.page.wait_for_timeout(500)
+    assert page.api("GET", "/api/board")["run"] is None
+    expect(page.state).to_have_text("SAFE")
+
+
+def test_the_scope_holds_zooms_to_single_samples_and_measures(page: BenchPage) -> None:
+    page.connect_unless_connected(BOARD, PATIENT)
+    page.start(600.0)
+    page.page.get_by_label("Span of the scope").select_option("0.05")
+    page.page.get_by_label("Trigger of the scope").select_option("rise")
+    chart = page.page.locator("#scope-chart")
+    expect(chart.locator("canvas")).to_be_visible()
+    expect(page.page.locator("#health")).to_contain_text("answered in time")
+    page.page.wait_for_timeout(4000)  # what is paused has to be listed, and on the disk, before it is zoomed into
+    page.page.get_by_role("button", name="Pause").click()
+    held = picture(page, "#scope-chart canvas")
+    page.page.wait_for_timeout(600)
+    assert picture(page, "#scope-chart canvas") == held
+    chart.focus()
+    page.page.wait_for_timeout(1500)
+    page.page.keyboard.press("+")
+    page.page.keyboard.press("+")
+    expect(page.page.locator("#scope-readout")).to_contain_text("single samples, 4.00 kHz")
+    page.page.keyboard.press("a")
+    page.page.keyboard.press("ArrowLeft")
+    page.page.keyboard.press("b")
+    page.page.keyboard.press("Shift+ArrowRight")
+    expect(page.page.locator("#scope-readout")).to_contain_text(re.compile(r"B − A .*Hz"))
+    with page.page.expect_download() as saved:
+        page.page.get_by_role("button", name="Save CSV").click()
+    lines = Path(saved.value.path()).read_text().splitlines()
+    assert lines[0] == "t_s,vx_V,vy_V"
+    assert len(lines) > 20
+    page.page.keyboard.press("Escape")
+    page.settled()
+
+
+def test_a_lost_board_is_told_within_a_second_and_found_again(browser: Browser, service: Serving) -> None:
+    with emulator(find("scenario", "s-slow")) as board, BenchPage.opened(browser, service) as page:
+        page.disconnect_if_connected()
+        page.connect(board.url, PATIENT)
+        board.process.send_signal(signal.SIGSTOP)
+        begin = time.monotonic()
+        expect(page.state).to_have_text("Board lost", timeout=3000)
+        lost_s = time.monotonic() - begin
+        board.process.send_signal(signal.SIGCONT)
+        expect(page.state).to_have_text("SAFE", timeout=5000)
+        assert lost_s <= 1.0
+        page.disconnect_if_connected()
+
+
+def test_a_lost_service_is_told_within_a_second_and_found_again(browser: Browser, service: Serving) -> None:
+    with BenchPage.opened(browser, service) as page:
+        service.process.send_signal(signal.SIGSTOP)
+        begin = time.monotonic()
+        try:
+            expect(page.state).to_have_text("Service lost", timeout=3000)
+            lost_s = time.monotonic() - begin
+        finally:
+            service.process.send_signal(signal.SIGCONT)
+        expect(page.page.locator("#service-text")).to_have_text("service connected", timeout=5000)
+        assert lost_s <= 1.0
+        page.complaints.clear()  # the browser tells of sockets that were not opened

@@ -1,0 +1,22 @@
+"""One service for all tests of a module that leave it as they found it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.service.folders import real_run
+from tests.service.serving import Serving, serving
+
+
+@pytest.fixture(scope="session")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a real run, for all tests that leave it as it is."""
+    return real_run(tmp_path_factory.mktemp("real"), report=True)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:
+    """A service with an empty folder."""
+    with serving(tmp_path_factory.mktemp("bench") / "runs") as running:
+        yield running

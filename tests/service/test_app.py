@@ -1,0 +1,77 @@
+"""The service's frame: it begins, says where it is, answers, refuses in one form, and ends."""
+
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.service.serving import Serving, serving
+
+
+def test_the_page_and_its_description_are_there(service: Serving) -> None:
+    page = httpx.get(service.url)
+    assert page.status_code == 200
+    assert "gyrohil" in page.text
+    description = httpx.get(service.url + "openapi.json").json()
+    assert description["info"]["title"] == "gyrohil"
+    assert "/api/who" in description["paths"]
+
+
+def test_health_needs_no_token_and_says_nothing(service: Serving) -> None:
+    assert service.ask("GET", "/healthz", token="").json() == {"status": "ok"}
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [("GET", "/api/nothing", 404), ("POST", "/api/who", 405), ("GET", "/api/audit?limit=x", 422), ("GET", "/x", 404)],
+)
+def test_a_refusal_is_one_line_and_a_remedy(service: Serving, method: str, path: str, status: int) -> None:
+    answer = service.ask(method, path)
+    assert answer.status_code == status
+    body = answer.json()
+    assert set(body) == {"error", "remedy"}
+    assert body["error"]
+    assert "\n" not in body["error"] + body["remedy"]
+
+
+def test_programs_of_the_same_user_find_it_while_it_lasts(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    with serving(folder) as running:
+        found = folder / ".service" / "serve.json"
+        assert stat.S_IMODE(found.stat().st_mode) == 0o600
+        entry = json.loads(found.read_text())
+        assert entry["url"] == running.url
+        assert entry["pid"] == running.process.pid
+        assert running.ask("GET", "/api/who", token=entry["token"]).status_code == 200
+    assert not found.exists()
+
+
+def test_it_ends_well_on_both_signals(tmp_path: Path) -> None:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        with serving(tmp_path / "runs") as running:
+            os.kill(running.process.pid, number)
+            assert running.process.wait(10) == 0
+
+
+def _refused(*options: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "hil", "serve", "--port", "0", *options], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("hil: ")]
+    assert "Traceback" not in done.stderr
+    return line
+
+
+def test_what_cannot_be_served_is_refused_in_one_line(tmp_path: Path, service: Serving) -> None:
+    port = service.address.rpartition(":")[2]
+    assert "--port" in _refused("--folder", str(tmp_path / "a"), "--port", port)
+    file = tmp_path / "file"
+    file.touch()
+    assert str(file) in _refused("--folder", str(file))

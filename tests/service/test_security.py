@@ -1,0 +1,148 @@
+"""Who is heard (docs/security.md, The service): names, origins, tokens, roles, headers."""
+
+import http.client
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.service.serving import Serving, serving
+
+FOREIGN = (
+    "http://evil.example",
+    "null",
+    "https://{address}.evil.example",
+    "http://localhost:1",
+    "file://",
+    "http://[::1",
+)
+
+
+def test_without_a_token_nothing_is_told(service: Serving) -> None:
+    for path in ("/api/who", "/api/audit", "/api/nothing"):
+        for token in ("", "x", service.token()[:-1], service.token().swapcase()):
+            answer = service.ask("GET", path, token=token)
+            assert answer.status_code == 401
+            assert answer.headers["www-authenticate"] == "Bearer"
+
+
+def test_two_tokens_or_another_scheme_are_none(service: Serving) -> None:
+    good = f"Bearer {service.token()}"
+    for headers in ([("authorization", good)] * 2, [("authorization", f"Basic {service.token()}")]):
+        assert httpx.get(f"{service.url}api/who", headers=headers).status_code == 401
+    assert httpx.get(f"{service.url}api/who", headers=[("authorization", good)]).status_code == 200
+    assert httpx.get(f"{service.url}api/who?token={service.token()}").status_code == 401
+
+
+@pytest.mark.parametrize("origin", FOREIGN)
+def test_another_sites_page_changes_nothing(service: Serving, origin: str) -> None:
+    body = {"path": "/api/runs/x/report"}
+    origin = origin.format(address=service.address)
+    answer = service.ask("POST", "/api/ticket", json=body, headers={"origin": origin})
+    assert answer.status_code == 403
+    own = service.ask("POST", "/api/ticket", json=body, headers={"origin": f"http://{service.address}"})
+    assert own.status_code == 200
+
+
+def test_what_the_browser_says_of_its_page_is_heeded(service: Serving) -> None:
+    body = {"path": "/api/runs/x/report"}
+    for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 200), ("none", 200)):
+        answer = service.ask("POST", "/api/ticket", json=body, headers={"sec-fetch-site": site})
+        assert answer.status_code == status
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("{address}", 200),
+        ("localhost:{port}", 200),
+        ("[::1]:{port}", 200),
+        ("evil.example", 403),
+        ("evil.example:{port}", 403),
+        ("127.0.0.1.evil.example:{port}", 403),
+        ("192.168.7.7:{port}", 403),
+        ("user@{address}", 403),
+        ("", 403),
+        ("127.0.0.1:x", 403),
+    ],
+)
+def test_it_answers_to_its_own_names_alone(service: Serving, host: str, status: int) -> None:
+    name, _, port = service.address.rpartition(":")
+    connection = http.client.HTTPConnection(name, int(port))
+    connection.putrequest("GET", "/api/who", skip_host=True)
+    connection.putheader("Host", host.format(address=service.address, port=port))
+    connection.putheader("Authorization", f"Bearer {service.token()}")
+    connection.endheaders()
+    assert connection.getresponse().status == status
+    connection.close()
+
+
+def test_every_answer_carries_the_headers(service: Serving) -> None:
+    for answer in (
+        httpx.get(service.url),
+        service.ask("GET", "/api/who"),
+        service.ask("GET", "/api/who", token=""),
+        service.ask("GET", "/api/who", headers={"host": "evil.example"}),
+    ):
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "frame-ancestors 'none'" in policy
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["referrer-policy"] == "no-referrer"
+        assert "set-cookie" not in answer.headers
+        assert "access-control-allow-origin" not in answer.headers
+
+
+def test_the_pages_files_are_the_pages_files(service: Serving) -> None:
+    for path in ("/../app.py", "/..%2fapp.py", "/%2e%2e/app.py", "//etc/passwd", "/..\\app.py", "/%00"):
+        connection = http.client.HTTPConnection(service.address)
+        connection.request("GET", path, headers={"Host": service.address})
+        answer = connection.getresponse()
+        assert answer.status in (400, 404)
+        assert b"make_app" not in answer.read()
+        connection.close()
+
+
+def test_a_ticket_reads_one_path_and_changes_nothing(service: Serving) -> None:
+    url = service.ask("POST", "/api/ticket", json={"path": "/api/runs/nothing"}).json()["url"]
+    assert httpx.get(service.url.rstrip("/") + url).status_code == 404  # heard, and there is none
+    other = url.replace("nothing", "other")
+    assert httpx.get(service.url.rstrip("/") + other).status_code == 401
+    assert httpx.delete(service.url.rstrip("/") + url).status_code == 401
+    for path in ("/api/audit", "/api/runs/x?y", "runs", "/api/board"):
+        assert service.ask("POST", "/api/ticket", json={"path": path}).status_code == 422
+
+
+def test_roles(tmp_path: Path) -> None:
+    with serving(tmp_path / "runs", "--listen", "127.0.0.1") as running:
+        tokens = {role: running.token(role) for role in ("look", "operate", "administer")}
+        assert len(set(tokens.values())) == 3
+        ticket = {"path": "/api/runs/x"}
+        for role, status in {"look": 403, "operate": 200, "administer": 200}.items():
+            answer = running.ask("POST", "/api/ticket", token=tokens[role], json=ticket)
+            assert answer.status_code == status
+        for role, status in {"look": 403, "operate": 403, "administer": 200}.items():
+            assert running.ask("GET", "/api/audit", token=tokens[role]).status_code == status
+            assert running.ask("GET", "/api/who", token=tokens[role]).json()["role"] == role
+
+
+def test_read_only(tmp_path: Path) -> None:
+    with serving(tmp_path / "runs", "--read-only") as running:
+        assert running.ask("GET", "/api/who").json()["role"] == "look"
+        assert running.ask("POST", "/api/ticket", json={"path": "/api/runs/x"}).status_code == 403
+
+
+def test_listening_elsewhere_needs_tls_or_consent(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hil", "serve", "--port", "0", "--folder", str(tmp_path / "runs"), "--listen"]
+    for address in ("0.0.0.0", "192.0.2.1", "::", "nowhere"):
+        done = subprocess.run([*command, address], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2
+        assert "--listen" in done.stderr
+        assert sum(line.startswith("hil: ") for line in done.stderr.splitlines()) == 1
+    with serving(tmp_path / "runs", "--listen", "0.0.0.0", "--insecure") as running:
+        port = running.address.rpartition(":")[2]
+        answer = httpx.get(f"http://127.0.0.1:{port}/api/who", headers={"authorization": f"Bearer {running.token()}"})
+        assert answer.status_code == 200
