@@ -33,7 +33,7 @@ BENCHMARKS = {
     "closing_scan": "the scan that closes a run: 24 s at 4 kHz, 60 s at 100 kS/s",
     "soak": "ten million samples in lockstep",
     "memory": "what the verbs need of memory for a minute at 100 kS/s; MEMORY_S=3600 for an hour",
-    "endurance": "a hundred million samples in lockstep on a bad line, twice: the same bytes, nothing silently lost",
+    "bad_line": "a hundred million samples in lockstep on a bad line, twice: the same bytes, nothing silently lost",
     "misbehaviour": "a hundred and forty ways for a board to misbehave, each with what the pages promise",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "attack": "ten million attacks on a keyed link, in C; a share of them in Python and over sockets; what a key costs",
@@ -50,6 +50,7 @@ BENCHMARKS = {
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }
 LONG = {
+    "endurance": "10^9 samples in lockstep, gone on with after any kill; ENDURANCE=runs/endurance; an hour and more",
     "comparison": "the observers beside the prior art on 12 drawn records, kept in runs/comparison; ten minutes",
     "service": "pages beside the loop, SAFE from the page, kills, cycles; SERVICE_PARTS names some; an hour and more",
     "calm": "traces of 22 records that hardly excite anything: what is named, and with which look-alikes; half an hour",

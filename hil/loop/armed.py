@@ -57,6 +57,10 @@ class Pause(NamedTuple):
     armed: int
 
 
+def _unheard(_: object) -> None:
+    """Where nobody listens."""
+
+
 class ArmedBoard:
     """`drive` is the message that closes the loop.
 
@@ -95,8 +99,8 @@ class ArmedBoard:
         self.newest: int | None = None
         self.running: int | None = None
         self._refusals: Counter[int] = Counter()  # of drives, by reason, since ARM
-        self.waiting: Callable[[float], None] = lambda _: None
-        self.answered: Callable[[Status], None] = lambda _: None
+        self.waiting: Callable[[float], None] = _unheard  # by name, so that it can be pickled
+        self.answered: Callable[[Status], None] = _unheard
 
     def arm(self) -> Status:
         """ARM; what the board says to it. From its first byte on it has to be brought to SAFE: see `to_safe`.

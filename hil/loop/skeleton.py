@@ -43,6 +43,10 @@ class Counters:
     board: dict[str, int] = field(default_factory=dict)
 
 
+def _nothing() -> None:
+    """Where nobody wants to know."""
+
+
 class Loop(ABC):
     """One run with one board; `registers` are what was written to it and read back, None of them where nothing was.
 
@@ -94,8 +98,8 @@ class Loop(ABC):
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
         self._missing_before = self._missing_frames()
         self.counters = Counters()
-        self.between: Callable[[], None] = lambda: None
-        self.trouble: Callable[[], str] = lambda: ""
+        self.between: Callable[[], None] = _nothing  # by name, so that a loop at rest can be pickled
+        self.trouble: Callable[[], str] = str
         self.stop = False
         self.wrong = ""
 
@@ -131,7 +135,11 @@ class Loop(ABC):
         self._guarded = self._acquired + RESIDUAL_SAMPLES
         self._first = None
         self._begun_ns = self._answered_ns = time.monotonic_ns()
-        done = reported = 0
+        self.go_on(samples, report, report_every)
+
+    def go_on(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
+        """The rest of what `run` began, of `samples` samples in all; raises as `run`."""
+        done = reported = 0 if self._first is None or self._next is None else self._next - self._first
         while done < samples and not self.stop:
             taken = self._turn()
             if not taken:
