@@ -53,6 +53,7 @@ LONG = {
     "endurance": "10^9 samples in lockstep, gone on with after any kill; ENDURANCE=runs/endurance; an hour and more",
     "comparison": "the observers beside the prior art on 12 drawn records, kept in runs/comparison; ten minutes",
     "service": "pages beside the loop, SAFE from the page, kills, cycles; SERVICE_PARTS names some; an hour and more",
+    "page": "the page in a real browser at 100 kS/s: pictures, processor, heap; PAGE_S=900, a quarter of an hour",
     "calm": "traces of 22 records that hardly excite anything: what is named, and with which look-alikes; half an hour",
     "io_faults": "a disk that fails at every call of a run that writes; hours, IO_FAULTS_EVERY=N for one in N",
     "mutants": "a sample of small changes to what makes the bench's word: does a test fail for each; about an hour",

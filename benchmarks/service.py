@@ -62,7 +62,7 @@ def rows(say: Say) -> list[Row]:
 
 def force(place: Path, say: Say) -> list[Row]:
     """Force mode at 4 kHz, with what the rings and the files tell of a sample, and when."""
-    with _service(place) as (service, process):
+    with running_service(place) as (service, process):
         run, stretches, seen = _alternating(service, process, place, "s-slow", say, watch_file=True)
     capture = read_capture(run / "capture.arrow")
     late = (np.asarray(capture.flags) & SenseFlags.HELD) > 0
@@ -82,7 +82,7 @@ def force(place: Path, say: Say) -> list[Row]:
 
 def gain(place: Path, say: Say) -> list[Row]:
     """Gain mode at 100 kS/s."""
-    with _service(place) as (service, process):
+    with running_service(place) as (service, process):
         run, stretches, _ = _alternating(service, process, place, "s-modern-5k", say)
     timing = read_timing(run / "timing.arrow")
     block = int(timing.header["block"])
@@ -113,7 +113,7 @@ def _alternating(
     seen: dict[str, list[tuple[int, int]]] = {"rings": [], "files": []} if watch_file else {}
     with service.board("benchmark") as board:
         board.connect(f"pty:{name}", name)
-        run = board.start(_patient(name), duration_s=RUN_S + 15.0)
+        run = board.start(patient(name), duration_s=RUN_S + 15.0)
         folder = place / "runs" / run.id
         while (service.state["health"].get("samples") or 0) == 0:
             time.sleep(0.1)
@@ -123,13 +123,13 @@ def _alternating(
             stretch = Stretch(PAGES if len(stretches) % 2 else 0)
             with _pages(service, stretch):
                 time.sleep(SETTLE_S)
-                stretch.from_s, cpu, begin = _bench_s(service), _cpu_s(process), time.monotonic()
+                stretch.from_s, cpu, begin = _bench_s(service), cpu_s(process), time.monotonic()
                 if seen:
                     _watch(service, folder, seen, STRETCH_S - SETTLE_S)
                 else:
                     time.sleep(STRETCH_S - SETTLE_S)
                 stretch.to_s = _bench_s(service)
-                stretch.cpu = (_cpu_s(process) - cpu) / (time.monotonic() - begin)
+                stretch.cpu = (cpu_s(process) - cpu) / (time.monotonic() - begin)
             stretches.append(stretch)
         say(f"{len(stretches)} stretches")
         if service.state["run"] == run.id:
@@ -138,7 +138,7 @@ def _alternating(
     return folder, stretches, seen
 
 
-def _patient(name: str) -> Bench:
+def patient(name: str) -> Bench:
     """An example's bench for a machine that is too busy: the run goes on all the same, and what is compared within it
     stays comparable."""
     return load_bench(find("bench", name)).with_(limits={"rearm": 1_000_000, "residual_safe": 1e9})
@@ -224,7 +224,7 @@ def _bench_s(service: Service) -> float:
     return 0.0
 
 
-def _cpu_s(process: int) -> float:
+def cpu_s(process: int) -> float:
     words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -236,10 +236,10 @@ def safe(place: Path, say: Say) -> list[Row]:
     """From a client's request over the live connection to the board's word that it is SAFE, over a pty, 4 kHz."""
     took = []
     unconfirmed = 0
-    with _service(place) as (service, _), service.board("benchmark") as board:
+    with running_service(place) as (service, _), service.board("benchmark") as board:
         board.connect("pty:s-slow", "s-slow")
         for number in range(SAFES):
-            run = board.start(_patient("s-slow"), duration_s=60.0)
+            run = board.start(patient("s-slow"), duration_s=60.0)
             with service.live() as live:
                 time.sleep(random.uniform(0.3, 1.3))
                 begin = time.perf_counter()
@@ -281,7 +281,7 @@ def kills(place: Path, say: Say) -> list[Row]:
 
 def _killed(here: Path, url: str, victim: str, after_s: float) -> tuple[bool, int]:
     """Whether the board was SAFE in the end, and how many rows are missing in the record that it says nothing of."""
-    with _service(here) as (service, process), service.board("kills") as board:
+    with running_service(here) as (service, process), service.board("kills") as board:
         board.connect(url, "unhurried")
         run = board.start(arm=True).id
         time.sleep(after_s)
@@ -293,7 +293,7 @@ def _killed(here: Path, url: str, victim: str, after_s: float) -> tuple[bool, in
             os.kill(loop, signal.SIGKILL)
             _until(lambda: service.state["run"] is None)
     if victim == "service":  # the loop went on: another service finds it, and ends it
-        with _service(here) as (service, _):
+        with running_service(here) as (service, _):
             going_on = service.state["run"] == run
             service.safe()
             _until(lambda: service.state["run"] is None)
@@ -311,7 +311,7 @@ def cycles(place: Path, say: Say) -> list[Row]:
     failed = 0
     begin = time.monotonic()
     with _own_board(place) as url:
-        with _service(place) as (service, _), service.board("cycles") as board:
+        with running_service(place) as (service, _), service.board("cycles") as board:
             board.connect(url, "unhurried")
             for number in range(CYCLES):
                 run = board.start(arm=True).id
@@ -338,7 +338,7 @@ def _own_board(place: Path) -> Iterator[str]:
 
 
 @contextmanager
-def _service(place: Path) -> Iterator[tuple[Service, int]]:
+def running_service(place: Path) -> Iterator[tuple[Service, int]]:
     """A service of its own, its process number, and a client of it."""
     place.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "hil", "serve", "--port", "0", "--json", "--folder", str(place / "runs")]

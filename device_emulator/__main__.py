@@ -6,6 +6,7 @@ of a lockstep host. Exit code 0; 2 with one line on standard error for bad input
 
 import argparse
 import contextlib
+import os
 import sys
 from pathlib import Path
 
@@ -21,6 +22,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--truth", type=Path, metavar="FILE", help="write the true states here (Arrow)")
     parser.add_argument("--truth-every", type=_positive, default=1, metavar="N", help="one row in N (default 1)")
     parser.add_argument("--seed", type=_seed, metavar="N", help="instead of the scenario's")
+    parser.add_argument(
+        "--parent", type=_positive, metavar="PID", help="serve until this process has ended (default: its own)"
+    )
     options = parser.parse_args(arguments)
     from device_emulator.section import ScenarioError
 
@@ -43,6 +47,8 @@ def _serve(options: argparse.Namespace) -> None:
     from hil.wire.links import open_board_link
     from hil.wire.messages import ClockMode
 
+    if options.parent is None:
+        options.parent = os.getppid()
     scenario = load(options.scenario)
     rehearsal = Device(scenario)  # compiles everything before anybody waits for it
     rehearsal.row(0, 0)
@@ -61,7 +67,7 @@ def _serve(options: argparse.Namespace) -> None:
         board = Board(scenario, device, (ClockMode.PACED, ClockMode.LOCKSTEP), link.format)
         print(f"ready {link.url}", flush=True)
         line = Line(board, scenario, options.seed) if scenario.faults.on_the_line else None
-        Server(board, link, scenario.true_rate_Hz, line).run(stop)
+        Server(board, link, scenario.true_rate_Hz, line).run(stop, options.parent)
         if strangers := getattr(link, "strangers", 0):  # of UDP only
             print(f"device_emulator: {strangers} datagrams of others than the host were dropped", file=sys.stderr)
         if line is not None:

@@ -45,9 +45,10 @@ class Server:
         self._origin: float | None = None  # wall time of tick 0, once a paced board has streamed
         self._urgent = False
 
-    def run(self, stop: int) -> None:
-        """Serve; returns when it is over. `stop` is the descriptor of `stop_signal`."""
-        parent = os.getppid()
+    def run(self, stop: int, parent: int) -> None:
+        """Serve; returns when it is over. `stop` is the descriptor of `stop_signal`, `parent` the process that this one
+        ends with: whoever started it may have died before it got here.
+        """
         while os.getppid() == parent:
             try:
                 if not self._turn(stop):

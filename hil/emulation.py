@@ -90,7 +90,7 @@ def emulator(
     `InputError` when the emulator cannot start, or died inside the block and so spoilt what the block did.
     """
     require_compiler()
-    command = [sys.executable, "-m", "device_emulator", str(scenario), "--link", link]
+    command = [sys.executable, "-m", "device_emulator", str(scenario), "--link", link, "--parent", str(os.getpid())]
     if truth is not None:
         command += ["--truth", str(truth)]
     if seed is not None:

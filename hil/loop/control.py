@@ -6,6 +6,7 @@ two samples, which costs a microsecond; who does not read loses what is told, an
 """
 
 import json
+import os
 import socket
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -32,6 +33,16 @@ class Control:
             message = {"track": stem, "layout": json.loads(layouts[stem].to_json())}
             with suppress(OSError):
                 socket.send_fds(self._socket, [json.dumps(message).encode()], [descriptor])
+
+    def show_process(self) -> None:
+        """Hand out a descriptor of this process, by which it can be sent the signal that ends the loop and no other
+        process can, however soon its number is used again."""
+        with suppress(OSError):
+            descriptor = os.pidfd_open(os.getpid())
+            try:
+                socket.send_fds(self._socket, [json.dumps({"loop": True}).encode()], [descriptor])
+            finally:
+                os.close(descriptor)
 
     def tell(self, **message: Any) -> None:
         """A message, if there is room for it."""

@@ -249,6 +249,8 @@ class _Driven:
         if line is not None:
             report_every = max(min(report_every, int(self._rate_Hz / LOOKS_PER_S)), 1)
         orphaned = _on_signals(loop) if self._own_process else lambda: False
+        if line is not None:
+            line.heeds_signals()
         if not lockstep:
             self.refused = realtime.prepare()
             os.set_blocking(1, False)
@@ -318,8 +320,8 @@ class _Driven:
 
 
 class _Line:
-    """What goes over the line to whoever looks at the run: each message is a table with one of `track` (and a
-    descriptor), `armed`, `changed` and `safe`; what comes are tables of settings.
+    """What goes over the line to whoever looks at the run: each message is a table with one of `track` and `loop` (and
+    a descriptor), `armed`, `changed` and `safe`; what comes are tables of settings.
     """
 
     def __init__(self, control: Control, loop: "Loop", observer: "Observer", bench: Bench) -> None:
@@ -328,6 +330,10 @@ class _Line:
         self._control, self._loop = control, loop
         self._settings = LiveSettings(observer, bench)
         loop.answered_safe(self._answered)
+
+    def heeds_signals(self) -> None:
+        """From now on SIGTERM ends the loop well."""
+        self._control.show_process()
 
     def armed(self) -> None:
         """The board has said that it is."""

@@ -101,6 +101,24 @@ class BenchPage:
             assert time.monotonic() < end, "not in time"
             self.page.wait_for_timeout(50)
 
+    @contextmanager
+    def becoming(self, word: str) -> Iterator[Callable[[], float]]:
+        """Within the block something makes the state `word`; afterwards the call says how many seconds that took.
+
+        The page itself notes when: to ask it over and over would take up to a second more.
+        """
+        self.page.evaluate(
+            """word => { globalThis.became = new Promise(resolve => {
+                const state = document.getElementById("state-word");
+                const look = () => state.textContent === word && resolve(Date.now());
+                new MutationObserver(look).observe(state, { childList: true, characterData: true, subtree: true });
+            }); }""",
+            word,
+        )
+        begin = time.time()
+        yield lambda: float(self.page.evaluate("globalThis.became")) / 1000.0 - begin
+        expect(self.state).to_have_text(word, timeout=10_000)
+
     def millivolts(self, name: str) -> float:
         """A fact below the pattern."""
         facts = self.page.locator("#pattern-facts")

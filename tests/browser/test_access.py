@@ -53,7 +53,7 @@ def _looked_at(
         expect(page.page.locator("#estimates tbody tr")).to_have_count(13, timeout=20_000)
         expect(page.page.locator("#spectrum-chart canvas")).to_be_visible()
         page.page.wait_for_timeout(1200)
-        page.page.screenshot(path=pictures / f"bench-{width}-{scheme}.png", full_page=True)
+        page.page.screenshot(path=pictures / f"live-{width}-{scheme}.png", full_page=True)
         overflow = page.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         assert overflow == 0, "the page scrolls sideways"
         return violations(page)

@@ -119,8 +119,8 @@ def test_the_trend_of_a_figure_is_drawn_over_the_runs_of_a_device(runs: BenchPag
     values = page.locator("#device tbody td")
     expect(values).to_have_count(2)
     rms = [json.loads(path.read_text())["innovation_rms"] for path in runs.service.folder.glob("*/result.json")]
-    shown = sorted(float(text.split()[0]) for text in values.all_inner_texts())
-    assert shown == pytest.approx(sorted(1e6 * value for value in rms), rel=1e-3)
+    wanted = pytest.approx(sorted(1e6 * value for value in rms), rel=1e-3)
+    runs.eventually(lambda: sorted(float(text.split()[0]) for text in values.all_inner_texts()) == wanted)
     expect(page.locator("#device canvas")).to_be_visible()
 
 

@@ -223,6 +223,18 @@ def test_bad_options_are_exit_2(arguments: list[str]) -> None:
     assert done.returncode == 2
 
 
+def test_a_board_whose_parent_died_before_it_served_ends() -> None:
+    parent = subprocess.Popen([sys.executable, "-c", ""])
+    parent.wait()
+    done = subprocess.run(
+        [sys.executable, "-m", "device_emulator", SLOW, "--parent", str(parent.pid)],
+        capture_output=True,
+        timeout=PATIENCE_S,
+    )
+    assert done.returncode == 0
+    assert done.stdout.startswith(b"ready ")
+
+
 @pytest.mark.realtime
 def test_a_stream_nobody_reads_waits_and_then_is_dropped_in_whole_blocks(start: Callable[..., Process]) -> None:
     """8 bytes at 100 kHz for 2 s are more than pty and queue hold together; what is missing is counted at both ends."""

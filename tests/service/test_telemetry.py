@@ -22,6 +22,7 @@ from hil.records.layout import TICK, Column, Layout
 from hil.ring import Ring
 from hil.service.telemetry.decimation import Roll
 from hil.service.telemetry.history import History
+from hil.service.telemetry.hub import Hub
 from hil.service.telemetry.tracks import Tracks
 from hil.service.telemetry.views import AskSpectrum, SpectrumView
 from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
@@ -66,6 +67,20 @@ def test_a_history_keeps_the_newest_and_does_not_grow() -> None:
         np.testing.assert_array_equal(kept.newest(100)["n"], np.arange(max(at - 100, 0), at))
     assert kept.added == at
     assert len(kept.newest(10_000)) <= 200
+
+
+def test_a_run_that_ends_after_its_rings_were_let_go_is_no_fault() -> None:
+    """As when the service ends: it looks no more, and then hears that the run has ended."""
+    layout = Layout("innovation", (TICK, Column("nu_x_V", "f4", "V")), 64, {"tick_rate_Hz": RATE_HZ})
+    name = f"test-{os.getpid()}-let-go"
+    with Ring.create(name, layout.dtype, 64) as ring:
+        hub = Hub()
+        hub.attach("innovation", json.loads(layout.to_json()), os.open(ring.path, os.O_RDONLY))
+        ring.unlink()
+        hub.detach()
+        hub.end()
+        hub.look()
+    assert not hub.live
 
 
 def test_a_spectrum_is_welchs() -> None:

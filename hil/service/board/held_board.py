@@ -28,8 +28,8 @@ from hil.wire.errors import WireError
 from hil.wire.links import open_link
 from hil.wire.messages import Identity, SafeReason, State
 
-_ASK_EVERY_S = 0.3
-_PATIENCE_S = 0.4  # for an answer of a board that nobody drives
+_ASK_EVERY_S = 0.2
+_PATIENCE_S = 0.35  # for an answer of a board that nobody drives
 _CONNECT_S = 2.0
 _OF_THE_LOOP = ("connect", "prepare", "run", "stop")  # stages while which its process has the link
 _INSIST_S = 3.0  # after which a second SAFE ends the loop's process, whose board is then told SAFE from here

@@ -21,7 +21,7 @@ from typing import Any
 
 from hil.bench import Bench
 from hil.service.board.held_board import HeldBoard, Start
-from hil.service.board.messages import LARGEST, Message, in_folder, receive, send
+from hil.service.board.messages import LARGEST, LOOP, Message, in_folder, receive, send
 
 _ALONE_S = 15.0  # without a service and without a run
 _LOOK_S = 1.0
@@ -43,7 +43,7 @@ class _Keeper:
         self._selector.register(self._wake, selectors.EVENT_READ, self._tell_news)
         self._news: deque[tuple[socket.socket | None, Message]] = deque()
         self._clients: list[socket.socket] = []
-        self._tracks: dict[str, tuple[Message, int]] = {}
+        self._shared: dict[str, tuple[Message, int]] = {}
         self._line: socket.socket | None = None
         self._out = Path()
         self._starting = False
@@ -93,7 +93,7 @@ class _Keeper:
             self._clients.append(client)
             self._selector.register(client, selectors.EVENT_READ, lambda: self._hear(client))
             self._send(client, {"board": self._board.state})
-            for message, descriptor in self._tracks.values():
+            for message, descriptor in self._shared.values():
                 self._send(client, message, descriptor)
 
     def _hear(self, client: socket.socket) -> None:
@@ -178,8 +178,8 @@ class _Keeper:
             self._let_line_go()
             return
         message, descriptors = received
-        if "track" in message and descriptors:
-            self._tracks[message["track"]] = message, descriptors[0]
+        if descriptors:  # of a ring, or of the loop's process
+            self._shared[message.get("track", LOOP)] = message, descriptors[0]
             for client in list(self._clients):
                 self._send(client, message, descriptors[0])
         elif "armed" in message:
@@ -203,9 +203,9 @@ class _Keeper:
             self._selector.unregister(self._line)
             self._line.close()
             self._line = None
-        for _, descriptor in self._tracks.values():
+        for _, descriptor in self._shared.values():
             os.close(descriptor)
-        self._tracks.clear()
+        self._shared.clear()
 
     # -- what is told --------------------------------------------------------------------------------------------------
 

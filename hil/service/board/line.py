@@ -5,6 +5,7 @@ restart of the service.
 import asyncio
 import os
 import select
+import signal
 import socket
 import struct
 import subprocess
@@ -16,7 +17,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from hil.service.board.messages import NOBODY, Message, in_folder, receive, send
+from hil.service.board.messages import LOOP, NOBODY, Message, in_folder, receive, send
 from hil.service.problems import Problem
 
 _START_S = 20.0
@@ -36,6 +37,7 @@ class BoardLine:
         self._closed = asyncio.Event()
         self._peer = 0
         self._process: subprocess.Popen[bytes] | None = None
+        self._loop: int | None = None
 
     @property
     def attached(self) -> bool:
@@ -106,6 +108,14 @@ class BoardLine:
                 raise Problem(503, "the process that holds the board did not start", f"{self._log.name} says why")
             await asyncio.sleep(_LOOK_S)
 
+    def interrupt(self) -> None:
+        """Have the loop bring its board to SAFE, if there is one, without waiting for the process that holds the board:
+        it does more than that, and has to be asked all the same.
+        """
+        if self._loop is not None:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._loop, signal.SIGTERM)
+
     def end_soon(self) -> None:
         """Have the board brought to SAFE and the process end; do not wait."""
         if self._socket is not None:
@@ -137,6 +147,9 @@ class BoardLine:
             if "n" in message:
                 if (answered := self._asked.get(message["n"])) is not None and not answered.done():
                     answered.set_result(message)
+            elif LOOP in message:
+                self._let_loop_go()
+                self._loop = descriptors[0] if descriptors else None
             else:
                 self._heard(message, descriptors[0] if descriptors else None)
 
@@ -146,6 +159,7 @@ class BoardLine:
         asyncio.get_running_loop().remove_reader(self._socket)
         self._socket.close()
         self._socket = None
+        self._let_loop_go()
         self._closed.set()
         if self._process is not None:  # it is ending: nobody else waits for it
             threading.Thread(target=self._process.wait, daemon=True).start()
@@ -153,6 +167,11 @@ class BoardLine:
             if not answered.done():
                 answered.set_exception(OSError("gone"))
         self._heard({"board": NOBODY | {"words": "the process that held the board has ended"}}, None)
+
+    def _let_loop_go(self) -> None:
+        if self._loop is not None:
+            os.close(self._loop)
+            self._loop = None
 
 
 def _ended(process: int, patience_s: float) -> None:

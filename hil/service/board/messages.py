@@ -2,7 +2,8 @@
 apart, some with a descriptor.
 
 The service asks {"n": number, "do": verb, …}; the holder answers {"n": number, …} with `said` or `refused`, and tells
-{"board": state}, {"track": name, "layout": …} with the descriptor of a ring, {"run": …} when one has ended.
+{"board": state}, {"track": name, "layout": …} with the descriptor of a ring, {"loop": true} with that of the loop's
+process, {"run": …} when one has ended.
 """
 
 import json
@@ -15,6 +16,9 @@ from typing import Any
 
 LARGEST = 1 << 17
 """Bytes of a message; a bench file is a few thousand."""
+
+LOOP = "loop"
+"""Message that brings the loop's process; SIGTERM to it is SAFE."""
 
 Message = dict[str, Any]
 

@@ -136,6 +136,7 @@ class BoardPart:
             return {"told": False, "confirmed": None, "words": "no board is connected"}
         begin = time.perf_counter()
         self._safe.clear()
+        self.line.interrupt()
         said = await self.line.ask("safe", _SAFE_S)
         if not said.get("loop"):
             confirmed = True if said["told"] else None

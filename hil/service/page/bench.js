@@ -1,5 +1,6 @@
 // The bench: the board that is connected, live, and what can be done with it.
 
+import { get, query } from "./api.js";
 import { Circle } from "./circle.js";
 import { Controls } from "./controls.js";
 import { byId } from "./dom.js";
@@ -11,9 +12,6 @@ import { Motion } from "./motion.js";
 import { complain } from "./notices.js";
 import { Pattern } from "./pattern.js";
 import { Scope } from "./scope.js";
-
-/** By then the catalogue lists a run that has begun. */
-const LISTED_S = 5;
 
 export class Bench {
   title = "Bench";
@@ -69,10 +67,16 @@ export class Bench {
     this.flowing = run;
     if (!run || !now.run) return;
     for (const stream of this.streams) stream.show(run);
-    if (now.run.t_s > LISTED_S) this.recall(run);
+    this.recallListed(run).catch(complain);
   }
 
-  /** What was recorded of a run before one looked, once the catalogue has it. @param {string} run */
+  /** Of a run that the catalogue has already; of one that it has not, the service tells. @param {string} run */
+  async recallListed(run) {
+    const { runs } = await get(`/api/runs${query({ kind: "run", sort: "-time", limit: 10 })}`);
+    if (run === this.flowing && runs.some((/** @type {{ id: string }} */ { id }) => id === run)) this.recall(run);
+  }
+
+  /** What was recorded of a run before one looked. @param {string} run */
   recall(run) {
     if (this.recalled === run && this.flowing === run) return;
     this.recalled = run;

@@ -8,6 +8,7 @@ import asyncio
 import json
 from collections import OrderedDict, deque
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
@@ -47,6 +48,7 @@ class Client:
         self._not_here: set[int] = set()  # what the run does not have; the next one may
         self._run = hub.run
         self._news = asyncio.Event()
+        self._line_waits = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
 
     def newest(self, kind: str, message: dict[str, Any]) -> None:
@@ -57,6 +59,7 @@ class Client:
     def line(self, message: dict[str, Any]) -> None:
         """A message; the oldest that waits is lost where there are too many."""
         self._lines.append(message)
+        self._line_waits.set()
         self._news.set()
 
     async def serve(self) -> None:
@@ -154,14 +157,21 @@ class Client:
                 await self._news.wait()
                 self._news.clear()
                 begin = clock()
-                while self._lines:
-                    await self._say(self._lines.popleft())
+                await self._say_lines()
                 while self._newest:
                     await self._say(self._newest.popitem(last=False)[1])
                 await self._frames()
-                await asyncio.sleep(max(begin + _FRAME_EVERY_S - clock(), 0.0))
+                while (left := begin + _FRAME_EVERY_S - clock()) > 0.0:
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(self._line_waits.wait(), left)
+                    await self._say_lines()  # an answer does not wait for the next frame
         except (WebSocketDisconnect, RuntimeError, OSError):
             return
+
+    async def _say_lines(self) -> None:
+        self._line_waits.clear()
+        while self._lines:
+            await self._say(self._lines.popleft())
 
     async def _frames(self) -> None:
         hub = self._hub

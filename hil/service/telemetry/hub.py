@@ -59,7 +59,8 @@ class Hub:
         return self._live and self.tracks.get("timing") is not None
 
     def detach(self) -> None:
-        """Let the rings go."""
+        """Let the rings go: nothing is looked at until others are attached."""
+        self._live = False
         self.tracks.close()
 
     def look(self) -> None:

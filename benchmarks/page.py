@@ -1,0 +1,117 @@
+"""The page in a real browser beside a run at 100 kS/s: pictures a second, what the service and the browser need.
+
+PAGE_S sets how long (by default a quarter of an hour).  A picture counts where the scope was drawn anew between two
+animation frames; it is drawn for new samples alone.  The heap is what is left of it after a forced collection; its
+slope has the 95 % interval of a straight line whose errors hang together (Newey and West, over a tenth of the points).
+"""
+
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from playwright.sync_api import Page, sync_playwright
+
+from benchmarks.row import Row, Say
+from benchmarks.service import cpu_s, patient, running_service
+
+SECONDS = float(os.environ.get("PAGE_S", "900"))
+WARM_S = 30.0
+EVERY_S = 10.0
+_COUNTED = """
+globalThis.pictures = 0;
+let drawn = false;
+const clear = CanvasRenderingContext2D.prototype.clearRect;
+CanvasRenderingContext2D.prototype.clearRect = function (...box) {
+  drawn ||= Boolean(this.canvas.closest("#scope-chart"));
+  return clear.apply(this, box);
+};
+const count = () => {
+  globalThis.pictures += drawn ? 1 : 0;
+  drawn = false;
+  requestAnimationFrame(count);
+};
+requestAnimationFrame(count);
+"""
+
+
+def rows(say: Say) -> list[Row]:
+    """One page, one run."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        sys.exit("no chromium: sudo apt install chromium")
+    with (
+        tempfile.TemporaryDirectory() as place,
+        running_service(Path(place)) as (service, process),
+        service.board("benchmark") as board,
+        sync_playwright() as playwright,
+    ):
+        board.connect("pty:s-modern-5k", "s-modern-5k")
+        board.start(patient("s-modern-5k"), duration_s=SECONDS + WARM_S + 60.0)
+        options = ["--no-sandbox"] if os.geteuid() == 0 else []
+        browser = playwright.chromium.launch(executable_path=chromium, args=options)
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.add_init_script(_COUNTED)
+        page.goto(f"{service.requests.url}/#token={service.requests.token}")
+        page.wait_for_selector("#scope-chart canvas")
+        session = page.context.new_cdp_session(page)
+        session.send("Performance.enable")
+        page.wait_for_timeout(1000.0 * WARM_S)
+        measured = _measured(page, session, process, say)
+        state = service.state
+        browser.close()
+        board.stop()
+    return _told(np.array(measured), state)
+
+
+def _measured(page: Page, session: Any, process: int, say: Say) -> list[tuple[float, float, float, float]]:
+    """Seconds, pictures a second, cores of the service and megabytes of heap, at the end of each stretch."""
+    found = []
+    begin = time.monotonic()
+    while time.monotonic() < begin + SECONDS:
+        before, cpu, began = page.evaluate("pictures"), cpu_s(process), time.monotonic()
+        page.wait_for_timeout(1000.0 * EVERY_S)
+        after, took = page.evaluate("pictures"), time.monotonic() - began
+        used = cpu_s(process) - cpu
+        for _ in range(2):  # what is let go by finalizers goes with the second
+            session.send("HeapProfiler.collectGarbage")
+        told = {one["name"]: one["value"] for one in session.send("Performance.getMetrics")["metrics"]}
+        found.append((time.monotonic() - begin, (after - before) / took, used / took, told["JSHeapUsedSize"] * 1e-6))
+        load = re.match(r"\S+", Path("/proc/loadavg").read_text())
+        shown = dict(zip(("s", "Hz", "cores", "MB"), (round(value, 3) for value in found[-1]), strict=True))
+        say(f"{json.dumps(shown)}, load {load.group() if load else ''}")
+    return found
+
+
+def _told(measured: npt.NDArray[np.float64], state: dict[str, Any]) -> list[Row]:
+    t, pictures, cores, heap = measured.T
+    slope, half = line(t, heap)
+    hour = 3600.0
+    return [
+        Row("pictures a second, median", float(np.median(pictures)), "Hz"),
+        Row(f"pictures a second, least of {len(t)} stretches of {EVERY_S:g} s", float(pictures.min()), "Hz"),
+        Row("service, of a core, mean", 100.0 * float(cores.mean()), "%"),
+        Row("service, of a core, most of a stretch", 100.0 * float(cores.max()), "%"),
+        Row(f"heap after {t[0]:.0f} s", float(heap[0]), "MB"),
+        Row(f"heap after {t[-1]:.0f} s", float(heap[-1]), "MB"),
+        Row("heap, slope", slope * hour, "MB/h"),
+        Row("heap, half the 95 % interval of its slope", half * hour, "MB/h"),
+        Row("samples missing", float(state["health"].get("lost", np.nan)), "1"),
+    ]
+
+
+def line(t: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Slope of a straight line, and half its 95 % interval where errors near one another hang together."""
+    away = t - t.mean()
+    slope = float(away @ y / (away @ away))
+    error = away * (y - y.mean() - slope * away)
+    lags = max(len(t) // 10, 1)
+    spread = error @ error + sum(2.0 * (1.0 - k / (lags + 1)) * (error[k:] @ error[:-k]) for k in range(1, lags + 1))
+    return slope, 1.96 * float(np.sqrt(max(spread, 0.0))) / float(away @ away)
