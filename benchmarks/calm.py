@@ -28,7 +28,7 @@ FOLDER = Path("runs/calm")
 
 ONE_AXIS = {
     "sense_gain": ({"name": "sense_gain", "gy": 0.012}, {"name": "sense_gain", "gy": 0.008}),
-    "drive_gain": ({"name": "drive_gain", "gx": 0.056}, {"name": "drive_gain", "gx": 0.0, "gy": 0.056}),
+    "drive_gain": ({"name": "drive_gain", "hx": 0.056}, {"name": "drive_gain", "hx": 0.0, "hy": 0.056}),
 }
 """Of fixed sizes, beside those that are drawn."""
 

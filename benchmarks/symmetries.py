@@ -59,18 +59,19 @@ def _one(name: str, **coefficients: float) -> Callable[[float], Tables]:
     return lambda omega: [{"name": name, **coefficients}]
 
 
-def _late(name: str) -> Callable[[float], Tables]:
-    return lambda omega: [{"name": name, "tau_x": DELAY / omega, "tau_y": DELAY / omega}]
+def _late(name: str, *symbols: str) -> Callable[[float], Tables]:
+    return lambda omega: [{"name": name} | dict.fromkeys(symbols, DELAY / omega)]
 
 
 def _turned(own: str) -> Callable[[float], Tables]:
     """A frame turned by `ANGLE`, exactly."""
     cosine, sine = math.cos(ANGLE), math.sin(ANGLE)
     if own == "sense":
-        coupling = {"name": "sense_cross_coupling", "exy": sine, "eyx": -sine}
+        coupling = {"name": "sense_cross_coupling", "ex": sine, "ey": -sine}
     else:
-        coupling = {"name": "drive_misalignment", "exy": sine / cosine, "eyx": -sine / cosine}
-    return lambda omega: [{"name": f"{own}_gain", "gx": cosine - 1.0, "gy": cosine - 1.0}, coupling]
+        coupling = {"name": "drive_misalignment", "mx": sine / cosine, "my": -sine / cosine}
+    symbols = ("gx", "gy") if own == "sense" else ("hx", "hy")
+    return lambda omega: [{"name": f"{own}_gain"} | dict.fromkeys(symbols, cosine - 1.0), coupling]
 
 
 _SCALE = frozenset({"drive_gain", "clock_rate", "mass_scale", "sense_scale"})
@@ -87,7 +88,7 @@ def _polarity(channel: str, **axes: float) -> Symmetry:
 
 SYMMETRIES = (
     Symmetry("clock-slow", "clock_rate", _SCALE, clock_skew=-0.012),
-    Symmetry("drive-scale", "drive_gain", _SCALE, _one("drive_gain", gx=0.03, gy=0.03)),
+    Symmetry("drive-scale", "drive_gain", _SCALE, _one("drive_gain", hx=0.03, hy=0.03)),
     Symmetry("sense-scale", "sense_scale", _SCALE, _one("sense_gain", gx=0.04, gy=0.04)),
     _polarity("drive", px=1.0),
     _polarity("drive", px=1.0, py=1.0),
@@ -97,8 +98,8 @@ SYMMETRIES = (
     Symmetry("drive-turned", "drive_misalignment", _FRAME, _turned("drive")),
     Symmetry("backwards", "time_reversal", frozenset({"time_reversal"}), backwards=True),
     Symmetry("masses", "unequal_masses", frozenset({"unequal_masses"}), _one("unequal_masses", m=0.06)),
-    Symmetry("sense-late", "sense_delay", _DELAY, _late("sense_delay")),
-    Symmetry("drive-late", "drive_delay", _DELAY, _late("drive_delay")),
+    Symmetry("sense-late", "sense_delay", _DELAY, _late("sense_delay", "tsx", "tsy")),
+    Symmetry("drive-late", "drive_delay", _DELAY, _late("drive_delay", "tux", "tuy")),
 )
 
 BESIDE = ("cubic_stiffness", "sense_quadratic", "nonlinear_damping")

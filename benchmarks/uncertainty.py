@@ -48,17 +48,17 @@ def scenario_text(seed: int, bench: Bench) -> str:
     def drawn(name: str) -> float:
         return float(known[name] * rng.standard_normal())
 
-    def delays(name: str) -> dict[str, float]:
+    def delays(name: str, x: str, y: str) -> dict[str, float]:
         apart = drawn(name) - drawn(name)
-        return {"tau_x": max(apart, 0.0), "tau_y": max(-apart, 0.0)}
+        return {x: max(apart, 0.0), y: max(-apart, 0.0)}
 
     effects = {
-        "drive_gain": {"gx": drawn("drive_gain"), "gy": drawn("drive_gain")},
+        "drive_gain": {"hx": drawn("drive_gain"), "hy": drawn("drive_gain")},
         "sense_gain": {"gy": drawn("sense_gain_ratio")},
-        "drive_misalignment": {"exy": drawn("drive_misalignment"), "eyx": drawn("drive_misalignment")},
-        "sense_cross_coupling": {"exy": drawn("sense_cross_coupling"), "eyx": drawn("sense_cross_coupling")},
-        "drive_delay": delays("drive_delay"),
-        "sense_delay": delays("sense_delay"),
+        "drive_misalignment": {"mx": drawn("drive_misalignment"), "my": drawn("drive_misalignment")},
+        "sense_cross_coupling": {"ex": drawn("sense_cross_coupling"), "ey": drawn("sense_cross_coupling")},
+        "drive_delay": delays("drive_delay", "tux", "tuy"),
+        "sense_delay": delays("sense_delay", "tsx", "tsy"),
         "angular_gain": {"kappa": drawn("angular_gain")},
     }
     lines = [find("scenario", "s-slow").read_text(encoding="utf-8")]

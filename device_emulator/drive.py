@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device_emulator.compiled import compiled
-from device_emulator.effects.catalogue import Kind, delay_s, slew_mps3
+from device_emulator.effects.catalogue import delay_s, slew_mps3
+from device_emulator.effects.drive import DriveKind
 from device_emulator.effects.drive import drive as reaching
 from device_emulator.scenario import MAX_DELAY_SAMPLES, Scenario
 
@@ -53,7 +54,7 @@ def drive_constants(scenario: Scenario) -> NDArray[Any]:
     c["lsb_mps2"] = drive_scale(scenario)
     c["ts_s"] = 1.0 / scenario.true_rate_Hz
     c["slew_mps3"] = slew_mps3(scenario.effect)
-    for axis, delay in enumerate(delay_s(scenario.effect, Kind.DRIVE_DELAY)):
+    for axis, delay in enumerate(delay_s(scenario.effect, DriveKind.DRIVE_DELAY)):
         whole = math.floor(delay * scenario.true_rate_Hz)
         c["delay_samples"][axis] = whole
         c["delay_rest_s"][axis] = delay - whole / scenario.true_rate_Hz

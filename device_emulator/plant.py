@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from device_emulator import rate
 from device_emulator.compiled import compiled
-from device_emulator.effects.catalogue import MAX_INNER, Kind, inner_states, resonance_Hz
-from device_emulator.effects.force import force
+from device_emulator.effects.catalogue import inner_states, resonance_Hz
+from device_emulator.effects.declaration import MAX_INNER
+from device_emulator.effects.force import ForceKind, force
 from device_emulator.scenario import Scenario
 from device_emulator.temperature import TEMPERATURE, temperature_constants, warmer
 
@@ -157,7 +158,7 @@ def parts(
     """Into how many equal parts a step has to be cut for dry friction that turns over in it; 1 where none does."""
     most = 1.0
     for effect in hidden:
-        if effect.kind != Kind.DRY_FRICTION and effect.kind != Kind.ASYMMETRIC_FRICTION:
+        if effect.kind != ForceKind.DRY_FRICTION and effect.kind != ForceKind.DRY_FRICTION_ASYMMETRIC:
             continue
         rate_rad_s, slope_rad_s2 = rate.rate_at(piece, t_s)
         x, vx, y, vy = motion[0], motion[1], motion[2], motion[3]

@@ -11,6 +11,9 @@ from typing import Annotated, Any, get_args
 from pydantic import Field, PlainValidator, ValidationError, model_validator
 
 from device_emulator.effects import catalogue as effects
+from device_emulator.effects.declaration import MAX_INNER
+from device_emulator.effects.drive import DriveKind
+from device_emulator.effects.sense import SenseKind
 from device_emulator.faults import Faults
 from device_emulator.rate import Rate
 from device_emulator.section import (
@@ -110,14 +113,14 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _within_the_model(self) -> "Scenario":
-        for kind in (effects.Kind.SENSE_DELAY, effects.Kind.DRIVE_DELAY):
+        for kind in (SenseKind.SENSE_DELAY, DriveKind.DRIVE_DELAY):
             delay = effects.delay_s(self.effect, kind)
             if min(delay) < 0.0 or max(delay) * self.board.sample_rate_Hz > MAX_DELAY_SAMPLES:
                 raise ValueError(f"effect {kind.name.lower()}: expected 0 to {MAX_DELAY_SAMPLES} samples")
         if (finding := _beyond(self)) is not None:
             raise ValueError(finding)
-        if effects.inner_states(self.effect) > effects.MAX_INNER:
-            raise ValueError(f"effect: expected at most {effects.MAX_INNER} states of their own among all of them")
+        if effects.inner_states(self.effect) > MAX_INNER:
+            raise ValueError(f"effect: expected at most {MAX_INNER} states of their own among all of them")
         return self
 
     @property

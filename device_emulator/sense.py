@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device_emulator.compiled import compiled
-from device_emulator.effects.catalogue import Kind, delay_s
-from device_emulator.effects.sense import displacement
+from device_emulator.effects.catalogue import delay_s
+from device_emulator.effects.sense import SenseKind, displacement
 from device_emulator.faults import MAX_SENSE_FAULTS, Saturated
 from device_emulator.scenario import Scenario
 
@@ -116,7 +116,7 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
     for axis in range(2):
         c["high_pass"][axis] = _first_order(c["leak_per_s"][axis], substep_s)
         c["low_pass"][axis] = _first_order(2.0 * math.pi * s.low_pass_Hz[axis], substep_s)
-    c["delay_substeps"] = np.array(delay_s(scenario.effect, Kind.SENSE_DELAY)) / substep_s
+    c["delay_substeps"] = np.array(delay_s(scenario.effect, SenseKind.SENSE_DELAY)) / substep_s
     _enter_faults(c, scenario)
     c["tracked"] = bool(np.isfinite([*s.feedback_ohm, *s.low_pass_Hz]).any() or (c["delay_substeps"] > 0.0).any())
     return constants

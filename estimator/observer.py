@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.dither import dither_start
-from estimator.effects.catalogue import OWN, effect_for
-from estimator.effects.declaration import Source
+from estimator.effects.catalogue import effect_for
+from estimator.effects.declaration import OWN, Source
 from estimator.errors import ModelError
 from estimator.kernel import block
 from estimator.kernel.flow import taylor_order

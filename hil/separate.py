@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.trace.separation import EXPERIMENTS, Experiment
+from estimator.trace.separation import EXPERIMENTS, Experiment, experiment_called
 from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.loop.run import run
@@ -71,25 +71,21 @@ def separate(
 
 def _next(pairs: list[Confusable], made: list[tuple[Experiment, int]]) -> tuple[Experiment, int] | None:
     """The experiment to make, and for how many times the duration; None where all was in vain."""
-    words = pairs[0].separate_by
-    assert words is not None  # as `separable` chose them
     everything = EXPERIMENTS[-1]
-    steps = [(named(words), 1), *((everything, times) for times in _LONGER)]
+    steps = [(named(pairs[0].experiment or ""), 1), *((everything, times) for times in _LONGER)]
     return next((step for step in steps if step not in made), None)
 
 
 def separable(diagnosis: Diagnosis) -> list[Confusable]:
     """Pairs that an experiment would tell apart which a run can make; a clock or a weight is compared by hand."""
-    possible = {experiment.words for experiment in EXPERIMENTS}
-    return [pair for pair in diagnosis.confusable if pair.separate_by in possible]
+    return [pair for pair in diagnosis.confusable if experiment_called(pair.experiment or "") is not None]
 
 
-def named(words: str) -> Experiment:
-    """The experiment of those words. InputError for one that this bench cannot make."""
-    for experiment in EXPERIMENTS:
-        if experiment.words == words:
-            return experiment
-    raise InputError(f"experiment {words!r}: not one that a run can make; make it by hand and trace the record")
+def named(name: str) -> Experiment:
+    """The experiment of that name. InputError for one that this bench cannot make."""
+    if (experiment := experiment_called(name)) is None:
+        raise InputError(f"experiment {name!r}: not one that a run can make; make it by hand and trace the record")
+    return experiment
 
 
 def changes(experiment: Experiment, bench: Bench, times: int = 1) -> dict[str, dict[str, Any]]:

@@ -93,7 +93,7 @@ def _cubic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
 
 
 def _cubic_isotropic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-    return _one("isotropic_cubic_stiffness", size, k3=_sign(rng) * size * d.omega**2 / d.amplitude_m**2)
+    return _one("cubic_isotropic", size, k3=_sign(rng) * size * d.omega**2 / d.amplitude_m**2)
 
 
 def _quadratic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -112,7 +112,7 @@ def _friction(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     x, y = _alike(rng, size)
     unit = 0.5 * (d.damping[0] + d.damping[1]) * d.omega * d.amplitude_m
     v0 = d.omega * d.amplitude_m * math.exp(rng.uniform(math.log(3e-3), math.log(2e-2)))
-    return _one("dry_friction", size, Fx=x * unit, Fy=y * unit, v0=v0)
+    return _one("dry_friction", size, fx=x * unit, fy=y * unit, v0=v0)
 
 
 def _sense_gain(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -120,12 +120,14 @@ def _sense_gain(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     return _one("sense_gain", size, gy=_sign(rng) * size)
 
 
-def _crossed(name: str) -> Callable[[Rng, DrawnDevice, float], Hidden]:
-    def build(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-        x, y = _pair(rng, size)
-        return _one(name, size, exy=x, eyx=y)
+def _misalignment(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _pair(rng, size)
+    return _one("drive_misalignment", size, mx=x, my=y)
 
-    return build
+
+def _cross_coupling(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _pair(rng, size)
+    return _one("sense_cross_coupling", size, ex=x, ey=y)
 
 
 def _sense_quadratic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -139,12 +141,14 @@ def _sense_cubic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     return _one("sense_cubic", size, a3x=x * unit, a3y=y * unit)
 
 
-def _delay(name: str) -> Callable[[Rng, DrawnDevice, float], Hidden]:
-    def build(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-        x, y = _alike(rng, size)
-        return _one(name, size, tau_x=x / d.omega, tau_y=y / d.omega)
+def _sense_delay(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _alike(rng, size)
+    return _one("sense_delay", size, tsx=x / d.omega, tsy=y / d.omega)
 
-    return build
+
+def _drive_delay(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+    x, y = _alike(rng, size)
+    return _one("drive_delay", size, tux=x / d.omega, tuy=y / d.omega)
 
 
 def _high_pass(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -162,7 +166,7 @@ def _low_pass(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
 
 def _drive_gain(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     x, y = _pair(rng, size)
-    return _one("drive_gain", size, gx=x, gy=y)
+    return _one("drive_gain", size, hx=x, hy=y)
 
 
 def _feedthrough(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -188,7 +192,7 @@ def _line(name: str) -> Callable[[Rng, DrawnDevice, float], Hidden]:
 def _friction_asymmetric(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     plain = _friction(rng, d, size).effects[0]
     x, y = _pair(rng, rng.uniform(0.1, 0.5))
-    return Hidden([plain | {"name": "asymmetric_friction", "ax": x, "ay": y}], size)
+    return Hidden([plain | {"name": "dry_friction_asymmetric", "ax": x, "ay": y}], size)
 
 
 def _nonreciprocal(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -197,19 +201,19 @@ def _nonreciprocal(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
 
 def _clipping(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     level = size * d.crest * d.amplitude_m * abs(d.gain_V_per_m)  # one supply, one pair of rails
-    return _one("sense_saturation", size, limit_x=level, limit_y=level)
+    return _one("sense_clipping", size, limit_x=level, limit_y=level)
 
 
 def _parasitic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     x, y = _pair(rng, size)
     frequency = d.frequency_Hz * math.exp(rng.uniform(math.log(1.5), math.log(6.0)))
     zeta = math.exp(rng.uniform(math.log(1e-3), math.log(2e-2)))
-    return _one("parasitic_mode", size, frequency=frequency, zeta=zeta, gamma_x=x, gamma_y=y)
+    return _one("parasitic_mode", size, frequency=frequency, zeta=zeta, rx=x, ry=y)
 
 
 def _electrostatic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     x, y = _pair(rng, size)
-    return _one("electrostatic_drive", size, ex=x / d.drive_mps2, ey=y / d.drive_mps2)
+    return _one("electrostatic_drive", size, qx=x / d.drive_mps2, qy=y / d.drive_mps2)
 
 
 def _drive_saturation(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -232,7 +236,7 @@ def _thermal(name: str, sign: float | None) -> Callable[[Rng, DrawnDevice, float
 def _thermal_offset(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     x, y = _pair(rng, size)
     unit = abs(d.gain_V_per_m) * d.amplitude_m
-    return _one("thermal_offset", size, tc_x=x * unit, tc_y=y * unit)
+    return _one("temperature_offset", size, tc_x=x * unit, tc_y=y * unit)
 
 
 def _support(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -290,7 +294,7 @@ def _angular_gain(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
 
 def _constant_force(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
     x, y = _pair(rng, size * d.peak_mps2)
-    return _one("constant_force", size, gx=x, gy=y)
+    return _one("constant_force", size, ax=x, ay=y)
 
 
 def _flicker(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -316,15 +320,15 @@ _ALL = (
         "nonreciprocal_stiffness", 1e-4, 5e-3, _nonreciprocal, "kn/k: feedback that leaks across, in a stiff loop"
     ),
     Drawable("sense_gain", 1e-3, 3e-2, _sense_gain, "uncalibrated capacitors and amplifiers match to some %"),
-    Drawable("sense_cross_coupling", 1e-3, 3e-2, _crossed("sense_cross_coupling"), "misalignment, stray capacitance"),
+    Drawable("sense_cross_coupling", 1e-3, 3e-2, _cross_coupling, "misalignment, stray capacitance"),
     Drawable("sense_quadratic", 1e-3, 3e-2, _sense_quadratic, "α2 A: parallel-plate capacitance, unequal gaps"),
     Drawable("sense_cubic", 1e-3, 3e-2, _sense_cubic, "α3 A²: (A/gap)² of parallel plates"),
-    Drawable("sense_delay", 1e-3, 5e-2, _delay("sense_delay"), "ω τ: 1 to 40 µs at 200 Hz"),
+    Drawable("sense_delay", 1e-3, 5e-2, _sense_delay, "ω τ: 1 to 40 µs at 200 Hz"),
     Drawable("sense_high_pass", 1e-3, 5e-2, _high_pass, "1/(ω Rf Cf)"),
     Drawable("sense_low_pass", 1e-2, 0.3, _low_pass, "resonance over corner frequency"),
     Drawable("drive_gain", 3e-3, 5e-2, _drive_gain, "amplifiers and forcers match to some %"),
-    Drawable("drive_misalignment", 3e-3, 5e-2, _crossed("drive_misalignment"), "rad"),
-    Drawable("drive_delay", 3e-3, 0.1, _delay("drive_delay"), "ω τ"),
+    Drawable("drive_misalignment", 3e-3, 5e-2, _misalignment, "rad"),
+    Drawable("drive_delay", 3e-3, 0.1, _drive_delay, "ω τ"),
     Drawable("drive_feedthrough", 3e-3, 0.3, _feedthrough, "γ k over the sense gain: stray capacitance"),
     Drawable("interference", 1e-3, 3e-2, _line("interference"), "of the amplitude's voltage: mains, clocks"),
     Drawable("base_vibration", 3e-4, 1e-2, _line("base_vibration"), "of k A: 0.05 to 1.5 m/s² at S-slow"),
@@ -334,8 +338,10 @@ _ALL = (
     Drawable("electrostatic_drive", 3e-3, 0.1, _electrostatic, "largest drive over four times the bias"),
     Drawable("drive_saturation", 0.4, 0.9, _drive_saturation, "limit over the largest force needed", ends=True),
     Drawable("drive_dead_band", 5e-3, 0.1, _dead_band, "band over the largest force needed"),
-    Drawable("temperature_stiffness", 2e-5, 2e-4, _thermal("thermal_stiffness", -1.0), "1/K; silicon 6e-5", slow=True),
-    Drawable("temperature_damping", 2e-3, 2e-2, _thermal("thermal_damping", None), "1/K", slow=True),
+    Drawable(
+        "temperature_stiffness", 2e-5, 2e-4, _thermal("temperature_stiffness", -1.0), "1/K; silicon 6e-5", slow=True
+    ),
+    Drawable("temperature_damping", 2e-3, 2e-2, _thermal("temperature_damping", None), "1/K", slow=True),
     Drawable("temperature_offset", 1e-4, 1e-2, _thermal_offset, "of the amplitude per K", slow=True),
 )
 _OUTSIDE = (

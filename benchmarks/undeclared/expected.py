@@ -24,22 +24,22 @@ class Expected:
 
 
 _SAME = {
-    # emulator's effect: its coefficients and what the catalogue calls them
-    "cubic_stiffness": {"k3x": "k3x", "k3y": "k3y"},
-    "isotropic_cubic_stiffness": {"k3": "k3"},
-    "quadratic_stiffness": {"k2x": "k2x", "k2y": "k2y"},
-    "nonreciprocal_stiffness": {"kn": "kn"},
-    "nonlinear_damping": {"d3x": "d3x", "d3y": "d3y"},
-    "dry_friction": {"Fx": "fx", "Fy": "fy"},
-    "sense_gain": {"gy": "gy"},
-    "sense_cross_coupling": {"exy": "ex", "eyx": "ey"},
-    "sense_quadratic": {"a2x": "a2x", "a2y": "a2y"},
-    "sense_cubic": {"a3x": "a3x", "a3y": "a3y"},
-    "sense_delay": {"tau_x": "tsx", "tau_y": "tsy"},
-    "drive_gain": {"gx": "hx", "gy": "hy"},
-    "drive_misalignment": {"exy": "mx", "eyx": "my"},
-    "drive_delay": {"tau_x": "tux", "tau_y": "tuy"},
-    "electrostatic_drive": {"ex": "qx", "ey": "qy"},
+    # what the emulator states in coefficients of the catalogue
+    "cubic_stiffness": ("k3x", "k3y"),
+    "cubic_isotropic": ("k3",),
+    "quadratic_stiffness": ("k2x", "k2y"),
+    "nonreciprocal_stiffness": ("kn",),
+    "nonlinear_damping": ("d3x", "d3y"),
+    "dry_friction": ("fx", "fy"),
+    "sense_gain": ("gy",),
+    "sense_cross_coupling": ("ex", "ey"),
+    "sense_quadratic": ("a2x", "a2y"),
+    "sense_cubic": ("a3x", "a3y"),
+    "sense_delay": ("tsx", "tsy"),
+    "drive_gain": ("hx", "hy"),
+    "drive_misalignment": ("mx", "my"),
+    "drive_delay": ("tux", "tuy"),
+    "electrostatic_drive": ("qx", "qy"),
 }
 
 
@@ -56,12 +56,12 @@ def expected(name: str, tables: list[Table], sections: Table, device: Table) -> 
     if not tables:
         return Expected((), {})  # a noise, set in a section of its own
     c = tables[0]
-    if c["name"] in _SAME:
-        return Expected((name,), {ours: c.get(theirs, 0.0) for theirs, ours in _SAME[c["name"]].items()})
+    if name in _SAME:
+        return Expected((name,), {symbol: c.get(symbol, 0.0) for symbol in _SAME[name]})
     if name == "dry_friction_asymmetric":
         # The catalogue has it in two parts; the second is a constant force but for the turning points.
-        symmetric = {"fx": c["Fx"], "fy": c["Fy"]}
-        return Expected(("dry_friction", name), symmetric | {"fax": c["Fx"] * c["ax"], "fay": c["Fy"] * c["ay"]})
+        symmetric = {"fx": c["fx"], "fy": c["fy"]}
+        return Expected(("dry_friction", name), symmetric | {"fax": c["fx"] * c["ax"], "fay": c["fy"] * c["ay"]})
     if name == "drive_feedthrough":
         return Expected((name,), {"fdx": c["gamma_x"] / gain, "fdy": c["gamma_y"] / gain})
     if name in ("interference", "base_vibration"):
@@ -77,7 +77,7 @@ def expected(name: str, tables: list[Table], sections: Table, device: Table) -> 
         return Expected((name,), {"clx": 1.0, "cly": 1.0}, {"level": c["limit_x"] / abs(gain)})
     if name == "parasitic_mode":
         searched = {"omega": 2.0 * math.pi * c["frequency"], "zeta": c["zeta"]}
-        return Expected((name,), {"rx": c["gamma_x"], "ry": c["gamma_y"]}, searched)
+        return Expected((name,), {"rx": c["rx"], "ry": c["ry"]}, searched)
     if name == "drive_saturation":
         return Expected((name,), {"sx": 1.0, "sy": 1.0}, {"limit": c["limit_x"]})
     if name == "drive_dead_band":

@@ -1,6 +1,7 @@
 """Hidden effects: what the board has and its data sheet does not declare, by name, from `[[effect]]` tables.
 
-To add one: a `Kind` and its entry in `catalogue.DECLARATIONS`, and its lines in the function of the place where it
-acts: `force` (the mass and its suspension), `drive` (what reaches the mass of the converter's force), `sense` (what the
-combs read, the amplifiers make of it and the converter shows). Coefficients are SI and per unit mass.
+To add one, in the module of the place where it acts: its kind with a number of its own, its entry in `DECLARATIONS`,
+its lines in the function. `force` is the mass and its suspension, `drive` what reaches the mass of the converter's
+force, `sense` what the combs read, the amplifiers make of it and the converter shows. Coefficients are SI and per unit
+mass.
 """

@@ -1,11 +1,39 @@
 """What hidden effects do to the force on its way from the converter to the mass. Delay and slew are the chain's own."""
 
+from enum import IntEnum
 from typing import Any
 
 from numpy.typing import NDArray
 
 from device_emulator.compiled import compiled
-from device_emulator.effects.catalogue import Kind
+from device_emulator.effects.declaration import Coefficient, Declaration, limits, per_axis, switches
+
+
+class DriveKind(IntEnum):
+    """What acts on the drive, in no order that matters."""
+
+    DRIVE_GAIN = 20
+    DRIVE_MISALIGNMENT = 21
+    DRIVE_DELAY = 22
+    DRIVE_SATURATION = 23
+    DRIVE_DEAD_BAND = 24
+    DRIVE_SLEW = 25
+    ELECTROSTATIC_DRIVE = 26
+    DRIVE_POLARITY = 27
+
+
+DECLARATIONS: dict[IntEnum, Declaration] = {
+    DriveKind.DRIVE_GAIN: Declaration("ux -> (1 + hx) ux, uy -> (1 + hy) uy", per_axis("h", "1")),
+    DriveKind.DRIVE_MISALIGNMENT: Declaration(
+        "ux -> ux + mx uy, uy -> uy + my ux", (Coefficient("mx", "1"), Coefficient("my", "1"))
+    ),
+    DriveKind.DRIVE_DELAY: Declaration("u(t - tau)", (Coefficient("tux", "s"), Coefficient("tuy", "s"))),
+    DriveKind.DRIVE_SATURATION: Declaration("ux -> clip(ux, -limit_x, limit_x)", limits("limit_", "m/s²")),
+    DriveKind.DRIVE_DEAD_BAND: Declaration("ux -> ux - clip(ux, -width_x, width_x)", per_axis("width_", "m/s²")),
+    DriveKind.DRIVE_SLEW: Declaration("|du/dt| <= slew, after every delay", limits("slew_", "m/s³")),
+    DriveKind.ELECTROSTATIC_DRIVE: Declaration("ux -> ux + qx ux^2, uy -> uy + qy uy^2", per_axis("q", "s²/m")),
+    DriveKind.DRIVE_POLARITY: Declaration("ux -> -ux where px = 1, uy -> -uy where py = 1", switches()),
+}
 
 
 @compiled
@@ -13,16 +41,16 @@ def drive(effects: NDArray[Any], ux: float, uy: float) -> tuple[float, float]:
     """Force per unit mass (m/s²) that reaches the mass when the converter puts out ux, uy."""
     for effect in effects:
         kind, c = effect.kind, effect.c
-        if kind == Kind.DRIVE_GAIN:
+        if kind == DriveKind.DRIVE_GAIN:
             ux, uy = (1.0 + c[0]) * ux, (1.0 + c[1]) * uy
-        elif kind == Kind.DRIVE_MISALIGNMENT:
+        elif kind == DriveKind.DRIVE_MISALIGNMENT:
             ux, uy = ux + c[0] * uy, uy + c[1] * ux
-        elif kind == Kind.DRIVE_SATURATION:
+        elif kind == DriveKind.DRIVE_SATURATION:
             ux, uy = min(max(ux, -c[0]), c[0]), min(max(uy, -c[1]), c[1])
-        elif kind == Kind.DRIVE_DEAD_BAND:
+        elif kind == DriveKind.DRIVE_DEAD_BAND:
             ux, uy = ux - min(max(ux, -c[0]), c[0]), uy - min(max(uy, -c[1]), c[1])
-        elif kind == Kind.DRIVE_POLARITY:
+        elif kind == DriveKind.DRIVE_POLARITY:
             ux, uy = -ux if c[0] == 1.0 else ux, -uy if c[1] == 1.0 else uy
-        elif kind == Kind.ELECTROSTATIC_DRIVE:
+        elif kind == DriveKind.ELECTROSTATIC_DRIVE:
             ux, uy = ux + c[0] * ux * ux, uy + c[1] * uy * uy
     return ux, uy

@@ -1,6 +1,9 @@
 """The reference page of hidden effects, written from their declarations: `python -m device_emulator.effects.page`."""
 
-from device_emulator.effects.catalogue import DECLARATIONS, Coefficient, Declaration, Kind
+from enum import IntEnum
+
+from device_emulator.effects.catalogue import DECLARATIONS
+from device_emulator.effects.declaration import Coefficient, Declaration
 
 _INTRODUCTION = """\
 # Hidden effects of an emulated board
@@ -28,7 +31,7 @@ def page() -> str:
     return _INTRODUCTION + "".join(_row(kind, declaration) for kind, declaration in DECLARATIONS.items())
 
 
-def _row(kind: Kind, declaration: Declaration) -> str:
+def _row(kind: IntEnum, declaration: Declaration) -> str:
     coefficients = ", ".join(map(_coefficient, declaration.coefficients))
     equation = declaration.equation.replace("|", "\\|")
     return f"| `{kind.name.lower()}` | {equation} | {coefficients} |\n"

@@ -1,13 +1,65 @@
 """What hidden effects do between the motion and the code: combs, amplifiers, converter."""
 
 import math
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from device_emulator.compiled import compiled
-from device_emulator.effects.catalogue import Kind
+from device_emulator.effects.declaration import LINE, Coefficient, Declaration, given, limits, per_axis, switches
+
+
+class SenseKind(IntEnum):
+    """What acts between the motion and the code, in no order that matters."""
+
+    SENSE_GAIN = 40
+    SENSE_CROSS_COUPLING = 41
+    SENSE_QUADRATIC = 42
+    SENSE_CUBIC = 43
+    SENSE_DELAY = 44
+    PARASITIC_MODE = 45
+    SENSE_POLARITY = 46
+    DRIVE_FEEDTHROUGH = 60
+    INTERFERENCE = 61
+    TEMPERATURE_OFFSET = 62
+    TELEGRAPH_OFFSET = 63
+    SENSE_CLIPPING = 64
+    MISSING_CODES = 65
+
+
+DECLARATIONS: dict[IntEnum, Declaration] = {
+    SenseKind.SENSE_GAIN: Declaration("x -> (1 + gx) x, y -> (1 + gy) y", per_axis("g", "1")),
+    SenseKind.SENSE_CROSS_COUPLING: Declaration(
+        "x -> x + ex y, y -> y + ey x", (Coefficient("ex", "1"), Coefficient("ey", "1"))
+    ),
+    SenseKind.SENSE_QUADRATIC: Declaration("x -> x + a2x x^2, y -> y + a2y y^2", per_axis("a2", "1/m")),
+    SenseKind.SENSE_CUBIC: Declaration("x -> x + a3x x^3, y -> y + a3y y^3", per_axis("a3", "1/m²")),
+    SenseKind.SENSE_DELAY: Declaration("x(t - tau)", (Coefficient("tsx", "s"), Coefficient("tsy", "s"))),
+    SenseKind.PARASITIC_MODE: Declaration(
+        "x -> x + px, px'' + 2 zeta w px' + w^2 px = rx ux, w = 2 pi f; y likewise",
+        (given("frequency", "Hz"), given("zeta", "1"), *per_axis("r", "1")),
+        states=4,
+    ),
+    SenseKind.SENSE_POLARITY: Declaration(
+        "x -> -x where px = 1, y -> -y where py = 1, after what stands before it", switches()
+    ),
+    SenseKind.DRIVE_FEEDTHROUGH: Declaration("V + gamma u", per_axis("gamma_", "V·s²/m")),
+    SenseKind.INTERFERENCE: Declaration("V + a sin(2 pi f t + psi)", (*per_axis("a", "V"), *LINE)),
+    SenseKind.TEMPERATURE_OFFSET: Declaration("V + tc (T - T0)", per_axis("tc_", "V/K")),
+    SenseKind.TELEGRAPH_OFFSET: Declaration(
+        "V + a s, s = 1 or -1, changing at random `rate` times a second",
+        (*per_axis("a", "V"), given("rate", "1/s")),
+        states=2,
+    ),
+    SenseKind.SENSE_CLIPPING: Declaration(
+        "V -> clip(V, -limit_x, limit_x), before noise and converter", limits("limit_", "V")
+    ),
+    SenseKind.MISSING_CODES: Declaration(
+        "codes n every ... n every + width - 1 all read n every", (given("every", "1"), given("width", "1"))
+    ),
+}
 
 
 @compiled
@@ -17,32 +69,32 @@ def displacement(effects: NDArray[Any], motion: NDArray[np.float64]) -> tuple[fl
     px, vpx, py, vpy = x, vx, y, vy
     for effect in effects:
         kind, c = effect.kind, effect.c
-        if kind == Kind.SENSE_GAIN:
+        if kind == SenseKind.SENSE_GAIN:
             px += c[0] * x
             vpx += c[0] * vx
             py += c[1] * y
             vpy += c[1] * vy
-        elif kind == Kind.SENSE_CROSS_COUPLING:
+        elif kind == SenseKind.SENSE_CROSS_COUPLING:
             px += c[0] * y
             vpx += c[0] * vy
             py += c[1] * x
             vpy += c[1] * vx
-        elif kind == Kind.SENSE_QUADRATIC:
+        elif kind == SenseKind.SENSE_QUADRATIC:
             px += c[0] * x * x
             vpx += 2.0 * c[0] * x * vx
             py += c[1] * y * y
             vpy += 2.0 * c[1] * y * vy
-        elif kind == Kind.SENSE_CUBIC:
+        elif kind == SenseKind.SENSE_CUBIC:
             px += c[0] * x * x * x
             vpx += 3.0 * c[0] * x * x * vx
             py += c[1] * y * y * y
             vpy += 3.0 * c[1] * y * y * vy
-        elif kind == Kind.SENSE_POLARITY:
+        elif kind == SenseKind.SENSE_POLARITY:
             if c[0] == 1.0:
                 px, vpx = -px, -vpx
             if c[1] == 1.0:
                 py, vpy = -py, -vpy
-        elif kind == Kind.PARASITIC_MODE:
+        elif kind == SenseKind.PARASITIC_MODE:
             at = effect.at
             px += motion[at]
             vpx += motion[at + 1]
@@ -60,17 +112,17 @@ def voltage(
     vy = 0.0
     for effect in effects:
         kind, c = effect.kind, effect.c
-        if kind == Kind.DRIVE_FEEDTHROUGH:
+        if kind == SenseKind.DRIVE_FEEDTHROUGH:
             vx += c[0] * ux
             vy += c[1] * uy
-        elif kind == Kind.INTERFERENCE:
+        elif kind == SenseKind.INTERFERENCE:
             phase = 2.0 * math.pi * c[2] * t_s
             vx += c[0] * math.sin(phase + c[3])
             vy += c[1] * math.sin(phase + c[4])
-        elif kind == Kind.THERMAL_OFFSET:
+        elif kind == SenseKind.TEMPERATURE_OFFSET:
             vx += c[0] * warmer_K
             vy += c[1] * warmer_K
-        elif kind == Kind.TELEGRAPH_OFFSET:
+        elif kind == SenseKind.TELEGRAPH_OFFSET:
             vx += c[0] * motion[effect.at]
             vy += c[1] * motion[effect.at + 1]
     return vx, vy
@@ -80,7 +132,7 @@ def voltage(
 def amplified(effects: NDArray[Any], axis: int, volts: float) -> float:
     """What the amplifier of an axis puts out when `volts` are due."""
     for effect in effects:
-        if effect.kind == Kind.SENSE_SATURATION:
+        if effect.kind == SenseKind.SENSE_CLIPPING:
             volts = min(max(volts, -effect.c[axis]), effect.c[axis])
     return volts
 
@@ -89,7 +141,7 @@ def amplified(effects: NDArray[Any], axis: int, volts: float) -> float:
 def shown(effects: NDArray[Any], code: int) -> int:
     """The code that a converter with flaws shows for `code`."""
     for effect in effects:
-        if effect.kind == Kind.MISSING_CODES:
+        if effect.kind == SenseKind.MISSING_CODES:
             beyond = code % int(effect.c[0])
             if beyond < effect.c[1]:
                 code -= beyond
@@ -103,7 +155,7 @@ def flip(effects: NDArray[Any], seed: int, tick: int, ts_s: float, motion: NDArr
     Whether one flips is hashed from seed and tick (splitmix64), so that they leave the noise as it is.
     """
     for effect in effects:
-        if effect.kind == Kind.TELEGRAPH_OFFSET:
+        if effect.kind == SenseKind.TELEGRAPH_OFFSET:
             for axis in range(2):
                 if tick == 0:
                     motion[effect.at + axis] = 1.0

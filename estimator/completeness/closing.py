@@ -12,9 +12,10 @@ from estimator.completeness.lacking import HARMLESS, in_words, leading, tries
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
+from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
-from estimator.trace.candidates import Parameters, kind, watch_list
+from estimator.trace.candidates import Parameters, kind, searched_by, watch_list
 from estimator.trace.criterion import threshold
 from estimator.trace.evidence import evidence
 from estimator.trace.fitting import Fitted, coefficients_of, fit
@@ -31,11 +32,11 @@ _BESIDE = 0.1  # of the resonance
 _ROUNDS = 3  # effects that are there and harmless are carried, and the record is looked at again
 # Of what is watched with several parameters: near enough to the others to be seen by, and named.
 _LABELS = {
-    "drive_saturation": ("2", "4", "6"),
-    "drive_dead_band": ("2", "4"),
-    "sense_clipping": ("2", "4"),
-    "sense_high_pass": ("2",),
-    "parasitic_mode": ("11", "21", "31"),
+    Search.LIMITS: ("2", "4", "6"),
+    Search.BANDS: ("2", "4"),
+    Search.LEVELS: ("2", "4"),
+    Search.CORNERS: ("2",),
+    Search.MODES: ("11", "21", "31"),
 }
 
 Progress = Callable[[str, int, int], None]
@@ -162,7 +163,9 @@ def _is_of_the_rate(parameters: Parameters, gain: float, device: Device, seen: S
 
 
 def _is_watched(kind: str, label: str) -> bool:
-    return kind not in _LABELS or label in _LABELS[kind]
+    search = searched_by(kind)
+    labels = None if search is None else _LABELS.get(search)
+    return labels is None or label in labels
 
 
 def together(scans: Sequence[Scan]) -> Scan:

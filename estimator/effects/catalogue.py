@@ -1,58 +1,25 @@
-"""All effects, numbered: the number is what a compiled kernel dispatches on."""
+"""All effects, in the order of their numbers: what the modules beside this one declare."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from types import ModuleType
 
 from estimator.effects import damping, delay, drive, equivalent, line, sense, stiffness, temperature
-from estimator.effects.declaration import Effect
+from estimator.effects.declaration import OWN, Effect
 from estimator.errors import ModelError
 
-EFFECTS: tuple[Effect, ...] = (
-    stiffness.CUBIC_STIFFNESS,
-    stiffness.CUBIC_ISOTROPIC,
-    stiffness.QUADRATIC_STIFFNESS,
-    stiffness.NONRECIPROCAL_STIFFNESS,
-    damping.NONLINEAR_DAMPING,
-    damping.DRY_FRICTION,
-    sense.SENSE_GAIN,
-    sense.SENSE_CROSS_COUPLING,
-    sense.SENSE_QUADRATIC,
-    sense.SENSE_CUBIC,
-    sense.DRIVE_FEEDTHROUGH,
-    drive.DRIVE_GAIN,
-    drive.DRIVE_MISALIGNMENT,
-    damping.DAMPING_ASYMMETRIC,
-    damping.DRAG,
-    damping.CUBIC_DAMPING,
-    delay.SENSE_DELAY,
-    delay.DRIVE_DELAY,
-    damping.DRY_FRICTION_ASYMMETRIC,
-    stiffness.CONSTANT_FORCE,
-    sense.SENSE_LOW_PASS,
-    sense.SENSE_HIGH_PASS,
-    sense.SENSE_CLIPPING,
-    sense.PARASITIC_MODE,
-    drive.ELECTROSTATIC_DRIVE,
-    drive.DRIVE_SATURATION,
-    drive.DRIVE_DEAD_BAND,
-    line.INTERFERENCE,
-    line.BASE_VIBRATION,
-    temperature.TEMPERATURE_STIFFNESS,
-    temperature.TEMPERATURE_DAMPING,
-    temperature.TEMPERATURE_OFFSET,
-    equivalent.CLOCK_RATE,
-    equivalent.UNEQUAL_MASSES,
-    equivalent.DRIVE_POLARITY,
-    equivalent.SENSE_POLARITY,
-)
+
+def collected(modules: Iterable[ModuleType]) -> tuple[Effect, ...]:
+    """The effects that the modules declare, in the order of their numbers."""
+    declared = (item for module in modules for item in vars(module).values() if isinstance(item, Effect))
+    return tuple(sorted(declared, key=lambda effect: effect.number))
+
+
+EFFECTS = collected((stiffness, damping, sense, drive, delay, line, temperature, equivalent))
 
 
 def names() -> tuple[str, ...]:
     """Names of all effects."""
     return tuple(effect.name for effect in EFFECTS)
-
-
-OWN = -1
-"""In place of the number of an effect that is not of this catalogue: `estimator.kernel.own` has its code."""
 
 
 def effect_for(name: str, axes: int, own: Sequence[Effect] = ()) -> tuple[int, Effect]:

@@ -12,7 +12,11 @@ from enum import Enum
 
 import sympy as sp
 
+from estimator.effects.search import Kin, Search, Sign
 from estimator.model.gyro import ux, uy, vx, vy, x, y
+
+OWN = -1
+"""In place of the number of an effect that is not of the catalogue: `estimator.kernel.own` has its code."""
 
 
 class Undone(Enum):
@@ -122,6 +126,12 @@ class Effect:
     a single axis senses, whose base model has other constants, where `sense` depends on those of two axes.  `shown` are
     its equations, a line an axis, where the expressions are only their solution.
 
+    The rest is how a trace looks for it: `signs` of a residual that point at it, the most telling first; `search`,
+    where its parameters come from; `kin`, who a scan cannot tell from it; `simpler`, the effect that it is where its
+    threshold is passed by every drive or by none; `gain`, whether its coefficients are relative to a declared gain,
+    which has the other sign where they are below −1.  `number` is its place in the catalogue, by which a compiled
+    kernel knows it.
+
     An effect without coefficients is `declared_only`: what it does no record can tell from something else, so it is
     never a candidate of a search, and whoever measured it otherwise gives its parameters.
     """
@@ -140,6 +150,12 @@ class Effect:
     delayed: Delayed | None = None
     alone: sp.Expr | None = None
     shown: tuple[str, ...] = ()
+    number: int = OWN
+    signs: tuple[Sign, ...] = ()
+    search: Search | None = None
+    kin: Kin | None = None
+    simpler: str = ""
+    gain: bool = False
 
     @property
     def declared_only(self) -> bool:

@@ -3,11 +3,13 @@
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Delayed, Effect, Undone
+from estimator.effects.search import LINEAR, Sign
 
 tsx, tsy, tux, tuy = sp.symbols("tsx tsy tux tuy")
 
 SENSE_DELAY = Effect(
     name="sense_delay",
+    number=16,
     title="What is sensed is late",
     coefficients=(Coefficient(tsx, "tsx", 0.1, 0, 1), Coefficient(tsy, "tsy", 0.1, 0, 1)),
     delayed=Delayed.SENSE,
@@ -15,10 +17,12 @@ SENSE_DELAY = Effect(
     signature="false quadrature τ ω sin 2θ where the axes differ",
     undone=Undone.MAP,
     look_alikes={"drive_delay": "a varying rate"},
+    signs=(*LINEAR, Sign.SIN_2, Sign.RATE),
 )
 
 DRIVE_DELAY = Effect(
     name="drive_delay",
+    number=17,
     title="The drive acts late",
     coefficients=(Coefficient(tux, "tux", 0.1, 0, 1), Coefficient(tuy, "tuy", 0.1, 0, 1)),
     delayed=Delayed.DRIVE,
@@ -26,4 +30,5 @@ DRIVE_DELAY = Effect(
     signature="a damping that is not there, in proportion to the force",
     undone=Undone.PREDICT,
     look_alikes={"damping": "steps of the target stiffness"},
+    signs=(*LINEAR, Sign.SIN_2, Sign.RATE, Sign.DRIVE),
 )

@@ -40,6 +40,7 @@ _SWITCHED = (Signal(px, Source.PARAMETER), Signal(py, Source.PARAMETER))
 
 CLOCK_RATE = Effect(
     name="clock_rate",
+    number=32,
     title="A second of the board is not a second",
     coefficients=(),
     parameters=(Parameter(delta, "delta", above=-1.0),),
@@ -56,6 +57,7 @@ CLOCK_RATE = Effect(
 
 UNEQUAL_MASSES = Effect(
     name="unequal_masses",
+    number=33,
     title="The mass that moves along y is 1 + m times that along x",
     coefficients=(),
     parameters=(Parameter(m, "m", above=-1.0),),
@@ -72,6 +74,7 @@ UNEQUAL_MASSES = Effect(
 
 DRIVE_POLARITY = Effect(
     name="drive_polarity",
+    number=34,
     title="The drive of an axis acts the wrong way round",
     coefficients=(),
     parameters=_SWITCHES,
@@ -85,6 +88,7 @@ DRIVE_POLARITY = Effect(
 
 SENSE_POLARITY = Effect(
     name="sense_polarity",
+    number=35,
     title="The sense of an axis shows the wrong way round",
     coefficients=(),
     parameters=_SWITCHES,

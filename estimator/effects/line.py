@@ -3,6 +3,7 @@
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
+from estimator.effects.search import Search, Sign
 
 omega, cosine, sine = sp.symbols("omega cosine sine")
 lcx, lsx, lcy, lsy, bcx, bsx, bcy, bsy = sp.symbols("lcx lsx lcy lsy bcx bsx bcy bsy")
@@ -12,6 +13,7 @@ _OMEGA = (Parameter(omega, "omega", 0, -1),)
 
 INTERFERENCE = Effect(
     name="interference",
+    number=27,
     title="A line of another source in the sensed signal",
     coefficients=tuple(Coefficient(symbol, symbol.name, 0.02, 1) for symbol in (lcx, lsx, lcy, lsy)),
     parameters=_OMEGA,
@@ -21,10 +23,13 @@ INTERFERENCE = Effect(
     signature="one line, unrelated to the drive",
     undone=Undone.MAP,
     look_alikes={"base_vibration": "nothing, where both axes see it"},
+    signs=(Sign.LINE_ELSEWHERE,),
+    search=Search.LINES,
 )
 
 BASE_VIBRATION = Effect(
     name="base_vibration",
+    number=28,
     title="The base shakes at one frequency",
     coefficients=tuple(Coefficient(symbol, symbol.name, 0.02, 1, -2) for symbol in (bcx, bsx, bcy, bsy)),
     parameters=_OMEGA,
@@ -34,4 +39,6 @@ BASE_VIBRATION = Effect(
     signature="one line, unrelated to the drive",
     undone=Undone.CANCEL,
     look_alikes={"interference": "nothing, where both axes see it"},
+    signs=(Sign.LINE_ELSEWHERE,),
+    search=Search.LINES,
 )

@@ -3,6 +3,7 @@
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
+from estimator.effects.search import EVEN, LINEAR, ODD, Search, Sign
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate, ux, uy, vx, vy, x, y
 from estimator.model.oscillator import b, d, k
 
@@ -49,6 +50,7 @@ def leaking_integrals(leak: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) -> 
 
 SENSE_GAIN = Effect(
     name="sense_gain",
+    number=6,
     title="Sense gain of y beside that of x",
     coefficients=(Coefficient(gy, "gy", 0.02),),
     sense=(sp.Integer(0), gy * y),
@@ -56,20 +58,25 @@ SENSE_GAIN = Effect(
     signature="error ½ g sin 2θ in the angle itself",
     undone=Undone.MAP,
     look_alikes={"damping mismatch": "its error grows with time"},
+    signs=(*LINEAR, Sign.SIN_2),
+    gain=True,
 )
 
 SENSE_CROSS_COUPLING = Effect(
     name="sense_cross_coupling",
+    number=7,
     title="Each axis senses some of the other",
     coefficients=(Coefficient(ex, "ex", 0.02), Coefficient(ey, "ey", 0.02)),
     sense=(ex * y, ey * x),
     source="electrode misalignment; IEEE Std 1431",
     signature="error ½ ε (1 + cos 2θ) in the angle",
     undone=Undone.MAP,
+    signs=(*LINEAR, Sign.COS_2),
 )
 
 SENSE_QUADRATIC = Effect(
     name="sense_quadratic",
+    number=8,
     title="Quadratic sense characteristic",
     coefficients=(Coefficient(a2x, "a2x", 0.02, -1), Coefficient(a2y, "a2y", 0.02, -1)),
     sense=(a2x * x**2, a2y * y**2),
@@ -77,10 +84,12 @@ SENSE_QUADRATIC = Effect(
     signature="a shift and a line at 2ω that do not move with the drive",
     undone=Undone.MAP,
     look_alikes={"quadratic_stiffness": "amplitude steps"},
+    signs=EVEN,
 )
 
 SENSE_CUBIC = Effect(
     name="sense_cubic",
+    number=9,
     title="Cubic sense characteristic",
     coefficients=(Coefficient(a3x, "a3x", 0.02, -2), Coefficient(a3y, "a3y", 0.02, -2)),
     sense=(a3x * x**3, a3y * y**3),
@@ -88,10 +97,12 @@ SENSE_CUBIC = Effect(
     signature="a line at 3ω without a pull of the frequency",
     undone=Undone.MAP,
     look_alikes={"cubic_stiffness": "pulls the frequency with the amplitude"},
+    signs=(*ODD, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4),
 )
 
 DRIVE_FEEDTHROUGH = Effect(
     name="drive_feedthrough",
+    number=10,
     title="Drive seen by the sense electrodes",
     coefficients=(Coefficient(fdx, "fdx", 0.05, 0, 2), Coefficient(fdy, "fdy", 0.05, 0, 2)),
     sense=(fdx * ux, fdy * uy),
@@ -99,10 +110,12 @@ DRIVE_FEEDTHROUGH = Effect(
     signature="innovation follows the drive without delay",
     undone=Undone.MAP,
     look_alikes={"drive_gain": "dither off the resonance"},
+    signs=(Sign.DRIVE, Sign.FLOOR),
 )
 
 SENSE_LOW_PASS = Effect(
     name="sense_low_pass",
+    number=20,
     title="A low-pass pole in the sense path",
     coefficients=(
         Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True),
@@ -131,10 +144,12 @@ SENSE_LOW_PASS = Effect(
     signature="a delay T and a gain 1 − (ωT)²/2",
     undone=Undone.MAP,
     look_alikes={"sense_delay": "nothing, far above the resonance"},
+    signs=LINEAR,
 )
 
 SENSE_HIGH_PASS = Effect(
     name="sense_high_pass",
+    number=21,
     title="A high-pass corner in the sense path",
     coefficients=(
         Coefficient(hpx, "hpx", 0.05, 0, -1, positive=True),
@@ -170,10 +185,13 @@ SENSE_HIGH_PASS = Effect(
     signature="phase lead atan(1/ωRC), constants blocked",
     undone=Undone.MAP,
     look_alikes={"sense_delay": "a slow motion"},
+    signs=(Sign.LINE_0,),
+    search=Search.CORNERS,
 )
 
 SENSE_CLIPPING = Effect(
     name="sense_clipping",
+    number=22,
     title="The sense chain saturates inside its range",
     coefficients=(Coefficient(clx, "clx", 0.5), Coefficient(cly, "cly", 0.5)),
     parameters=(Parameter(level, "level", 1),),
@@ -186,10 +204,13 @@ SENSE_CLIPPING = Effect(
     signature="flat tops, odd harmonics",
     undone=Undone.MAP,
     look_alikes={"sense_cubic": "larger amplitude"},
+    signs=ODD,
+    search=Search.LEVELS,
 )
 
 PARASITIC_MODE = Effect(
     name="parasitic_mode",
+    number=23,
     title="Another mode, driven and seen",
     coefficients=(Coefficient(rx, "rx", 1.0), Coefficient(ry, "ry", 1.0)),
     parameters=(Parameter(omega, "omega", 0, -1), Parameter(zeta, "zeta")),
@@ -199,4 +220,6 @@ PARASITIC_MODE = Effect(
     signature="a resonant peak of the innovation, its phase that of the drive",
     undone=Undone.MAP,
     look_alikes={"interference": "its phase follows the drive"},
+    signs=(Sign.LINE_ELSEWHERE, Sign.DRIVE),
+    search=Search.MODES,
 )

@@ -3,12 +3,14 @@
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.effects.search import EVEN, LINEAR, ODD, Sign
 from estimator.model.gyro import x, y
 
 k3x, k3y, k3, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k2x k2y kn ax ay")
 
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
+    number=0,
     title="Cubic stiffness of each axis",
     coefficients=(Coefficient(k3x, "k3x", 0.05, -2, -2), Coefficient(k3y, "k3y", 0.05, -2, -2)),
     force=(-k3x * x**3, -k3y * y**3),
@@ -16,20 +18,24 @@ CUBIC_STIFFNESS = Effect(
     signature="frequency pulled by 3/8 k3 A²/k, a line at 3ω, quadrature growing with sin 4θ",
     undone=Undone.CANCEL,
     look_alikes={"sense_cubic": "pulls no frequency"},
+    signs=(*ODD, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4, Sign.SIN_2, *LINEAR),
 )
 
 CUBIC_ISOTROPIC = Effect(
     name="cubic_isotropic",
+    number=1,
     title="Cubic stiffness along the radius",
     coefficients=(Coefficient(k3, "k3", 0.05, -2, -2),),
     force=(-k3 * (x**2 + y**2) * x, -k3 * (x**2 + y**2) * y),
     source="Lynch, Coriolis angular velocity sensors, IEEE Std 1431 annex B",
     signature="frequency pulled with the amplitude; a rate bias −k3 a b/4ω with quadrature",
     undone=Undone.CANCEL,
+    signs=(*ODD, Sign.AMPLITUDE, *LINEAR),
 )
 
 QUADRATIC_STIFFNESS = Effect(
     name="quadratic_stiffness",
+    number=2,
     title="Quadratic stiffness of each axis",
     coefficients=(Coefficient(k2x, "k2x", 0.05, -1, -2), Coefficient(k2y, "k2y", 0.05, -1, -2)),
     force=(-k2x * x**2, -k2y * y**2),
@@ -37,10 +43,12 @@ QUADRATIC_STIFFNESS = Effect(
     signature="a shift and a line at 2ω",
     undone=Undone.CANCEL,
     look_alikes={"sense_quadratic": "moves with the bias, not with the drive"},
+    signs=EVEN,
 )
 
 NONRECIPROCAL_STIFFNESS = Effect(
     name="nonreciprocal_stiffness",
+    number=3,
     title="Stiffness that is not symmetric, kxy ≠ kyx",
     coefficients=(Coefficient(kn, "kn", 0.01, 0, -2),),
     force=(-kn * y, kn * x),
@@ -48,10 +56,12 @@ NONRECIPROCAL_STIFFNESS = Effect(
     signature="quadrature of one sign at every angle",
     undone=Undone.CANCEL,
     look_alikes={"rotation (Euler term)": "vanishes at a constant rate"},
+    signs=(*LINEAR, Sign.COS_2, Sign.RATE),
 )
 
 CONSTANT_FORCE = Effect(
     name="constant_force",
+    number=19,
     title="A constant force",
     coefficients=(Coefficient(ax, "ax", 0.01, 1, -2), Coefficient(ay, "ay", 0.01, 1, -2)),
     force=(ax, ay),
@@ -59,4 +69,5 @@ CONSTANT_FORCE = Effect(
     signature="none beside the sense offset",
     undone=Undone.CANCEL,
     look_alikes={"sense offset": "nothing on one bench; tilt it"},
+    signs=(Sign.LINE_0,),
 )

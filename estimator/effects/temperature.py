@@ -7,6 +7,7 @@ stress in the package does not; so each entry has a coefficient of its own, and 
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
+from estimator.effects.search import Sign
 from estimator.model.gyro import vx, vy, x, y
 
 warmth, ktx, kty, ktxy, dtx, dty, dtxy, ptx, pty = sp.symbols("warmth ktx kty ktxy dtx dty dtxy ptx pty")
@@ -15,6 +16,7 @@ _WARMTH = (Signal(warmth, Source.TEMPERATURE),)
 
 TEMPERATURE_STIFFNESS = Effect(
     name="temperature_stiffness",
+    number=29,
     title="Stiffness that moves with the temperature",
     coefficients=(
         Coefficient(ktx, "ktx", 1e-3, 0, -2, -1),
@@ -27,10 +29,12 @@ TEMPERATURE_STIFFNESS = Effect(
     signature="a slow residual that moves with the temperature channel",
     undone=Undone.CANCEL,
     look_alikes={"ageing": "a temperature cycle"},
+    signs=(Sign.TEMPERATURE,),
 )
 
 TEMPERATURE_DAMPING = Effect(
     name="temperature_damping",
+    number=30,
     title="Damping that moves with the temperature",
     coefficients=(
         Coefficient(dtx, "dtx", 1e-4, 0, -1, -1),
@@ -43,10 +47,12 @@ TEMPERATURE_DAMPING = Effect(
     signature="a slow residual that moves with the temperature channel",
     undone=Undone.CANCEL,
     look_alikes={"ageing": "a temperature cycle"},
+    signs=(Sign.TEMPERATURE,),
 )
 
 TEMPERATURE_OFFSET = Effect(
     name="temperature_offset",
+    number=31,
     title="Sense offset that moves with the temperature",
     coefficients=(Coefficient(ptx, "ptx", 1e-3, 1, 0, -1), Coefficient(pty, "pty", 1e-3, 1, 0, -1)),
     signals=_WARMTH,
@@ -55,4 +61,5 @@ TEMPERATURE_OFFSET = Effect(
     signature="a slow offset that moves with the temperature channel",
     undone=Undone.MAP,
     look_alikes={"ageing": "a temperature cycle"},
+    signs=(Sign.TEMPERATURE,),
 )

@@ -1,10 +1,10 @@
 """What to watch for on a record: every effect of the catalogue, those with parameters at several values of them.
 
-A frequency is taken from the residual's lines and from where it follows the drive; a threshold from how far drive and
-signal reach.
+Where the values come from, an effect's declaration says (`Search`): a frequency from the residual's lines and from
+where it follows the drive, a threshold from how far drive and signal reach.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.signal import csd, welch
 
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.effects.declaration import Effect, Source
+from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.kernel.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.residual.spectrum import lines, periodogram
@@ -23,15 +24,19 @@ from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.candidates
 
-LINES = ("interference", "base_vibration")
-"""Effects that draw a line into the spectrum, whatever its cause."""
-
 Parameters = dict[str, float]
+Values = Sequence[tuple[str, tuple[float, ...]]]
+"""At which values an effect is watched, each with its label: one for all of its parameters, or one each."""
 
 
 def kind(name: str) -> str:
     """Name of an effect without its label."""
     return name.partition(":")[0]
+
+
+def searched_by(name: str) -> Search | None:
+    """Where a trace takes the parameters of that effect, None where it has none or is not of the catalogue."""
+    return next((effect.search for effect in EFFECTS if effect.name == kind(name)), None)
 
 
 def watch_list(record: Record, device: Device, innovation: Array, deviation: Array) -> dict[str, Parameters]:
@@ -47,16 +52,35 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
             continue
         if not effect.parameters:
             watched[effect.name] = {}
-    omega0 = float(np.sqrt(device.target))
-    for label, corner in enumerate(_SET.corners, start=1):
-        watched[f"sense_high_pass:{label}"] = dict.fromkeys(("leak_x", "leak_y"), corner * omega0)
-    for name in ("dry_friction", "dry_friction_asymmetric"):
-        for label, share in enumerate(_SET.rest, start=1):
-            watched[f"{name}:{label}"] = {"v0": share * device.amplitude * omega0}
-    watched |= _of_lines(record, device, innovation / deviation)
-    watched |= _of_thresholds(record, device)
-    watched |= _of_modes(record, device, innovation / deviation)
+    omega0, whitened = float(np.sqrt(device.target)), innovation / deviation
+    values: dict[Search, Values] = {
+        Search.CORNERS: _labelled(_SET.corners, omega0),
+        Search.SPEEDS: _labelled(_SET.rest, device.amplitude * omega0),
+        Search.LINES: _of_lines(record, device, whitened),
+        **_of_thresholds(record, device),
+        Search.MODES: _of_modes(record, device, whitened),
+    }
+    for search, found in values.items():
+        watched |= _watched_by(search, found, device)
     return watched | _of_own(device, record, watched)
+
+
+def _labelled(shares: Sequence[float], of: float) -> Values:
+    return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
+
+
+def _watched_by(search: Search, values: Values, device: Device) -> dict[str, Parameters]:
+    """All effects of the catalogue that are searched like that, each at all those values."""
+    effects = [effect for effect in EFFECTS if effect.search is search and effect.on(device.axes) is not None]
+    pairs = [(effect, value) for effect in effects for value in values]
+    if search is Search.LINES:  # a line after the other, as strong as they are
+        pairs = [(effect, value) for value in values for effect in effects]
+    watched = {}
+    for effect, (label, given) in pairs:
+        names = [parameter.name for parameter in effect.parameters]
+        each = given * len(names) if len(given) == 1 else given
+        watched[f"{effect.name}:{label}"] = dict(zip(names, each, strict=True))
+    return watched
 
 
 def _of_own(device: Device, record: Record, others: Mapping[str, Parameters]) -> dict[str, Parameters]:
@@ -98,36 +122,28 @@ def _has_signals(signals: tuple[object, ...], record: Record) -> bool:
     )
 
 
-def _of_lines(record: Record, device: Device, whitened: Array) -> dict[str, Parameters]:
+def _of_lines(record: Record, device: Device, whitened: Array) -> Values:
     sample_rate = 1.0 / float(np.mean(record.step))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
     found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _SET.line_chance)
     span = float(np.sum(record.step))
     steady = [line for line in found if line.frequency * span > _SET.periods]
     strongest = sorted(steady, key=lambda line: -line.rms)[: _SET.lines]
-    watched = {}
-    for label, line in enumerate(strongest, start=1):
-        for name in LINES:
-            watched[f"{name}:{label}"] = {"omega": 2.0 * np.pi * line.frequency}
-    return watched
+    return _labelled([2.0 * np.pi * line.frequency for line in strongest], 1.0)
 
 
-def _of_thresholds(record: Record, device: Device) -> dict[str, Parameters]:
-    watched = {}
+def _of_thresholds(record: Record, device: Device) -> dict[Search, Values]:
+    values: dict[Search, Values] = {}
     drive = np.abs(record.drive[:, :, 0]) * device.drive_gain
     if np.any(drive):
         largest, usual = float(np.max(drive)), float(np.sqrt(np.mean(drive**2)))
-        for label, share in enumerate(_SET.saturation, start=1):
-            watched[f"drive_saturation:{label}"] = {"limit": share * largest}
-        for label, share in enumerate(_SET.dead_band, start=1):
-            watched[f"drive_dead_band:{label}"] = {"band": share * usual}
+        values[Search.LIMITS] = _labelled(_SET.saturation, largest)
+        values[Search.BANDS] = _labelled(_SET.dead_band, usual)
     reach = np.nanmax(np.abs(record.sense / np.abs(device.sense_gain)))
-    for label, share in enumerate(_SET.clipping, start=1):
-        watched[f"sense_clipping:{label}"] = {"level": share * float(reach)}
-    return watched
+    return values | {Search.LEVELS: _labelled(_SET.clipping, float(reach))}
 
 
-def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Parameters]:
+def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
     """Frequencies at which the residual follows the drive more than around them, with the damping seen there.
 
     Not the resonance: what follows the drive there is the gyro itself, as where a gain is off, and a mode beside it
@@ -135,7 +151,7 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Para
     """
     drive = record.drive[:, :, 0]
     if not np.any(drive):
-        return {}
+        return []
     sample_rate = 1.0 / float(np.mean(record.step))
     length = _segment(record)
     filled = np.nan_to_num(whitened)
@@ -147,7 +163,7 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Para
         _, of_residual = welch(filled[:, axis], sample_rate, nperseg=length)
         coherence = coherence + np.abs(across) ** 2 / np.maximum(of_drive * of_residual, np.finfo(float).tiny)
         responses.append(across / np.maximum(of_drive, np.finfo(float).tiny))
-    watched: dict[str, Parameters] = {}
+    values = []
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
     peaks = peaks[~at_resonance(record, device, 2.0 * np.pi * frequency[peaks])]
@@ -156,8 +172,8 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> dict[str, Para
         seen = resonance(2.0 * np.pi * frequency[near], [response[near] for response in responses])
         supposed = [(2.0 * np.pi * float(frequency[peak]), _SET.damping_ratio)]
         for which, (omega, zeta) in enumerate(supposed if seen is None else [seen, *supposed], start=1):
-            watched[f"parasitic_mode:{label}{which}"] = {"omega": omega, "zeta": zeta}
-    return watched
+            values.append((f"{label}{which}", (omega, zeta)))
+    return values
 
 
 def _segment(record: Record) -> int:

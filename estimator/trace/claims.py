@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.effects.catalogue import effect_for
+from estimator.effects.search import Search
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Gain
-from estimator.trace.candidates import kind
+from estimator.trace.candidates import kind, searched_by
 from estimator.trace.certainty import TWO_SIDED, widening
 from estimator.trace.constancy import constancies
 from estimator.trace.diagnosis import Fit
@@ -107,12 +109,13 @@ def _levels(
     """Of a sense chain that saturates, where all that goes over the level is lost."""
     found = []
     for name, coefficients in effects.items():
-        if kind(name) != "sense_clipping":
+        if searched_by(name) is not Search.LEVELS:
             continue
+        (level,) = (selection.effects[name][p.name] for p in effect_for(name, problem.device.axes)[1].parameters)
         for axis, share in enumerate(coefficients.values()):
             if not share.low <= 1.0 <= share.high:
                 continue
-            most = abs(problem.device.sense_gain[axis]) * selection.effects[name]["level"]
+            most = abs(problem.device.sense_gain[axis]) * level
             seen: Array = problem.record.sense[split:, axis]
             noise = max(problem.device.noise[axis], 0.0)
             found.append(Level(kind(name), -most, most, float(np.nanmin(seen)), float(np.nanmax(seen)), noise))

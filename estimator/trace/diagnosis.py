@@ -51,8 +51,9 @@ class Confusable:
     """Two effects that this record cannot tell apart, how alike they are, and the experiment that would separate them.
 
     `correlation` of their signatures with everything else the observer estimates projected out; `separate_by` an
-    experiment in words, None where nothing separates them; `expected` their correlation in that experiment;
-    `angle_apart` how far in rad the angle moves when the other is carried instead.
+    experiment in words, None where nothing separates them; `experiment` its name where a run can make it; `expected`
+    their correlation in that experiment; `angle_apart` how far in rad the angle moves when the other is carried
+    instead.
     """
 
     effect: str
@@ -61,6 +62,7 @@ class Confusable:
     separate_by: str | None
     expected: float | None
     angle_apart: float | None = None
+    experiment: str | None = None
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,16 @@ little, since friction is far from linear in how slow the mass is where it turns
 
 from collections.abc import Iterable, Mapping
 
+from estimator.effects.catalogue import EFFECTS
 from estimator.trace.candidates import kind
 
-DAMPING = frozenset({"dry_friction", "drag", "nonlinear_damping", "cubic_damping"})
-"""All laws of a damping that depends on the amplitude and not on the direction."""
+_KIN = {effect.name: effect.kin for effect in EFFECTS if effect.kin is not None}
 
 
 def are_kin(name: str, other: str) -> bool:
-    """Whether both are laws of damping."""
-    return kind(name) in DAMPING and kind(other) in DAMPING
+    """Whether both are declared to be of one kin, as the laws of damping are."""
+    one = _KIN.get(kind(name))
+    return one is not None and one is _KIN.get(kind(other))
 
 
 def kin_of(best: str, watched: Iterable[str], tried: Mapping[str, object]) -> list[str]:

@@ -4,10 +4,12 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from estimator.trace.candidates import at_resonance, kind
+from estimator.effects.catalogue import EFFECTS
+from estimator.effects.search import Search
+from estimator.trace.candidates import at_resonance, kind, searched_by
 from estimator.trace.problem import Problem
 
-_SIMPLER = {"drive_saturation": "drive_gain", "drive_dead_band": "drive_gain"}
+_SIMPLER = {effect.name: effect.simpler for effect in EFFECTS if effect.simpler}
 """By effect, what it is where its threshold is passed by every drive, or by none."""
 
 
@@ -29,16 +31,19 @@ def turned_into(problem: Problem, name: str, parameters: Mapping[str, float]) ->
     below the largest; one that does nothing below the least does all that it should.  A mode at the resonance follows
     the drive as the gyro does, whose drive has another gain.
     """
-    if kind(name) == "parasitic_mode":
-        own = at_resonance(problem.record, problem.device, np.array([parameters["omega"]]))
+    search = searched_by(name)
+    if search is Search.MODES:
+        omega, _ = parameters.values()
+        own = at_resonance(problem.record, problem.device, np.array([omega]))
         return "the gyro itself, its drive of another gain" if own[0] else None
     if kind(name) not in _SIMPLER:
         return None
     given = np.abs(problem.record.drive[:, :, 0]) * problem.device.drive_gain
     (threshold,) = parameters.values()
+    simpler = _SIMPLER[kind(name)].replace("_", " ")
     least = float(np.min(given, where=given > 0.0, initial=np.inf))
-    if kind(name) == "drive_saturation":
-        return "drive gain" if threshold <= least else None
+    if search is Search.LIMITS:
+        return simpler if threshold <= least else None
     if threshold <= least:
         return "no effect at all"
-    return "drive gain" if threshold >= float(np.max(given, initial=0.0)) else None
+    return simpler if threshold >= float(np.max(given, initial=0.0)) else None

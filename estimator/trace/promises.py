@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from scipy.stats import f as f_distribution
 
+from estimator.effects.catalogue import EFFECTS
 from estimator.trace.candidates import kind
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
@@ -18,7 +19,7 @@ from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.promises
 
-_GAINS = frozenset({"drive_gain", "sense_gain"})  # relative to what is declared: below −1 the sign is another
+_GAINS = frozenset(effect.name for effect in EFFECTS if effect.gain)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,7 +49,18 @@ EXPERIMENTS = (
     ),
 )  # fmt: skip
 
-Advice = tuple[str | None, float | None]
+
+class Advice(NamedTuple):
+    """An experiment and what it would show of a pair; nothing where none tells the two apart."""
+
+    experiment: Experiment | None = None
+    expected: float | None = None
+
+
+def experiment_called(name: str) -> Experiment | None:
+    """The experiment of that name, None where there is none."""
+    return next((experiment for experiment in EXPERIMENTS if experiment.name == name), None)
+
 
 
 def separations(
@@ -59,11 +71,11 @@ def separations(
 ) -> list[Advice]:
     """For each pair (named, other): the simplest experiment that separates them, and their likeness in it.
 
-    None and None where none does.  A single axis has no controller to experiment with.
+    A single axis has no controller to experiment with.
     """
     device, controller = problem.device, problem.controller
     if not pairs or device.axes != 2:
-        return [(None, None)] * len(pairs)
+        return [Advice()] * len(pairs)
     watched = {name: _parameters(name, selection) for pair in pairs for name in pair}
     settings = replace(problem.settings, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
     latency = controller.latency if controller is not None else 1
@@ -85,10 +97,10 @@ def _advice(name: str, other: str, alike: Mapping[str, Mapping[str, Mapping[str,
     values = {experiment.name: alike[experiment.name][name][other] for experiment in EXPERIMENTS}
     able = [experiment for experiment in EXPERIMENTS if values[experiment.name] < THRESHOLDS.scan.same]
     if not able:
-        return None, None
+        return Advice()
     dearer = {"all": _SET.dearer}
     single = min(able, key=lambda experiment: values[experiment.name] + dearer.get(experiment.name, 0.0))
-    return single.words, values[single.name]
+    return Advice(single, values[single.name])
 
 
 def loop_record(

@@ -312,9 +312,13 @@ def _confusable(
         [partial(reader.mistaken, selection.effects, name, other, given) for name, other, _, given in pairs.values()]
     )
     return tuple(
-        Confusable(_short(name, named), kind(other), likeness, *told, angle_apart=moved)
+        Confusable(
+            _short(name, named), kind(other), likeness,
+            None if told.experiment is None else told.experiment.words, told.expected, moved,
+            None if told.experiment is None else told.experiment.name,
+        )
         for (name, other, likeness, _), told, moved in zip(pairs.values(), advice, apart, strict=True)
-    )
+    )  # fmt: skip
 
 
 def _with_equivalents(

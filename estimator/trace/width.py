@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Collection, Mapping
 
-from estimator.trace.candidates import LINES, Parameters, kind
+from estimator.effects.search import Search
+from estimator.trace.candidates import Parameters, kind, searched_by
 from estimator.trace.criterion import TIE, surprise
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
@@ -45,7 +46,7 @@ def hopeful(
     others = second_thoughts(look.evidence, gains)
     if not is_small(behind(), max(gains.values())):
         return screened(others, others[: _SET.batch])
-    return screened(others, ()) if look.seen.ratio**2 > 1.0 + _SET.power or kind(best) in LINES else []
+    return screened(others, ()) if look.seen.ratio**2 > 1.0 + _SET.power or searched_by(best) is Search.LINES else []
 
 
 def is_small(left: Look, gained: float) -> bool:

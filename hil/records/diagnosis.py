@@ -61,6 +61,7 @@ class Confusable(_Model):
     with_: str = Field(alias="with")
     correlation: float | None = Field(description="Of their signatures, all that is estimated projected out")
     separate_by: str | None = Field(description="The experiment that would tell; null where none would")
+    experiment: str | None = Field(default=None, description="Its name, where `hil trace --live` can make it")
     expected: float | None = Field(description="Their correlation in that experiment")
     angle_apart_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, when the other is carried instead"
@@ -308,6 +309,7 @@ def _confusable(pair: traced.Confusable) -> Confusable:
             "with": pair.other,
             "correlation": _finite(pair.correlation),
             "separate_by": pair.separate_by,
+            "experiment": pair.experiment,
             "expected": _finite(pair.expected),
             "angle_apart_rad": _finite(pair.angle_apart),
         }

@@ -16,9 +16,12 @@ from hil.separate import changes, named, separable, separate
 FIT = Fit(innovation_rms=1e-4, noise_floor=1e-4, ratio=1.0, whiteness_p=0.5, simulation_rmse=None)
 
 
-def alike(words: str | None) -> Diagnosis:
-    """A diagnosis that cannot tell a sense gain from a drive gain, and proposes `words`."""
-    pair = {"effect": "sense_gain", "with": "drive_gain", "correlation": 0.9996, "separate_by": words, "expected": 0.9}
+def alike(name: str | None, words: str = "in words that nothing hangs on") -> Diagnosis:
+    """A diagnosis that cannot tell a sense gain from a drive gain, and proposes the experiment of that name."""
+    pair = {
+        "effect": "sense_gain", "with": "drive_gain", "correlation": 0.9996, "separate_by": words, "expected": 0.9,
+        "experiment": name,
+    }  # fmt: skip
     return Diagnosis(
         verdict="explained", effects=(), confusable=(Confusable.model_validate(pair),), before=FIT, after=FIT,
         held_out=HeldOut(before=FIT, after=FIT), rejected=(), findings=(), reasons=(), equations=(), record="r",
@@ -29,7 +32,7 @@ def alike(words: str | None) -> Diagnosis:
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
 def test_every_experiment_is_a_bench_file(experiment: Experiment) -> None:
     bench = load_bench(find("bench", "s-slow"))
-    found = named(experiment.words)
+    found = named(experiment.name)
     made = override(bench, changes(found, bench), "test")
     given = made.controller
     assert given.amplitude_modulation == max(found.modulation, bench.controller.amplitude_modulation)
@@ -45,8 +48,8 @@ def test_every_experiment_is_a_bench_file(experiment: Experiment) -> None:
 
 def test_only_what_an_experiment_would_tell_apart_is_tried() -> None:
     assert separable(alike(None)) == []
-    assert separable(alike("weigh the proof mass")) == []
-    assert len(separable(alike(EXPERIMENTS[0].words))) == 1
+    assert separable(alike(None, "weigh the proof mass")) == []
+    assert len(separable(alike(EXPERIMENTS[0].name))) == 1
     with pytest.raises(InputError, match="make it by hand"):
         named("wait for rain")
 
@@ -54,7 +57,7 @@ def test_only_what_an_experiment_would_tell_apart_is_tried() -> None:
 def test_what_an_experiment_did_not_tell_takes_all_of_them_and_then_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a bench on which nothing ever tells the pair apart: each step once, and an end."""
     bench = load_bench(find("bench", "s-slow"))
-    words = EXPERIMENTS[0].words
+    name, words = EXPERIMENTS[0].name, EXPERIMENTS[0].words
     durations: list[float] = []
 
     def run_of(changed, link, out, *, note, progress):
@@ -62,10 +65,10 @@ def test_what_an_experiment_did_not_tell_takes_all_of_them_and_then_longer(monke
         return SimpleNamespace(folder=Path("run"))
 
     monkeypatch.setattr("hil.separate.run", run_of)
-    monkeypatch.setattr("hil.separate.trace", lambda *given, **named: SimpleNamespace(diagnosis=alike(words)))
+    monkeypatch.setattr("hil.separate.trace", lambda *given, **named: SimpleNamespace(diagnosis=alike(name)))
     told: list[str] = []
     made = separate(
-        alike(words), bench, "inproc:none", Path("runs"), fraction=None, before_run=told.append,
+        alike(name), bench, "inproc:none", Path("runs"), fraction=None, before_run=told.append,
         progress=lambda _: None,
     )  # fmt: skip
     everything = EXPERIMENTS[-1].words
@@ -86,7 +89,7 @@ def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None
     told: list[str] = []
     words = next(experiment.words for experiment in EXPERIMENTS if experiment.name == "amplitude")
     (made,) = separate(
-        alike(words), bench, f"inproc:{scenario}", tmp_path / "runs",
+        alike("amplitude"), bench, f"inproc:{scenario}", tmp_path / "runs",
         fraction=None, before_run=told.append, progress=lambda _: None,
     )  # fmt: skip
     assert told == [words] == [made.experiment]

@@ -1,10 +1,12 @@
 """The device as a machine: reproducible, indifferent to how its rows are asked for, true to its truth."""
 
+from enum import IntEnum
+
 import numpy as np
 import pytest
 
 from device_emulator.device import PAGE, TRUTH_COLUMNS, Device
-from device_emulator.effects.catalogue import DECLARATIONS, Kind
+from device_emulator.effects.catalogue import DECLARATIONS
 from device_emulator.scenario import Scenario, load
 from tests.emulator.gyro import EXAMPLES, document, record, scenario, undriven
 
@@ -82,14 +84,15 @@ def test_hidden_effects_leave_the_noise_alone() -> None:
     np.testing.assert_array_equal(record(nothing, drive(N)).codes, plain.codes)
 
 
-@pytest.mark.parametrize("kind", Kind, ids=lambda kind: kind.name.lower())
-def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", DECLARATIONS, ids=lambda kind: kind.name.lower())
+def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: IntEnum) -> None:
     """Each coefficient, moved alone, shows in the codes."""
     sizes = {
         "k3x": 1e13, "k3y": 1e13, "k3": 1e13, "k2x": 1e9, "k2y": 1e9, "d3x": 1e9, "d3y": 1e9,
-        "Fx": 1.0, "Fy": 1.0, "v0": 0.1, "gx": 0.1, "gy": 0.1,
+        "fx": 1.0, "fy": 1.0, "v0": 0.1, "gx": 0.1, "gy": 0.1, "hx": 0.1, "hy": 0.1, "mx": 0.1, "my": 0.1,
         "ax": 1e-2, "ay": 1e-2, "frequency": 30.0, "phase_x": 1.0, "phase_y": 1.0,
-        "exy": 0.1, "eyx": 0.1, "tau_x": 1e-4, "tau_y": 1e-4, "a2x": 1e3, "a2y": 1e3, "a3x": 1e7, "a3y": 1e7,
+        "tsx": 1e-4, "tsy": 1e-4, "tux": 1e-4, "tuy": 1e-4, "qx": 0.1, "qy": 0.1, "rx": 1e-3, "ry": 1e-3,
+        "a2x": 1e3, "a2y": 1e3, "a3x": 1e7, "a3y": 1e7,
         "gamma_x": 1e-3, "gamma_y": 1e-3, "kn": 1e4, "kappa": 0.1, "tc": 1e-2, "tc_x": 1e-3, "tc_y": 1e-3,
         "kbx": 1e4, "kby": 1e4, "gap": 5e-5, "khx": 1e4, "khy": 1e4, "reach": 5e-5, "ratio": 0.01, "Fs": 1.0, "Fc": 0.5,
         "vs": 1e-3, "s": 6e6, "depth": 0.1, "phase": 1.0, "c": 1e13, "limit_x": 0.04, "limit_y": 0.04,
@@ -112,8 +115,8 @@ def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: Kind)
 
 
 def test_effects_add_up() -> None:
-    twice = [{"name": "constant_force", "gx": 1.0}, {"name": "constant_force", "gx": 2.0}]
-    once = [{"name": "constant_force", "gx": 3.0}]
+    twice = [{"name": "constant_force", "ax": 1.0}, {"name": "constant_force", "ax": 2.0}]
+    once = [{"name": "constant_force", "ax": 3.0}]
     np.testing.assert_array_equal(
         record(scenario({"effect": twice}), drive(50)).codes,
         record(scenario({"effect": once}), drive(50)).codes,

@@ -124,8 +124,8 @@ def _rubbing(v: float, asymmetry: float) -> float:
 
 CASES: dict[str, tuple[dict[str, float], Law, int, float]] = {
     # effect: coefficients, its law, its states, tolerance (of A)
-    "asymmetric_friction": (
-        {"Fx": 2.0, "Fy": 3.0, "v0": 0.02, "ax": 0.3, "ay": -0.2},
+    "dry_friction_asymmetric": (
+        {"fx": 2.0, "fy": 3.0, "v0": 0.02, "ax": 0.3, "ay": -0.2},
         lambda t, s, ux, uy, w, dw: (-2.0 * _rubbing(s[1], 0.3), -3.0 * _rubbing(s[3], -0.2), []),
         0,
         1e-8,
@@ -146,13 +146,13 @@ CASES: dict[str, tuple[dict[str, float], Law, int, float]] = {
         0,
         2e-10,
     ),
-    "thermal_stiffness": (
+    "temperature_stiffness": (
         {"tc": -2e-3},
         lambda t, s, ux, uy, w, dw: (*(2e-3 * warmer(t) * (K @ s[[0, 2]])), []),
         0,
         2e-10,
     ),
-    "thermal_damping": (
+    "temperature_damping": (
         {"tc": 0.05},
         lambda t, s, ux, uy, w, dw: (*(-0.05 * warmer(t) * (D @ s[[1, 3]])), []),
         0,
@@ -215,7 +215,7 @@ def test_what_acts_on_the_mass(name: str) -> None:
         ({"name": "drive_dead_band", "width_x": 1.0, "width_y": 2.0}, lambda u: u - np.clip(u, [-1, -2], [1, 2])),
         ({"name": "drive_polarity", "px": 1.0}, lambda u: u * [-1, 1]),
         ({"name": "drive_polarity", "px": 1, "py": 1}, lambda u: -u),
-        ({"name": "electrostatic_drive", "ex": 0.01, "ey": -0.02}, lambda u: u + np.array([0.01, -0.02]) * u**2),
+        ({"name": "electrostatic_drive", "qx": 0.01, "qy": -0.02}, lambda u: u + np.array([0.01, -0.02]) * u**2),
     ],
     ids=lambda v: v["name"] if isinstance(v, dict) else "",
 )
@@ -229,7 +229,7 @@ def test_what_the_drive_makes_of_a_command(effect: dict[str, Any], bent: Callabl
 @pytest.mark.parametrize(("px", "py"), [(1, 0), (0, 1), (1, 1)])
 def test_a_reversed_sense_shows_the_motion_with_the_other_sign_and_its_offset_as_it_was(px: int, py: int) -> None:
     where = {"truth": LOSSY, "sense": {"mismatch_m": [1e-5, -2e-5], "adc_bits": 24}}
-    delay = {"name": "sense_delay", "tau_x": 0.4 * TS, "tau_y": 1.7 * TS}
+    delay = {"name": "sense_delay", "tsx": 0.4 * TS, "tsy": 1.7 * TS}
     for others in ([], [delay]):
         plain = scenario(where, {"effect": others})
         turned = scenario(where, {"effect": [*others, {"name": "sense_polarity", "px": px, "py": py}]})
@@ -298,7 +298,7 @@ def test_slew(delay: float) -> None:
     )
     effects = [
         {"name": "drive_slew", "slew_x": steep[0], "slew_y": steep[1]},
-        {"name": "drive_delay", "tau_x": delay * TS},
+        {"name": "drive_delay", "tux": delay * TS},
     ]
     what = scenario({"truth": LOSSY, "rate": SINE, "effect": effects})
     expected = integrate(drive, 40, lambda *_: (0.0, 0.0, []), 0, kinks)
@@ -308,7 +308,7 @@ def test_slew(delay: float) -> None:
 def test_parasitic_mode_rings_in_the_sense_only() -> None:
     """Against the mode integrated alone; the mass does not feel it."""
     codes = pushes(80)
-    what = with_effect(name="parasitic_mode", frequency=730.0, zeta=0.02, gamma_x=0.3, gamma_y=-0.2)
+    what = with_effect(name="parasitic_mode", frequency=730.0, zeta=0.02, rx=0.3, ry=-0.2)
     ours, truth, _ = record(what, codes)
     np.testing.assert_array_equal(
         truth["x_m"], record(scenario({"truth": LOSSY, "rate": SINE, "temperature": WARM}), codes).truth["x_m"]
@@ -331,15 +331,15 @@ def test_parasitic_mode_rings_in_the_sense_only() -> None:
 def test_parasitic_mode_passes_the_delay_of_the_sense_chain(delay: float) -> None:
     """A free vibration and a mode at rest: with no drive there is nothing to see of it."""
     effects = [
-        {"name": "parasitic_mode", "frequency": 730.0, "zeta": 0.02, "gamma_x": 0.3},
-        {"name": "sense_delay", "tau_x": delay * TS},
+        {"name": "parasitic_mode", "frequency": 730.0, "zeta": 0.02, "rx": 0.3},
+        {"name": "sense_delay", "tsx": delay * TS},
     ]
     codes = record(scenario(IDEAL, {"effect": effects}), undriven(100)).codes
     np.testing.assert_array_equal(codes, record(scenario(IDEAL, {"effect": effects[1:]}), undriven(100)).codes)
 
 
 def test_sense_saturation_clips_offset_and_all_but_not_the_noise() -> None:
-    limits = {"name": "sense_saturation", "limit_x": 0.06, "limit_y": 0.03}
+    limits = {"name": "sense_clipping", "limit_x": 0.06, "limit_y": 0.03}
     where = {"truth": {"position_m": [A, 0.6 * A]}, "sense": {"mismatch_m": [1e-5, -2e-5], "adc_bits": 24}}
     what = scenario(where, {"effect": [limits]})
     codes, truth, device = record(what, undriven(100))
@@ -355,7 +355,7 @@ def test_sense_saturation_clips_offset_and_all_but_not_the_noise() -> None:
 def test_thermal_offset_follows_the_temperature() -> None:
     what = scenario(
         {"truth": {"position_m": [0, 0]}, "temperature": WARM},
-        {"effect": [{"name": "thermal_offset", "tc_x": 1e-3, "tc_y": -2e-3}]},
+        {"effect": [{"name": "temperature_offset", "tc_x": 1e-3, "tc_y": -2e-3}]},
     )
     codes = record(what, undriven(200)).codes
     warm = np.array([warmer(t) for t in np.arange(200) * TS])

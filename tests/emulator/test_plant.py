@@ -88,7 +88,7 @@ def test_every_term_of_the_base_model() -> None:
 def test_without_hidden_effects_a_shorter_way_to_the_same_bits() -> None:
     """A constant force of nothing makes the device take the long one."""
     noisy = {"truth": {"temperature_K": 300.0}, "drive": {"noise_mps2_per_rtHz": 1e-4}, "rate": SINE}
-    nothing = {"effect": [{"name": "constant_force", "gx": 0.0, "gy": 0.0}]}
+    nothing = {"effect": [{"name": "constant_force", "ax": 0.0, "ay": 0.0}]}
     short, long = (record(scenario(noisy, *more), pushes(200)) for more in ((), (nothing,)))
     assert np.array_equal(states(short.truth), states(long.truth))
     assert np.array_equal(short.codes, long.codes)
@@ -99,7 +99,7 @@ HIDDEN: dict[str, tuple[dict[str, float], Any]] = {
         {"k3x": 3e13, "k3y": -1e13},
         lambda t, x, vx, y, vy: (-3e13 * x**3, 1e13 * y**3),
     ),
-    "isotropic_cubic_stiffness": (
+    "cubic_isotropic": (
         {"k3": 2e13},
         lambda t, x, vx, y, vy: (-2e13 * (x * x + y * y) * x, -2e13 * (x * x + y * y) * y),
     ),
@@ -112,10 +112,10 @@ HIDDEN: dict[str, tuple[dict[str, float], Any]] = {
         lambda t, x, vx, y, vy: (-3e9 * x * x * vx, -1e9 * y * y * vy),
     ),
     "dry_friction": (
-        {"Fx": 2.0, "Fy": 3.0, "v0": 0.1},
+        {"fx": 2.0, "fy": 3.0, "v0": 0.1},
         lambda t, x, vx, y, vy: (-2.0 * np.tanh(vx / 0.1), -3.0 * np.tanh(vy / 0.1)),
     ),
-    "constant_force": ({"gx": 3.0, "gy": -2.0}, lambda t, x, vx, y, vy: (3.0, -2.0)),
+    "constant_force": ({"ax": 3.0, "ay": -2.0}, lambda t, x, vx, y, vy: (3.0, -2.0)),
     "base_vibration": (
         {"ax": 2.0, "ay": 3.0, "frequency": 70.0, "phase_x": 0.2, "phase_y": 1.0},
         lambda t, x, vx, y, vy: (
@@ -141,11 +141,11 @@ def test_hidden_forces(name: str) -> None:
 
 
 @pytest.mark.parametrize("rest", [0.003, 0.02])
-@pytest.mark.parametrize("name", ["dry_friction", "asymmetric_friction"])
+@pytest.mark.parametrize("name", ["dry_friction", "dry_friction_asymmetric"])
 def test_friction_turns_over_within_a_step(name: str, rest: float) -> None:
     """v0 of a share of A ω0: a turn that is narrower than an eighth of a sample, over twenty cycles."""
-    v0, one_way = rest * OMEGA * AMPLITUDE_M, {"ax": 0.3, "ay": -0.4} if name == "asymmetric_friction" else {}
-    effect = {"name": name, "Fx": 0.5, "Fy": 0.3, "v0": v0, **one_way}
+    v0, one_way = rest * OMEGA * AMPLITUDE_M, {"ax": 0.3, "ay": -0.4} if name == "dry_friction_asymmetric" else {}
+    effect = {"name": name, "fx": 0.5, "fy": 0.3, "v0": v0, **one_way}
     what = scenario({"truth": {"position_m": [AMPLITUDE_M, 0.6 * AMPLITUDE_M]}, "rate": SINE, "effect": [effect]})
 
     def rub(t: float, x: float, vx: float, y: float, vy: float) -> tuple[float, float]:
@@ -161,8 +161,8 @@ def test_friction_turns_over_within_a_step(name: str, rest: float) -> None:
 
 def test_drive_gain_and_misalignment() -> None:
     effects = [
-        {"name": "drive_gain", "gx": 0.1, "gy": -0.2},
-        {"name": "drive_misalignment", "exy": 0.05, "eyx": -0.03},
+        {"name": "drive_gain", "hx": 0.1, "hy": -0.2},
+        {"name": "drive_misalignment", "mx": 0.05, "my": -0.03},
     ]
     what = scenario({"rate": SINE, "effect": effects})
     codes = pushes(60)
@@ -174,7 +174,7 @@ def test_drive_gain_and_misalignment() -> None:
 @pytest.mark.parametrize(("tau_x", "tau_y"), [(0.3, 0.0), (1.6, 0.25), (3.0, 2.0)])
 def test_drive_delay_is_exact_between_samples(tau_x: float, tau_y: float) -> None:
     """Against a device sampled 20 times faster, to which the delay is a whole number of samples."""
-    delay = {"name": "drive_delay", "tau_x": tau_x * TS, "tau_y": tau_y * TS}
+    delay = {"name": "drive_delay", "tux": tau_x * TS, "tuy": tau_y * TS}
     codes = pushes(40)
     slow = record(scenario({"effect": [delay]}), codes)
     held = np.vstack([codes[:1], np.repeat(codes[1:], 20, axis=0)])

@@ -99,7 +99,7 @@ def test_high_pass_of_the_feedback_resistor() -> None:
 
 
 def delayed_by(tau_x: float, tau_y: float) -> dict[str, Any]:
-    return {"effect": [{"name": "sense_delay", "tau_x": tau_x, "tau_y": tau_y}]}
+    return {"effect": [{"name": "sense_delay", "tsx": tau_x, "tsy": tau_y}]}
 
 
 @pytest.mark.parametrize("samples", [0.0, 0.01, 0.37, 1.0, 5.5, 30.0])
@@ -119,7 +119,7 @@ def test_sense_delay_is_exact_from_the_first_row(samples: float) -> None:
     [
         ({"name": "sense_gain", "gx": 0.02, "gy": -0.03}, lambda x, y: (1.02 * x, 0.97 * y)),
         (
-            {"name": "sense_cross_coupling", "exy": 0.05, "eyx": -0.04},
+            {"name": "sense_cross_coupling", "ex": 0.05, "ey": -0.04},
             lambda x, y: (x + 0.05 * y, y - 0.04 * x),
         ),
         (

@@ -19,6 +19,7 @@ from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
 from estimator.trace.record import Record
+from estimator.trace.separation import Advice, Experiment
 
 N, SPLIT = 1000, 600
 DEVICE = Device(
@@ -151,7 +152,7 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def separations(pairs: Any, of: Any, problem: Problem, progress: Any) -> Any:
             asked.pairs = list(pairs)
-            return [("do something", 0.1 * n) for n, _ in enumerate(pairs, 1)]
+            return [Advice(Experiment("something", "do something"), 0.1 * n) for n, _ in enumerate(pairs, 1)]
 
         def bounds(problem: Problem, model: Any, watched: Any) -> Any:
             asked.bounds = (len(problem.record), model, set(watched))
@@ -248,7 +249,9 @@ def test_look_alikes_are_those_of_another_kind_by_likelihood_or_signature(answer
     assert math.isnan(by_likelihood.correlation)
     assert (by_likelihood.separate_by, by_likelihood.expected) == ("do something", 0.1)
     assert by_likelihood.angle_apart == pytest.approx(7.012)
-    assert by_signature == Confusable("drive_gain", "sense_delay", 0.99925, "do something", 0.2, pytest.approx(0.011))
+    assert by_signature == Confusable(
+        "drive_gain", "sense_delay", 0.99925, "do something", 0.2, pytest.approx(0.011), "something"
+    )
 
 
 def test_what_the_equations_cannot_tell_is_told_beside_it(answered: Any) -> None:

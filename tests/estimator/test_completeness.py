@@ -71,11 +71,11 @@ def angle_error(run: ClosedLoop) -> np.ndarray:
 
 
 MISSING = {
-    "drive_gain": (("drive_gain", (("gx", 0.01), ("gy", 0.01))), {"hx": 0.01, "hy": 0.01}),
+    "drive_gain": (("drive_gain", (("hx", 0.01), ("hy", 0.01))), {"hx": 0.01, "hy": 0.01}),
     "sense_gain": (("sense_gain", (("gy", 0.007),)), {"gy": 0.007}),
-    "sense_cross_coupling": (("sense_cross_coupling", (("exy", 0.006), ("eyx", 0.003))), {"ex": 0.006, "ey": 0.003}),
-    "drive_delay": (("drive_delay", (("tau_x", 5e-6), ("tau_y", 2e-6))), {"tux": 5e-6, "tuy": 2e-6}),
-    "drive_misalignment": (("drive_misalignment", (("exy", 0.01), ("eyx", -0.005))), {"mx": 0.01, "my": -0.005}),
+    "sense_cross_coupling": (("sense_cross_coupling", (("ex", 0.006), ("ey", 0.003))), {"ex": 0.006, "ey": 0.003}),
+    "drive_delay": (("drive_delay", (("tux", 5e-6), ("tuy", 2e-6))), {"tux": 5e-6, "tuy": 2e-6}),
+    "drive_misalignment": (("drive_misalignment", (("mx", 0.01), ("my", -0.005))), {"mx": 0.01, "my": -0.005}),
 }
 
 
@@ -166,7 +166,7 @@ def test_a_clean_device_is_not_accused_over_gaps_of_unknown_drive(longest: int) 
 def test_what_is_lacking_is_found_over_gaps_of_unknown_drive(name: str, longest: int) -> None:
     effect, true = MISSING[name]
     if name == "drive_gain":
-        effect, true = ("drive_gain", (("gx", 0.02), ("gy", 0.02))), {"hx": 0.02, "hy": 0.02}
+        effect, true = ("drive_gain", (("hx", 0.02), ("hy", 0.02))), {"hx": 0.02, "hy": 0.02}
     found = scanned(with_gaps(record_of(loop(effect)), longest))
     assert found.outcome is Outcome.LACKS
     assert found.lacks[0].effect == name

@@ -8,13 +8,14 @@ import pytest
 from scipy import stats
 
 from estimator.effects.catalogue import EFFECTS
+from estimator.effects.search import Sign
 from estimator.errors import ModelError
 from estimator.observer import Estimates
 from estimator.residual import dependence, floor, spectrum, whiteness
 from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.residual.significance import deviations, of_many
-from estimator.residual.suspects import SUSPECTS
+from estimator.residual.suspects import suspects
 from estimator.trace.diagnosis import Finding
 from estimator.trace.record import Record
 from estimator.trace.thresholds import THRESHOLDS
@@ -341,4 +342,4 @@ def test_states_every_few_samples_do_as_well_and_too_far_apart_are_refused() -> 
 
 def test_suspects_are_effects_of_the_catalogue_and_every_effect_that_a_record_can_show_is_one() -> None:
     shown = {effect.name for effect in EFFECTS if not effect.declared_only}
-    assert {name for effects in SUSPECTS.values() for name in effects} == shown
+    assert {name for sign in Sign for name in suspects(sign)} == shown

@@ -43,17 +43,17 @@ KXY, DXX, DYY, DXY = 15791.4, 1.3823, 1.13097, 0.0628
 # symmetric, which turns the angle by its square: 1 mrad/s at 1 %, a third of the linear part, of one sign whichever way
 # it is off. So these are held against half the difference of two devices, off either way.
 CASES = {
-    "drive_gain x": ("drive_gain", "gx", 0.01, 0.5 * VIRTUAL * 0.01 + 0.25 * 0.01 * DXY, 0.04),
-    "drive_gain y": ("drive_gain", "gy", 0.01, 0.5 * VIRTUAL * 0.01 - 0.25 * 0.01 * DXY, 0.04),
+    "drive_gain x": ("drive_gain", "hx", 0.01, 0.5 * VIRTUAL * 0.01 + 0.25 * 0.01 * DXY, 0.04),
+    "drive_gain y": ("drive_gain", "hy", 0.01, 0.5 * VIRTUAL * 0.01 - 0.25 * 0.01 * DXY, 0.04),
     "sense_gain y": ("sense_gain", "gy", 0.01, 0.5 * VIRTUAL * 0.01 + 0.25 * 0.01 * DXY, 0.04),
-    "drive_misalignment x": ("drive_misalignment", "exy", 0.01, 0.25 * 0.01 * DYY, 0.15),
-    "drive_misalignment y": ("drive_misalignment", "eyx", 0.01, -0.25 * 0.01 * DXX, 0.15),
-    "sense_cross_coupling x": ("sense_cross_coupling", "exy", 0.01, 0.25 * 0.01 * DXX, 0.15),
-    "sense_cross_coupling y": ("sense_cross_coupling", "eyx", 0.01, -0.25 * 0.01 * DYY, 0.15),
-    "drive_delay x": ("drive_delay", "tau_x", 4e-6, -0.25 * 4e-6 * KXY, 0.04),
-    "drive_delay y": ("drive_delay", "tau_y", 4e-6, 0.25 * 4e-6 * KXY, 0.04),
-    "sense_delay x": ("sense_delay", "tau_x", 4e-6, 0.25 * 4e-6 * KXY, 0.04),
-    "sense_delay y": ("sense_delay", "tau_y", 4e-6, -0.25 * 4e-6 * KXY, 0.04),
+    "drive_misalignment x": ("drive_misalignment", "mx", 0.01, 0.25 * 0.01 * DYY, 0.15),
+    "drive_misalignment y": ("drive_misalignment", "my", 0.01, -0.25 * 0.01 * DXX, 0.15),
+    "sense_cross_coupling x": ("sense_cross_coupling", "ex", 0.01, 0.25 * 0.01 * DXX, 0.15),
+    "sense_cross_coupling y": ("sense_cross_coupling", "ey", 0.01, -0.25 * 0.01 * DYY, 0.15),
+    "drive_delay x": ("drive_delay", "tux", 4e-6, -0.25 * 4e-6 * KXY, 0.04),
+    "drive_delay y": ("drive_delay", "tuy", 4e-6, 0.25 * 4e-6 * KXY, 0.04),
+    "sense_delay x": ("sense_delay", "tsx", 4e-6, 0.25 * 4e-6 * KXY, 0.04),
+    "sense_delay y": ("sense_delay", "tsy", 4e-6, -0.25 * 4e-6 * KXY, 0.04),
     "angular_gain": ("angular_gain", "kappa", 0.01, 0.01 * RATE, 0.04),
 }
 ACROSS = ("drive_misalignment", "sense_cross_coupling")
@@ -84,7 +84,7 @@ def test_a_fast_clock_drives_less() -> None:
 
 @pytest.mark.slow
 def test_an_equal_delay_of_both_drives_turns_nothing() -> None:
-    found, _ = drift([{"name": "drive_delay", "tau_x": 4e-6, "tau_y": 4e-6}])
+    found, _ = drift([{"name": "drive_delay", "tux": 4e-6, "tuy": 4e-6}])
     assert abs(found) < 1e-3  # one axis alone: 16e-3
 
 

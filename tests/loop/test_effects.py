@@ -48,7 +48,7 @@ def scored(
     [
         ('name = "cubic_stiffness"\nk3x = 1e13\nk3y = 3e12', "cubic_stiffness", "k3x", 1e13, 10.0),
         ('name = "sense_gain"\ngx = 0.0\ngy = 0.01', "sense_gain", "gy", 0.01, 10.0),
-        ('name = "drive_gain"\ngx = 0.03\ngy = -0.02', "drive_gain", "hx", 0.03, 1.0),
+        ('name = "drive_gain"\nhx = 0.03\nhy = -0.02', "drive_gain", "hx", 0.03, 1.0),
     ],
 )
 def test_a_declared_effect_is_found_and_undone(

@@ -26,7 +26,7 @@ def test_a_hardening_at_one_amplitude_is_not_excluded_by_the_stiffness_that_take
     device = device_of(bench)
     k3 = 3e-4 * device.stiffness[0] / device.amplitude**2
     table = scenario_of("s-slow", rate={"kind": "constant", "rate_rad_s": 0.0}).model_dump()
-    scenario = Scenario.model_validate(table | {"effect": [{"name": "isotropic_cubic_stiffness", "k3": k3}]})
+    scenario = Scenario.model_validate(table | {"effect": [{"name": "cubic_isotropic", "k3": k3}]})
     write_capture(tmp_path / "capture.arrow", close_loop(scenario, bench, SAMPLES, seed=1, every=1000), scenario, None)
     record = record_of(read_capture(tmp_path / "capture.arrow"))
     said = trace(Problem(record, device, observer_settings_of(bench)), split=round(0.6 * SAMPLES))

@@ -25,7 +25,7 @@ def test_its_size_and_the_velocity_at_which_it_turns_over_lie_in_their_intervals
     bench = bench_of("s-slow", controller={"amplitude_modulation": 0.3})
     device = device_of(bench)
     fastest = device.amplitude * float(np.sqrt(device.target))
-    friction = {"Fx": 0.0, "Fy": 0.8 * device.damping[0] * fastest, "v0": 0.25 * fastest}
+    friction = {"fx": 0.0, "fy": 0.8 * device.damping[0] * fastest, "v0": 0.25 * fastest}
     table = scenario_of("s-slow").model_dump() | {"effect": [{"name": "dry_friction", **friction}]}
     scenario = Scenario.model_validate(table)
     write_capture(tmp_path / "capture.arrow", close_loop(scenario, bench, SAMPLES, seed=2, every=1000), scenario, None)
@@ -35,7 +35,7 @@ def test_its_size_and_the_velocity_at_which_it_turns_over_lie_in_their_intervals
     assert said.verdict is Verdict.EXPLAINED
     (found,) = said.effects
     assert found.name == "dry_friction"
-    for symbol, true in (("fx", 0.0), ("fy", friction["Fy"]), ("v0", friction["v0"])):
+    for symbol, true in (("fx", 0.0), ("fy", friction["fy"]), ("v0", friction["v0"])):
         interval = found.coefficients[symbol]
         half = 0.5 * (interval.high - interval.low)
         assert abs(interval.value - true) < 1.5 * half, symbol

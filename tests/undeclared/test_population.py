@@ -40,9 +40,9 @@ def test_effects_go_beyond_practice_and_some_are_on_one_axis_alone() -> None:
     rng = np.random.default_rng(5)
     device = draw_device(rng, crest=1.3, slow=False)
     for name, symbols in (
-        ("drive_gain", ("gx", "gy")),
+        ("drive_gain", ("hx", "hy")),
         ("cubic_stiffness", ("k3x", "k3y")),
-        ("drive_delay", ("tau_x", "tau_y")),
+        ("drive_delay", ("tux", "tuy")),
     ):
         drawn = [DRAWABLE[name].draw(rng, device) for _ in range(600)]
         sizes = np.array([one.size for one in drawn])

@@ -1,0 +1,64 @@
+"""What a hidden effect is: its equation, its coefficients with their units, its own states.
+
+Names, symbols and units are those of the catalogue of tracing (`estimator.effects`) wherever an effect is in both: a
+test holds them to it. Equations are the emulator's own.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+MAX_COEFFICIENTS = 6
+MAX_INNER = 12
+"""States that all effects of a device may have together, beside the four of the mass."""
+
+EFFECT = np.dtype([("kind", "i8"), ("at", "i8"), ("c", "f8", (MAX_COEFFICIENTS,))], align=True)
+"""`at` is the first of an effect's own states in the vector [x, ẋ, y, ẏ, …]."""
+
+
+class Coefficient(NamedTuple):
+    """One number of an effect: `default` None means that it must be given; `positive`, that it must be above 0;
+    `switch`, that it is 0 or 1; `above`, that it must be above that.
+    """
+
+    symbol: str
+    unit: str
+    default: float | None = 0.0
+    positive: bool = False
+    switch: bool = False
+    above: float = -math.inf
+
+
+class Declaration(NamedTuple):
+    """An effect's equation, an addition to the base model; its coefficients in the kernels' order; how many states of
+    its own it has.
+    """
+
+    equation: str
+    coefficients: tuple[Coefficient, ...]
+    states: int = 0
+
+
+def per_axis(symbol: str, unit: str) -> tuple[Coefficient, Coefficient]:
+    """`symbol` of x and of y, 0 where not given."""
+    return Coefficient(f"{symbol}x", unit), Coefficient(f"{symbol}y", unit)
+
+
+def given(symbol: str, unit: str) -> Coefficient:
+    """One that must be given, above 0."""
+    return Coefficient(symbol, unit, None, positive=True)
+
+
+def switches() -> tuple[Coefficient, Coefficient]:
+    """Of each axis whether it is the other way round."""
+    return Coefficient("px", "1", switch=True), Coefficient("py", "1", switch=True)
+
+
+def limits(symbol: str, unit: str) -> tuple[Coefficient, Coefficient]:
+    """A limit of each axis, which must be given."""
+    return given(f"{symbol}x", unit), given(f"{symbol}y", unit)
+
+
+LINE = (Coefficient("frequency", "Hz", None), Coefficient("phase_x", "rad"), Coefficient("phase_y", "rad"))
+"""Frequency and phases of a sine."""

@@ -1,0 +1,101 @@
+"""A new effect is one declaration: what a trace does with it follows from there, and no other room names it."""
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from estimator.effects import catalogue, damping, stiffness
+from estimator.effects.catalogue import EFFECTS
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
+from estimator.effects.page import page
+from estimator.effects.search import Kin, Search, Sign
+from estimator.model.catalogue import MODELS
+from estimator.model.codegen import generate
+from estimator.model.gyro import vx, vy
+from estimator.residual.suspects import suspects
+from estimator.trace.candidates import watch_list
+from estimator.trace.kin import are_kin
+from tests.estimator.test_watch_list import GYRO, WHITE, N, record
+
+ROOT = Path(__file__).parents[1]
+rho, turn = sp.symbols("rho turn")
+
+RATCHET = Effect(
+    name="ratchet",
+    number=len(EFFECTS),
+    title="A pawl that drags one way",
+    coefficients=(Coefficient(rho, "rho", 0.01, 0, -1),),
+    parameters=(Parameter(turn, "turn", 1, -1, default=0.01),),
+    signals=(Signal(turn, Source.PARAMETER),),
+    force=(-rho * sp.Max(vx - turn, 0), -rho * sp.Max(vy - turn, 0)),
+    source="of this test",
+    signature="a shift while it moves",
+    undone=Undone.CANCEL,
+    signs=(Sign.LINE_2, Sign.AMPLITUDE),
+    search=Search.SPEEDS,
+    kin=Kin.DAMPING,
+)
+
+
+@pytest.fixture
+def declared(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Effect, ...]]:
+    """The catalogue with one effect more in a module of declarations, wherever it is asked for."""
+    monkeypatch.setattr(damping, "RATCHET", RATCHET, raising=False)
+    more = catalogue.collected((stiffness, damping))
+    everything = (*EFFECTS, *(effect for effect in more if effect.name == "ratchet"))
+    for name, module in tuple(sys.modules.items()):
+        if name.startswith("estimator.") and getattr(module, "EFFECTS", None) is EFFECTS:
+            monkeypatch.setattr(module, "EFFECTS", everything)
+    suspects.cache_clear()
+    yield everything
+    suspects.cache_clear()
+
+
+def test_the_catalogue_is_what_the_modules_declare_each_in_its_place() -> None:
+    assert [effect.number for effect in EFFECTS] == list(range(len(EFFECTS)))
+    assert len({effect.name for effect in EFFECTS}) == len(EFFECTS)
+
+
+def test_an_effect_that_is_declared_is_suspected_watched_akin_described_and_compiled(
+    declared: tuple[Effect, ...],
+) -> None:
+    assert [effect.name for effect in declared][-1] == "ratchet"
+    assert suspects("line at 2")[0] == "ratchet"  # of others a shift is told first
+    assert "ratchet" in suspects("amplitude")
+    watched = watch_list(record(), GYRO, WHITE, np.ones((N, 2)))
+    like = {name.partition(":")[2]: given["v0"] for name, given in watched.items() if name.startswith("dry_friction:")}
+    assert {label: watched[f"ratchet:{label}"] for label in like} == {label: {"turn": v0} for label, v0 in like.items()}
+    assert are_kin("ratchet:1", "drag")
+    assert "## ratchet" in page()
+    assert "rho" in page()
+
+
+def test_its_code_is_generated_from_the_declaration() -> None:
+    without, with_it = (generate(MODELS[:1], effects) for effects in (EFFECTS[:1], (EFFECTS[0], RATCHET)))
+    assert len(with_it) > len(without)
+
+
+STRUCTURE = {
+    # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
+    "estimator/trace/symmetries.py", "estimator/trace/free_run.py", "estimator/trace/tracing.py",
+    "estimator/uncertainty.py", "estimator/warm.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
+    "hil/bench/toml.py", "hil/interchange/channels.py", "estimator/observer.py", "estimator/kernel/layout.py",
+    "estimator/rate_sensor/surroundings.py",
+}  # fmt: skip
+
+
+def test_no_other_room_names_an_effect() -> None:
+    """Of the bench's code, an effect stands in the module that declares it (and beside look-alikes in the others)."""
+    quoted = re.compile(r"[\"'](" + "|".join(effect.name for effect in EFFECTS) + r")(?=[:\"'])")
+    found = {
+        str(path.relative_to(ROOT))
+        for room in ("estimator", "hil")
+        for path in (ROOT / room).rglob("*.py")
+        if path.parent.name != "effects" and quoted.search(path.read_text(encoding="utf-8"))
+    }
+    assert found <= STRUCTURE
