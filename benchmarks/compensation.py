@@ -53,9 +53,9 @@ def traced(run: ClosedLoop, bench: Bench) -> dict[str, dict[str, float]]:
 def problem_of(run: ClosedLoop, bench: Bench) -> Problem:
     """The run's record by what its bench file declares."""
     tick, vx, vy, ux, uy, _ = run.capture.T
-    codes = np.column_stack([vx, vy]) * float(run.observer.record["sense_scale"][0, 0])
+    codes = np.column_stack([vx, vy]) * float(run.observer.arrays.settings["sense_scale"][0, 0])
     sense = codes * [run.observer.scaling.sense(axis) for axis in range(2)]
-    quantum = float(run.observer.record["quantum"][0]) * run.observer.scaling.drive
+    quantum = run.observer.drive_quantum
     drive = drive_polynomials(np.column_stack([ux, uy]) * quantum, "zoh")
     step = np.full(len(tick), 1.0 / run.sample_rate_Hz)
     return Problem(Record(sense, drive, step), device_of(bench), observer_settings_of(bench))

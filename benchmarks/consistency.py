@@ -128,7 +128,7 @@ def bound(run: ClosedLoop, bench: Bench, start: Floats) -> Floats:
     true[1:, :7] = np.stack([run.truth[name][: n - 1] for name in columns], axis=1)
     true[1:, 7:] = start[7:]
     codes = run.capture[:, 1:5].astype(float)
-    identity_scale = run.observer.record["quantum"][0] * run.observer.scaling.drive
+    identity_scale = run.observer.drive_quantum
     observer = Observer(device_of(bench), observer_settings_of(bench))
     observer.run(np.zeros((n, 2)), codes[:, 2:] * identity_scale, every=n, truth=true)
     return observer.covariance

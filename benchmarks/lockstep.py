@@ -127,7 +127,7 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
     tracks = {
         "capture": Rows(6),
         "innovation": Rows(5),
-        "covariance": Rows(1 + len(observer.p) * (len(observer.p) + 1) // 2),
+        "covariance": Rows(1 + len(observer.estimated) * (len(observer.estimated) + 1) // 2),
         "timing": Rows(4 if bench.loop.mode == "force" else 6),
         "estimates": Rows(1 + 2 * states + len(ANGLE_COLUMNS) + 1),
     }

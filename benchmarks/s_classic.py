@@ -37,7 +37,7 @@ def bound(run: ClosedLoop, bench: Bench) -> Floats:
     true[1:, :7] = np.stack([run.truth[name][: n - 1] for name in MOTION], axis=1)
     true[0, :7] = true[1, :7]
     true[:, 7:] = list(run.constants.values())
-    scale = run.observer.record["quantum"][0] * run.observer.scaling.drive
+    scale = run.observer.drive_quantum
     unforgetting = override(bench, {"observer": {"gain": "ekf"}}, "bound")
     observer = Observer(device_of(unforgetting), observer_settings_of(unforgetting))
     found = observer.run(np.zeros((n, 2)), run.capture[:, 3:5] * scale, every=EVERY, truth=true)

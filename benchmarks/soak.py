@@ -105,7 +105,7 @@ def rows(say: Say) -> list[Row]:
     begin = time.monotonic()
 
     def check(done: int) -> None:
-        eigenvalues.append(min(smallest_eigenvalue(matrix) for matrix in (observer.p, observer.c)))
+        eigenvalues.append(min(smallest_eigenvalue(matrix) for matrix in observer.covariances))
         memory.append(resident_MB())
         if len(eigenvalues) % 10 == 0:
             say(f"{done / 1e6:.0f} million samples, {time.monotonic() - begin:.0f} s, {memory[-1]:.0f} MB")

@@ -23,7 +23,7 @@ class Foresight:
         self._board["b"] = board.b
         self._board["c"] = board.c
         self._board["delay"] = board.delay
-        self._board["latency"] = observer.record["latency"]
+        self._board["latency"] = observer.latency
         self._board["limit"] = limit
         self._board["dither"] = dither[0]
         self.arm()
@@ -50,7 +50,8 @@ class Foresight:
     def foresee(self, first: int, missing: int) -> Array:
         """Drive codes (missing, 2) of the rows from tick `first` on, which follow the observer's newest."""
         drives = np.zeros((missing, 2))
-        foresee(self._observer.record, self._board, self._observer.x, first, drives)
+        arrays = self._observer.arrays
+        foresee(arrays.settings, self._board, arrays.x, first, drives)
         return drives
 
 

@@ -61,7 +61,7 @@ class GainMatrix:
         self._turns = np.outer(drives, np.repeat(senses, 2))
         a, b, c = self._filter
         self._still = np.linalg.solve(np.eye(2) - a, b + c)  # what the filter makes of a constant code
-        settings = observer.record[0]
+        settings = observer.arrays.settings[0]
         swing = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
         nominal = exponential(swing, observer.h, int(settings["order"]))
         signals = filtered_motion(settings, nominal, *self._filter, self._delay)
@@ -83,14 +83,15 @@ class GainMatrix:
         self._bias[:] = 0.0
         if not np.isfinite(observer.x).all():
             return self._gain, self._bias
+        arrays = observer.arrays
         gain_matrix(
-            observer.record, observer.memory, observer.x, *self._filter, self._delay,
+            arrays.settings, arrays.memory, arrays.x, *self._filter, self._delay,
             _UNCHANGED / (horizon * observer.h), ahead * observer.h, self._gain, self._bias,
         )  # fmt: skip
         if np.any(self._turns < 0.0):
             # An offset is added to what a channel shows, whichever way round that is.
             self._gain *= self._turns
-            offsets = observer.x[observer.states :][:2] / observer.record["sense_scale"][0]
+            offsets = arrays.x[observer.states :][:2] / arrays.settings["sense_scale"][0]
             self._bias[:] = -(self._gain.reshape(2, 2, 2) @ self._still) @ offsets
         return self._gain, self._bias
 

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +71,28 @@ def active_constants(model: Model, variant: Variant) -> NDArray[np.int64]:
     return np.array([i for i, constant in enumerate(model.constants) if wanted(constant)], dtype=np.int64)
 
 
+class Arrays(NamedTuple):
+    """An observer's own arrays, scaled, as compiled kernels take them: live, for whoever calls a kernel with them.
+
+    settings, memory and rows are records (`estimator.kernel.layout`); active (k,) which constants are estimated; walk,
+    prior, spread, guess (k,) their random walk, what forgetting goes back to, first variance and value; x (states +
+    constants,); p, c (n, n) the covariance assumed by the gain and the one that estimates have under it.
+    """
+
+    settings: NDArray[np.void]
+    active: NDArray[np.int64]
+    walk: Array
+    prior: Array
+    spread: Array
+    guess: Array
+    table: Array
+    x: Array
+    p: Array
+    c: Array
+    memory: NDArray[np.void]
+    rows: NDArray[np.void]
+
+
 class Observer:
     """Observer (7)(8) with the gain of choice, and the controller (9) when its settings are given.
 
@@ -115,27 +139,27 @@ class Observer:
         spread, walk = self._spreads()
         self.x = self._initial()
         n = self.states + len(self.active)
-        self.p = np.diag(spread**2)
-        self.c = self.p.copy()
-        self.walk = walk[self.active] ** 2
-        self.record = self._record(controller)
-        self.guess = self.x[self.states :][self.active]
+        self._p = np.diag(spread**2)
+        self._c = self._p.copy()
+        self._walk = walk[self.active] ** 2
+        self._record = self._recorded(controller)
+        self._guess = self.x[self.states :][self.active]
         self.first_temperature: float | None = None
-        self.memory = np.zeros(1, MEMORY)
-        self.memory["surprise"] = 1.0
-        self.memory["dither"] = dither_start(None if controller is None else controller.dither_seed)
-        fade = float(self.record["fade"][0])
+        self._memory = np.zeros(1, MEMORY)
+        self._memory["surprise"] = 1.0
+        self._memory["dither"] = dither_start(None if controller is None else controller.dither_seed)
+        fade = float(self._record["fade"][0])
         forgotten = len(self.active) * (1.0 - 1.0 / fade)  # share of the prior's information, between two visits
-        self.motion_spread = spread[: self.states] ** 2
-        self.spread = spread[self.states :] ** 2
-        self.prior = self.spread / forgotten if forgotten > 0.0 else np.zeros(len(self.active))
-        self.table = np.zeros((1, 1, n, self.device.axes))
+        self._motion_spread = spread[: self.states] ** 2
+        self._spread = spread[self.states :] ** 2
+        self._prior = self._spread / forgotten if forgotten > 0.0 else np.zeros(len(self.active))
+        self._table = np.zeros((1, 1, n, self.device.axes))
+        self._rows = np.zeros(1, OUTPUT)
+        self._codes = np.zeros(2)
         if settings.gain is Gain.STATIONARY:
             from estimator.stationary import stationary_table
 
-            self.table = stationary_table(self)
-        self.rows = np.zeros(1, OUTPUT)
-        self.codes = np.zeros(2)
+            self._table = stationary_table(self)
 
     # -- construction ------------------------------------------------------------------------------------------------
 
@@ -204,7 +228,7 @@ class Observer:
             nominal |= {name: given[key] for key, name in bare.items() if key in given}
         return np.asarray([nominal.get(name, 0.0) for name in self.names] / self.factors)
 
-    def _record(self, controller: ControllerSettings | None) -> NDArray[np.void]:
+    def _recorded(self, controller: ControllerSettings | None) -> NDArray[np.void]:
         scaling, device, settings = self.scaling, self.device, self.settings
         record = np.zeros(1, SETTINGS)
         record["model"] = self.number
@@ -319,7 +343,7 @@ class Observer:
     @property
     def covariance(self) -> Array:
         """Covariance the estimates have under this gain, over [states, active constants], SI."""
-        actual = self.c if self.record["twin"][0] else self.p
+        actual = self._c if self._record["twin"][0] else self._p
         scale = self.factors[self.estimated_index]
         return np.asarray(actual * np.outer(scale, scale))
 
@@ -333,55 +357,195 @@ class Observer:
         """Names behind the rows of `covariance`."""
         return tuple(self.names[i] for i in self.estimated_index)
 
+    @property
+    def arrays(self) -> Arrays:
+        """What a kernel takes."""
+        return Arrays(
+            self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
+            self.x, self._p, self._c, self._memory, self._rows,
+        )  # fmt: skip
+
+    @property
+    def covariances(self) -> tuple[Array, Array]:
+        """Scaled covariances (n, n) over [states, active constants]: the one that the gain assumes, and the one that
+        the estimates have under it.
+        """
+        return self._p.copy(), self._c.copy()
+
+    @property
+    def coefficient_deviations(self) -> Array:
+        """Standard deviations (k,) of the effects' coefficients as they are now, scaled."""
+        return np.asarray(np.sqrt(np.diagonal(self._p)[self._first_coefficient :]))
+
+    @property
+    def _first_coefficient(self) -> int:
+        """Row of the covariance from which on the coefficients of the effects stand."""
+        return self.states + len(self.active) - sum(len(effect.coefficients) for _, effect in self.effects)
+
+    @property
+    def walks(self) -> Array:
+        """Variance (k,) per scaled second by which each active constant walks."""
+        return np.array(self._walk)
+
+    @property
+    def force_noise(self) -> Array:
+        """Scaled variance (axes,) of the velocity per scaled second that the random force makes."""
+        return np.array(self._record["force_noise"][0, : self.device.axes], dtype=float)
+
+    @property
+    def sense_noise(self) -> Array:
+        """Scaled variance (axes,) of a sample."""
+        return np.array(self._record["noise"][0, : self.device.axes], dtype=float)
+
+    @property
+    def sense_quantum(self) -> Array:
+        """What a sense code is worth, V (2,)."""
+        return np.array([float(self._record["sense_scale"][0, axis]) * self.scaling.sense(axis) for axis in range(2)])
+
+    @property
+    def drive_quantum(self) -> float:
+        """What a drive code is worth, in the unit of the drive."""
+        return float(float(self._record["quantum"][0]) * self.scaling.drive)
+
+    @property
+    def latency(self) -> int:
+        """Samples from a sample to where its command acts."""
+        return int(self._record["latency"][0])
+
+    @property
+    def initial_deviations(self) -> Array:
+        """Scaled standard deviations (n,) with which [states, active constants] began."""
+        return np.asarray(np.sqrt(np.concatenate([self._motion_spread, self._spread])))
+
+    @property
+    def newest(self) -> np.void:
+        """The row that every tick fills (`estimator.kernel.layout.OUTPUT`), scaled; lent, the same one each time."""
+        row: np.void = self._rows[0]
+        return row
+
+    @property
+    def deviance(self) -> float:
+        """−2 log of the density of the newest innovation, less a constant."""
+        out = self._rows[0]
+        return float(np.sum(out["nu"] ** 2 / out["s"] + np.log(out["s"])))
+
+    # -- beginning, and beside another -----------------------------------------------------------------------------
+
+    def begin_about(self, previous: "Observer", wider: float) -> None:
+        """Give the constants the covariance `previous` ended with, its deviations so many times as large; of the rate,
+        which moves, without what it shared with them.
+
+        This observer carries what the previous one did, and may carry more behind.
+        """
+        constants = slice(self.states, None)
+        wide = self._p[constants, constants]
+        common = len(previous._p) - self.states
+        wide[:common, :common] = previous._p[constants, constants] * wider**2
+        if "rate" in self.model.names:
+            rate = self.estimated.index("rate") - self.states
+            own = wide[rate, rate]
+            wide[rate, :] = 0.0
+            wide[:, rate] = 0.0
+            wide[rate, rate] = own
+        self._c[:] = self._p
+
+    def begin_at(self, seconds: float, temperature: float | None) -> None:
+        """What effects count from is a record's own beginning, so long ago, and its first temperature."""
+        self._memory["time"] = seconds * self.scaling.omega0
+        if temperature is not None:
+            self.first_temperature = temperature
+
+    def hold_coefficients(self) -> None:
+        """Keep the coefficients of all effects where they are: known, so nothing of them is learnt or forgotten."""
+        first = self._first_coefficient
+        for covariance in (self._p, self._c):
+            covariance[first:, :] = 0.0
+            covariance[:, first:] = 0.0
+        constants = first - self.states
+        self._spread[constants:] = 0.0
+        self._prior[constants:] = 0.0
+
+    def carry_both(self) -> None:
+        """Propagate both covariances where one would do, a plain EKF's being equal: so they run in registers."""
+        self._record["twin"] = 1
+
+    def allow_steps(self, longest: float, degree: int) -> None:
+        """Integrate steps up to `longest`, scaled, under a drive that is a polynomial of that degree."""
+        self._record["order"] = taylor_order(longest) + degree
+
+    @contextmanager
+    def noisier(self, factor: float) -> Iterator[None]:
+        """Within, a sample's variance is so many times what the device declares."""
+        declared = self._record["noise"].copy()
+        self._record["noise"] = declared * factor
+        try:
+            yield
+        finally:
+            self._record["noise"] = declared
+
+    def adopt(self, other: "Observer", *, commands: bool = True) -> None:
+        """Go on from where `other` is, an observer of the same device and settings; without `commands`, what was
+        commanded here stays what was commanded.
+        """
+        queue = self._memory["queue"].copy()
+        for mine, its in ((self.x, other.x), (self._p, other._p), (self._c, other._c), (self._memory, other._memory)):
+            mine[:] = its
+        if not commands:
+            self._memory["queue"] = queue
+
+    def obey(self, other: "Observer") -> None:
+        """Have the settings of control that `other` has now."""
+        self._record[:] = other._record
+
     # -- advancing ---------------------------------------------------------------------------------------------------
 
     def enable_control(self, on: bool) -> None:
         """Switch the commanded force between the control law and zero."""
-        self.record["control"] = int(on)
+        self._record["control"] = int(on)
 
     def scale_target(self, factor: float) -> None:
         """Make the controller's target stiffness so many times the declared one."""
-        self.record["stiffness"] = factor
+        self._record["stiffness"] = factor
 
     def retarget(self, stiffness: float, amplitude: float) -> None:
         """Make the controller's target stiffness and the amplitude that it holds so many times the declared ones."""
-        self.record["stiffness"] = stiffness
-        self.record["energy"] = 0.5 * stiffness * amplitude**2
+        self._record["stiffness"] = stiffness
+        self._record["energy"] = 0.5 * stiffness * amplitude**2
 
     def turn(self, virtual_rotation: float) -> None:
         """Impose another virtual rotation [rad/s]."""
-        self.record["virtual_rate"] = virtual_rotation / self.scaling.omega0
+        self._record["virtual_rate"] = virtual_rotation / self.scaling.omega0
 
     def dither(self, rms: float) -> None:
         """Add another random force [m/s²] to each command."""
-        self.record["dither"] = rms / self.scaling.drive
+        self._record["dither"] = rms / self.scaling.drive
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
         block.tick(
-            self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
-            self.x, self.p, self.c, self.memory,
-            float(vx), float(vy), float(ux), float(uy), self.rows, self.codes,
+            self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
+            self.x, self._p, self._c, self._memory,
+            float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
         )  # fmt: skip
-        return int(self.codes[0]), int(self.codes[1])
+        return int(self._codes[0]), int(self._codes[1])
 
     def expected_drive(self) -> tuple[float, float]:
         """Drive codes that the board is expected to have applied over the interval that ends at the next sample."""
-        quantum = float(self.record["quantum"][0])
-        ux, uy, _ = self.memory["queue"][0, 0] / quantum
+        quantum = float(self._record["quantum"][0])
+        ux, uy, _ = self._memory["queue"][0, 0] / quantum
         return float(ux), float(uy)
 
     def withdraw(self) -> None:
         """The newest command was not sent: the board will hold the one before it."""
-        latency = int(self.record["latency"][0])
+        latency = int(self._record["latency"][0])
         if latency > 0:
-            self.memory["queue"][0, latency] = self.memory["queue"][0, latency - 1]
+            self._memory["queue"][0, latency] = self._memory["queue"][0, latency - 1]
 
     def lose_phase(self, missing: int) -> None:
         """Go on after a gap of `missing` samples without drive: constants are kept, the motion is found anew."""
         constants = slice(self.states, None)
-        kept = [covariance[constants, constants].copy() for covariance in (self.p, self.c)]
-        self.memory["queue"] = 0.0
+        kept = [covariance[constants, constants].copy() for covariance in (self._p, self._c)]
+        self._memory["queue"] = 0.0
         self.run(np.full((missing, 2), math.nan), np.zeros((missing, 2)), every=max(missing, 1))
         self._lose_motion(kept)
 
@@ -390,32 +554,32 @@ class Observer:
         velocities, SI: a drive acted that nobody knows.  Infinite: it is found anew.
         """
         if not np.all(np.isfinite(spread)):
-            self._lose_motion([covariance[self.states :, self.states :].copy() for covariance in (self.p, self.c)])
+            self._lose_motion([covariance[self.states :, self.states :].copy() for covariance in (self._p, self._c)])
             return
         scale = self.factors[: self.states]
-        for covariance in (self.p, self.c):
+        for covariance in (self._p, self._c):
             covariance[: self.states, : self.states] += spread / np.outer(scale, scale)
 
     def _lose_motion(self, kept: list[Array]) -> None:
         """Begin with the motion anew; `kept` is what stays of the two covariances, that of the constants."""
-        for covariance, block_of_constants in zip((self.p, self.c), kept, strict=True):
+        for covariance, block_of_constants in zip((self._p, self._c), kept, strict=True):
             covariance[:] = 0.0
             covariance[self.states :, self.states :] = block_of_constants
-            covariance[: self.states, : self.states] = np.diag(self.motion_spread)
+            covariance[: self.states, : self.states] = np.diag(self._motion_spread)
         self._lose_angle()
 
     def _lose_angle(self) -> None:
         """The pattern angle is as unknown as the motion is; what forces turned it by is known as before."""
         if self.device.axes == 2:
-            gradient = self.memory["gradient"][0]
-            self.memory["angle_cross"][0, : self.states] = -self.motion_spread * gradient
-            self.memory["angle_variance"][0] += float(self.motion_spread @ gradient**2)
+            gradient = self._memory["gradient"][0]
+            self._memory["angle_cross"][0, : self.states] = -self._motion_spread * gradient
+            self._memory["angle_variance"][0] += float(self._motion_spread @ gradient**2)
 
     def reading(self) -> tuple[list[float], list[float]]:
         """Newest state vector and its standard deviations, SI, in the order of `model.names`; 0 for what is not
         estimated.
         """
-        actual = self.c if self.record["twin"][0] else self.p
+        actual = self._c if self._record["twin"][0] else self._p
         deviation = np.zeros(len(self.x))
         deviation[self.estimated_index] = np.sqrt(np.diagonal(actual))
         return (self.x * self.factors).tolist(), (deviation * np.abs(self.factors)).tolist()
@@ -473,18 +637,17 @@ class Observer:
         rows = np.zeros(n, OUTPUT)
         states = np.zeros((n // every, len(self.x)))
         deviations = np.zeros_like(states)
-        order = int(self.record["order"][0])
-        longest = self.h if step is None else float(np.max(h, initial=self.h))
-        self.record["order"] = taylor_order(longest) + u.shape[2] - 1
+        order = int(self._record["order"][0])
+        self.allow_steps(self.h if step is None else float(np.max(h, initial=self.h)), u.shape[2] - 1)
         for rows_of, states_of, stride in _portions(n, every):
             stop_if_abandoned()
             block.observe_block(
-                self.record, self.active, self.walk, self.prior, self.spread, self.guess, self.table,
-                self.x, self.p, self.c, self.memory,
+                self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
+                self.x, self._p, self._c, self._memory,
                 z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of],
                 rows[rows_of], states[states_of], deviations[states_of], stride,
             )  # fmt: skip
-        self.record["order"] = order
+        self._record["order"] = order
         return Estimates(
             names=self.names,
             index=np.arange(every - 1, n, every),

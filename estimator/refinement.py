@@ -181,7 +181,7 @@ def worth_of(weighted: Array) -> float:
 def scales(observer: Observer) -> Array:
     """SI size of a likely change of each entry of the state vector: the spread it enters the observer with."""
     factors = np.array(np.abs(observer.factors))
-    spread = np.sqrt(np.concatenate([observer.motion_spread, observer.spread]))
+    spread = observer.initial_deviations
     factors[observer.estimated_index] *= np.where(spread > 0.0, spread, 1.0)
     return np.asarray(factors)
 

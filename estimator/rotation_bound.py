@@ -36,12 +36,12 @@ def rotation_bound(
     scaled = truth / observer.factors
     seen = np.ones((n, 2), bool) if lost is None else ~np.asarray(lost, bool)
     p = np.zeros((14, 14))
-    p[np.ix_(observer.estimated_index, observer.estimated_index)] = observer.p
+    p[np.ix_(observer.estimated_index, observer.estimated_index)] = observer.covariances[0]
     q = np.zeros((14, 14))
     q[4:13, 4:13] = np.diag(_per_constant(observer)) * h
     for axis in range(2):
         a, b = 2 * axis, 2 * axis + 1
-        force = float(observer.record["force_noise"][0, axis])
+        force = float(observer.force_noise[axis])
         q[a, a], q[a, b], q[b, a], q[b, b] = force * h**3 / 3, force * h**2 / 2, force * h**2 / 2, force * h
     walk = float(_per_constant(observer)[2])
     q[6, 6] = 0.0
@@ -51,7 +51,7 @@ def rotation_bound(
     for first in range(0, n, _CHUNK):
         rows = slice(first, first + _CHUNK)
         _recursion(
-            _transitions(before[rows], h), scaled[rows], seen[rows], p, q, walk, h, observer.record["noise"][0],
+            _transitions(before[rows], h), scaled[rows], seen[rows], p, q, walk, h, observer.sense_noise,
             reference - first, rotation[rows], deviation[rows],
         )  # fmt: skip
     kept = slice(every - 1, None, every)
@@ -95,7 +95,7 @@ def _recursion(
 def _per_constant(observer: Observer) -> Array:
     """Variance per scaled second by which each of the nine constants walks."""
     walk = np.zeros(9)
-    walk[observer.active] = observer.walk
+    walk[observer.active] = observer.walks
     return walk
 
 

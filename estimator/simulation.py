@@ -61,7 +61,7 @@ def simulate(
     # The damping may exceed the stiffness many times over (a carriage); its rate then sets the length of a part.
     stiff = max(1.0, float(np.max(np.abs(_rates(observer, state)), initial=0.0)))
     parts = max(1, math.ceil(longest * stiff / _LONGEST)) if observer.effects else 1
-    record = observer.record.copy()
+    record = observer.arrays.settings.copy()
     record["order"] = taylor_order(longest / parts, norm=1.5 * stiff) + u.shape[2] - 1
     sensed = np.zeros((n, axes))
     x = np.asarray(state, dtype=float) / observer.factors

@@ -39,17 +39,17 @@ def stationary_table(observer: "Observer") -> Array:
     device, settings = observer.device, observer.settings
     if device.axes != 2:
         raise ModelError("a stationary gain is scheduled by the pattern angle and needs two axes; use gain = 'fading'")
-    n = observer.p.shape[0]
+    arrays = observer.arrays
+    n = arrays.p.shape[0]
     half_turn = math.pi / (_PRECESSION * observer.h)
     settle = int(4 * settings.memory * device.sample_rate + half_turn)
     samples = int(max(_TURNS * half_turn, 100 * ANGLES * PHASES))
     total = np.zeros((ANGLES, PHASES, n, 2))
     weight = np.zeros((ANGLES, PHASES))
-    record = observer.record.copy()
+    record = arrays.settings.copy()
     record["force_noise"] += unforeseen(observer)
     gather_gains(
-        record, observer.memory, observer.active, observer.walk, observer.prior,
-        observer.x[observer.states :], observer.p.copy(),
+        record, arrays.memory, arrays.active, arrays.walk, arrays.prior, arrays.x[observer.states :], arrays.p.copy(),
         _PRECESSION, observer.h * 1.007, settle, samples, total, weight,
     )  # fmt: skip
     return np.asarray(total / np.maximum(weight, 1.0)[:, :, None, None])
@@ -63,5 +63,6 @@ def unforeseen(observer: "Observer") -> Array:
     amplitude that walks with intensity q, seen with a variance r by samples h apart, is followed with bandwidth
     √(q / 2 r h); a force of intensity f makes it walk with f/2.  So f = 4 s² r h gives the motion a memory of 1/s.
     """
-    variance = observer.record["noise"][0] + observer.record["ignored"][0]
+    settings = observer.arrays.settings
+    variance = settings["noise"][0] + settings["ignored"][0]
     return np.asarray(4.0 * observer.settings.spread.stiffness**2 * variance * observer.h)

@@ -1,7 +1,10 @@
 """Who may load whom, seen in a fresh interpreter: import contracts do not see what an `__init__` drags in."""
 
+import ast
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 HEAVY = {"numpy", "numba", "scipy", "sympy", "matplotlib", "pyarrow", "filterpy", "pydantic", "can"}
 
@@ -53,3 +56,37 @@ def test_bench_does_not_import_the_emulator() -> None:
 
 def test_help_loads_nothing_heavy() -> None:
     assert not loaded_after("import hil.cli\nassert hil.cli.execute(['--help']) == 0") & HEAVY
+
+
+ROOT = Path(__file__).parents[1]
+INSIDE = {"_p", "_c", "_record", "_memory", "_walk", "_guess", "_prior", "_spread", "_table", "_motion_spread"}
+
+
+def test_nobody_reaches_into_an_observer() -> None:
+    """What an observer keeps is its own: others ask it by its verbs, and who calls a kernel with it takes `arrays`."""
+    from estimator.observer import Observer
+    from estimator.settings import ObserverSettings
+    from tests.estimator.device import UNLIKE
+
+    own = vars(Observer(UNLIKE, ObserverSettings()))
+    assert own.keys() >= INSIDE
+    assert not own.keys() & {name.lstrip("_") for name in INSIDE}
+    found = []
+    for room in ("estimator", "hil", "device_emulator", "benchmarks", "tests"):
+        for path in (ROOT / room).rglob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            if path == ROOT / "estimator" / "observer.py" or not re.search(r"\bobserver\b", text, re.IGNORECASE):
+                continue
+            for node in ast.walk(ast.parse(text)):
+                reaches = isinstance(node, ast.Attribute) and node.attr in INSIDE
+                if reaches and ast.unparse(node.value) not in ("self", "cls"):
+                    found.append(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}")
+    assert not found
+
+
+def test_only_who_calls_a_kernel_takes_the_arrays_of_an_observer() -> None:
+    for room in ("estimator", "hil"):
+        for path in (ROOT / room).rglob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            if "observer.arrays" in text or "loop.arrays" in text:
+                assert "from estimator.kernel" in text, path

@@ -100,9 +100,7 @@ class Planned:
 def _columns(run: ClosedLoop) -> dict[str, Any]:
     """The record in SI, as an interchange file has it."""
     tick, vx, vy, ux, uy, _ = run.capture.T
-    scaling, record = run.observer.scaling, run.observer.record
-    quantum = float(record["quantum"][0]) * scaling.drive
-    volts = [float(record["sense_scale"][0, axis]) * scaling.sense(axis) for axis in range(2)]
+    quantum, volts = run.observer.drive_quantum, run.observer.sense_quantum
     return {
         "t_s": tick / run.sample_rate_Hz, "vx_V": vx * volts[0], "vy_V": vy * volts[1],
         "ux_mps2": ux * quantum, "uy_mps2": uy * quantum,

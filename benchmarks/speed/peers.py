@@ -32,7 +32,7 @@ class HandWritten:
     def __init__(self, library: Any, case: Case) -> None:
         self._run = library.run
         observer = case.observer()
-        n, k = len(observer.p), len(observer.active)
+        n, k = len(observer.estimated), len(observer.active)
 
         class Filter(ctypes.Structure):
             _fields_ = [
@@ -48,18 +48,19 @@ class HandWritten:
                     "rate_integral", "virtual_integral")),
             ]  # fmt: skip
 
-        record = observer.record[0]
+        record = observer.arrays.settings[0]
         self._filter = f = Filter()
         f.h, f.fade, f.order, f.reference = observer.h, record["fade"], int(record["order"]), record["reference"]
         f.virtual_rate, f.surprise = CONTROL.virtual_rotation / observer.scaling.omega0, 1.0
         f.force[:], f.noise[:] = record["force_noise"].tolist(), record["noise"].tolist()
+        arrays = observer.arrays
         for name, values in {
-            "walk": observer.walk, "prior": observer.prior, "spread": observer.spread, "guess": observer.guess
+            "walk": arrays.walk, "prior": arrays.prior, "spread": arrays.spread, "guess": arrays.guess
         }.items():  # fmt: skip
             getattr(f, name)[:k] = values.tolist()
         f.x[:] = observer.x.tolist()
-        f.p[:] = observer.p.ravel().tolist()
-        f.c[:] = observer.c.ravel().tolist()
+        f.p[:] = arrays.p.ravel().tolist()
+        f.c[:] = arrays.c.ravel().tolist()
         sense, drive = case.record
         self._z = np.ascontiguousarray(sense / observer.volts)
         self._u = np.ascontiguousarray(drive / observer.scaling.drive)
@@ -108,7 +109,7 @@ class HandWritten:
         observer, (sense, drive) = case.observer(), case.record
         found = observer.run(sense[:samples], drive[:samples], every=samples)
         ours = np.array(self.go(samples))
-        n = len(observer.p)
+        n = len(observer.estimated)
         deviation = np.sqrt(np.array(self._filter.c).reshape(n, n).diagonal())
         state = np.array(self._filter.x)[observer.estimated_index]
         scale = np.abs(observer.factors)[observer.estimated_index]
@@ -130,13 +131,13 @@ class Filterpy:
 
         observer = case.observer()
         self._filter = f = ExtendedKalmanFilter(dim_x=13, dim_z=2)
-        f.x, f.P = observer.x[:, None].copy(), observer.p.copy()
-        record = observer.record[0]
+        f.x, f.P = observer.x[:, None].copy(), observer.covariances[0]
+        record = observer.arrays.settings[0]
         f.R = np.diag(record["noise"])
         self._h, self._order = observer.h, int(record["order"])
         f.Q = np.zeros((13, 13))
         f.Q[np.arange(1, 4, 2), np.arange(1, 4, 2)] = record["force_noise"] * observer.h
-        f.Q[4:, 4:] = np.diag(observer.walk * observer.h)
+        f.Q[4:, 4:] = np.diag(observer.walks * observer.h)
         self._jacobian = np.zeros((2, 13))
         self._jacobian[0, [0, 4]] = self._jacobian[1, [2, 5]] = 1.0
         self._fade = float(record["fade"])

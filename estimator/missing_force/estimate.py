@@ -113,14 +113,14 @@ def _stretch(problem: Problem, split: int) -> _Stretch:
         rate=np.zeros(len(z)),
     )
     names = list(observer.estimated)
-    walk = float(observer.walk[names.index("rate") - observer.states]) if "rate" in names else 0.0
+    walk = float(observer.walks[names.index("rate") - observer.states]) if "rate" in names else 0.0
     return _Stretch(
         observer=observer,
         linear=linear,
         temperature=record.channels.get("temperature"),
         first=first,
         split=split - first,
-        force_noise=float(observer.record["force_noise"][0, 0]) + _LEAST_NOISE,
+        force_noise=float(observer.force_noise[0]) + _LEAST_NOISE,
         walk=walk,
     )
 

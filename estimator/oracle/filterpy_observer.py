@@ -33,11 +33,11 @@ class FilterpyObserver(NumpyObserver):
 
     def _load(self) -> None:
         self._filter.x = self.x[self.estimated_index][:, None]
-        self._filter.P = self.p.copy()
+        self._filter.P = self._p.copy()
 
     def _store(self) -> None:
         self.x[self.estimated_index] = self._filter.x[:, 0]
-        self.p[:] = self._filter.P
+        self._p[:] = self._filter.P
 
     def _predict(self, s: Array, f: Array, q: Array) -> None:
         self._load()

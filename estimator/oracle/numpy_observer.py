@@ -91,7 +91,7 @@ class NumpyObserver(Observer):
                 self._angle_cross[:] = 0.0
             angle_variance[m] = self._angle_variance
             states[m] = self.x
-            deviations[m, self.estimated_index] = np.sqrt(np.diag(self.c if self._twin else self.p))
+            deviations[m, self.estimated_index] = np.sqrt(np.diag(self._c if self._twin else self._p))
         index = np.arange(every - 1, n, every)
         angles = self._angles(predicted, states, u, h, began) if axes == 2 else np.zeros((7, n))
         return Estimates(
@@ -102,8 +102,8 @@ class NumpyObserver(Observer):
 
     def _lose_angle(self) -> None:
         if self.device.axes == 2:
-            self._angle_cross[: self.states] = -self.motion_spread * self._gradient
-            self._angle_variance += float(self.motion_spread @ self._gradient**2)
+            self._angle_cross[: self.states] = -self._motion_spread * self._gradient
+            self._angle_variance += float(self._motion_spread @ self._gradient**2)
 
     # -- one sample --------------------------------------------------------------------------------------------------
 
@@ -117,14 +117,14 @@ class NumpyObserver(Observer):
         f[: self.states, self.states :][:, flowing] = sensitivity[:, self.active[flowing] - sensing]
         q = self._process_noise(s, h)
         if self.device.axes == 2:  # the angle as one more state that Ω moves: φ̃ + Ω̃ h
-            actual = self.c
+            actual = self._c
             rate = list(self.estimated_index).index(self.model.names.index("rate"))
             turned = np.vstack([np.eye(len(actual)), h * np.eye(len(actual))[rate]])
             joint = turned @ actual @ turned.T
             joint[-1, :-1] += self._angle_cross
             joint[-1, -1] += self._angle_variance + 2.0 * h * self._angle_cross[rate]
             self._angle_cross, self._angle_variance = f @ joint[-1, :-1], float(joint[-1, -1])
-        self.c[:] = f @ self.c @ f.T + q
+        self._c[:] = f @ self._c @ f.T + q
         self._predict(s, f, q)
         if self.device.axes == 2 and s.any() and not self.settings.open_loop:  # a mass at rest has no angle
             self._gradient = pattern_gradient(s, 1.0, 0.0, 0.0)[:4]
@@ -134,7 +134,7 @@ class NumpyObserver(Observer):
         seen = np.isfinite(z)
         jacobian = self._model.jacobian(self.x[: self.states], self.x[self.states :])[:, self.estimated_index]
         innovation = np.where(seen, z - self._measure(self.x), 0.0)
-        actual = self.c if self._twin else self.p
+        actual = self._c if self._twin else self._p
         predicted = jacobian @ actual @ jacobian.T
         variance = np.diag(self._noise) + np.where(seen, np.diag(predicted), 0.0)
         if not seen.any():
@@ -144,7 +144,7 @@ class NumpyObserver(Observer):
         if not self._propagates:
             self._correct(self._tabulated_gain()[:, seen], h_seen, r_seen, innovation[seen])
             return innovation, variance
-        s_seen = h_seen @ self.p @ h_seen.T + assumed
+        s_seen = h_seen @ self._p @ h_seen.T + assumed
         surprise = float(innovation[seen] @ np.linalg.solve(s_seen, innovation[seen])) / len(z)
         self._surprise += ATTENTION * (surprise - self._surprise)
         self._update(z[seen], lambda x: self._measure(x)[seen], h_seen, assumed, r_seen)
@@ -165,27 +165,27 @@ class NumpyObserver(Observer):
         """x ← the flow, P ← fade · F P Fᵀ + Q."""
         self.x[: self.states] = s
         if self._propagates:
-            self.p[:] = self._fading_factor() * (f @ self.p @ f.T) + q
+            self._p[:] = self._fading_factor() * (f @ self._p @ f.T) + q
 
     def _update(self, z: Array, measure: Callable[[Array], Array], h: Array, assumed: Array, declared: Array) -> None:
         """Kalman update of x and P with a measurement z = measure(x) + noise of covariance `assumed`, and of C by the
         same gain with the noise declared.
         """
-        gain = np.asarray(np.linalg.solve(h @ self.p @ h.T + assumed, h @ self.p).T, dtype=float)
-        self.p[:] = _joseph(self.p, gain, h, assumed)
+        gain = np.asarray(np.linalg.solve(h @ self._p @ h.T + assumed, h @ self._p).T, dtype=float)
+        self._p[:] = _joseph(self._p, gain, h, assumed)
         self._correct(gain, h, declared, z - measure(self.x))
 
     def _correct(self, gain: Array, h: Array, r: Array, innovation: Array) -> None:
         if self.device.axes == 2:
             self._correct_angle(gain, h, r)
         self.x[self.estimated_index] += gain @ innovation
-        self.c[:] = _joseph(self.c, gain, h, r)
+        self._c[:] = _joseph(self._c, gain, h, r)
 
     def _correct_angle(self, gain: Array, h: Array, r: Array) -> None:
         """Joseph's form over states, constants and angle, whose gain is what the correction turns the pattern by."""
         n = len(gain)
         joint = np.block(
-            [[self.c, self._angle_cross[:, None]], [self._angle_cross[None, :], np.array([[self._angle_variance]])]]
+            [[self._c, self._angle_cross[:, None]], [self._angle_cross[None, :], np.array([[self._angle_variance]])]]
         )
         longer = np.vstack([gain, -self._gradient @ gain[: self.states]])
         joint = _joseph(joint, longer, np.hstack([h, np.zeros((len(h), 1))]), r)
@@ -199,7 +199,7 @@ class NumpyObserver(Observer):
             q[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2] += density * integrated
         jumps = self._model.jumps(s)[self.active]
         directions = np.hstack([jumps, np.eye(len(self.active))])
-        return np.asarray(q + directions.T @ np.diag(self.walk * h) @ directions)
+        return np.asarray(q + directions.T @ np.diag(self._walk * h) @ directions)
 
     # -- fading memory -----------------------------------------------------------------------------------------------
 
@@ -213,10 +213,10 @@ class NumpyObserver(Observer):
         """Measure the next constant in turn against its initial guess, with the information that was forgotten; then
         bring back to its initial variance any that has passed it."""
         self._cursor = (self._cursor + 1) % len(self.active)
-        if self.prior[self._cursor] > 0.0:  # else known exactly from the start
-            self._recall_guess(self._cursor, float(self.prior[self._cursor]))
-        for index, limit in enumerate(self.spread):
-            variance = float(self.p[self.states + index, self.states + index])
+        if self._prior[self._cursor] > 0.0:  # else known exactly from the start
+            self._recall_guess(self._cursor, float(self._prior[self._cursor]))
+        for index, limit in enumerate(self._spread):
+            variance = float(self._p[self.states + index, self.states + index])
             if 0.0 < limit < variance:
                 self._recall_guess(index, variance * limit / (variance - limit))
 
@@ -225,21 +225,21 @@ class NumpyObserver(Observer):
         entry = int(self.estimated_index[row])
         unit = np.eye(len(self.estimated_index))[[row]]
         variance = np.array([[noise]])
-        self._update(self.guess[[index]], lambda x: x[[entry]], unit, variance, variance)
+        self._update(self._guess[[index]], lambda x: x[[entry]], unit, variance, variance)
 
     def _tabulated_gain(self) -> Array:
         """Stationary gain (n, axes), bilinear between the table's entries at pattern angle and vibration phase."""
-        angles, phases = self.table.shape[:2]
+        angles, phases = self._table.shape[:2]
         theta = 0.5 * float(pattern(self.x[None, :4], 1.0, 0.0, 0.0)[0][0])
         along = (self.x[:4].reshape(2, 2).T @ [math.cos(theta), math.sin(theta)]) * [1.0, -1.0]
         row = (theta / math.pi + 0.5) * angles
         column = (math.atan2(along[1], along[0]) / math.tau + 0.5) * phases
-        gain = np.zeros(self.table.shape[2:])
+        gain = np.zeros(self._table.shape[2:])
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
             a, b = math.floor(row) + i, math.floor(column) + j
             weight = (1.0 - abs(row - a)) * (1.0 - abs(column - b))
             # Half a turn of the pattern with half a period of the phase is the same motion.
-            gain += weight * self.table[a % angles, (b + a // angles * (phases // 2)) % phases]
+            gain += weight * self._table[a % angles, (b + a // angles * (phases // 2)) % phases]
         return gain
 
     # -- the pattern -------------------------------------------------------------------------------------------------
@@ -248,7 +248,7 @@ class NumpyObserver(Observer):
         """The angles [rad] and ratios of `Estimates`, each (n,), for the predicted and corrected states of a block that
         began at a time."""
         rate = x[:, self.model.names.index("rate")]
-        driven = np.any(u[:, :, 0] != 0.0, axis=1) & bool(self.record["control"][0])
+        driven = np.any(u[:, :, 0] != 0.0, axis=1) & bool(self._record["control"][0])
         start = began + np.cumsum(h) - h  # of each interval
         turn = np.round((start + 0.5 * self.h) / self._reversal) if self._reversal > 0.0 else np.zeros(len(h))
         virtual = np.where(driven, np.where(turn % 2 == 1, -self._virtual, self._virtual), 0.0)

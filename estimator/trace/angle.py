@@ -16,7 +16,7 @@ from estimator.side_by_side import side_by_side, together
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.fitting import coefficients_of, fit, run
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.start import hold, settled_from
+from estimator.trace.start import settled_from
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class AngleReader:
         asked = repr(problem.effects)
         if asked not in self._known:
             observer = Observer(problem.device, problem.settings, problem.controller)
-            hold(observer)
+            observer.hold_coefficients()
             read = run(observer, problem.record).angle
             start = settled_from(problem.settings, problem.device, len(read))
             self._known[asked] = np.asarray(read[start:])

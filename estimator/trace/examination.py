@@ -15,7 +15,7 @@ from estimator.trace.nameless import Innovations
 from estimator.trace.prediction import free_run_error
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
-from estimator.trace.start import hold, settled_from
+from estimator.trace.start import settled_from
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scoring
@@ -44,7 +44,7 @@ def examine(problem: Problem, split: int) -> Examination:
     """Run the observer as the bench has it over the record, its effects with coefficients that stay as given."""
     record, device, settings = problem.record, problem.device, problem.settings
     observer = Observer(device, settings, problem.controller)
-    hold(observer)
+    observer.hold_coefficients()
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
     every = 1 if len(record) <= _SET.states else max(int(cycle / _SET.states_a_cycle), 1)
     split = split // every * every

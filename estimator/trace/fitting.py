@@ -18,7 +18,7 @@ from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import PARTS
-from estimator.trace.start import begin_about, spread_of_coefficients
+from estimator.trace.start import begin_about
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.start
@@ -117,11 +117,11 @@ def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> 
     for number in range(passes + (_SET.again if passes > 1 or about is not None else 0)):
         observer = Observer(device, current, problem.controller)
         if not problem.effects and device.axes == 2 and current.variant is Variant.FULL:
-            observer.record["twin"] = 1  # an EKF's covariance is its own twin; carried as such it runs in registers
+            observer.carry_both()
         if previous is not None:
             begin_about(observer, previous)
-        coefficients = slice(len(observer.x) - len(spread_of_coefficients(observer)), None)
-        begun, spread = observer.x[coefficients].copy(), spread_of_coefficients(observer)
+        coefficients = slice(len(observer.x) - len(observer.coefficient_deviations), None)
+        begun, spread = observer.x[coefficients].copy(), observer.coefficient_deviations
         estimates = run(observer, (problem if number else opening).record)
         previous = observer
         if not np.all(np.isfinite(observer.x)):

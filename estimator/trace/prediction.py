@@ -14,7 +14,7 @@ from estimator.settings import Gain
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.record import Record
-from estimator.trace.start import hold, settling
+from estimator.trace.start import settling
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scoring
@@ -39,16 +39,14 @@ def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
     free = round(_SET.free_cycles * cycle)
     fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
     observer = Observer(device, replace(settings, gain=fading), problem.controller)
-    hold(observer)
+    observer.hold_coefficients()
     _begin_at(observer, record, first)
-    seen = observer.record["noise"].copy()
     begin = first + max(min(settling(settings, device), (last - first) // _SET.settled), 1)
     run(observer, record.part(slice(first, begin)))
     while begin + free <= last:
         rows = slice(begin, begin + free)
-        observer.record["noise"] = seen * _SET.unseen
-        errors[rows] = run(observer, record.part(rows)).innovation
-        observer.record["noise"] = seen
+        with observer.noisier(_SET.unseen):
+            errors[rows] = run(observer, record.part(rows)).innovation
         begin = rows.stop + _SET.followed * free
         if begin + free <= last:
             run(observer, record.part(slice(rows.stop, begin)))
@@ -56,7 +54,6 @@ def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
 
 def _begin_at(observer: Observer, record: Record, first: int) -> None:
     """What the effects' coefficients count from is the record's own beginning: its time, its first temperature."""
-    observer.memory["time"] = float(np.sum(record.step[:first])) * observer.scaling.omega0
     temperature = record.channels.get("temperature")
-    if temperature is not None and len(temperature):
-        observer.first_temperature = float(temperature[0])
+    warmth = None if temperature is None or not len(temperature) else float(temperature[0])
+    observer.begin_at(float(np.sum(record.step[:first])), warmth)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from estimator.kernel.flow import taylor_order
 from estimator.kernel.gram import BLOCK, add_gram
 from estimator.kernel.layout import OUTPUT
 from estimator.kernel.scan import scan_block
@@ -87,7 +86,7 @@ def scan(
         plausible += [coefficient.plausible for coefficient in effect.coefficients]
     scale = np.array(plausible)
     z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
-    observer.record["order"] = taylor_order(float(np.max(h, initial=observer.h))) + u.shape[2] - 1
+    observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
     rows = np.zeros(len(record), OUTPUT)
     delta = np.zeros((observer.states + len(observer.active), first))
     normal, score = np.zeros((PARTS, first, first)), np.zeros((PARTS, first))
@@ -96,8 +95,9 @@ def scan(
     edges = np.linspace(0, len(record), PARTS + 1).astype(int)
     level = _SET.jump
     if settings.gain is Gain.EKF and vector:
-        observer.record["twin"] = 1  # a plain EKF's two covariances are one: carried twice, they run in the registers
-    quick = vector and bool(scans_plainly(observer.record, observer.active, observer.x[: len(observer.x) - first]))
+        observer.carry_both()
+    arrays = observer.arrays
+    quick = vector and bool(scans_plainly(arrays.settings, arrays.active, arrays.x[: len(arrays.x) - first]))
     for part, (begin, end) in enumerate(pairwise(edges)):
         stop_if_abandoned()
         equations = np.zeros((device.axes * (end - begin) if weighed else 0, width))
@@ -138,15 +138,12 @@ def scan(
 
 
 def _advance(observer: Observer, what: tuple[Any, ...], *, quick: bool) -> None:
+    a = observer.arrays
     if quick:
-        scan_plain_block(
-            observer.record, observer.walk, observer.prior, observer.spread, observer.guess,
-            observer.x, observer.p, observer.c, observer.memory, *what,
-        )  # fmt: skip
+        scan_plain_block(a.settings, a.walk, a.prior, a.spread, a.guess, a.x, a.p, a.c, a.memory, *what)
     else:
         scan_block(
-            observer.record, observer.active, observer.walk, observer.prior, observer.spread, observer.guess,
-            observer.table, observer.x, observer.p, observer.c, observer.memory, *what,
+            a.settings, a.active, a.walk, a.prior, a.spread, a.guess, a.table, a.x, a.p, a.c, a.memory, *what
         )  # fmt: skip
 
 

@@ -130,13 +130,14 @@ def loop_record(
     truth = loop.x.copy()
     truth[:4] = loop.x[:4] = 1.0, 0.0, 0.0, 0.0
     random = np.random.default_rng(0)
-    added = noise * random.standard_normal((samples, 2)) * np.sqrt(loop.record["noise"][0])
+    added = noise * random.standard_normal((samples, 2)) * np.sqrt(loop.sense_noise)
     rates = experiment.turning * np.sin(t / _SET.turning)
     stiffness = 1.0 + experiment.stiffness * np.sign(np.sin(t / _SET.stepping))
     sensed, drive = np.zeros((samples, 2)), np.zeros((samples, 2))
+    a = loop.arrays
     experiment_block(
-        loop.record, loop.active, loop.walk, loop.prior, loop.spread, loop.guess, loop.table,
-        loop.x, loop.p, loop.c, loop.memory, truth, rates, stiffness, added, loop.rows, sensed, drive,
+        a.settings, a.active, a.walk, a.prior, a.spread, a.guess, a.table, a.x, a.p, a.c, a.memory,
+        truth, rates, stiffness, added, a.rows, sensed, drive,
     )  # fmt: skip
     volts = np.array([loop.scaling.sense(axis) for axis in range(2)])
     step = np.full(samples, 1.0 / device.sample_rate)

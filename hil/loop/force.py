@@ -57,7 +57,7 @@ class ForceLoop(Loop):
         self._volts = [observer.scaling.sense(axis) for axis in range(2)]
         self._noise = [bench.device.sense.noise_V / abs(volts) for volts in self._volts]
         # Views of the row that every tick fills: picking a field out of a record costs a microsecond.
-        self._row = observer.rows[0]
+        self._row = observer.newest
         self._nu, self._s = self._row["nu"], self._row["s"]
         self._hindsight = Hindsight(observer)
         self._echo = 0, 0

@@ -9,8 +9,6 @@ the samples find that far likelier, it was.
 import copy
 import math
 
-import numpy as np
-
 from estimator.observer import Observer
 from hil.wire.sense import SenseRow
 
@@ -32,8 +30,8 @@ class Hindsight:
     def gap(self, ux: float, uy: float) -> None:
         """A sample is missing; the last drive echoed was `ux`, `uy`. Call it before the observer predicts over it."""
         self._decide()
-        _take_over(self._held, self._told)
-        self._held.record[:] = self._told.record
+        self._held.adopt(self._told)
+        self._held.obey(self._told)
         self._held.tick(math.nan, math.nan, ux, uy)
         self._left, self._gain = SAMPLES, 0.0
 
@@ -41,7 +39,7 @@ class Hindsight:
         """The observer has had its tick with `row`."""
         if self._left:
             self._held.tick(row[1], row[2], row[3], row[4])
-            self._gain += _surprise(self._told) - _surprise(self._held)
+            self._gain += self._told.deviance - self._held.deviance
             self._left -= 1
             if not self._left:
                 self._decide()
@@ -52,17 +50,5 @@ class Hindsight:
 
     def _decide(self) -> None:
         if self._gain > MARGIN:
-            queue = self._told.memory["queue"].copy()  # what was sent stays what was sent
-            _take_over(self._told, self._held)
-            self._told.memory["queue"] = queue
+            self._told.adopt(self._held, commands=False)
         self.forget()
-
-
-def _take_over(observer: Observer, other: Observer) -> None:
-    for name in ("x", "p", "c", "memory"):
-        getattr(observer, name)[:] = getattr(other, name)
-
-
-def _surprise(observer: Observer) -> float:
-    out = observer.rows[0]
-    return float(np.sum(out["nu"] ** 2 / out["s"] + np.log(out["s"])))

@@ -117,7 +117,7 @@ class Eleven:
         except ValueError:  # not a number: it diverged
             codes = (0, 0)
         if self._done % self._every == 0:
-            angle = float(self._observer.rows[0]["angle"])
+            angle = float(self._observer.newest["angle"])
             self._rows.append((self._done - 1, angle, float(self._observer.state[self._rate])))
         return codes
 

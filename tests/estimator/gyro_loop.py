@@ -146,7 +146,7 @@ def close_loop(
     noise = rng.standard_normal((n, 2)) * truth.noise
     kicks = rng.standard_normal((n, 2)) * truth.force_noise * math.sqrt(h / 2.0)
     volts = np.abs([observer.scaling.sense(0), observer.scaling.sense(1)])
-    row = observer.rows[0]
+    row = observer.newest
     motion, x, out = np.zeros((n, 4)), np.zeros((n, len(observer.x))), np.zeros((n, 10))
     sense, drive = np.zeros((n, 2)), np.zeros((n, 2))
     missing, held = rng.random(n) < lost, rng.random(n) < late

@@ -15,7 +15,6 @@ from estimator.settings import ControllerSettings, Gain, ObserverSettings
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.scan import COURSE, PARTS, scan
-from estimator.trace.start import hold
 from tests.estimator.test_scan import DEVICE, HIDDEN, OMEGA0, PARAMETERS, SETTINGS, WITHOUT_CHANNEL, K, record
 
 CONTROLLER = ControllerSettings(
@@ -39,7 +38,7 @@ NAMES = [
 def carried(name: str, settings: ObserverSettings, sizes: dict[str, float]) -> Array:
     """Angle (n,) with the effect held at these coefficients."""
     observer = Observer(DEVICE, replace(settings, effects={name: {**PARAMETERS.get(name, {}), **sizes}}), CONTROLLER)
-    hold(observer)
+    observer.hold_coefficients()
     return run(observer, record()).angle
 
 

@@ -96,7 +96,7 @@ def information_recursion(observer: Observer, truth: Array, drive: Array, noise:
     for axis in range(2):
         q[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2] = density * np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]])
     r = np.diag((np.array(device.noise) / observer.scaling.sense(0)) ** 2)
-    information = np.linalg.inv(observer.p)
+    information = np.linalg.inv(observer.arrays.p)
     before = x[0].copy()
     before[:states] = backward(model, x[0, states:], x[0, :states], u[0][:, None], h)
     found = np.zeros((len(truth), len(index)))

@@ -39,7 +39,7 @@ def test_constants_are_as_found_beside_what_is_declared_without_the_rate_and_wit
     observer = Observer(DEVICE, SETTINGS)
     declared = Observer(DEVICE, ObserverSettings(gain=Gain.EKF, spread=SETTINGS.spread, initial=SETTINGS.initial))
     deviation = dict(zip(declared.estimated, np.sqrt(np.diagonal(declared.covariance)).tolist(), strict=True))
-    observer.p[:] = np.diag(np.linspace(1e-6, 4e-6, len(observer.p)))
+    observer.arrays.p[:] = np.diag(np.linspace(1e-6, 4e-6, len(observer.arrays.p)))
     sure = dict(zip(observer.estimated, np.sqrt(np.diagonal(observer.covariance)).tolist(), strict=True))
     innovation = np.full((N, 2), 2.5)
     model: Any = SimpleNamespace(

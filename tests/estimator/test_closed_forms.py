@@ -32,7 +32,6 @@ from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
 from estimator.trace.record import Record
 from estimator.trace.rivals import dispersion
-from estimator.trace.start import hold
 from estimator.trace.thresholds_page import page
 
 RATE, HZ = 4000.0, 200.0
@@ -148,19 +147,19 @@ def test_what_is_held_is_known_and_what_is_not_stays_as_sure_as_it_was() -> None
         spread=Spread(stiffness=0.01, damping=0.5), effects={"drive_gain": {"hx": 0.1}, "drag": {"dqx": 1.0}}
     )
     observer = Observer(DEVICE, settings)
-    before = {name: getattr(observer, name).copy() for name in ("p", "c", "prior", "spread")}
-    hold(observer)
+    before = {name: getattr(observer.arrays, name).copy() for name in ("p", "c", "prior", "spread")}
+    observer.hold_coefficients()
     names = list(observer.estimated)
     coefficients = [names.index(c.name) for _, effect in observer.effects for c in effect.coefficients]
     rest = [row for row in range(len(names)) if row not in coefficients]
     assert len(coefficients) == 4
     for name in ("p", "c"):
-        matrix = getattr(observer, name)
+        matrix = getattr(observer.arrays, name)
         assert not matrix[coefficients].any()
         assert not matrix[:, coefficients].any()
         np.testing.assert_array_equal(matrix[np.ix_(rest, rest)], before[name][np.ix_(rest, rest)])
     for name in ("prior", "spread"):
-        values, was = getattr(observer, name), before[name]
+        values, was = getattr(observer.arrays, name), before[name]
         held = len(was) - 4
         assert not values[held:].any()
         assert was[:held].any()

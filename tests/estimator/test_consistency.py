@@ -37,7 +37,7 @@ def estimated(record: Record, settings: ObserverSettings, samples: int, seeds: i
         rng = np.random.default_rng(seed)
         observer = copy.deepcopy(prepared)
         observer.x[:] = (truth + deviation * rng.standard_normal(13)) / observer.factors
-        observer.guess[:] = observer.x[4:]
+        observer.arrays.guess[:] = observer.x[4:]
         noise = rng.standard_normal((samples, 2)) * TRUTH.noise + TRUTH.offset
         sense = TRUTH.sense_gain * record.motion[:samples, [0, 2]] + noise
         observer.run(sense, record.drive[:samples], every=samples)
@@ -66,7 +66,7 @@ def coverage(error: Array, covariances: Array) -> Array:
 def test_extended_kalman_filter_is_consistent_and_reaches_the_bound(record: Record) -> None:
     samples, settings = 1500, ObserverSettings(gain=Gain.EKF, spread=SPREAD)
     observers = estimated(record, settings, samples, SEEDS)
-    error, p = errors(observers, record, samples), np.array([observer.p for observer in observers])
+    error, p = errors(observers, record, samples), np.array([observer.arrays.p for observer in observers])
     assert nees(error, p) == pytest.approx(1.0, abs=0.1)
     assert np.all(np.abs(coverage(error, p) - 0.95) < 0.045)
     truth = np.column_stack([record.motion[:samples], np.tile(CONSTANTS, (samples, 1))])
@@ -92,14 +92,15 @@ def test_fading_memory_reports_from_the_actual_covariance_and_not_from_the_infla
     assert np.all(np.abs(coverage(error, c) - 0.95) < 0.045)
     assert nees(error, p) < 0.5
     assert np.all(coverage(error, p)[4:] > 0.97)
-    np.testing.assert_array_equal(observers[0].covariance, observers[0].c * np.outer(*[observers[0].factors] * 2))
+    scale = np.outer(*[observers[0].factors] * 2)
+    np.testing.assert_array_equal(observers[0].covariance, observers[0].covariances[1] * scale)
 
 
 @pytest.mark.slow
 def test_a_tabulated_gain_knows_its_errors_to_a_few_tenths(record: Record) -> None:
     settings = ObserverSettings(gain=Gain.STATIONARY, memory=0.05, acquisition=0.1, spread=SPREAD)
     observers = estimated(record, settings, 2000, 60)
-    error, c = errors(observers, record, 2000), np.array([observer.c for observer in observers])
+    error, c = errors(observers, record, 2000), np.array([observer.arrays.c for observer in observers])
     assert nees(error, c) == pytest.approx(1.0, abs=0.35)
 
 
@@ -115,7 +116,7 @@ def test_covariances_stay_symmetric_and_positive_definite(record: Record, varian
     for _ in range(3):
         for begin in range(0, 2000, 100):
             observer.run(sense[begin : begin + 100], record.drive[begin : begin + 100])
-            for covariance in (observer.p, observer.c):
+            for covariance in (observer.arrays.p, observer.arrays.c):
                 np.testing.assert_array_equal(covariance, covariance.T)
                 deviation = np.sqrt(np.diag(covariance))
                 assert np.linalg.eigvalsh(covariance / np.outer(deviation, deviation))[0] > 0.0
@@ -137,16 +138,16 @@ def test_fading_memory_does_not_wind_up_in_directions_that_nothing_excites(remem
     device = replace(truth.device(), damping=(1.0, 1.0, 0.0))
     settings = ObserverSettings(memory=0.05, spread=Spread(offset=0.01, rate=2.0, stiffness=0.02, damping=0.5))
     observer = Observer(device, settings)
-    guess, sd = observer.x[4:].copy(), np.sqrt(observer.spread)
+    guess, sd = observer.x[4:].copy(), np.sqrt(observer.arrays.spread)
     if not remembered:
-        observer.prior[:] = 1e30
-        observer.spread[:] = 1e30
+        observer.arrays.prior[:] = 1e30
+        observer.arrays.spread[:] = 1e30
     found = observer.run(sense, drive, every=100)
     constants = slice(4, None)
     deviation = found.deviation[:, constants] / np.abs(observer.factors[constants]) / sd
     away = np.abs(found.state[:, constants] / observer.factors[constants] - guess) / sd
     kyy, dyy = 4, 7
-    winding = np.sqrt(np.diag(observer.p)[4:]) / sd
+    winding = np.sqrt(np.diag(observer.arrays.p)[4:]) / sd
     if remembered:
         assert np.max(winding) < 1.2
         assert np.min(winding[[kyy, dyy]]) > 0.5

@@ -84,10 +84,10 @@ def carrying(name: str, share: float = 0.5) -> Observer:
     given = {p.name: GIVEN[p.name] * scaling.coefficient(p) for p in effect.parameters}
     observer = Observer(device(), ObserverSettings(effects={name: given}))
     observer.x[13:] = [share * coefficient.plausible for coefficient in effect.coefficients]
-    observer.memory["temperature"] = WARMTH
-    observer.memory["signals"][0, :, 0] = 0.3
-    observer.memory["time"] = TIME
-    observer.memory["past"][0, 0, :, :2] = PAST
+    observer.arrays.memory["temperature"] = WARMTH
+    observer.arrays.memory["signals"][0, :, 0] = 0.3
+    observer.arrays.memory["time"] = TIME
+    observer.arrays.memory["past"][0, 0, :, :2] = PAST
     return observer
 
 
@@ -130,10 +130,10 @@ def values(effect: Effect, what: str) -> Callable[..., Array]:
 
 def step(observer: Observer, s: Array, c: Array) -> Array:
     """[state | ∂/∂s | ∂/∂(flow constants, coefficients)] after one sample."""
-    columns = 1 + 4 + int(observer.record["flow_constants"][0])
+    columns = 1 + 4 + int(observer.arrays.settings["flow_constants"][0])
     a, b, out = (np.zeros((4, columns)) for _ in range(3))
     push = (np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS))
-    call_flow(observer.record, observer.memory, c, s, DRIVE, observer.h, columns, a, b, out, push)
+    call_flow(observer.arrays.settings, observer.arrays.memory, c, s, DRIVE, observer.h, columns, a, b, out, push)
     return out
 
 
@@ -245,7 +245,7 @@ def test_friction_turns_over_on_a_late_path_too(path: str) -> None:
     given = {"v0": rest * 1e-4 * OMEGA0}
     observer = Observer(device(), ObserverSettings(effects={path: {}, "dry_friction": given}))
     h = observer.h
-    observer.memory["past"][0, 0, :, :2] = PAST
+    observer.arrays.memory["past"][0, 0, :, :2] = PAST
     x = observer.x.copy()
     x[13:15], x[15:] = late * h, friction
     c = x[4:]
@@ -272,7 +272,7 @@ def test_friction_turns_over_on_a_late_path_too(path: str) -> None:
             expected = along(x[:4], h, (1.0 - late) * h, DRIVE)[[0, 2]]
             nu, noise = np.zeros(2), np.zeros(2)
             arguments = (np.zeros(2), DRIVE, h, nu, noise)
-            call_measurement(observer.record, observer.memory, observer.active, x, *arguments)
+            call_measurement(observer.arrays.settings, observer.arrays.memory, observer.active, x, *arguments)
             found = -nu - x[4:6]
         assert np.abs(found - expected).max() < 2e-4 * friction[0] * h, since
 
@@ -305,14 +305,15 @@ def test_measurement_and_its_jacobian(name: str) -> None:
 
     def predicted(x1: Array) -> Array:
         call_measurement(
-            observer.record, observer.memory, observer.active, x1, np.zeros(2), DRIVE, observer.h, nu, noise
-        )
+            observer.arrays.settings, observer.arrays.memory, observer.active, x1, np.zeros(2), DRIVE, observer.h,
+            nu, noise,
+        )  # fmt: skip
         return -nu.copy()
 
     added = shown(STATE, DRIVE.sum(axis=1), x[13:], TIME + observer.h, x[4:13])
     np.testing.assert_allclose(predicted(x), STATE[[0, 2]] + x[4:6] + added, rtol=1e-13)
     jacobian = call_measurement(
-        observer.record, observer.memory, observer.active, x, np.zeros(2), DRIVE, observer.h, nu, noise
+        observer.arrays.settings, observer.arrays.memory, observer.active, x, np.zeros(2), DRIVE, observer.h, nu, noise
     )
     offsets = {4, 5} if name == "sense_clipping" else set()  # of second order, left out
     for column, entry in enumerate(observer.estimated_index):
@@ -328,7 +329,7 @@ def test_a_late_drive_is_the_recorded_one_moved(delay: tuple[float, float]) -> N
     """delay in intervals: the drive of the interval before, then this one's, through SciPy's integrator."""
     observer = carrying("drive_delay")
     h = observer.h
-    observer.memory["past"][0, 1, :, :2] = -PAST
+    observer.arrays.memory["past"][0, 1, :, :2] = -PAST
     c = observer.x[4:].copy()
     c[9:] = np.array(delay) * h
     recorded = [DRIVE, PAST, -PAST]  # of this interval and those before
@@ -382,13 +383,14 @@ def test_a_late_sense_path_shows_what_was(delay: tuple[float, float]) -> None:
 
     def predicted(x1: Array) -> Array:
         call_measurement(
-            observer.record, observer.memory, observer.active, x1, np.zeros(2), DRIVE, observer.h, nu, noise
-        )
+            observer.arrays.settings, observer.arrays.memory, observer.active, x1, np.zeros(2), DRIVE, observer.h,
+            nu, noise,
+        )  # fmt: skip
         return -nu.copy()
 
     np.testing.assert_allclose(predicted(x), expected, rtol=0, atol=1e-10)
     jacobian = call_measurement(
-        observer.record, observer.memory, observer.active, x, np.zeros(2), DRIVE, observer.h, nu, noise
+        observer.arrays.settings, observer.arrays.memory, observer.active, x, np.zeros(2), DRIVE, observer.h, nu, noise
     )
     for column, entry in enumerate(observer.estimated_index):
         ahead, behind = x.copy(), x.copy()
@@ -402,7 +404,7 @@ def test_a_late_sense_path_shows_what_a_spring_did_on_the_way() -> None:
     observer = Observer(device(), ObserverSettings(effects={"sense_delay": {}, "cubic_stiffness": {}}))
     h = observer.h
     late, k3 = np.array([0.3, 1.4]) * h, np.array([0.15, 0.1])
-    observer.memory["past"][0, 0, :, :2] = PAST
+    observer.arrays.memory["past"][0, 0, :, :2] = PAST
     x = observer.x.copy()
     x[:4], x[13:15], x[15:] = STATE, late, k3
 
@@ -422,14 +424,14 @@ def test_a_late_sense_path_shows_what_a_spring_did_on_the_way() -> None:
         expected.append(state[2 * axis])
     nu, noise = np.zeros(2), np.zeros(2)
     arguments = (np.zeros(2), DRIVE, h, nu, noise)
-    jacobian = call_measurement(observer.record, observer.memory, observer.active, x, *arguments)
+    jacobian = call_measurement(observer.arrays.settings, observer.arrays.memory, observer.active, x, *arguments)
     np.testing.assert_allclose(-nu - x[4:6], expected, rtol=0, atol=2e-6)  # without the spring: 3e-4 and 7e-4 off
     for column, entry in enumerate(observer.estimated_index):
         sides = []
         for sign in (1.0, -1.0):
             moved = x.copy()
             moved[entry] += sign * 1e-6
-            call_measurement(observer.record, observer.memory, observer.active, moved, *arguments)
+            call_measurement(observer.arrays.settings, observer.arrays.memory, observer.active, moved, *arguments)
             sides.append(-nu.copy())
         np.testing.assert_allclose(jacobian[:, column], (sides[0] - sides[1]) / 2e-6, atol=1e-5)
 
@@ -438,7 +440,7 @@ def test_a_late_sense_path_shows_what_a_spring_did_on_the_way() -> None:
 def test_a_drive_behind_a_lag_is_that_of_an_integrator(lags: tuple[float, float]) -> None:
     """Each axis' drive behind the time constant of each sense path; what would be a lead is let through."""
     observer = carrying("sense_low_pass")
-    memory, h = observer.memory, observer.h
+    memory, h = observer.arrays.memory, observer.h
     memory["signals"] = 0.0
     observer.x[13:15] = lags
     rng = np.random.default_rng(3)
@@ -453,7 +455,7 @@ def test_a_drive_behind_a_lag_is_that_of_an_integrator(lags: tuple[float, float]
             slope = lambda t, q, w=wave, lag=lags[path]: (w(t / h) - q) / lag  # noqa: E731
             begin = expected[path, drive : drive + 1]
             expected[path, drive] = solve_ivp(slope, (0.0, h), begin, "DOP853", rtol=1e-11, atol=1e-13).y[0, -1]
-        advance_signals(observer.record[0], memory[0], observer.x[4:], u, h)
+        advance_signals(observer.arrays.settings[0], memory[0], observer.x[4:], u, h)
     np.testing.assert_allclose(memory["signals"][0, :4, 0], expected.ravel(), rtol=0, atol=1e-8)
 
 
@@ -464,7 +466,7 @@ def test_a_low_pass_is_the_filter_behind_the_mass(lags: tuple[float, float]) -> 
     of the amplitude.  At the declared resonance alone it is 6e-3 and more.
     """
     observer = carrying("sense_low_pass")
-    observer.memory["signals"], observer.memory["time"] = 0.0, 0.0
+    observer.arrays.memory["signals"], observer.arrays.memory["time"] = 0.0, 0.0
     h = observer.h
     x = observer.x.copy()
     x[6], x[13:15], x[15:] = 0.004, lags, 0.0
@@ -481,10 +483,12 @@ def test_a_low_pass_is_the_filter_behind_the_mass(lags: tuple[float, float]) -> 
             return np.concatenate([base(x[4:], s[:4], force), (s[[0, 2]] - s[4:]) / np.array(lags)])
 
         motion = solve_ivp(slope, (0.0, h), motion, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
-        observer.memory["time"] = m * h
-        advance_signals(observer.record[0], observer.memory[0], x[4:], u, h)
+        observer.arrays.memory["time"] = m * h
+        advance_signals(observer.arrays.settings[0], observer.arrays.memory[0], x[4:], u, h)
         x[:4] = motion[:4]
-        call_measurement(observer.record, observer.memory, observer.active, x, np.zeros(2), u, h, nu, noise)
+        call_measurement(
+            observer.arrays.settings, observer.arrays.memory, observer.active, x, np.zeros(2), u, h, nu, noise
+        )
         np.testing.assert_allclose(-nu - x[4:6], motion[4:], rtol=0, atol=1e-8)
 
 
@@ -497,7 +501,7 @@ def test_a_high_pass_is_the_filter_behind_the_mass(axes: int, corners: tuple[flo
     built = Observer(device(axes), ObserverSettings()).scaling.omega0
     given = {f"leak_{axis}": corner * built for axis, corner in zip("xy", corners, strict=True)}
     observer = Observer(device(axes), ObserverSettings(effects={"sense_high_pass": given}))
-    observer.memory["signals"], observer.memory["time"] = 0.0, 0.0
+    observer.arrays.memory["signals"], observer.arrays.memory["time"] = 0.0, 0.0
     h, states, constants = observer.h, 2 * axes, len(observer.model.constants)
     x = observer.x.copy()
     if axes == 2:
@@ -528,11 +532,11 @@ def test_a_high_pass_is_the_filter_behind_the_mass(axes: int, corners: tuple[flo
             return np.concatenate([ds, ds[::2] - np.array(corners[:axes]) * s[states:]])
 
         motion = solve_ivp(slope, (0.0, h), motion, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
-        observer.memory["time"] = m * h
-        advance_signals(observer.record[0], observer.memory[0], x[states:], u, h)
+        observer.arrays.memory["time"] = m * h
+        advance_signals(observer.arrays.settings[0], observer.arrays.memory[0], x[states:], u, h)
         x[:states] = motion[:states]
         arguments = (np.zeros(axes), u, h, nu, noise)
-        call_measurement(observer.record, observer.memory, observer.active, x, *arguments)
+        call_measurement(observer.arrays.settings, observer.arrays.memory, observer.active, x, *arguments)
         np.testing.assert_allclose(-nu[:axes] - x[states : states + axes], motion[states:], rtol=0, atol=1e-8)
 
 
@@ -542,7 +546,7 @@ def test_a_drive_integrated_with_a_leak_is_that_of_an_integrator(leaks: tuple[fl
     scale = Observer(device(), ObserverSettings()).scaling.omega0
     given = {"leak_x": leaks[0] * scale, "leak_y": leaks[1] * scale}
     observer = Observer(device(), ObserverSettings(effects={"sense_high_pass": given}))
-    memory, h = observer.memory, observer.h
+    memory, h = observer.arrays.memory, observer.h
     memory["signals"] = 0.0
     rng = np.random.default_rng(3)
     expected = np.zeros((2, 2))  # by sense path and drive axis
@@ -553,18 +557,18 @@ def test_a_drive_integrated_with_a_leak_is_that_of_an_integrator(leaks: tuple[fl
             slope = lambda t, q, w=wave, leak=leaks[path]: w(t / h) - leak * q  # noqa: E731
             begin = expected[path, drive : drive + 1]
             expected[path, drive] = solve_ivp(slope, (0.0, h), begin, "DOP853", rtol=1e-11, atol=1e-13).y[0, -1]
-        advance_signals(observer.record[0], memory[0], observer.x[4:], u, h)
+        advance_signals(observer.arrays.settings[0], memory[0], observer.x[4:], u, h)
     np.testing.assert_allclose(memory["signals"][0, 2:6, 0], expected.ravel(), rtol=0, atol=1e-9)
 
 
 def test_a_resonator_follows_its_equation() -> None:
     """A driven resonator over 200 samples of a drive in steps, against SciPy."""
     observer = carrying("parasitic_mode")
-    memory, h = observer.memory, observer.h
+    memory, h = observer.arrays.memory, observer.h
     memory["signals"] = 0.0
     drive = np.sign(np.sin(0.37 * np.arange(201) * h))
     for m in range(200):
-        advance_signals(observer.record[0], memory[0], observer.x[4:], np.array([[drive[m]], [-drive[m]]]), h)
+        advance_signals(observer.arrays.settings[0], memory[0], observer.x[4:], np.array([[drive[m]], [-drive[m]]]), h)
     omega, zeta = GIVEN["omega"], GIVEN["zeta"]
     state = np.zeros(2)
     for m in range(200):

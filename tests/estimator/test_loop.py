@@ -37,14 +37,14 @@ def test_control_law_is_formula_9_with_velocities_and_the_additions_around_it() 
     damping = np.array([[d[0], d[2]], [d[2], d[1]]])
     position, velocity = s[[0, 2]], s[[1, 3]]
     formula = damping @ velocity + stiffness @ position
-    control_law(observer.record[0], observer.memory[0], s, c, out)
+    control_law(observer.arrays.settings[0], observer.arrays.memory[0], s, c, out)
     np.testing.assert_allclose(out, formula, rtol=1e-14)
     virtual = 5e-3
-    observer.record["virtual_rate"] = virtual
-    control_law(observer.record[0], observer.memory[0], s, c, out)
+    observer.arrays.settings["virtual_rate"] = virtual
+    control_law(observer.arrays.settings[0], observer.arrays.memory[0], s, c, out)
     np.testing.assert_allclose(out - formula, 2.0 * virtual * np.array([velocity[1], -velocity[0]]), rtol=1e-12)
-    observer.record["virtual_rate"], observer.record["energy_gain"] = 0.0, 0.01
-    control_law(observer.record[0], observer.memory[0], s, c, out)
+    observer.arrays.settings["virtual_rate"], observer.arrays.settings["energy_gain"] = 0.0, 0.01
+    control_law(observer.arrays.settings[0], observer.arrays.memory[0], s, c, out)
     _, energy, _ = pattern(s, 1.0, rate, rate)
     seen = velocity + rate * np.array([-position[1], position[0]])
     np.testing.assert_allclose(out - formula, 0.01 * (0.5 - energy) / 0.5 * seen, rtol=1e-12)
@@ -75,9 +75,9 @@ def test_a_delay_that_is_not_known_locks_the_pattern_to_the_device() -> None:
 def test_a_hold_that_is_not_divided_out_leaves_the_forces_short_by_its_sinc() -> None:
     """The virtual rotation, five times the true one here, comes out short by 1 − sinc(π/20) = 0.41 %."""
     observer = observer_of(TRUTH, SETTINGS)
-    short = 1.0 - observer.record["hold"][0]
+    short = 1.0 - observer.arrays.settings["hold"][0]
     assert short == pytest.approx(0.0041, abs=1e-4)
-    observer.record["hold"] = 1.0
+    observer.arrays.settings["hold"] = 1.0
     record = close_loop(observer, TRUTH, 15_000, RATE)
     assert slope(record, record.angle_pattern, SETTLED) == pytest.approx(1.0 - 5.0 * short, abs=2e-3)
     assert slope(record, record.angle, SETTLED) == pytest.approx(1.0, abs=2e-3)
@@ -113,7 +113,7 @@ def test_virtual_rotation_excites_what_a_tuned_device_at_rest_hides() -> None:
     for virtual in (0.0, 5e-3 * TUNED.omega0):
         observer = observer_of(TUNED, settings, stiffness=1.001, damping=0.9, virtual_rotation=virtual)
         record = close_loop(observer, TUNED, 12_000, 0.0)
-        known[virtual] = np.sqrt(np.diag(observer.c)[6:])
+        known[virtual] = np.sqrt(np.diag(observer.arrays.c)[6:])
         assert apart(record.angle, record, 4000) < 0.1
         assert np.std(record.ratio[4000:]) == pytest.approx(1.0, abs=0.03)
     assert np.all(np.sort(known[0.0] / known[5e-3 * TUNED.omega0])[1:] > 10.0)
@@ -153,7 +153,7 @@ def test_the_echo_tells_which_virtual_rotation_was_applied() -> None:
     """The commanded drive: its own; zero: none, a board in SAFE; any other: the one before, held over a late answer."""
     observer = observer_of(TRUTH, SETTINGS)
     close_loop(observer, TRUTH, 600, RATE)
-    virtual = float(observer.record["virtual_rate"][0])
+    virtual = float(observer.arrays.settings["virtual_rate"][0])
     for echo, expected in (
         (observer.expected_drive(), virtual),
         ((0.0, 0.0), 0.0),
@@ -162,7 +162,7 @@ def test_the_echo_tells_which_virtual_rotation_was_applied() -> None:
         ((7.0, -9.0), virtual),
     ):
         observer.tick(np.nan, np.nan, *(observer.expected_drive() if echo is None else echo))
-        assert observer.memory["virtual_applied"][0] == expected
+        assert observer.arrays.memory["virtual_applied"][0] == expected
 
 
 def test_commands_stay_within_the_limit_and_a_lost_state_commands_nothing() -> None:

@@ -103,7 +103,7 @@ def test_a_long_gap_keeps_the_constants_and_finds_the_motion_anew(record: Record
     np.testing.assert_allclose(observer.state[4:], before)
     np.testing.assert_allclose(after[4:], deviation[4:])
     np.testing.assert_allclose(after[:4], TRUTH.amplitude * np.array([1.0, TRUTH.omega0] * 2))
-    assert np.linalg.eigvalsh(observer.p)[0] > 0.0
+    assert np.linalg.eigvalsh(observer.arrays.p)[0] > 0.0
     again = observer.run(record.sense[:300], np.zeros((300, 2)))  # the first 400 samples were without control
     error = again.state[-1, :4] - record.motion[299]
     assert np.max(np.abs(error) / again.deviation[-1, :4]) < 5.0

@@ -42,13 +42,20 @@ class Counter:
 
     def __init__(self, device: Any, settings: ObserverSettings, controller: Any) -> None:
         self.device, self.settings, self.controller = device, settings, controller
-        self.record: dict[str, int] = {"twin": 0}
+        self.carries_both = False
         given = settings.effects.get("drag", {})
         self.x = np.array([9.0, 9.0, given.get("dqx", 0.0), given.get("dqy", 0.0)])
         self.names: tuple[str, ...] = ("x", "kxx", "dqx", "dqy")
         self.begun_about: Any = None
         self.samples = 0
         Counter.made.append(self)
+
+    def carry_both(self) -> None:
+        self.carries_both = True
+
+    @property
+    def coefficient_deviations(self) -> Array:
+        return np.full(2, Counter.spread)
 
 
 @pytest.fixture
@@ -64,7 +71,6 @@ def passes(monkeypatch: pytest.MonkeyPatch) -> type[Counter]:
     monkeypatch.setattr(fitting, "Observer", Counter)
     monkeypatch.setattr(fitting, "run", run)
     monkeypatch.setattr(fitting, "begin_about", lambda one, other: setattr(one, "begun_about", other))
-    monkeypatch.setattr(fitting, "spread_of_coefficients", lambda observer: np.full(2, Counter.spread))
     monkeypatch.setattr(fitting, "constants_of", lambda observer: {"kxx": float(len(Counter.made))})
     monkeypatch.setattr(
         fitting, "coefficients_of", lambda observer: {"drag": {"dqx": observer.x[2], "dqy": observer.x[3]}}
@@ -156,7 +162,7 @@ def test_one_covariance_is_carried_where_there_is_one(
 ) -> None:
     passes.moves = [0.0]
     fit(problem(variant=variant, effects=effects))
-    assert {one.record["twin"] for one in passes.made} == {twin}
+    assert {one.carries_both for one in passes.made} == {twin}
 
 
 # -- what is read from an observer ------------------------------------------------------------------------------------

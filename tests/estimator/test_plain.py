@@ -31,15 +31,15 @@ def record() -> Record:
 
 
 def plain(observer: Observer) -> bool:
-    return bool(is_plain(observer.record[0], observer.active, observer.x))
+    return bool(is_plain(observer.arrays.settings[0], observer.active, observer.x))
 
 
 def general(observer: Observer) -> Observer:
     """The same observer through the kernels that do everything: a signal that no effect reads is nothing for the other
     one.
     """
-    observer.record["signals"][0, 0] = Source.PARAMETER.value, 0, 0
-    observer.record["signal_count"] = 1
+    observer.arrays.settings["signals"][0, 0] = Source.PARAMETER.value, 0, 0
+    observer.arrays.settings["signal_count"] = 1
     assert not plain(observer)
     return observer
 
@@ -63,7 +63,7 @@ def test_the_numbers_of_the_general_kernels(record: Record, settings: ObserverSe
     agreement = disagreement(found, expected)
     assert max(agreement.values()) < 1e-8, agreement
     for name in ("surprise", "cursor", "time", "theta", "forced", "rate_integral", "virtual_integral"):
-        assert observer.memory[name][0] == pytest.approx(other.memory[name][0], rel=1e-8, abs=1e-10), name
+        assert observer.arrays.memory[name][0] == pytest.approx(other.arrays.memory[name][0], rel=1e-8, abs=1e-10), name
 
 
 def test_what_it_is_not_made_for() -> None:
@@ -78,7 +78,7 @@ def test_covariances_stay_symmetric_and_positive(record: Record) -> None:
     observer = Observer(TRUTH.device(stiffness=1.005), settings, TRUTH.controller())
     for _ in range(50):
         observer.run(record.sense, record.drive, every=600)
-        for covariance in (observer.p, observer.c):
+        for covariance in (observer.arrays.p, observer.arrays.c):
             assert np.array_equal(covariance, covariance.T)
             deviation = np.sqrt(np.diagonal(covariance))
             assert np.linalg.eigvalsh(covariance / np.outer(deviation, deviation))[0] > 0.0
@@ -92,7 +92,7 @@ def test_a_block_is_its_samples(record: Record) -> None:
     for m in range(600):
         other.run(record.sense[m : m + 1], record.drive[m : m + 1])
     for name in ("x", "p", "c"):
-        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        assert np.array_equal(getattr(one.arrays, name), getattr(other.arrays, name)), name
 
 
 @numba.njit

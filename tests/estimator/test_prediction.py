@@ -1,5 +1,7 @@
 """Free runs of a gyro over 20 cycles at a time (docs/reference/trace.md, `simulation_rmse`)."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,9 +32,18 @@ class Follower:
 
     def __init__(self, device: Device, settings: ObserverSettings, controller: object) -> None:
         self.settings = settings
-        self.record = {"noise": NOISE.copy()}
+        self.noise = NOISE.copy()
         self.seen: list[tuple[int, int, float]] = []
         self.held = False
+
+    def hold_coefficients(self) -> None:
+        self.held = True
+
+    @contextmanager
+    def noisier(self, factor: float) -> Iterator[None]:
+        self.noise *= factor
+        yield
+        self.noise /= factor
 
 
 def runs(monkeypatch: pytest.MonkeyPatch, samples: int, settings: ObserverSettings) -> tuple[Follower, Any]:
@@ -43,13 +54,12 @@ def runs(monkeypatch: pytest.MonkeyPatch, samples: int, settings: ObserverSettin
         return made[0]
 
     def run(of: Follower, record: Record) -> Any:
-        of.seen.append((int(record.sense[0, 0]), len(record), float(of.record["noise"][0] / NOISE[0])))
+        of.seen.append((int(record.sense[0, 0]), len(record), float(of.noise[0] / NOISE[0])))
         return SimpleNamespace(innovation=record.sense)
 
     monkeypatch.setattr(prediction, "Observer", observer)
     monkeypatch.setattr(prediction, "run", run)
     monkeypatch.setattr(prediction, "_begin_at", lambda of, record, first: None)
-    monkeypatch.setattr(prediction, "hold", lambda of: setattr(of, "held", True))
     count = np.arange(float(samples))
     record = Record(np.stack([count, -count], 1), np.zeros((samples, 2, 1)), np.full(samples, 1 / RATE))
     errors = prediction.free_run_error(Problem(record, DEVICE, settings), samples // 2)
@@ -114,12 +124,12 @@ def test_a_free_run_is_told_where_on_the_record_it_begins(monkeypatch: pytest.Mo
         assert first < told[0] <= first + 200
         assert told[-1] < min(split + 100_000, samples)
     steps = np.array([0.5, 0.25, 0.125, 1.0])
-    of: Any = SimpleNamespace(memory={"time": 0.0}, scaling=SimpleNamespace(omega0=3.0), first_temperature=None)
+    told: list[Any] = []
+    of: Any = SimpleNamespace(begin_at=lambda *what: told.append(what))
     warm, none = np.array([21.0, 9.0]), np.zeros(0)
     for channels, first in (({}, None), ({"temperature": none}, None), ({"temperature": warm}, 21.0)):
         begin_at(of, Record(np.zeros((4, 1)), np.zeros((4, 1, 1)), steps, channels), 2)
-        assert of.memory["time"] == 3.0 * 0.75  # in units of 1/ω0
-        assert of.first_temperature == first
+        assert told[-1] == (0.75, first)
 
 
 def test_a_short_record_is_followed_for_one_sample_at_least(monkeypatch: pytest.MonkeyPatch) -> None:

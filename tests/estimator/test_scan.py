@@ -15,7 +15,6 @@ from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
-from estimator.trace.start import hold
 
 OMEGA0 = 2 * np.pi * 200.0
 K = OMEGA0**2
@@ -77,7 +76,7 @@ def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: s
         small = 1e-4 * seen.plausible[column]
         carrying = replace(SETTINGS, effects={name: {**given, coefficient.name: small}})
         observer = Observer(DEVICE, carrying)
-        hold(observer)
+        observer.hold_coefficients()
         moved = (run(observer, record()).innovation - without) / 1e-4
         expected = np.sum((moved / seen.deviation) ** 2)
         assert normal[column, column] == pytest.approx(expected, rel=0.1 if name in KINKED else 0.01)

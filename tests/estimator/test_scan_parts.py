@@ -17,7 +17,7 @@ from estimator.trace.problem import Problem
 from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
-from estimator.trace.start import begin_about, hold
+from estimator.trace.start import begin_about
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS
 
 UNLIKE = replace(DEVICE, sense_gain=(-890.0, 445.0), noise=(9e-5, 4e-5))
@@ -43,7 +43,7 @@ def test_normal_equations_are_those_of_what_carrying_an_effect_does_part_by_part
     assert seen.ratio == pytest.approx(np.sqrt(np.mean((plain.innovation / plain.innovation_deviation) ** 2)))
     for name, column, at in (("hy", "drive_gain", 1), ("k3x", "cubic_stiffness", 2), ("gy", "sense_gain", 4)):
         observer = Observer(UNLIKE, replace(SETTINGS, effects={column: {name: 1e-4 * seen.plausible[at]}}))
-        hold(observer)
+        observer.hold_coefficients()
         moved = (run(observer, record).innovation - plain.innovation) / 1e-4 / seen.deviation
         normalised = plain.innovation / seen.deviation
         for part, (begin, end) in enumerate(edges(len(record))):
@@ -195,7 +195,7 @@ def test_samples_without_variance_have_no_deviation(monkeypatch: pytest.MonkeyPa
 def test_the_quick_kernel_runs_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch, *, vector: bool) -> None:
     fake, seen = noted(monkeypatch, np.ones(PARTS), vector=vector)
     assert {quick for _, _, quick in fake.asked} == {vector}
-    assert bool(seen.observer.record["twin"]) is vector  # a plain EKF carries one covariance, not two
+    assert bool(seen.observer.arrays.settings["twin"]) is vector  # a plain EKF carries one covariance, not two
 
 
 def test_a_kernel_that_is_not_plain_is_not_quick(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,7 +212,7 @@ def test_a_drive_that_bends_within_a_step_needs_as_many_orders_more(
     steps = np.full(3201, 1.0 / DEVICE.sample_rate)
     bent = Record(np.zeros((3201, 2)), np.zeros((3201, 2, degree + 1)), steps)
     observer = scan(Problem(bent, DEVICE, SETTINGS), WATCHED).observer
-    assert int(observer.record["order"][0]) == taylor_order(OMEGA0 / DEVICE.sample_rate) + degree
+    assert int(observer.arrays.settings["order"][0]) == taylor_order(OMEGA0 / DEVICE.sample_rate) + degree
 
 
 def test_a_part_is_cut_behind_its_gaps_and_where_its_course_is_read() -> None:

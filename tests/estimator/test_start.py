@@ -7,7 +7,7 @@ import pytest
 
 from estimator.observer import Observer
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.start import begin_about, first_coefficient, settled_from, settling, spread_of_coefficients
+from estimator.trace.start import begin_about, settled_from, settling
 
 RATE, OMEGA = 4000.0, 2.0 * np.pi * 200.0
 DEVICE = Device(
@@ -24,9 +24,9 @@ SINGLE = replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[
 def ended(settings: ObserverSettings, device: Device = DEVICE) -> Observer:
     """An observer after a pass, with a covariance that is drawn."""
     observer = Observer(device, settings)
-    random = np.random.default_rng(3).standard_normal(observer.p.shape)
-    observer.p[:] = random @ random.T * 1e-6
-    observer.c[:] = 2.0 * observer.p
+    random = np.random.default_rng(3).standard_normal(observer.arrays.p.shape)
+    observer.arrays.p[:] = random @ random.T * 1e-6
+    observer.arrays.c[:] = 2.0 * observer.arrays.p
     return observer
 
 
@@ -36,29 +36,30 @@ def test_constants_begin_with_the_covariance_they_ended_with_ten_deviations_wide
 ) -> None:
     """The motion as declared; the rate, which moves, by itself; what is new behind as declared."""
     previous, observer = ended(SETTINGS, device), Observer(device, settings)
-    declared = observer.p.copy()
+    declared = observer.arrays.p.copy()
     begin_about(observer, previous)
     expected = declared.copy()
-    states, common = observer.states, len(previous.p)
+    states, common = observer.states, len(previous.arrays.p)
     rows = [row for row in range(states, common) if observer.estimated[row] != "rate"]
     assert len(rows) == common - states - (device is DEVICE)
-    expected[np.ix_(rows, rows)] = 100.0 * previous.p[np.ix_(rows, rows)]
+    expected[np.ix_(rows, rows)] = 100.0 * previous.arrays.p[np.ix_(rows, rows)]
     if device is DEVICE:
         rate = observer.estimated.index("rate")
-        expected[rate, rate] = 100.0 * previous.p[rate, rate]
-    np.testing.assert_array_equal(observer.p, expected)
-    np.testing.assert_array_equal(observer.c, expected)
+        expected[rate, rate] = 100.0 * previous.arrays.p[rate, rate]
+    np.testing.assert_array_equal(observer.arrays.p, expected)
+    np.testing.assert_array_equal(observer.arrays.c, expected)
     if device is DEVICE:
-        assert np.flatnonzero(observer.p[rate]).tolist() == [rate]
+        assert np.flatnonzero(observer.arrays.p[rate]).tolist() == [rate]
 
 
 def test_coefficients_stand_behind_the_motion_and_the_constants() -> None:
     observer = Observer(DEVICE, MORE)
-    names = observer.estimated[first_coefficient(observer) :]
+    names = observer.estimated[-len(observer.coefficient_deviations) :]
     assert names == tuple(c.name for _, effect in observer.effects for c in effect.coefficients)
     assert set(names) == {"dqx", "dqy", "hx", "hy"}
-    observer.p[:] = np.diag(np.arange(1.0, len(observer.p) + 1.0) ** 2)
-    np.testing.assert_allclose(spread_of_coefficients(observer), np.arange(len(observer.p) - 3, len(observer.p) + 1))
+    observer.arrays.p[:] = np.diag(np.arange(1.0, len(observer.arrays.p) + 1.0) ** 2)
+    last = len(observer.arrays.p)
+    np.testing.assert_allclose(observer.coefficient_deviations, np.arange(last - 3, last + 1))
 
 
 @pytest.mark.parametrize(
