@@ -34,9 +34,15 @@ def kind(name: str) -> str:
     return name.partition(":")[0]
 
 
+def declared(name: str) -> Effect | None:
+    """The effect of that name in the catalogue, None where it is not of it."""
+    return next((effect for effect in EFFECTS if effect.name == kind(name)), None)
+
+
 def searched_by(name: str) -> Search | None:
     """Where a trace takes the parameters of that effect, None where it has none or is not of the catalogue."""
-    return next((effect.search for effect in EFFECTS if effect.name == kind(name)), None)
+    effect = declared(name)
+    return None if effect is None else effect.search
 
 
 def watch_list(record: Record, device: Device, innovation: Array, deviation: Array) -> dict[str, Parameters]:

@@ -8,16 +8,13 @@ little, since friction is far from linear in how slow the mass is where it turns
 
 from collections.abc import Iterable, Mapping
 
-from estimator.effects.catalogue import EFFECTS
-from estimator.trace.candidates import kind
-
-_KIN = {effect.name: effect.kin for effect in EFFECTS if effect.kin is not None}
+from estimator.trace.candidates import declared
 
 
 def are_kin(name: str, other: str) -> bool:
     """Whether both are declared to be of one kin, as the laws of damping are."""
-    one = _KIN.get(kind(name))
-    return one is not None and one is _KIN.get(kind(other))
+    one, two = declared(name), declared(other)
+    return one is not None and two is not None and one.kin is not None and one.kin is two.kin
 
 
 def kin_of(best: str, watched: Iterable[str], tried: Mapping[str, object]) -> list[str]:

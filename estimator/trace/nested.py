@@ -4,13 +4,15 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
-from estimator.trace.candidates import at_resonance, kind, searched_by
+from estimator.trace.candidates import at_resonance, declared, searched_by
 from estimator.trace.problem import Problem
 
-_SIMPLER = {effect.name: effect.simpler for effect in EFFECTS if effect.simpler}
-"""By effect, what it is where its threshold is passed by every drive, or by none."""
+
+def _simpler(name: str) -> str:
+    """What it is where its threshold is passed by every drive, or by none; "" where it has none."""
+    effect = declared(name)
+    return "" if effect is None else effect.simpler
 
 
 def with_simpler(names: Iterable[str], watched: Iterable[str]) -> list[str]:
@@ -18,7 +20,7 @@ def with_simpler(names: Iterable[str], watched: Iterable[str]) -> list[str]:
     known = set(watched)
     wanted = list(names)
     for name in tuple(wanted):
-        simpler = _SIMPLER.get(kind(name))
+        simpler = _simpler(name)
         if simpler in known and simpler not in wanted:
             wanted.append(simpler)
     return wanted
@@ -36,11 +38,11 @@ def turned_into(problem: Problem, name: str, parameters: Mapping[str, float]) ->
         omega, _ = parameters.values()
         own = at_resonance(problem.record, problem.device, np.array([omega]))
         return "the gyro itself, its drive of another gain" if own[0] else None
-    if kind(name) not in _SIMPLER:
+    simpler = _simpler(name).replace("_", " ")
+    if not simpler:
         return None
     given = np.abs(problem.record.drive[:, :, 0]) * problem.device.drive_gain
     (threshold,) = parameters.values()
-    simpler = _SIMPLER[kind(name)].replace("_", " ")
     least = float(np.min(given, where=given > 0.0, initial=np.inf))
     if search is Search.LIMITS:
         return simpler if threshold <= least else None

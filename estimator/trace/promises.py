@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 
 from scipy.stats import f as f_distribution
 
-from estimator.effects.catalogue import EFFECTS
-from estimator.trace.candidates import kind
+from estimator.trace.candidates import declared, kind
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
 from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.promises
 
-_GAINS = frozenset(effect.name for effect in EFFECTS if effect.gain)
 
 
 @dataclass(frozen=True)
@@ -255,7 +253,7 @@ def wrong_sign(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
     """Why an effect with these coefficients is none of its name, None where it may be."""
     if symbol := unphysical({name: coefficients}):
         return f"{_plain(name)} fits only with a negative {symbol}, which would be something else"
-    if kind(name) in _GAINS:
+    if _is_gain(name):
         for symbol, estimate in coefficients.items():
             if estimate.high < -1.0 and not _is_polarity(estimate):
                 return f"{_plain(name)} fits only with {symbol} = {estimate.value:.3g}: a gain of the other sign"
@@ -264,13 +262,18 @@ def wrong_sign(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
 
 def turned(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
     """What is said of an effect whose gain is that of a channel the other way round, None where none is."""
-    if kind(name) not in _GAINS:
+    if not _is_gain(name):
         return None
     axes = [symbol[-1] for symbol, estimate in coefficients.items() if _is_polarity(estimate)]
     if not axes:
         return None
     both = " and ".join(axes)
     return f"{_plain(name)} of {both} is a polarity: {both} {'are' if axes[1:] else 'is'} driven or sensed reversed"
+
+
+def _is_gain(name: str) -> bool:
+    effect = declared(name)
+    return effect is not None and effect.gain
 
 
 def _is_polarity(gain: Estimate) -> bool:
