@@ -9,8 +9,9 @@ mean square is the covariance that a gap adds to the motion.
 """
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -178,13 +179,17 @@ def observe(
     step: Array | None = None,
     every: int = 1,
     temperature: Array | None = None,
+    acts: Sequence[tuple[int, Callable[[], None]]] = (),
 ) -> Estimates:
-    """`Observer.run` over a record with gaps: after each the motion is as uncertain as the guess of its drive."""
-    if gaps is None or not len(gaps):
+    """`Observer.run` over a record with gaps: after each the motion is as uncertain as the guess of its drive.
+
+    acts: by the number of a sample what is done to the observer before it, in ascending order.
+    """
+    if (gaps is None or not len(gaps)) and not acts:
         return observer.run(sense, drive, step=step, every=every, temperature=temperature)
     n = len(sense)
     parts, begin = [], 0
-    for end, spread in zip([*(gaps.last + 1).tolist(), n], [*gaps.spread, None], strict=True):
+    for end, act in [*_breaks(observer, gaps, acts), (n, None)]:
         rows = slice(begin, end)
         if end > begin:
             parts.append(
@@ -196,10 +201,25 @@ def observe(
                     temperature=None if temperature is None else temperature[rows],
                 )
             )
-        if spread is not None:
-            observer.unsettle(spread)
+        if act is not None:
+            act()
         begin = end
     return _joined(parts, n, every)
+
+
+def _breaks(
+    observer: Observer, gaps: Gaps | None, acts: Sequence[tuple[int, Callable[[], None]]]
+) -> list[tuple[int, Callable[[], None]]]:
+    """Before which samples something is done to the observer, and what."""
+    found = (
+        []
+        if gaps is None
+        else [
+            (end, partial(observer.unsettle, spread))
+            for end, spread in zip((gaps.last + 1).tolist(), gaps.spread, strict=True)
+        ]
+    )
+    return sorted([*acts, *found], key=lambda one: one[0])
 
 
 def _joined(parts: list[Estimates], n: int, every: int) -> Estimates:

@@ -1,7 +1,9 @@
 """Today's estimator on yesterday's record: the observer of a bench file run over a capture."""
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +18,13 @@ from hil.compiler import require_compiler
 from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
+from hil.loop.live_settings import LiveSettings
 from hil.loop.run import RunResult, conclude, new_folder
 from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
 from hil.progress import Progress, Watcher
 from hil.records.atomic import replacing
 from hil.records.capture import Capture, read_capture
+from hil.records.changes import Change, note_change, read_changes
 from hil.records.occupied import occupied
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
@@ -32,6 +36,7 @@ _BLOCK = 1 << 14
 def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = None, progress: Watcher) -> RunResult:
     """Run the observer over the record at `capture`; a new run folder below `out` keeps a copy of it.
 
+    Settings that changed while the loop ran (`changes.jsonl` beside the record) change at the same samples.
     Raises InputError when record and bench file do not belong together.
     """
     if backend != "numpy":
@@ -47,11 +52,14 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
         )
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
+    changes = read_changes(capture.parent)
     folder = new_folder(out, bench)
     with occupied(folder):
         with replacing(RunFolder(folder).capture_path) as part:
             shutil.copyfile(capture, part)
-        _estimate(record, bench, observer, folder, progress)
+        for change in changes:
+            note_change(folder, change.tick, change.settings)
+        _estimate(record, bench, observer, changes, folder, progress)
     stopped = "" if record.complete else "the record was interrupted"
     old = () if record.sealed else ("the record is from before there were checksums: a changed bit would not show",)
     conclude(folder, bench, {"stopped": stopped, "refused": old}, link=None, note=None, progress=progress)
@@ -84,7 +92,9 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
         raise InputError(f"{place}: {len(record)} samples are no record; record for longer")
 
 
-def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, progress: Watcher) -> None:
+def _estimate(
+    record: Capture, bench: Bench, observer: Observer, changes: Sequence[Change], folder: Path, progress: Watcher
+) -> None:
     layouts = observer_layouts(observer, bench)
     every, reported = bench.loop.estimate_every, ReportedAngle(bench)
     stride = bench.loop.covariance_stride(record.tick_rate_Hz)
@@ -92,16 +102,43 @@ def _estimate(record: Capture, bench: Bench, observer: Observer, folder: Path, p
     total = last - first + 1 if record.uniform else len(record)
     done = 0
     drives = drives_of(record, observer.device)
+    settings, due = LiveSettings(observer, bench), deque(_as_recorded(changes, bench, record.latency_ticks))
     with record_here(folder, layouts) as recording:
         for samples in _parts(pieces_of_samples(record, drives), every, stride):
             tick, sense, drive, step, _ = samples
-            estimates = observe(observer, sense, drive, gaps_of(samples, drives), step=step, every=every)
+            acts = []
+            while due and due[0].tick <= tick[-1]:
+                change = due.popleft()
+                acts.append((int(np.searchsorted(tick, change.tick)), partial(_apply, settings, change)))
+            gaps = gaps_of(samples, drives)
+            estimates = observe(observer, sense, drive, gaps, step=step, every=every, acts=acts)
             recording["innovation"].push(innovation_rows(layouts["innovation"], tick, estimates))
             recording["estimates"].push(estimate_rows(layouts["estimates"], tick, estimates, reported))
             done += len(tick)
             if done % stride == 0:
                 put_covariance(recording["covariance"], int(tick[-1]), observer)
             progress(Progress("replay", done, total))
+
+
+def _apply(settings: LiveSettings, change: Change) -> None:
+    settings.change(change.settings)
+
+
+def _as_recorded(changes: Sequence[Change], bench: Bench, latency_ticks: int) -> list[Change]:
+    """Changes at the rows in which they show.
+
+    In force mode the drive that is computed from a sample acts `latency_ticks` later, over the interval that ends with
+    the next row; only then does the pattern turn otherwise. Its energy is judged otherwise at once.
+    """
+    later = latency_ticks + 1 if bench.loop.mode == "force" else 0
+    parts = []
+    for tick, settings in changes:
+        turning = {name: value for name, value in settings.items() if name == "virtual_rotation"}
+        parts += [
+            Change(tick, {name: settings[name] for name in settings.keys() - turning}),
+            Change(tick + later, turning),
+        ]
+    return sorted(parts, key=lambda one: one.tick)
 
 
 def _parts(pieces: Iterable[Samples], every: int, stride: int) -> Iterator[Samples]:

@@ -86,7 +86,10 @@ def at_once(bench: Bench, settings: Mapping[str, float]) -> dict[str, str]:
 
 
 class LiveSettings:
-    """Changes them in the observer of a running loop; only what `at_once` lets through is to be asked."""
+    """Changes them in the observer of a running loop; only what `at_once` lets through is to be asked.
+
+    In the observer of a replay too, at the ticks that the run noted.
+    """
 
     def __init__(self, observer: Observer, bench: Bench) -> None:
         self._observer = observer
@@ -95,14 +98,15 @@ class LiveSettings:
 
     def change(self, settings: Mapping[str, float]) -> dict[str, float]:
         """Have `settings` act from the next sample on; all that is in force then."""
+        changed = {name for name, value in settings.items() if value != self._now[name]}
         self._now |= settings
         now, declared = self._now, self._declared
-        if "target_stiffness" in settings or "amplitude" in settings:
+        if "target_stiffness" in changed or "amplitude" in changed:
             self._observer.retarget(
                 now["target_stiffness"] / declared["target_stiffness"], now["amplitude"] / declared["amplitude"]
             )
-        if "virtual_rotation" in settings:
+        if "virtual_rotation" in changed:
             self._observer.turn(now["virtual_rotation"])
-        if "dither" in settings:
+        if "dither" in changed:
             self._observer.dither(now["dither"])
         return dict(now)

@@ -343,7 +343,8 @@ class _Line:
         """Change what was asked to be changed, from the next sample on."""
         for settings in self._control.asked():
             changed = self._settings.change(settings)
-            self._control.tell(changed=changed, tick=self._loop.newest)
+            newest = self._loop.newest
+            self._control.tell(changed=changed, tick=0 if newest is None else newest + 1)
 
     def _answered(self, status: Status) -> None:
         self._control.tell(safe={"tick": status.tick, "reason": reason_name(status.reason)})

@@ -74,9 +74,19 @@ def test_settings_act_on_the_loop_that_runs_and_stop_ends_it(page: BenchPage) ->
     page.eventually(
         lambda: page.millivolts("long axis") > 1.05 * 88.5, 15.0
     )  # the board's own samples: 885 V/m · 110 µm
+    page.page.evaluate(
+        """() => { globalThis.words = [];
+            const state = document.getElementById("state-word");
+            const note = new MutationObserver(() => words.push(state.textContent));
+            note.observe(state, { childList: true, characterData: true, subtree: true });
+        }"""
+    )
     page.page.get_by_role("button", name="Stop", exact=True).click()
     expect(page.state).to_have_text("SAFE")
     expect(page.page.locator("#state-reason")).to_contain_text("INTERRUPTED")
+    page.eventually(lambda: "Run ended" in page.page.evaluate("words"), 240.0)  # figures and report made; the board,
+    page.settled()  # which waited for its host, has gone with it, and another one is started
+    assert "Board lost" not in page.page.evaluate("words")
     changes = [json.loads(line) for line in (page.service.folder / run / "changes.jsonl").read_text().splitlines()]
     assert changes[-1]["virtual_rotation"] == 4.5
     page.disconnect_if_connected()
@@ -98,6 +108,19 @@ def test_escape_is_safe_wherever_one_is(page: BenchPage, where: str) -> None:
     assert took_s() < 1.0
     page.eventually(lambda: page.api("GET", "/api/board")["state"] == "SAFE")
     page.settled()
+
+
+def test_the_bench_of_a_connected_board_is_chosen_on_every_page(browser: Browser, service: Serving) -> None:
+    with BenchPage.opened(browser, service) as first:
+        first.disconnect_if_connected()
+        chosen = first.page.get_by_label("Bench file")
+        assert chosen.input_value() != PATIENT
+        first.connect(BOARD, PATIENT)
+        with BenchPage.opened(browser, service) as second:
+            expect(second.page.get_by_label("Bench file")).to_have_value(PATIENT)
+            expect(second.page.get_by_label("Link", exact=True)).to_have_value(BOARD)
+            second.page.reload()
+            expect(second.page.get_by_label("Bench file")).to_have_value(PATIENT)
 
 
 def test_saying_no_arms_nothing(page: BenchPage) -> None:

@@ -10,10 +10,16 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, load_bench
+from hil.errors import InputError
 from hil.examples import find
 from hil.loop.live_settings import at_once, in_force, with_settings
 from hil.loop.run import run
+from hil.progress import Progress
 from hil.records.capture import read_capture
+from hil.records.changes import note_change, read_changes
+from hil.records.runfolder import RunFolder
+from hil.replaying import replay
+from tests.loop.test_replay import assert_same
 
 RATE = 4000  # of S-slow, samples a second
 ASKED = {"amplitude": 0.8e-4, "virtual_rotation": -4.0, "target_stiffness": 1.04 * 1579.1, "dither": 0.0}
@@ -90,3 +96,49 @@ def test_from_then_on_the_loop_is_as_if_the_bench_file_said_so(tmp_path: Path) -
     assert found["stiffness"] - before["stiffness"] == pytest.approx(0.04 * bench.target_stiffness_per_s2, rel=0.2)
     assert [one["track"] for one in said if "track" in one]
     assert any(one.get("safe", {}).get("reason") == "HOST_REQUEST" for one in said)
+
+
+@pytest.mark.usefixtures("no_report")
+def test_a_replay_changes_them_at_the_same_samples(tmp_path: Path) -> None:
+    bench = declared().with_(loop={"duration_s": 1.5, "settle_s": 0.5})
+    asked = [ASKED]
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    def ask_again(progress: Progress) -> None:
+        """Later, so that each has a tick of its own."""
+        if progress.stage == "run" and progress.done > 0.4 * progress.total and len(asked) == 1:
+            asked.append({"virtual_rotation": 1.5})
+            ours.send(json.dumps(asked[-1]).encode())
+
+    with ours:
+        ours.send(json.dumps(asked[0]).encode())
+        link = f"inproc:{find('scenario', 's-slow')}"
+        folder = run(bench, link, tmp_path / "live", control=theirs, progress=ask_again).folder
+        assert folder is not None
+        while data := socket.recv_fds(ours, 1 << 16, 4)[0]:
+            if "changed" in (said := json.loads(data)):
+                note_change(folder, said["tick"], said["changed"])
+    changes = read_changes(folder)
+    assert [change.settings["virtual_rotation"] for change in changes] == [-4.0, 1.5]
+
+    def replayed(into: str) -> RunFolder:
+        again = replay(folder / "capture.arrow", bench, tmp_path / into, progress=lambda _: None).folder
+        assert again is not None
+        return RunFolder(again)
+
+    once, twice = replayed("once"), replayed("twice")
+    assert_same(RunFolder(folder), once)
+    for part in ("estimates.arrow", "innovation.arrow", "changes.jsonl"):
+        assert (once.path / part).read_bytes() == (twice.path / part).read_bytes()
+    assert read_changes(once.path) == changes
+    (folder / "changes.jsonl").unlink()
+    with pytest.raises(AssertionError, match="angle_rad"):
+        assert_same(RunFolder(folder), replayed("without"))
+
+
+def test_a_file_of_changes_that_is_none_is_told_by_its_line(tmp_path: Path) -> None:
+    (tmp_path / "changes.jsonl").write_text('{"tick": 7, "dither": 0.1}\n{"tick": 9}\n{"tick": 1')
+    with pytest.raises(InputError, match=r"changes\.jsonl: line 2 is no change of settings"):
+        read_changes(tmp_path)
+    (tmp_path / "changes.jsonl").write_text('{"tick": 7, "dither": 0.1}\n{"tick": 1')
+    assert read_changes(tmp_path) == [(7, {"dither": 0.1})]

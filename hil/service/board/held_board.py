@@ -32,6 +32,7 @@ _ASK_EVERY_S = 0.2
 _PATIENCE_S = 0.35  # for an answer of a board that nobody drives
 _CONNECT_S = 2.0
 _OF_THE_LOOP = ("connect", "prepare", "run", "stop")  # stages while which its process has the link
+_LEFT = "the run has ended, and the board has left: in lockstep it ends with its host"
 _INSIST_S = 3.0  # after which a second SAFE ends the loop's process, whose board is then told SAFE from here
 
 Told = Callable[[dict[str, Any]], None]
@@ -67,6 +68,7 @@ class HeldBoard:
         self._stop_early = False
         self._alarm = ""  # of the run: a SAFE that was not confirmed; it stays until the next start
         self._loop_has_link = False
+        self._leaves = False  # as a board in lockstep may, when its host has ended
         self._starting: Answer = _nobody
         self._ended = False
         self._thread = threading.Thread(target=self._work, name="board")
@@ -183,7 +185,8 @@ class HeldBoard:
             self._disconnect()
             raise
         self._link = link
-        self._change(connected=True, lost=False, words="", identity=_told_identity(identity))
+        self._leaves = False
+        self._change(connected=True, lost=False, left=False, words="", identity=_told_identity(identity))
         if identity is None:
             self._change(state="IDLE", reason="")
         return self.state
@@ -216,19 +219,25 @@ class HeldBoard:
         try:
             if self._endpoint is None:
                 self._ask(self._opened_again())
-                self._change(lost=False, words="")
+                self._leaves = False
+                self._change(lost=False, left=False, words="")
             else:
                 self._ask(self._endpoint)
         except (InputError, WireError, OSError) as error:
             self._close()
-            words = told_to_user(error) or str(error)
-            if not self.state["lost"] or self.state["words"] != words:
-                self._change(lost=True, state="LOST", reason="", words=words)
+            self._miss(_LEFT if self._leaves else told_to_user(error) or str(error))
+
+    def _miss(self, words: str) -> None:
+        """The board does not answer; say why."""
+        if not self.state["lost"] or self.state["words"] != words:
+            self._change(lost=True, left=self._leaves, state="LOST", reason="", words=words)
 
     def _opened_again(self) -> Endpoint:
         """The link once more, without a HELLO where that can be: it would lift a latch that nobody has looked at."""
         assert self._board is not None
         if self._board.board is not None and self._board.board.process.poll() is not None:
+            if self._leaves:
+                self._miss(f"{_LEFT}; the emulated one is started anew")
             with suppress(InputError):
                 self._stack.close()
             self._stack = ExitStack()
@@ -271,6 +280,7 @@ class HeldBoard:
         self._close()
         self._stop_early, self._interrupted_s, self._starting, self._alarm = False, None, answer, ""
         self._loop_has_link = True
+        self._leaves = start.bench.loop.clock == "lockstep"
         self._change(
             stage="connect",
             done=0,

@@ -20,13 +20,12 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench import Bench
+from hil.records.changes import note_change
 from hil.service.board.held_board import HeldBoard, Start
 from hil.service.board.messages import LARGEST, LOOP, Message, in_folder, receive, send
 
 _ALONE_S = 15.0  # without a service and without a run
 _LOOK_S = 1.0
-CHANGES = "changes.jsonl"
-"""File in a run's folder with the settings that changed while the loop ran, one JSON object a line."""
 
 
 class _Keeper:
@@ -195,8 +194,8 @@ class _Keeper:
         run = self._board.state["run"]
         if run is None:
             return
-        with suppress(OSError), (self._out / run / CHANGES).open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"tick": message["tick"], **message["changed"]}) + "\n")
+        with suppress(OSError):
+            note_change(self._out / run, message["tick"], message["changed"])
 
     def _let_line_go(self) -> None:
         if self._line is not None:

@@ -25,6 +25,7 @@ Message = dict[str, Any]
 NOBODY: Message = {
     "connected": False,
     "lost": False,
+    "left": False,
     "link": None,
     "emulated": False,
     "identity": None,

@@ -16,6 +16,7 @@
  * @typedef {object} Board
  * @property {boolean} connected
  * @property {boolean} lost it does not answer any more
+ * @property {boolean} left it is not lost, but has ended with a run in lockstep
  * @property {string} link "" where none was chosen
  * @property {string} bench
  * @property {Record<string, any>} identity
@@ -42,6 +43,7 @@ export function readBoard(said) {
   return {
     connected: Boolean(said.connected),
     lost: Boolean(said.lost),
+    left: Boolean(said.left),
     link: shortened(said.link ?? ""),
     bench: said.bench ?? "",
     identity: said.identity ?? {},

@@ -28,6 +28,7 @@ export function inWords(board, up, refused, last) {
   if (!up) return { tone: "alarm", word: "Service lost", reason: "the bench service does not answer", next: "The loop and the board's watchdog do not need it. Start it again with hil serve; this page connects by itself." };
   const safety = board.running ? "" : last?.parts?.safety;
   if (safety === "unsafe") return { tone: "alarm", word: "Not confirmed", reason: last.reasons[0] ?? "the board has not said that it is SAFE", next: "Cut the supply." };
+  if (board.left) return { tone: "off", word: "Run ended", reason: board.words, next: "" };
   if (board.lost) return { tone: "alarm", word: "Board lost", reason: board.words || "it does not answer", next: "Look at the cable and the supply. Its watchdog has stopped the drive; it is connected again as soon as it answers." };
   if (!board.connected) return { tone: "off", word: "No board", reason: board.words || "choose a bench file and connect", next: "" };
   if (board.state === "SAFE") {

@@ -10,7 +10,7 @@ from hil.service.telemetry.now import Now
 from hil.service.telemetry.tracks import Tracks
 from hil.service.telemetry.views import Rolls
 
-LOOKS_PER_S = 40.0
+LOOKS_PER_S = 50.0
 
 
 class Hub:
