@@ -225,8 +225,11 @@ def measure_two(
         for j in range(0, fours, 4):
             left = take(p, i * width + j, 4) + y0 * take(seen, j, 4)
             put(p, i * width + j, left + y1 * take(seen, stride + j, 4))
-        for j in range(fours, width):
+        for j in range(fours, width if i >= fours else fours):
             p[i, j] = (p[i, j] + y0 * seen[0, j]) + y1 * seen[1, j]
+    for i in range(fours):
+        for j in range(fours, width):  # lanes may round a sum once where this loop rounds it twice
+            p[i, j] = p[j, i]
     white = first * nu[0]
     other = second * (nu[1] - shared * white)
     surprise: float = 0.5 * (white * white + other * other)

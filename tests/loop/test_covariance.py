@@ -11,7 +11,6 @@ from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
-from estimator.scaling import Array
 from hil.bench import override
 from hil.loop.tracks import column_of
 from hil.nees import nees
@@ -45,11 +44,6 @@ def holds_what_the_intervals_are_from(run: RunFolder, every: int) -> None:
         assert np.linalg.eigvalsh(matrix / np.outer(sd, sd))[0] > 0.0
 
 
-def same(recorded: Array, observers: Array) -> None:
-    """A folder holds one triangle; the observer's two differ by rounding, which another processor does otherwise."""
-    np.testing.assert_allclose(recorded, observers, rtol=1e-12)
-
-
 @pytest.mark.parametrize("gain", ["fading", "ekf", "stationary"])
 @pytest.mark.parametrize("variant", list(ENTRIES))
 def test_it_is_the_observers_in_force_mode(tmp_path: Path, variant: str, gain: str) -> None:
@@ -67,7 +61,7 @@ def test_it_is_the_observers_in_force_mode(tmp_path: Path, variant: str, gain: s
     assert covariance is not None
     assert covariance.entries == tuple(column_of(name) for name in observer.estimated)
     assert len(covariance.entries) == ENTRIES[variant]
-    same(covariance.matrices[-1], observer.covariance)
+    np.testing.assert_array_equal(covariance.matrices[-1], observer.covariance)
 
 
 def test_effects_are_in_it(tmp_path: Path) -> None:
@@ -79,7 +73,7 @@ def test_effects_are_in_it(tmp_path: Path) -> None:
     assert run.covariance is not None
     assert run.covariance.entries[13:] == observers[0].estimated[13:]
     assert len(run.covariance.entries) == 15
-    same(run.covariance.matrices[-1], observers[0].covariance)
+    np.testing.assert_array_equal(run.covariance.matrices[-1], observers[0].covariance)
 
 
 @pytest.mark.parametrize(("block", "estimates", "every"), [(40, 8, 120), (40, 80, 160)])
@@ -91,7 +85,7 @@ def test_it_is_the_observers_in_gain_mode(tmp_path: Path, block: int, estimates:
     run, _ = close_loop(waiting(scenario), declared, tmp_path / "run", observers.append)
     holds_what_the_intervals_are_from(run, every)
     assert run.covariance is not None
-    same(run.covariance.matrices[-1], observers[0].covariance)
+    np.testing.assert_array_equal(run.covariance.matrices[-1], observers[0].covariance)
 
 
 @pytest.mark.usefixtures("no_report")

@@ -6,7 +6,7 @@ import pytest
 
 from tests.tour.commands import PAGES, Done, available, commands, run
 
-LONG = ("demo", "trace", "doctor")
+LONG = ("demo", "trace", "doctor", "compare", "sweep")
 """Verbs that take minutes, or measure this machine."""
 
 
@@ -43,7 +43,7 @@ def test_the_quick_ones_twice_and_in_any_order(tmp_path: Path) -> None:
     shown = [one for page in PAGES for one in commands(page) if quick(one) and available(one)]
     shown = list(dict.fromkeys(shown))
     assert len(shown) >= 8
-    scored = [one for one in shown if one.startswith(("hil score", "hil compare"))]  # belong to the run before them
+    scored = [one for one in shown if one.startswith("hil score")]  # belongs to the run before it
     first = run("hil run s-slow --link inproc:s-slow --clock lockstep --truth truth.arrow --replace", tmp_path)
     assert first.as_documented, first
     for command in (*scored, *(one for one in shown if one not in scored)):

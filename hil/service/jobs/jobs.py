@@ -33,7 +33,7 @@ KEPT = 1000
 """Jobs that have ended, the newest; older ones are forgotten, what they made stays."""
 WAITING = 100
 
-_ID = re.compile(r"\d{8}-\d{6}-[0-9a-f]{8}")
+_ID = re.compile(r"\d{8}-\d{6}-\d{6}-[0-9a-f]{8}")
 _INSIST_S = 60.0  # a job that was told to end has so long to end well
 _LOOK_S = 0.2
 _LOG = logging.getLogger("hil.service")
@@ -126,7 +126,8 @@ class Jobs:
             if len(self._queue) >= WAITING:
                 raise InputError(f"{WAITING} jobs wait already; cancel some, or wait")
             now = time.time()
-            name = f"{time.strftime('%Y%m%d-%H%M%S', time.localtime(now))}-{secrets.token_hex(4)}"
+            at = datetime.fromtimestamp(now)  # to the microsecond: names sort as the jobs were asked for
+            name = f"{at:%Y%m%d-%H%M%S-%f}-{secrets.token_hex(4)}"
             place = self._folder / name
             place.mkdir(mode=0o700)
             order = {"do": do, "asked": asked, "out": str(self._out), "by": by, "time": now}
