@@ -54,10 +54,10 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks
 
 undeclared: $(STAMP)
-	$(BIN)/python -m benchmarks.undeclared
+	$(BIN)/python -m evaluation.undeclared
 
 measured: $(STAMP)
-	$(BIN)/python -m benchmarks.measured $(if $(DATA),--data $(DATA))
+	$(BIN)/python -m evaluation.measured $(if $(DATA),--data $(DATA))
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
 $(STAMP): pyproject.toml

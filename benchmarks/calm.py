@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.row import Row, Say
-from benchmarks.undeclared.device import bench_table, draw_device, scenario_table
-from benchmarks.undeclared.effects import EFFECTS, Hidden
-from benchmarks.undeclared.judging import Judgement, judge
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import Drawn, keep
-from benchmarks.undeclared.tracing import trace_all
 from device_emulator.scenario import Scenario
+from evaluation.undeclared.device import bench_table, draw_device, scenario_table
+from evaluation.undeclared.effects import EFFECTS, Hidden
+from evaluation.undeclared.judging import Judgement, judge
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import Drawn, keep
+from evaluation.undeclared.tracing import trace_all
 from hil.bench import Bench
 from hil.strict_toml import parse_table
 

@@ -8,8 +8,8 @@ from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from benchmarks.row import Row, Say
 from estimator.completeness.closing import closing_scan
 from estimator.completeness.stretch import Stretch, stretches_of
+from estimator.record import Record
 from estimator.settings import ControllerSettings
-from estimator.trace.record import Record
 from hil.declared import device_of, observer_settings_of
 
 CASES = (  # example, kS/s, seconds recorded, at most s

@@ -8,13 +8,13 @@ import numpy as np
 
 from benchmarks.lockstep import ClosedLoop, close_loop, rms
 from benchmarks.row import Row, Say
-from benchmarks.undeclared.effects import DRAWABLE
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import draw
 from estimator.hold import drive_polynomials
+from estimator.record import Record
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.tracing import trace
+from evaluation.undeclared.effects import DRAWABLE
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import draw
 from hil.bench import Bench, override
 from hil.declared import device_of, observer_settings_of
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from benchmarks.compensation import FITTED, SAMPLES, angle_error, problem_of, traced
 from benchmarks.lockstep import close_loop
 from benchmarks.row import Row, Say
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import draw
 from estimator.errors import ModelError
 from estimator.missing_force.estimate import missing_force
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import draw
 from hil.addition import add_form
 from hil.bench import load_bench, override
 from hil.bench.template import template, values_of

@@ -1,6 +1,6 @@
 """The form of a missing force on emulated devices with something that nobody declared.
 
-`python -m benchmarks missing_force`: records of benchmarks/undeclared that no draw of the other figures uses: each kind
+`python -m benchmarks missing_force`: records of evaluation/undeclared that no draw of the other figures uses: each kind
 outside the catalogue, and every other effect of the catalogue.  No effect of the catalogue is a candidate: the force is
 estimated and put into a form without them.  Judged here, by the scenario: does the form hold the true terms, and what
 share of the force does it leave on the part held out.  Records and answers are kept in runs/missing_force.
@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.row import Row, Say
-from benchmarks.undeclared.effects import DRAWABLE, OUTSIDE
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import make
 from estimator.errors import ModelError
 from estimator.missing_force.estimate import missing_force
 from estimator.side_by_side import one_worker_each
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
-from estimator.trace.thresholds import THRESHOLDS
+from evaluation.undeclared.effects import DRAWABLE, OUTSIDE
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import make
 from hil.bench import load_bench
 from hil.captured import control_of, drives_of, record_of
 from hil.declared import device_of, observer_settings_of

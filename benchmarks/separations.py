@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.row import Row, Say
-from benchmarks.undeclared.effects import DRAWABLE
-from benchmarks.undeclared.expected import expected
-from benchmarks.undeclared.judging import class_of, plain
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import draw
 from benchmarks.verdicts.campaign import toml_of
 from estimator.side_by_side import one_worker_each
+from evaluation.undeclared.effects import DRAWABLE
+from evaluation.undeclared.expected import expected
+from evaluation.undeclared.judging import class_of, plain
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import draw
 from hil.bench import override
 from hil.loop.run import run
 from hil.records.atomic import write_text

@@ -22,7 +22,7 @@ from hil.emulation import emulator
 from hil.loop.gain import GainLoop
 from hil.loop.preflight import configure
 from hil.loop.tracks import run_layouts
-from hil.ring import Ring
+from hil.records.ring import Ring
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.link import Link

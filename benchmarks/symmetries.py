@@ -19,12 +19,12 @@ import numpy as np
 
 from benchmarks.lockstep import close_loop
 from benchmarks.row import Row, Say
-from benchmarks.undeclared.device import bench_table, draw_device, draw_rate, scenario_table
-from benchmarks.undeclared.judging import class_of, plain
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import write_capture
-from benchmarks.undeclared.tracing import trace_all
 from device_emulator.scenario import Scenario
+from evaluation.undeclared.device import bench_table, draw_device, draw_rate, scenario_table
+from evaluation.undeclared.judging import class_of, plain
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import write_capture
+from evaluation.undeclared.tracing import trace_all
 from hil.bench import Bench, override
 from hil.bench.template import template, values_of
 from hil.records.atomic import write_text

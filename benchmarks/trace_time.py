@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.compensation import traced
 from benchmarks.lockstep import bench_of, close_loop
 from benchmarks.row import Row, Say
-from benchmarks.undeclared.population import Order, population
-from benchmarks.undeclared.record import make
 from device_emulator.scenario import load
 from estimator.side_by_side import workers
+from evaluation.undeclared.population import Order, population
+from evaluation.undeclared.record import make
 from hil.errors import InputError
 from hil.examples import find
 from hil.tracing import trace_file

@@ -10,10 +10,10 @@ from estimator.foresight import rehearse
 from estimator.gain_matrix import luenberger
 from estimator.kernel.compiled import is_warm, mark_warm
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.simulation import simulate
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import PARTS, scan
 
 _CONTROLLER = ControllerSettings(latency=1, force_quantum=1e-3, force_limit=10.0, sense_quantum=1e-5)

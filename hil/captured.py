@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from estimator.gaps import ROWS_BEFORE, Drives, Gaps
 from estimator.hold import drive_polynomials
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device
-from estimator.trace.record import Record
 from hil.bench import Bench
 from hil.records.capture import Capture, RowFlag
 

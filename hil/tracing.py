@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.missing_force.result import MissingForce
 from estimator.scaling import Array
 from estimator.side_by_side import interruptible, workers
-from estimator.trace import diagnosis as traced
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
-from estimator.trace.thresholds import THRESHOLDS
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler

@@ -48,7 +48,6 @@ _TRACE = {
     "constancy": "constancy",
     "criterion": "engine certainty width",
     "determined": "determined closed_forms",
-    "diagnosis": "promised closed_forms",
     "dispersion": "nameless rivals closed_forms",
     "engine": "engine promised by_simulation",
     "evidence": "evidence width scan closed_forms",
@@ -69,7 +68,6 @@ _TRACE = {
     "probability": "probability rivals closed_forms",
     "problem": "passes closed_forms",
     "promises": "promises promised conflict closed_forms",
-    "record": "certainty promised closed_forms",
     "rivals": "rivals closed_forms",
     "scan": "scan scan_parts angle_sensitivity",
     "screening": "screening",
@@ -77,10 +75,14 @@ _TRACE = {
     "separation": "separation",
     "start": "start fitting closed_forms",
     "symmetries": "symmetries",
-    "thresholds": "thresholds threshold_screening",
-    "thresholds_page": "thresholds closed_forms",
     "tracing": "promised answer",
     "width": "width",
+}
+_SHARED = {
+    "diagnosis": "promised closed_forms",
+    "record": "certainty promised closed_forms",
+    "thresholds": "thresholds threshold_screening",
+    "thresholds_page": "thresholds closed_forms",
 }
 _RESIDUAL = {
     "analysis": "residual residual_findings closed_forms",
@@ -97,6 +99,38 @@ _RATE_SENSOR = (
     *("catalogue", "chain_model", "characteristic", "declaration", "dynamics", "model", "record", "surroundings"),
     "trace",
 )
+
+_WIRE = {
+    "generate.c_header": "firmware/test_spec wire/test_golden",
+    "can_adapter": "wire/test_can_adapter wire/test_wire_log",
+    "can_format": "wire/test_can_format wire/test_datagram_links",
+    "can_link": "wire/test_datagram_links",
+    "claim": "wire/test_links",
+    "client": "wire/test_endpoint wire/test_links wire/test_light",
+    "codec": "wire/test_codec wire/test_golden wire/test_stream",
+    "datagram_link": "wire/test_datagram_links",
+    "generate.dbc": "firmware/test_dbc wire/test_spec",
+    "generate.docs": "wire/test_docs",
+    "endpoint": "wire/test_endpoint wire/test_conformance wire/test_links",
+    "fd_link": "wire/test_links wire/test_endpoint",
+    "frame_format": "wire/test_can_format wire/test_framing wire/test_golden",
+    "framing": "wire/test_framing wire/test_golden wire/test_corpus",
+    "generate.golden": "wire/test_golden",
+    "inproc": "wire/test_endpoint wire/test_links wire/test_light",
+    "generate.keyed_page": "wire/test_keyed wire/test_docs",
+    "link": "wire/test_endpoint wire/test_links",
+    "links": "wire/test_links wire/test_datagram_links wire/test_light",
+    "messages": "wire/test_codec wire/test_golden wire/test_sense wire/test_endpoint",
+    "pty_link": "wire/test_links wire/test_light",
+    "sense": "wire/test_sense wire/test_codec wire/test_golden",
+    "serial_format": "wire/test_framing wire/test_corpus wire/test_conformance",
+    "serial_link": "wire/test_links wire/test_light",
+    "spec": "wire/test_spec wire/test_codec wire/test_golden",
+    "stamp": "wire/test_stream wire/test_wire_log wire/test_endpoint",
+    "stream": "wire/test_stream wire/test_sessions",
+    "udp_link": "wire/test_datagram_links wire/test_keyed",
+    "wire_log": "wire/test_wire_log",
+}
 
 
 def _of_estimator(tests: str) -> list[str]:
@@ -123,6 +157,7 @@ TESTS: dict[str, list[str]] = {
     "hil.records.blocks": _BLOCKS,
     "hil.records.check": ["tests/records/test_check_rules.py"],
     "hil.nees": ["tests/records/test_covariance.py"],
+    **{f"hil.wire.{module}": [f"tests/{name}.py" for name in tests.split()] for module, tests in _WIRE.items()},
     "hil.wire.key_file": _KEY_FILE,
     "hil.wire.keyed": _KEYED,
     "hil.wire.session": _KEYED,
@@ -131,6 +166,7 @@ TESTS: dict[str, list[str]] = {
     "estimator.completeness.lacking": _CLOSING,
     "estimator.completeness.turning": _CLOSING,
     "estimator.gaps": ["tests/estimator/test_gaps.py"],
+    **{f"estimator.{module}": _of_estimator(tests) for module, tests in _SHARED.items()},
     **{f"estimator.trace.{module}": _of_estimator(tests) for module, tests in _TRACE.items()},
     **{f"estimator.residual.{module}": _of_estimator(tests) for module, tests in _RESIDUAL.items()},
     **{

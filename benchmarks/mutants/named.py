@@ -81,7 +81,7 @@ NAMED = (
     ),
     Named(
         "one clean record in ten is given an effect",
-        "estimator.trace.thresholds", "chance: float = _set(1e-4", "chance: float = _set(1e-1", _ENGINE,
+        "estimator.thresholds", "chance: float = _set(1e-4", "chance: float = _set(1e-1", _ENGINE,
     ),
     Named(
         "the angle's bound is that of one principal axis",

@@ -3,7 +3,7 @@
     python -m benchmarks.thresholds [measure|page] [--jobs 2] [--folder runs/thresholds] [--out docs/results]
 
 A fixed set of short records is traced in processes of their own, each with other thresholds: two axes from the
-generator of `benchmarks.undeclared`, a single axis, rate sensors, and records that are to be refused. What tracing
+generator of `evaluation.undeclared`, a single axis, rate sensors, and records that are to be refused. What tracing
 answers is compared with what it answers by the thresholds as they are: the verdict with the effects that it names, and
 the look-alikes, advice and findings beside it.
 

@@ -12,7 +12,7 @@ from benchmarks import thresholds as package
 from benchmarks.thresholds.page import page
 from benchmarks.thresholds.records import orders, tracers
 from benchmarks.thresholds.screening import Asker, added, screen
-from estimator.trace.thresholds import THRESHOLDS, each
+from estimator.thresholds import THRESHOLDS, each
 from hil.records.atomic import write_text
 
 
@@ -36,7 +36,7 @@ def main() -> int:
     options = parser.parse_args()
     kept = options.out / "thresholds.json"
     if options.what == "measure":
-        from benchmarks.undeclared.record import make
+        from evaluation.undeclared.record import make
 
         records = options.records or list(tracers(options.folder))
         for record, (order, samples) in orders().items():

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from estimator.trace import thresholds
-from estimator.trace.thresholds import Thresholds, each
+from estimator import thresholds
+from estimator.thresholds import Thresholds, each
 
 SIDES = ("half", "double")
 

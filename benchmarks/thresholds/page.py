@@ -5,7 +5,7 @@ from dataclasses import fields
 from typing import Any
 
 from benchmarks.thresholds.change import SIDES, changed
-from estimator.trace.thresholds import THRESHOLDS, Threshold, each
+from estimator.thresholds import THRESHOLDS, Threshold, each
 
 _INTRODUCTION = """\
 # What the thresholds of tracing do

@@ -49,8 +49,8 @@ def pieces() -> dict[str, Callable[[], Answer]]:
 
 def _ring(samples: int, a_cycle: float = _CYCLE) -> "Problem":
     """A motion that nothing drives, with noise."""
+    from estimator.record import Record
     from estimator.trace.problem import Problem
-    from estimator.trace.record import Record
 
     rate = _RATE * a_cycle / _CYCLE
     t = np.arange(samples) / rate
@@ -82,8 +82,8 @@ def _long() -> Answer:
 
 def _lines() -> Answer:
     """Of 0.7 and of 1.5 thousandths of the power far from a multiple, of 7 and of 15 beside the resonance."""
+    from estimator.record import Record
     from estimator.trace.judgement import unexplained
-    from estimator.trace.record import Record
 
     n = 60_000
     record = Record(np.zeros((n, 2)), np.zeros((n, 2, 1)), np.full(n, 1.0 / _RATE))
@@ -114,7 +114,7 @@ def _gains() -> Answer:
 
 def _clock() -> Answer:
     """Drives stronger by so many percent, where the stiffness is declared to 1 %."""
-    from estimator.trace.diagnosis import Interval
+    from estimator.diagnosis import Interval
     from estimator.trace.symmetries import Constants, equivalents
 
     told = []

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.thresholds.pieces import pieces
-from benchmarks.undeclared.population import Order
+from evaluation.undeclared.population import Order
 
 if TYPE_CHECKING:
     from estimator.trace.problem import Problem
@@ -144,9 +144,9 @@ def _single_axis(hardening: float, drive: float = 1.5e4, period: int = 900) -> "
     """An oscillator that is pushed by noise, which may come back, or let go, integrated by Runge and Kutta in steps of
     a fortieth sample.
     """
+    from estimator.record import Record
     from estimator.settings import Device, ObserverSettings, Spread
     from estimator.trace.problem import Problem
-    from estimator.trace.record import Record
 
     rate, samples, parts = 600.0, 900, 40
     device = Device(

@@ -18,8 +18,8 @@ from typing import Any
 
 from benchmarks.row import Say
 from benchmarks.thresholds.change import SIDES, Changes
-from benchmarks.undeclared.tracing import estimator_digest
 from estimator.side_by_side import WORKERS
+from evaluation.undeclared.tracing import estimator_digest
 from hil.records.atomic import write_text
 
 Answer = dict[str, Any]

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.row import Say
-from benchmarks.undeclared.population import Order
 from benchmarks.verdicts.population import SAMPLES, plan
 from estimator.side_by_side import one_worker_each
+from evaluation.undeclared.population import Order
 
 FOLDER = Path("runs/verdicts")
 Line = dict[str, Any]

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.undeclared.device import bench_table, draw_device, draw_rate, scenario_table
-from benchmarks.undeclared.effects import DRAWABLE, EFFECTS, Rng
-from benchmarks.undeclared.population import Order
+from evaluation.undeclared.device import bench_table, draw_device, draw_rate, scenario_table
+from evaluation.undeclared.effects import DRAWABLE, EFFECTS, Rng
+from evaluation.undeclared.population import Order
 
 DRAW = 110
 SAMPLES = 40_000

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from estimator.completeness.information import Information
-from estimator.trace.diagnosis import Interval
+from estimator.diagnosis import Interval
 
 
 class Outcome(Enum):

@@ -14,7 +14,9 @@ from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
 from estimator.effects.search import Search
 from estimator.errors import ModelError
+from estimator.record import Record
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import Parameters, kind, searched_by, watch_list
 from estimator.trace.criterion import threshold
 from estimator.trace.evidence import evidence
@@ -22,9 +24,7 @@ from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.judgement import unexplained
 from estimator.trace.look import fresh, scanned_with
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
-from estimator.trace.thresholds import THRESHOLDS
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000

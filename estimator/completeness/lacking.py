@@ -10,21 +10,21 @@ import numpy as np
 
 from estimator.completeness.answer import Lacking
 from estimator.completeness.turning import Turning
+from estimator.diagnosis import Interval
 from estimator.effects.catalogue import effect_for
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, covariance_of
 from estimator.trace.criterion import schwarz, surprise
-from estimator.trace.diagnosis import Interval
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.observer_model import carries_over, estimates_of, numbers
 from estimator.trace.parameters import NOTHING
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import Scan
-from estimator.trace.thresholds import THRESHOLDS
 from estimator.trace.width import second_thoughts, shortlist
 
 _TRIED = 3

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.trace.record import Record
 from estimator.trace.start import settling
 
 MOST = 120_000

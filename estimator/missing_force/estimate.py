@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.diagnosis import Interval
 from estimator.effects.declaration import si_unit
 from estimator.errors import ModelError
 from estimator.missing_force.following import follow
@@ -22,7 +23,6 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Sensed
 from estimator.trace.certainty import TWO_SIDED
-from estimator.trace.diagnosis import Interval
 from estimator.trace.fitting import constants_of, fit
 from estimator.trace.problem import Problem
 

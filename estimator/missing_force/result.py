@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnosis import Interval
 from estimator.scaling import Array
-from estimator.trace.diagnosis import Interval
 
 
 @dataclass(frozen=True)

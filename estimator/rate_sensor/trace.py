@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.diagnosis import Classes, Confusable, Fit, Found, Interval, Rejected, Verdict
 from estimator.errors import ModelError
 from estimator.rate_sensor.catalogue import EFFECTS
 from estimator.rate_sensor.chain_model import ChainModel, with_effect
@@ -20,12 +21,11 @@ from estimator.rate_sensor.record import SensorRecord
 from estimator.residual.effective import effective_samples
 from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
-from estimator.trace.diagnosis import Classes, Confusable, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, leaves_the_rest, why_not
 from estimator.trace.probability import of_rounds, stated
 from estimator.trace.promises import Claim, Errors, Level
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.rate_sensor
 
@@ -38,7 +38,7 @@ class SensorDiagnosis:
 
     base: V0 and S with intervals; before: the straight line, after: with the effects; fits over the fitting rows and
     over the held-out ones; residuals (n,) V of the whole record; share, probabilities:
-    as of `estimator.trace.diagnosis.Diagnosis`.
+    as of `estimator.diagnosis.Diagnosis`.
     """
 
     verdict: Verdict

@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 
+from estimator.diagnosis import Finding, Fit, Residual
 from estimator.observer import Estimates
+from estimator.record import Record
 from estimator.residual import demodulation
 from estimator.residual.dependence import CONSTANT, Dependence, dependences
 from estimator.residual.floor import Floor, noise_floor, repeated_noise
@@ -13,9 +15,7 @@ from estimator.residual.spectrum import Band, Line, bands, density, lines, perio
 from estimator.residual.suspects import suspects
 from estimator.residual.whiteness import Whiteness, cumulative_periodogram, portmanteau, sensible_lags
 from estimator.scaling import Array
-from estimator.trace.diagnosis import Finding, Fit, Residual
-from estimator.trace.record import Record
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.residual
 

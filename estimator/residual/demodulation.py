@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.errors import ModelError
 from estimator.observer import Estimates
 from estimator.scaling import Array
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.residual
 

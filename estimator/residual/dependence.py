@@ -8,7 +8,7 @@ from scipy.linalg import qr
 from scipy.stats import t as student
 
 from estimator.scaling import Array
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.residual
 

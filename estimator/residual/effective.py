@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.scaling import Array
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 
 def effective_samples(residual: Array) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.residual.spectrum import ORDERS, Periodogram, folded
 from estimator.scaling import Array
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.floor
 

@@ -11,7 +11,7 @@ from scipy.special import betainc, betaln
 
 from estimator.residual.significance import of_many
 from estimator.scaling import Array
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.spectrum
 

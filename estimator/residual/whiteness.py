@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2, kstwo, kstwobign
 
 from estimator.scaling import Array
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.residual
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimator.observer import Observer
 from estimator.refinement import Refined
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.engine import Dissent, Round, Rules, choose, why_not
 from estimator.trace.free_run_model import (
     FreeRun,
@@ -24,7 +25,6 @@ from estimator.trace.free_run_model import (
 )
 from estimator.trace.probability import Account, of_rounds
 from estimator.trace.problem import Problem
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.free_runs
 

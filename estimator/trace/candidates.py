@@ -16,11 +16,11 @@ from estimator.effects.declaration import Effect, Source
 from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.kernel.layout import MAX_EFFECTS, MAX_SIGNALS
+from estimator.record import Record
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array, Scaling
 from estimator.settings import Device
-from estimator.trace.record import Record
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.candidates
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.diagnosis import Fit
 from estimator.effects.catalogue import effect_for
 from estimator.effects.search import Search
 from estimator.observer import Observer
@@ -13,7 +14,6 @@ from estimator.settings import Gain
 from estimator.trace.candidates import kind, searched_by
 from estimator.trace.certainty import TWO_SIDED, widening
 from estimator.trace.constancy import constancies
-from estimator.trace.diagnosis import Fit
 from estimator.trace.engine import Estimate
 from estimator.trace.examination import Examination
 from estimator.trace.fitting import Fitted, log_likelihood

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.candidates import kind
 from estimator.trace.claims import constants_of
@@ -26,7 +27,6 @@ from estimator.trace.promises import Constant
 from estimator.trace.rivals import Rival
 from estimator.trace.selection import Selection
 from estimator.trace.symmetries import RING_DOWN
-from estimator.trace.thresholds import THRESHOLDS
 
 
 def reconciled(

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import kind
 from estimator.trace.evidence import solve
 from estimator.trace.fitting import Fitted, parameters_of
 from estimator.trace.look import scanned_with
 from estimator.trace.problem import Problem
 from estimator.trace.scan import Scan, scan
-from estimator.trace.thresholds import THRESHOLDS
 
 _LABEL = "again"
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimator.scaling import Array
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.scan import Scan
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scan
 

@@ -5,18 +5,18 @@ from functools import cached_property
 
 import numpy as np
 
+from estimator.diagnosis import Finding, Fit, Residual
 from estimator.observer import Estimates, Observer
+from estimator.record import Record
 from estimator.residual.analysis import analyse
 from estimator.scaling import Array
 from estimator.side_by_side import together
-from estimator.trace.diagnosis import Finding, Fit, Residual
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import run
 from estimator.trace.nameless import Innovations
 from estimator.trace.prediction import free_run_error
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.start import settled_from
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scoring
 

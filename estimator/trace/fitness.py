@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from estimator.errors import ModelError
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.trace.record import Record
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.fitness
 

@@ -13,13 +13,13 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.gaps import observe
 from estimator.observer import Estimates, Observer
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain, ObserverSettings, Variant
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import PARTS
 from estimator.trace.start import begin_about
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.start
 

@@ -9,18 +9,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.refinement import Refined, refine
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.simulation import simulate
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
 from estimator.trace.determined import undetermined
-from estimator.trace.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
 from estimator.trace.free_run_model import estimates_of
@@ -28,9 +30,7 @@ from estimator.trace.nameless import Innovations, contest
 from estimator.trace.probability import stated
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
-from estimator.trace.record import Record
 from estimator.trace.symmetries import heavier, mass_of_nonreciprocal, mass_of_sense_gain
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.free_runs
 

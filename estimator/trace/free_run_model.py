@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from estimator.effects.catalogue import EFFECTS
 from estimator.errors import ModelError
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.refinement import Refined, refine
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.side_by_side import side_by_side
 from estimator.simulation import simulate
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended
 from estimator.trace.determined import declared
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.free_runs
 

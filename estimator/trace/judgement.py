@@ -6,13 +6,13 @@ noise, but whether what stands above it is of a size that matters.
 
 import numpy as np
 
+from estimator.record import Record
 from estimator.residual.floor import quiet_bins
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted
-from estimator.trace.record import Record
 from estimator.trace.selection import MOST, Selection
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.judgement
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import Parameters, kind, watch_list
 from estimator.trace.criterion import threshold
 from estimator.trace.evidence import Evidence, evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.scan import Scan, scan
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scan
 

@@ -16,9 +16,9 @@ from scipy.signal import lfilter
 
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side, together
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import TIE, schwarz
 from estimator.trace.dispersion import dispersed
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.nameless
 _RIDGE = float(np.sqrt(np.finfo(float).eps))

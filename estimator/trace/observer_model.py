@@ -9,6 +9,7 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.settings import Device
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.certainty import TWO_SIDED, covariance_of
 from estimator.trace.criterion import schwarz, surprise
 from estimator.trace.engine import Estimate, Score, Trial, leader
@@ -18,7 +19,6 @@ from estimator.trace.nested import turned_into
 from estimator.trace.parameters import NOTHING, Searched, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.screening import spoken_for
-from estimator.trace.thresholds import THRESHOLDS
 from estimator.trace.width import hopeful, worth_refining
 
 _SET = THRESHOLDS.choice

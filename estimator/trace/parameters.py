@@ -14,10 +14,10 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.nested import turned_into
 from estimator.trace.problem import Problem
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.parameters
 

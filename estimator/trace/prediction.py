@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.start import settling
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scoring
 

@@ -10,12 +10,12 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
+from estimator.diagnosis import Classes
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import kind
 from estimator.trace.criterion import TIE
-from estimator.trace.diagnosis import Classes
 from estimator.trace.engine import Look, Round
 from estimator.trace.nameless import Contest
-from estimator.trace.thresholds import THRESHOLDS
 
 NOTHING = "nothing"
 OTHER = "something else"

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from estimator.record import Record
 from estimator.settings import ControllerSettings, Device, ObserverSettings
-from estimator.trace.record import Record
 
 Effects = Mapping[str, Mapping[str, float]]
 """By name, each with its coefficients and parameters, SI."""

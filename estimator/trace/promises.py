@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 from scipy.stats import f as f_distribution
 
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.promises
 

@@ -12,13 +12,13 @@ from estimator.kernel.layout import OUTPUT
 from estimator.kernel.scan import scan_block
 from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.side_by_side import stop_if_abandoned
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.start import begin_about
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.scan
 

@@ -8,10 +8,10 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import TIE
 from estimator.trace.fitting import carried_on, deficit, fit
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.choice
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from estimator.errors import ModelError
 from estimator.side_by_side import together
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.look import Look
@@ -20,7 +21,6 @@ from estimator.trace.parameters import Searched, refine_parameters
 from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.rivals import Rival, accounts, left_out, rivals
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.choice
 

@@ -10,15 +10,15 @@ import numpy as np
 
 from estimator.kernel.experiment import experiment_block
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.evidence import likeness
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.selection import Selection
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.separation
 

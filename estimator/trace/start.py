@@ -2,7 +2,7 @@
 
 from estimator.observer import Observer
 from estimator.settings import Device, ObserverSettings
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.start
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.diagnosis import Interval
 from estimator.scaling import Array
-from estimator.trace.diagnosis import Interval
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.symmetries
 

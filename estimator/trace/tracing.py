@@ -6,10 +6,12 @@ from functools import partial
 
 import numpy as np
 
+from estimator.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
 from estimator.settings import Device, ObserverSettings
 from estimator.side_by_side import side_by_side, together
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
@@ -17,7 +19,6 @@ from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.claims import claim_of
 from estimator.trace.conflict import reconciled, runs_backwards
 from estimator.trace.criterion import threshold
-from estimator.trace.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.trace.engine import gained, leaves_the_rest, why_not
 from estimator.trace.evidence import Evidence
 from estimator.trace.examination import Examination, examine
@@ -33,7 +34,6 @@ from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
 from estimator.trace.symmetries import Constants, equivalents
-from estimator.trace.thresholds import THRESHOLDS
 
 
 def trace(

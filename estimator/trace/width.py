@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping
 
 from estimator.effects.search import Search
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import Parameters, kind, searched_by
 from estimator.trace.criterion import TIE, surprise
 from estimator.trace.evidence import Evidence, likeness
@@ -11,7 +12,6 @@ from estimator.trace.kin import are_kin, kin_of
 from estimator.trace.look import Look
 from estimator.trace.nested import with_simpler
 from estimator.trace.scan import Scan
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.width
 

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from estimator.trace import diagnosis as traced
-from estimator.trace.thresholds import THRESHOLDS, values
+from estimator import diagnosis as traced
+from estimator.thresholds import THRESHOLDS, values
 from hil.errors import InputError
 from hil.records.atomic import read_json, write_text
 

@@ -25,8 +25,8 @@ import numpy.typing as npt
 
 from hil.records.layout import Layout
 from hil.records.pyramid import KINDS, Pyramid
+from hil.records.ring import Ring
 from hil.records.stream import BlockWriter
-from hil.ring import Ring
 
 _DRAIN_EVERY_S = 0.02
 _RING_ROWS = 1 << 16
@@ -130,8 +130,8 @@ def record_apart(
 
     Call it before the loop asks for real-time scheduling: the child is to run as an ordinary process. With
     `wait` (lockstep) a full ring holds the loop up instead of dropping rows. `shown` is given a descriptor of each
-    ring, by stem, to be read only (`hil.ring.Onlooker`), which is closed when it returns. Leaving the recording waits
-    until the files are closed. Raises RecorderError when the child did not manage that, or could not begin.
+    ring, by stem, to be read only (`hil.records.ring.Onlooker`), which is closed when it returns. Leaving the recording
+    waits until the files are closed. Raises RecorderError when the child did not manage that, or could not begin.
     """
     names = {stem: f"{os.getpid()}-{time.monotonic_ns()}-{stem}" for stem in layouts}
     rings: dict[str, Ring] = {}

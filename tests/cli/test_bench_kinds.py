@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.trace.diagnosis import Verdict
+from estimator.diagnosis import Verdict
 from hil import examples
 from hil.bench import Bench, RateSensorBench, load_any_bench, load_bench
 from hil.bench.text import json_schema

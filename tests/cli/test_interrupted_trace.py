@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import make
 from estimator.side_by_side import WORKERS
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import make
 from tests.cli.conftest import WAIT_S, Start
 from tests.cli.test_processes import children_of, line_of
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from estimator.diagnosis import Verdict
+from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.trace.by_simulation import trace_by_simulation
-from estimator.trace.diagnosis import Verdict
 from estimator.trace.free_run_model import candidates
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.tracing import trace
 from tests.estimator.test_simulation import RATE, SINGLE, integrated, noise_drive
 

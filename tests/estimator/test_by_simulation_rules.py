@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.record import Record
 from estimator.refinement import Refined
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import by_simulation
 from estimator.trace.by_simulation import RULES, trace_by_simulation, without
 from estimator.trace.engine import Chosen, Dissent, Outcome, Round, Score, Step, Trial, Tried
 from estimator.trace.free_run_model import FreeRun, Promise
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
-from estimator.trace.thresholds import THRESHOLDS
 
 LONG, COMPARED = 30_000, THRESHOLDS.free_runs.compared
 DEVICE = Device(sample_rate=600.0, stiffness=(1.9e5,), damping=(40.0,), amplitude=0.1, sense_gain=(2.0,), noise=(1e-4,))

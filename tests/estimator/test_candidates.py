@@ -7,11 +7,11 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from estimator.effects.catalogue import EFFECTS
+from estimator.record import Record
 from estimator.trace import free_run_model
 from estimator.trace.candidates import kind, resonance, watch_list
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import fresh
-from estimator.trace.record import Record
 from estimator.trace.width import second_thoughts
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS, record
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from estimator.effects.catalogue import effect_for
+from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import angle, claims, examination, fitting, observer_model
 from estimator.trace.angle import AngleReader
@@ -15,7 +16,6 @@ from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of, wid
 from estimator.trace.constancy import Constancy
 from estimator.trace.parameters import NOTHING, Searched
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from tests.estimator.device import NOMINAL as DEVICE
 
 N, SPLIT = 1200, 700

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from estimator.diagnosis import Fit
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace import claims
-from estimator.trace.diagnosis import Fit
 from estimator.trace.engine import Estimate
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Constant
-from estimator.trace.record import Record
 from tests.estimator.device import UNLIKE as DEVICE
 
 N, SPLIT, RATE = 1000, 600, 4000.0

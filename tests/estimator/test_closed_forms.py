@@ -13,15 +13,17 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
+from estimator.diagnosis import Fit, Verdict
 from estimator.errors import ModelError
 from estimator.observer import Estimates, Observer
+from estimator.record import Record
 from estimator.residual import dependence, spectrum, whiteness
 from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
+from estimator.thresholds_page import page
 from estimator.trace import claims as claims_of_two_axes
 from estimator.trace import determined, examination, fitness, fitting, free_response, nameless, parameters, promises
-from estimator.trace.diagnosis import Fit, Verdict
 from estimator.trace.dispersion import dispersed
 from estimator.trace.evidence import likeness
 from estimator.trace.free_run import verdict_of
@@ -30,9 +32,7 @@ from estimator.trace.parameters import Hill
 from estimator.trace.probability import NOTHING, OTHER, Account, classes, stated
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
-from estimator.trace.record import Record
 from estimator.trace.rivals import dispersion
-from estimator.trace.thresholds_page import page
 
 RATE, HZ = 4000.0, 200.0
 OMEGA = 2.0 * math.pi * HZ
@@ -83,7 +83,7 @@ def test_a_verdict_is_open_where_something_is_left(verdict: Verdict, *, is_open:
 
 def test_the_page_of_thresholds_is_what_its_module_prints() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "estimator.trace.thresholds_page"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "estimator.thresholds_page"], capture_output=True, text=True, check=True
     )
     assert done.stdout == page()
 

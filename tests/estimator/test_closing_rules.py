@@ -15,9 +15,9 @@ from estimator.completeness.closing import _is_of_the_rate, closing_scan, inform
 from estimator.completeness.lacking import HARMLESS, angle_of, in_words, price, signed, tries
 from estimator.completeness.stretch import Stretch
 from estimator.completeness.turning import Turning
+from estimator.diagnosis import Interval
 from estimator.errors import ModelError
-from estimator.trace.diagnosis import Interval
-from estimator.trace.record import Record
+from estimator.record import Record
 from estimator.trace.scan import Scan
 from tests.estimator.test_scan import DEVICE, SETTINGS
 

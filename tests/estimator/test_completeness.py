@@ -15,9 +15,9 @@ from estimator.completeness.information import Coefficient, Information
 from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
 from estimator.gaps import Drives, Gaps
+from estimator.record import Record
 from estimator.settings import ControllerSettings
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
 from hil.declared import device_of, observer_settings_of

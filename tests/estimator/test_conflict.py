@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from estimator.diagnosis import Verdict
+from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
 from estimator.trace import conflict
 from estimator.trace.conflict import runs_backwards
-from estimator.trace.diagnosis import Verdict
 from estimator.trace.engine import Round
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Constant
-from estimator.trace.record import Record
 from estimator.trace.selection import Selection
 from estimator.trace.tracing import trace
 

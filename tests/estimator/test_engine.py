@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import pytest
 
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import TIE, extended, schwarz, surprise, threshold
 from estimator.trace.engine import (
     Chosen,
@@ -22,7 +23,6 @@ from estimator.trace.engine import (
     tried_reason,
     unphysical,
 )
-from estimator.trace.thresholds import THRESHOLDS
 
 
 @dataclass(frozen=True)

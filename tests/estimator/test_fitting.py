@@ -7,11 +7,11 @@ import pytest
 from scipy.linalg import expm
 
 from estimator.observer import Estimates, Observer
+from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
 from estimator.trace import fitting, prediction
 from estimator.trace.fitting import carried_on, coefficients_of, constants_of, fit, run
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 
 SAMPLE_RATE, N, RATE = 96_000.0, 16_000, -0.62
 OMEGA = 2.0 * np.pi * 2160.0

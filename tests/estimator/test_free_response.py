@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.free_response import loses_what_a_free_run_follows
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 
 RATE, N = 4000.0, 4_000
 OMEGA = 2.0 * np.pi * 200.0

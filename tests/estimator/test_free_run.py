@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from estimator.diagnosis import Confusable, Finding, Fit, Verdict
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.refinement import Refined
 from estimator.settings import Device, Gain, ObserverSettings, Spread
 from estimator.simulation import simulate
 from estimator.trace import free_run
 from estimator.trace.by_simulation import SimulationTrace
-from estimator.trace.diagnosis import Confusable, Finding, Fit, Verdict
 from estimator.trace.engine import Estimate
 from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
-from estimator.trace.record import Record
 
 RATE, N, SPLIT = 600.0, 500, 300
 DEVICE = Device(sample_rate=RATE, stiffness=(1.9e5,), damping=(40.0,), amplitude=0.1, sense_gain=(2.0,), noise=(1e-4,))

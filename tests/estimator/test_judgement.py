@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimator.record import Record
 from estimator.residual.effective import effective_samples
 from estimator.trace import judgement
 from estimator.trace.judgement import leftover, predictable_share, steadied, unexplained
-from estimator.trace.record import Record
 
 N, RATE, RESONANCE = 60_000, 4000.0, 200.0
 CYCLE = 20

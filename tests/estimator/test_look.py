@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.trace import look
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look, is_lost, look_at, scanned_with
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from tests.estimator.device import UNLIKE as DEVICE
 
 N = 900

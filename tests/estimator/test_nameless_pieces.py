@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import nameless as module
 from estimator.trace.criterion import TIE
 from estimator.trace.nameless import Contest, Innovations, Nameless, _Equations, contest, nameless, regressors
-from estimator.trace.thresholds import THRESHOLDS
 
 RNG = np.random.default_rng(21)
 N = 700

@@ -15,12 +15,12 @@ from estimator.errors import ModelError
 from estimator.kernel import own
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.scaling import Scaling
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from estimator.simulation import simulate
 from estimator.trace.candidates import watch_list
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from tests.estimator.test_effects import OMEGA0, device
 

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.fitting import fit
 from estimator.trace.observer_model import Carrying, ObserverModel
 from estimator.trace.parameters import NOTHING, refine_parameters
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.separation import EXPERIMENTS, loop_record
 
 K = (2 * np.pi * 200.0) ** 2

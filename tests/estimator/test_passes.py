@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.effects.catalogue import effect_for
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from estimator.trace import fitting
@@ -23,7 +24,6 @@ from estimator.trace.fitting import (
     parameters_of,
 )
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import PARTS
 from tests.estimator.device import UNLIKE as DEVICE
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from estimator.diagnosis import Diagnosis, Verdict
 from estimator.errors import ModelError
+from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.diagnosis import Diagnosis, Verdict
 from estimator.trace.pool.members import Level, Member, Pool, held_out_by_default
 from estimator.trace.pool.trace import trace_pool
-from estimator.trace.record import Record
 
 RATE, K, D, K3, NOISE = 400.0, (2 * np.pi * 20.0) ** 2, 3.0, 6.0e8, 2e-6
 PER_KG = -1800.0

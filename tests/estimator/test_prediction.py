@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.trace import prediction
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 
 RATE, HZ = 4000.0, 200.0
 TARGET = (2.0 * np.pi * HZ) ** 2

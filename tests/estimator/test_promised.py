@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimator.diagnosis import Fit, Verdict
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace import claims, free_run, tracing
-from estimator.trace.diagnosis import Fit, Verdict
 from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Vote
-from estimator.trace.record import Record
 from tests.estimator.device import NOMINAL as DEVICE
 
 SURE, NOTHING = Estimate(0.05, 0.04, 0.06), Estimate(-1.9, -7.0, 3.0)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import f
 
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Estimate
 from estimator.trace.nameless import Contest
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Level, Vote
-from estimator.trace.thresholds import THRESHOLDS
 
 SURE = Estimate(0.05, 0.04, 0.06)
 HOLDS = Claim(

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from estimator.diagnosis import Finding
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Sign
 from estimator.errors import ModelError
 from estimator.observer import Estimates
+from estimator.record import Record
 from estimator.residual import dependence, floor, spectrum, whiteness
 from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.residual.significance import deviations, of_many
 from estimator.residual.suspects import suspects
-from estimator.trace.diagnosis import Finding
-from estimator.trace.record import Record
-from estimator.trace.thresholds import THRESHOLDS
+from estimator.thresholds import THRESHOLDS
 
 RATE, RESONANCE, NOISE = 4000.0, 200.0, 9e-5
 

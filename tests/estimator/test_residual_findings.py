@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from estimator.diagnosis import Finding, Fit
 from estimator.observer import Estimates
+from estimator.record import Record
 from estimator.residual import analysis
 from estimator.residual.dependence import Dependence
 from estimator.residual.floor import Floor
@@ -18,8 +20,6 @@ from estimator.residual.spectrum import Band, Line
 from estimator.residual.suspects import suspects
 from estimator.residual.whiteness import Whiteness
 from estimator.scaling import Array
-from estimator.trace.diagnosis import Finding, Fit
-from estimator.trace.record import Record
 
 SHARE = 0.01 / 7.0  # one of seven families of looks, of a chance of 1 % for all of them
 SURE = float(stats.norm.isf(SHARE / 2.0))

@@ -8,11 +8,11 @@ import pytest
 
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.evidence import evidence, likeness
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
 

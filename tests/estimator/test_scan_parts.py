@@ -10,11 +10,11 @@ import pytest
 from estimator.gaps import Gaps
 from estimator.kernel.flow import taylor_order
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.trace import scan as scanning
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
 from estimator.trace.start import begin_about

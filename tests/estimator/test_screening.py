@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import screening
 from estimator.trace.fitting import Fitted
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.screening import spoken_for
 from tests.estimator.device import UNLIKE as DEVICE
 

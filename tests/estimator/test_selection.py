@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from estimator.errors import ModelError
+from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import selection
 from estimator.trace.engine import Dissent
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from tests.estimator.device import NOMINAL as DEVICE
 
 COMPARED = 1000

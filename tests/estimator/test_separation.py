@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.record import Record
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Spread
 from estimator.trace import separation
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 from estimator.trace.separation import EXPERIMENTS, Experiment, loop_record, separations
 
 RATE, HZ = 4000.0, 200.0

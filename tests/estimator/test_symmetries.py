@@ -9,9 +9,9 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
+from estimator.diagnosis import Interval
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.model import gyro
-from estimator.trace.diagnosis import Interval
 from estimator.trace.symmetries import (
     Constants,
     System,

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.thresholds.change import changed, with_changes
 from benchmarks.thresholds.page import page
 from benchmarks.thresholds.screening import added, screen
-from estimator.trace.thresholds import THRESHOLDS, each, values
+from estimator.thresholds import THRESHOLDS, each, values
 
 NAMES = [one.name for one in each(THRESHOLDS)]
 EARLY = ("scan.parts", "choice.most")

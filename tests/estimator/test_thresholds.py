@@ -4,8 +4,8 @@ import ast
 import re
 from pathlib import Path
 
-from estimator.trace.thresholds import THRESHOLDS, each, values
-from estimator.trace.thresholds_page import page
+from estimator.thresholds import THRESHOLDS, each, values
+from estimator.thresholds_page import page
 
 ROOT = Path(__file__).parents[2]
 

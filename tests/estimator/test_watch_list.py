@@ -11,11 +11,11 @@ from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.effects.catalogue import EFFECTS
 from estimator.errors import ModelError
 from estimator.kernel.layout import MAX_EFFECTS, MAX_SIGNALS
+from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.trace import candidates
 from estimator.trace.candidates import kind, watch_list
-from estimator.trace.record import Record
 from tests.estimator.test_own_effects import with_own
 
 RATE, N = 4000.0, 12_000

@@ -24,7 +24,7 @@ def database() -> Database:
 
 
 def test_file_is_current() -> None:
-    """If this fails: python -m hil.wire.dbc firmware/gyrohil.dbc"""
+    """If this fails: python -m hil.wire.generate.dbc firmware/gyrohil.dbc"""
     assert FILE.read_text(encoding="utf-8") == dbc.render()
 
 

@@ -13,9 +13,9 @@ import pytest
 
 from benchmarks import attack
 from hil.wire.framing import encode_frame
+from hil.wire.generate.keyed_page import BOARD_NONCE, HOST_NONCE, SECRET, example
 from hil.wire.key_file import make_key
 from hil.wire.keyed import LAST_COUNTER, KeyedHost, Outgoing, derived
-from hil.wire.keyed_page import BOARD_NONCE, HOST_NONCE, SECRET, example
 from hil.wire.messages import Arm, Hello, Identity, Safe, SafeReason, State, Status
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received, Receiver, Transmitter

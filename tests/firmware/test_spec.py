@@ -9,7 +9,7 @@ SOURCES = Path(__file__).parents[2] / "firmware" / "src"
 
 
 def test_files_are_current() -> None:
-    """If this fails: python -m hil.wire.c_header firmware/src"""
+    """If this fails: python -m hil.wire.generate.c_header firmware/src"""
     assert (SOURCES / "hil_spec.h").read_text(encoding="utf-8") == c_header.header()
     assert (SOURCES / "hil_spec.c").read_text(encoding="utf-8") == c_header.source()
 

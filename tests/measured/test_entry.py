@@ -1,4 +1,4 @@
-"""`python -m benchmarks.measured` without any record: what it says, keeps and writes."""
+"""`python -m evaluation.measured` without any record: what it says, keeps and writes."""
 
 import json
 import subprocess
@@ -7,18 +7,18 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks.measured.__main__ import keep
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, rms
-from benchmarks.measured.page import write_page
-from estimator.trace.diagnosis import Verdict
+from estimator.diagnosis import Verdict
 from estimator.trace.free_run import verdict_of
+from evaluation.measured.__main__ import keep
+from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, rms
+from evaluation.measured.page import write_page
 
 ROW = MeasuredRow("box", "test", "free-run RMSE", "mV", 7.0, 0.25, "explained", ["cubic_stiffness"])
 
 
 def run(*arguments):
     return subprocess.run(
-        [sys.executable, "-m", "benchmarks.measured", *arguments], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "evaluation.measured", *arguments], capture_output=True, text=True, check=False
     )
 
 

@@ -5,7 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from benchmarks.measured.inverse_dynamics import (
+from estimator.errors import ModelError
+from estimator.scaling import Scaling
+from evaluation.measured.inverse_dynamics import (
     BASE,
     Filters,
     candidates,
@@ -15,8 +17,6 @@ from benchmarks.measured.inverse_dynamics import (
     resampled,
     trace_forces,
 )
-from estimator.errors import ModelError
-from estimator.scaling import Scaling
 
 RATE = 1000.0
 FILTERS = Filters(60.0, 20.0, 25)

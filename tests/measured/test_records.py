@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.measured import emps, free_decay, rate_table, silverbox
-from benchmarks.measured.oscillator import declared, imported, record_of
-from benchmarks.measured.outcome import rms
 from estimator.observer import Observer
 from estimator.refinement import refine
 from estimator.trace.free_run import free_run_error
+from evaluation.measured import emps, free_decay, rate_table, silverbox
+from evaluation.measured.oscillator import declared, imported, record_of
+from evaluation.measured.outcome import rms
 
 NAMED = os.environ.get("GYROHIL_DATA")
 DATA = Path(NAMED) if NAMED else Path(__file__).parents[3] / "shared" / "data"

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from estimator.diagnosis import Verdict
 from estimator.errors import ModelError
 from estimator.rate_sensor.catalogue import EFFECTS, effect_for
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.dynamics import first_order, second_order
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import alternate_blocks, trace_sensor
-from estimator.trace.diagnosis import Verdict
 
 DEGREE = math.pi / 180
 DECLARED = Range(100 * DEGREE, 2.0)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import typer
 
+from estimator import diagnosis as traced
+from estimator.record import Record
 from estimator.residual.spectrum import density
 from estimator.settings import Device, ObserverSettings
-from estimator.trace import diagnosis as traced
-from estimator.trace.record import Record
 from hil.addition import additions
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError

@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow.csv as pa_csv
 import pytest
 
+from estimator.diagnosis import Interval, Verdict
 from estimator.missing_force.result import Form, FormTerm, MissingForce
 from estimator.missing_force.surfaces import fast, slow
 from estimator.settings import ObserverSettings
-from estimator.trace.diagnosis import Interval, Verdict
 from hil.errors import InputError
 from hil.interchange.exporter import export
 from hil.records import force as records

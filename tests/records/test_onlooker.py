@@ -8,14 +8,14 @@ import time
 import numpy as np
 import pytest
 
-from hil.ring import Onlooker, Ring
+from hil.records.ring import Onlooker, Ring
 
 ROW = np.dtype([("tick", "<i8"), ("a", "<f8"), ("b", "<f8")])
 
 PRODUCER = """
 import sys, time
 import numpy as np
-from hil.ring import Ring
+from hil.records.ring import Ring
 from tests.records.test_onlooker import ROW, rows
 ring = Ring.attach(sys.argv[1])
 ring.while_full = lambda: True

@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 from hil.emulation import emulator
 from hil.records.capture import read_capture
 from hil.records.layout import TICK, Column, Layout
-from hil.ring import Ring
+from hil.records.ring import Ring
 from hil.service.telemetry.decimation import Roll
 from hil.service.telemetry.history import History
 from hil.service.telemetry.hub import Hub

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from benchmarks.lockstep import bench_of, close_loop, scenario_of
-from benchmarks.undeclared.record import write_capture
 from device_emulator.scenario import Scenario
-from estimator.trace.diagnosis import Verdict
+from estimator.diagnosis import Verdict
 from estimator.trace.problem import Problem
 from estimator.trace.tracing import trace
+from evaluation.undeclared.record import write_capture
 from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.tracing import record_of

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration import calibration, draw, most_probable
-from benchmarks.undeclared.judging import judge
-from benchmarks.undeclared.summary import summarise
+from evaluation.undeclared.judging import judge
+from evaluation.undeclared.summary import summarise
 from tests.undeclared.test_judging import BACKLASH, CUBIC, GAIN, said, truth
 
 

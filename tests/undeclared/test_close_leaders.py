@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.lockstep import bench_of, close_loop, scenario_of
-from benchmarks.undeclared.record import write_capture
 from device_emulator.scenario import Scenario
+from evaluation.undeclared.record import write_capture
 from hil.bench.template import template, values_of
 from hil.tracing import trace_file
 

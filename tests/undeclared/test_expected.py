@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.undeclared.effects import DRAWABLE
-from benchmarks.undeclared.expected import expected
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import make
 from estimator.effects.catalogue import names
 from estimator.observer import Observer
+from evaluation.undeclared.effects import DRAWABLE
+from evaluation.undeclared.expected import expected
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import make
 from hil.bench import load_bench, override
 from hil.captured import samples_of
 from hil.declared import device_of, observer_settings_of

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from benchmarks.undeclared.judging import Judgement, judge
-from benchmarks.undeclared.page import write_page
-from benchmarks.undeclared.summary import summarise
+from evaluation.undeclared.judging import Judgement, judge
+from evaluation.undeclared.page import write_page
+from evaluation.undeclared.summary import summarise
 
 DEVICE = {
     "gain_V_per_m": -800.0,

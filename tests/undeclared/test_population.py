@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.undeclared.device import draw_device
-from benchmarks.undeclared.effects import BEYOND, DRAWABLE, EFFECTS
-from benchmarks.undeclared.population import SHARES, kinds, population
-from benchmarks.undeclared.record import make
 from device_emulator.effects.catalogue import DECLARATIONS
+from evaluation.undeclared.device import draw_device
+from evaluation.undeclared.effects import BEYOND, DRAWABLE, EFFECTS
+from evaluation.undeclared.population import SHARES, kinds, population
+from evaluation.undeclared.record import make
 from hil.bench import load_bench
 from hil.records.capture import read_capture
 

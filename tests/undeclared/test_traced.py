@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from benchmarks.undeclared.judging import Judgement, judge
-from benchmarks.undeclared.population import Order
-from benchmarks.undeclared.record import make
 from estimator.side_by_side import WORKERS
 from estimator.trace.problem import Problem
+from evaluation.undeclared.judging import Judgement, judge
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import make
 from hil.bench import load_bench
 from hil.captured import control_of
 from hil.declared import device_of, observer_settings_of

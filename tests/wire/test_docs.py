@@ -12,19 +12,19 @@ PAGE = PAGES / "wire.md"
 
 
 def test_page_is_current():
-    """If this fails: python -m hil.wire.docs docs"""
+    """If this fails: python -m hil.wire.generate.docs docs"""
     assert PAGE.read_text(encoding="utf-8") == docs.render()
 
 
 def test_the_state_table_in_the_safety_page_is_current():
-    """If this fails: python -m hil.wire.docs docs"""
+    """If this fails: python -m hil.wire.generate.docs docs"""
     page = (PAGES / "safety.md").read_text(encoding="utf-8")
     assert docs.state_table() in page
     assert docs.with_state_table(page) == page
 
 
 def test_the_published_field_table_is_the_one_that_is_hashed():
-    """If this fails: python -m hil.wire.docs docs"""
+    """If this fails: python -m hil.wire.generate.docs docs"""
     file = (PAGES / "reference" / "field-table.tsv").read_bytes()
     assert crc32c(file) == SPEC.hash
     lines = file.decode().split("\n")

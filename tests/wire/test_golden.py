@@ -31,7 +31,7 @@ def message_of(vector):
 
 
 def test_file_is_current():
-    """If this fails: python -m hil.wire.golden tests/wire/golden.json"""
+    """If this fails: python -m hil.wire.generate.golden tests/wire/golden.json"""
     assert PATH.read_text(encoding="utf-8") == golden.render()
 
 

@@ -18,9 +18,9 @@ from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError
 from hil.wire.framing import encode_frame
+from hil.wire.generate.keyed_page import BOARD_NONCE, HOST_NONCE, SECRET, example
 from hil.wire.key_file import make_key, read_key
 from hil.wire.keyed import LAST_COUNTER, Incoming, KeyedBoard, KeyedHost, Outgoing
-from hil.wire.keyed_page import BOARD_NONCE, HOST_NONCE, SECRET, example
 from hil.wire.links import open_board_link, open_link
 from hil.wire.messages import (
     Arm,

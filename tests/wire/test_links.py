@@ -329,3 +329,54 @@ def test_a_session_over_a_pty(board):
     endpoint.close()
     server.join(WAIT_S)
     assert not server.is_alive()
+
+
+class TestLinksOfOtherPackages:
+    """Schemes that an installed package brings, as entry points of the group `hil.links`."""
+
+    @pytest.fixture
+    def install(self, tmp_path, monkeypatch):
+        def put(name: str, target: str) -> None:
+            folder = tmp_path / f"link_{name}-1.0.dist-info"
+            folder.mkdir()
+            (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: link-{name}\nVersion: 1.0\n")
+            (folder / "entry_points.txt").write_text(f"[hil.links]\n{name} = {target}\n")
+            monkeypatch.syspath_prepend(str(tmp_path))
+
+        return put
+
+    def test_opens_what_stands_behind_its_scheme(self, install):
+        opened = []
+        link_of_a_package.open = lambda rest: opened.append(rest) or Opened()
+        install("carrier", "tests.wire.test_links:link_of_a_package.open")
+        assert isinstance(open_link("carrier:pigeon?speed=3"), Opened)
+        assert opened == ["pigeon?speed=3"]
+
+    def test_is_named_where_a_scheme_is_unknown(self, install):
+        install("carrier", "tests.wire.test_links:link_of_a_package.open")
+        with pytest.raises(LinkError, match="known are serial:…, can:…, udp:…, inproc:…, carrier:…"):
+            open_link("smoke:signal")
+        with pytest.raises(LinkError, match="unknown kind"):
+            open_link("carrier:")
+
+    def test_does_not_take_the_place_of_one_of_the_bench(self, install):
+        install("serial", "tests.wire.test_links:link_of_a_package.open")
+        with pytest.raises(LinkError, match="serial:/dev/nowhere"):
+            open_link("serial:/dev/nowhere")
+
+    def test_that_cannot_be_loaded_is_one_line(self, install):
+        install("carrier", "no_such_package:open")
+        with pytest.raises(LinkError, match=r"'carrier:…': no_such_package:open cannot be loaded: .*; mend or remove"):
+            open_link("carrier:pigeon")
+
+
+class Opened:
+    """A link."""
+
+
+class link_of_a_package:  # noqa: N801 - a module, in its place
+    """What a package brings."""
+
+    @staticmethod
+    def open(rest: str) -> Opened:
+        raise AssertionError(rest)

@@ -11,17 +11,17 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.refinement import Declared, covariance_of, least_squares_beside, refine, scales, worth_of
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import simulate
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.determined import declared
 from estimator.trace.engine import Estimate
 from estimator.trace.pool.members import Level, Pool, Rows
-from estimator.trace.record import Record
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.free_runs
 _MOST_RUNS = 60

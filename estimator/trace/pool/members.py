@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import ModelError
+from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from estimator.errors import ModelError
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.free_run_model import Promise, Promises
 from estimator.trace.pool.fit import PooledRun, columns_of, fitted, observer_of, own_names, simulated
 from estimator.trace.pool.members import Pool, Rows
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.free_runs
 _BY = " by "

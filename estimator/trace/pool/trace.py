@@ -10,15 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
-from estimator.effects.catalogue import effect_for
-from estimator.effects.equation import equations
-from estimator.errors import ModelError
-from estimator.refinement import Refined
-from estimator.scaling import Array
-from estimator.side_by_side import side_by_side
-from estimator.trace import promises
-from estimator.trace.by_simulation import RULES
-from estimator.trace.diagnosis import (
+from estimator.diagnosis import (
     Confusable,
     Dependence,
     Diagnosis,
@@ -29,6 +21,15 @@ from estimator.trace.diagnosis import (
     Residual,
     Verdict,
 )
+from estimator.effects.catalogue import effect_for
+from estimator.effects.equation import equations
+from estimator.errors import ModelError
+from estimator.refinement import Refined
+from estimator.scaling import Array
+from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
+from estimator.trace import promises
+from estimator.trace.by_simulation import RULES
 from estimator.trace.engine import Chosen, Estimate, choose, leaves_the_rest, why_not
 from estimator.trace.free_run import judged
 from estimator.trace.free_run_model import Promises, candidates, parts_of
@@ -40,7 +41,6 @@ from estimator.trace.pool.model import PooledModel, constant_of, estimates_of, g
 from estimator.trace.probability import of_rounds, stated
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
-from estimator.trace.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.free_runs
 FEWEST = 2

@@ -6,14 +6,14 @@ from functools import cached_property
 
 import numpy as np
 
+from estimator import diagnosis as traced
 from estimator.missing_force.result import MissingForce
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.residual.demodulation import Demodulated, Motion, demodulate, motion
 from estimator.residual.spectrum import density
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.trace import diagnosis as traced
-from estimator.trace.record import Record
 from hil.records.diagnosis import Diagnosis
 
 _FEWEST_CYCLES = 160.0  # of a record whose residual is shown against the motion

@@ -6,10 +6,10 @@ from html import escape
 from importlib.metadata import version
 from pathlib import Path
 
+from estimator import diagnosis as traced
 from estimator.missing_force.result import MissingForce
+from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
-from estimator.trace import diagnosis as traced
-from estimator.trace.record import Record
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.report import markup

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.calibration import Statement, most_probable
-from benchmarks.undeclared.expected import Expected, expected
+from evaluation.undeclared.expected import Expected, expected
 
 NOTHING = "(nothing)"
 NOTHING_MISSING, SOMETHING_ELSE = "nothing", "something else"
@@ -92,7 +92,7 @@ def judge(truth: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Judg
     for effect in said["effects"]:
         for what in known:
             if plain(effect["name"]) in what.names:
-                for symbol, true in (what.coefficients | what.parameters).items():
+                for symbol, true in {**what.coefficients, **what.parameters}.items():
                     _compare(effect, symbol, true, covered, error)
     noise = truth["noise_V"]
     bounded = bool(known) and all(_bounded(what, said["rejected"]) for what in known)

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measured.oscillator import declared, described, imported, judged, record_of, traced
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from estimator.simulation import simulate
+from evaluation.measured.oscillator import declared, described, imported, judged, record_of, traced
+from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 
 _RECORDS = {
     "magnetic_beam": ("decay.csv.gz", "magnetic-beam", False, "Magnetic beam, free decay", 1e6, "µstrain"),
@@ -31,8 +31,9 @@ def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
     effects = list(trace.effects)
     rows = [MeasuredRow(folder, "test", "free-run RMSE", unit, factor * before, factor * after, verdict, effects)]
     signal = record.sense[slice(*last)] - np.mean(record.sense[slice(*last)], axis=0)
-    shares = [100.0 * error / rms(signal) for error in (before, after)]
-    rows.append(MeasuredRow(folder, "test", "free-run RMSE of the signal", "%", *shares, verdict, effects))
+    share = 100.0 / rms(signal)
+    metric = "free-run RMSE of the signal"
+    rows.append(MeasuredRow(folder, "test", metric, "%", share * before, share * after, verdict, effects))
     fitted = [factor * rms(error[slice(*first)]) for error in errors]
     words = (
         f"Over the fitted part the free run errs by {fitted[0]:.3g} {unit} before and {fitted[1]:.3g} after; the noise "

@@ -1,6 +1,6 @@
 """Golden vectors: frames as hex, for this project's tests and for any other implementation of the wire.
 
-Written by `python -m hil.wire.golden [tests/wire/golden.json]`.
+Written by `python -m hil.wire.generate.golden [tests/wire/golden.json]`.
 """
 
 import json

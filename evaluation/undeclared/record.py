@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.lockstep import ClosedLoop, close_loop, rms
-from benchmarks.undeclared.device import (
+from device_emulator.scenario import Scenario
+from evaluation.undeclared.device import (
     DrawnDevice,
     bench_table,
     draw_device,
@@ -23,9 +24,8 @@ from benchmarks.undeclared.device import (
     scenario_table,
     temperature_C,
 )
-from benchmarks.undeclared.effects import EFFECTS, Hidden
-from benchmarks.undeclared.population import Order
-from device_emulator.scenario import Scenario
+from evaluation.undeclared.effects import EFFECTS, Hidden
+from evaluation.undeclared.population import Order
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.records.atomic import write_text

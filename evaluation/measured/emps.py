@@ -5,7 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measured.inverse_dynamics import (
+from estimator.effects.catalogue import effect_for
+from estimator.observer import Observer
+from estimator.refinement import refine
+from estimator.scaling import Array, Scaling
+from estimator.trace.free_run import free_run_error, verdict_of
+from evaluation.measured.inverse_dynamics import (
     Filters,
     ForceFit,
     ForceTrace,
@@ -14,13 +19,8 @@ from benchmarks.measured.inverse_dynamics import (
     motion_of,
     trace_forces,
 )
-from benchmarks.measured.oscillator import declared, imported, record_of
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
-from estimator.effects.catalogue import effect_for
-from estimator.observer import Observer
-from estimator.refinement import refine
-from estimator.scaling import Array, Scaling
-from estimator.trace.free_run import free_run_error, verdict_of
+from evaluation.measured.oscillator import declared, imported, record_of
+from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from hil.records.capture import Capture
 
 FOLDER = "emps"
@@ -41,8 +41,8 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
     verdict = verdict_of(rms(before), rms(after), _RIPPLE, effects).value
     rows = [MeasuredRow(FOLDER, "pulses", "force-domain RMSE", "N", rms(before), rms(after), verdict, effects)]
     say("emps: free run")
-    errors = [1e3 * rms(_free_run(fit, *captures)) for fit in (found.before, found.after)]
-    rows.append(MeasuredRow(FOLDER, "pulses", "free-run RMSE", "mm", *errors, verdict, effects))
+    without, with_them = (1e3 * rms(_free_run(fit, *captures)) for fit in (found.before, found.after))
+    rows.append(MeasuredRow(FOLDER, "pulses", "free-run RMSE", "mm", without, with_them, verdict, effects))
     words = (
         "Position and its derivatives behind a Butterworth filter of 60 Hz run both ways, then both sides of the "
         "equation of motion behind one of 20 Hz and resampled to 40 Hz, as in the data set's own identification. "

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.calibration import draw
-from benchmarks.undeclared.effects import EFFECTS
-from benchmarks.undeclared.judging import NOTHING, Judgement
-from benchmarks.undeclared.summary import ratios, stated
+from evaluation.undeclared.effects import EFFECTS
+from evaluation.undeclared.judging import NOTHING, Judgement
+from evaluation.undeclared.summary import ratios, stated
 from hil.records.atomic import write_text
 
 _INK, _PAPER, _RIGHT, _WRONG = "#1b2530", "#ffffff", "#1d5fa6", "#b3261e"
@@ -50,7 +50,7 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
         "# Undeclared effects",
         "",
         "Emulated records of random devices, each with an effect that nobody declared, traced without the truth and",
-        "judged by it. Written by `make undeclared`; how, in `benchmarks/undeclared`.",
+        "judged by it. Written by `make undeclared`; how, in `evaluation/undeclared`.",
         "",
         "| | of | | wanted |",
         "|---|---|---|---|",

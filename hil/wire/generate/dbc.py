@@ -1,4 +1,4 @@
-"""The wire on CAN as a DBC file, for any CAN tool: `python -m hil.wire.dbc [firmware/gyrohil.dbc]`.
+"""The wire on CAN as a DBC file, for any CAN tool: `python -m hil.wire.generate.dbc [firmware/gyrohil.dbc]`.
 
 One DBC message per identifier of node 0; another node's identifiers are higher by twice its number.  What travels in
 one frame is laid out in full; of a message that may need several, the first fields, and text, which DBC does not know,

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.measured [RECORD …]`: trace the measured records, into runs/measured.json and a page of docs.
+"""`python -m evaluation.measured [RECORD …]`: trace the measured records, into runs/measured.json and a page of docs.
 
 The records are not part of the project; they lie in a folder beside it (--data, or GYROHIL_DATA), one folder each.
 """
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from benchmarks.measured.outcome import Outcome, Say
+from evaluation.measured.outcome import Outcome, Say
 from hil.records.atomic import write_text
 
 RECORDS = ("silverbox", "emps", "magnetic_beam", "coupled_masses", "rate_table")
@@ -21,11 +21,10 @@ RECORDS = ("silverbox", "emps", "magnetic_beam", "coupled_masses", "rate_table")
 
 def measure_of(record: str) -> Callable[[Path, Path, Say], Outcome]:
     """What measures a record; imported when it is needed, since the kernels are."""
-    from benchmarks.measured import emps, free_decay, rate_table, silverbox
+    from evaluation.measured import emps, free_decay, rate_table, silverbox
 
-    if record in (silverbox.FOLDER, emps.FOLDER, rate_table.FOLDER):
-        return {module.FOLDER: module.measure for module in (silverbox, emps, rate_table)}[record]
-    return partial(free_decay.measure, record)
+    own = {silverbox.FOLDER: silverbox.measure, emps.FOLDER: emps.measure, rate_table.FOLDER: rate_table.measure}
+    return own.get(record) or partial(free_decay.measure, record)
 
 
 def data_folder() -> Path:
@@ -36,9 +35,9 @@ def data_folder() -> Path:
 def main() -> int:
     """Measure what was asked for; 0 when every record was there."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.measured",
+        prog="python -m evaluation.measured",
         description=__doc__,
-        epilog="example: python -m benchmarks.measured emps rate_table --data ~/records",
+        epilog="example: python -m evaluation.measured emps rate_table --data ~/records",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("record", nargs="*", help=f"one of {', '.join(RECORDS)}; default all")
@@ -67,7 +66,7 @@ def main() -> int:
         outcomes.append(outcome)
     keep(options.out, outcomes)
     if set(options.record or RECORDS) == set(RECORDS) and not absent:
-        from benchmarks.measured.page import write_page
+        from evaluation.measured.page import write_page
 
         write_page(options.page, outcomes)
     else:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from benchmarks.calibration import Calibration, calibration
-from benchmarks.undeclared.judging import Judgement
+from evaluation.undeclared.judging import Judgement
 
 CONFIDENT = 1.02
 """Innovation over the true noise up to which nothing is left."""

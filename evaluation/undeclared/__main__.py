@@ -1,4 +1,4 @@
-"""`python -m benchmarks.undeclared [generate|evaluate|all]`: see the package.
+"""`python -m evaluation.undeclared [generate|evaluate|all]`: see the package.
 
 Both parts go on where they were interrupted: records and answers are kept in the folder.
 """
@@ -10,12 +10,12 @@ import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from benchmarks.undeclared.judging import judge
-from benchmarks.undeclared.page import write_page
-from benchmarks.undeclared.population import DRAW, Order, population
-from benchmarks.undeclared.record import SAMPLES, make
-from benchmarks.undeclared.summary import summarise
-from benchmarks.undeclared.tracing import trace_all
+from evaluation.undeclared.judging import judge
+from evaluation.undeclared.page import write_page
+from evaluation.undeclared.population import DRAW, Order, population
+from evaluation.undeclared.record import SAMPLES, make
+from evaluation.undeclared.summary import summarise
+from evaluation.undeclared.tracing import trace_all
 from hil.records.atomic import write_text
 
 FOLDER = Path("runs/undeclared")
@@ -25,7 +25,7 @@ PAGE = Path("docs/results")
 
 def main() -> int:
     """Run the command line; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.undeclared", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m evaluation.undeclared", description=__doc__)
     parser.add_argument("what", choices=["generate", "evaluate", "all"], nargs="?", default="all")
     parser.add_argument("--n", type=int, default=480, help="about how many records (default 480)")
     parser.add_argument("--draw", type=int, default=DRAW, help=f"another number, other records (default {DRAW})")

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
-from benchmarks.measured.oscillator import declared, described, imported, judged, record_of, traced
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from estimator.trace.free_run import free_run_error
+from evaluation.measured.oscillator import declared, described, imported, judged, record_of, traced
+from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 
 FOLDER = "silverbox"
 _FIRST = 50  # outputs of a test that may set the state and are not scored

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measured.oscillator import imported
-from benchmarks.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from estimator.rate_sensor.trace import SensorDiagnosis
+from evaluation.measured.oscillator import imported
+from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from hil import examples
 from hil.bench import RateSensorBench, load_any_bench
 from hil.rate_sensor import trace_rate_sensor

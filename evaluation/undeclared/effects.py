@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.undeclared.device import DrawnDevice
+from evaluation.undeclared.device import DrawnDevice
 
 BEYOND = 3.0
 """By how much an effect may be larger than what its range has from practice."""

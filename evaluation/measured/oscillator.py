@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from benchmarks.measured.outcome import Say
+from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
 from estimator.trace import free_run
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from estimator.trace.problem import Problem
-from estimator.trace.record import Record
+from evaluation.measured.outcome import Say
 from hil import examples
 from hil.bench import load_bench
 from hil.captured import samples_of

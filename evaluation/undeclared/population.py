@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from benchmarks.undeclared.effects import DRAWABLE, NEVER, OUTSIDE
+from evaluation.undeclared.effects import DRAWABLE, NEVER, OUTSIDE
 
 # Pairs of which each leaves a mark of its own: another line, another harmonic, another dependence.
 PAIRS = (

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.measured.outcome import Outcome, Panel
+from evaluation.measured.outcome import Outcome, Panel
 from hil.records.atomic import write_text
 from hil.report import theme
 

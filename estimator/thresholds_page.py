@@ -1,15 +1,15 @@
-"""The reference page of thresholds, written from their declarations: `python -m estimator.trace.thresholds_page`."""
+"""The reference page of thresholds, written from their declarations: `python -m estimator.thresholds_page`."""
 
 from dataclasses import fields
 
-from estimator.trace.thresholds import THRESHOLDS, Threshold, each
+from estimator.thresholds import THRESHOLDS, Threshold, each
 
 _INTRODUCTION = """\
 # Thresholds of tracing
 
 Every number that someone has set, with its reason. They are the same for all records and no option changes them; a
 `diagnosis.json` keeps those it was made with under `thresholds`. What changes when one of them is halved or doubled
-stands in [what the thresholds do](../results/thresholds.md). Generated: `python -m estimator.trace.thresholds_page`.
+stands in [what the thresholds do](../results/thresholds.md). Generated: `python -m estimator.thresholds_page`.
 """
 
 
