@@ -8,7 +8,7 @@ import cantools.database
 import pytest
 from cantools.database import Database
 
-from hil.wire import dbc
+from hil.wire.generate import dbc
 from hil.wire.spec import SPEC
 
 FILE = Path(__file__).parents[2] / "firmware" / "gyrohil.dbc"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hil.wire import c_header
+from hil.wire.generate import c_header
 from hil.wire.spec import SPEC
 
 SOURCES = Path(__file__).parents[2] / "firmware" / "src"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from crc32c import crc32c
 
-from hil.wire import docs
+from hil.wire.generate import docs
 from hil.wire.spec import SPEC
 
 PAGES = Path(__file__).parents[2] / "docs"

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.wire import golden, messages
 from hil.wire.codec import pack, type_of, unpack
 from hil.wire.frame_format import Frame
 from hil.wire.framing import Decoder, encode_frame
+from hil.wire.generate import golden, messages
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 
