@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.wire import messages
 from hil.wire.codec import pack, type_of, unpack
 from hil.wire.frame_format import Frame
 from hil.wire.framing import Decoder, encode_frame
-from hil.wire.generate import golden, messages
+from hil.wire.generate import golden
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 
