@@ -59,7 +59,7 @@ class TicketFor(BaseModel):
     """What a ticket is asked for."""
 
     path: str
-    """a path of this service, beginning with /api/runs/"""
+    """a path of this service, beginning with /api/runs/ or /api/jobs/"""
 
 
 class Ticket(BaseModel):
@@ -85,8 +85,10 @@ async def who(request: Request) -> dict[str, str]:
 @_own.post("/api/ticket")
 async def ticket(request: Request, wanted: TicketFor) -> Ticket:
     """A ticket for a frame or a download, which cannot send the token: to read `path` for a minute."""
-    if not wanted.path.startswith("/api/runs/") or "?" in wanted.path or "#" in wanted.path:
-        raise Problem(422, "a ticket is for a path below /api/runs/", "give the path alone, without a query")
+    if not wanted.path.startswith(("/api/runs/", "/api/jobs/")) or "?" in wanted.path or "#" in wanted.path:
+        raise Problem(
+            422, "a ticket is for a path below /api/runs/ or /api/jobs/", "give the path alone, without a query"
+        )
     made = service_of(request).tickets.make(wanted.path, holder_of(request))
     return Ticket(url=f"{wanted.path}?ticket={made}")
 

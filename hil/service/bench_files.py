@@ -1,4 +1,4 @@
-"""Which bench, scenario and map files a request may name: those of the bench's folder and the examples, by name.
+"""Which files of a bench (bench, scenario, map, campaign) a request may name: those beside the runs and the examples.
 
 A name is looked up in a list, and never made into a path.
 """
@@ -10,7 +10,7 @@ from hil import examples
 from hil.errors import InputError
 from hil.strict_toml import suggestion
 
-Kind = Literal["bench", "scenario", "map"]
+Kind = Literal["bench", "scenario", "map", "campaign"]
 
 
 def files(runs: Path, kind: Kind) -> dict[str, Path]:

@@ -5,18 +5,20 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Request
+from fastapi import APIRouter, Body, Request, Response
+from fastapi.responses import FileResponse
 from pydantic import Field
 from starlette.datastructures import UploadFile
 from starlette.requests import ClientDisconnect
 from starlette.types import Message, Receive
 
 from hil.errors import InputError
+from hil.service.bench_files import files
 from hil.service.jobs.asked import Asked, order_of
 from hil.service.jobs.jobs import FOLDER, Jobs
 from hil.service.jobs.uploads import TooLarge, Uploads
 from hil.service.problems import Problem
-from hil.service.routes_runs import catalogue_of
+from hil.service.routes_runs import REPORT_HEADERS, catalogue_of
 from hil.service.service import Service, holder_of, service_of
 
 router = APIRouter(tags=["jobs"])
@@ -76,7 +78,7 @@ def jobs(request: Request) -> dict[str, list[dict[str, Any]]]:
 
 @router.post("/api/jobs", status_code=201)
 def add(request: Request, asked: Annotated[Asked, Body()]) -> dict[str, Any]:
-    """Ask for a run of an emulated board, a trace, a replay or an import."""
+    """Ask for a run of an emulated board, a trace, a replay, an import or a campaign."""
     service = service_of(request)
     try:
         order = order_of(asked, service.folder, catalogue_of(request).path_of, service.parts["uploads"])
@@ -97,6 +99,25 @@ def job(request: Request, job: JobId) -> dict[str, Any]:
         return _jobs(request).row(job)
     except KeyError:
         raise _unknown(job) from None
+
+
+@router.get("/api/jobs/{job}/report", response_class=Response)
+def report(request: Request, job: JobId) -> Response:
+    """The page of a campaign, for a frame: it may load and run nothing."""
+    try:
+        campaign = (_jobs(request).row(job)["result"] or {}).get("campaign")
+    except KeyError:
+        raise _unknown(job) from None
+    path = None if campaign is None else service_of(request).folder / campaign / "report.html"
+    if path is None or not path.is_file():
+        raise Problem(404, f"{job}: no report", "campaigns have one once they are done; that of a run is its run's")
+    return FileResponse(path, media_type="text/html", headers=REPORT_HEADERS)
+
+
+@router.get("/api/campaigns")
+def campaigns(request: Request) -> dict[str, list[str]]:
+    """The campaign files that a job can be asked for with."""
+    return {"campaigns": sorted(files(service_of(request).folder, "campaign"))}
 
 
 @router.delete("/api/jobs/{job}")

@@ -30,7 +30,12 @@ router = APIRouter(tags=["runs"])
 PART = "catalogue"
 
 _TELL_EACH = 20
-_REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+REPORT_HEADERS = {
+    "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+    "frame-ancestors 'self'",
+    "x-frame-options": "SAMEORIGIN",
+}
+"""Of a report, which may load and run nothing, in a frame of this page."""
 _T = TypeVar("_T")
 
 RunId = Annotated[str, Field(max_length=200)]
@@ -156,6 +161,14 @@ def empty_trash(request: Request) -> dict[str, int]:
     return {"removed": removed}
 
 
+@router.post("/api/catalogue/rebuild")
+def rebuild(request: Request) -> dict[str, int]:
+    """Read all folders anew: after an editor changed a file in place, or where the catalogue is not to be trusted."""
+    found = catalogue_of(request).rebuild()
+    _audit(request, "catalogue rebuilt", runs=found.changed)
+    return {"runs": found.changed}
+
+
 @router.get("/api/compare")
 def compare(request: Request, a: RunId, b: RunId) -> dict[str, Any]:
     """Two runs, or two traces, side by side."""
@@ -221,8 +234,7 @@ def restore(request: Request, run: RunId) -> dict[str, Any]:
 @router.get("/api/runs/{run}/report", response_class=Response)
 def report(request: Request, run: RunId) -> Response:
     """The page of a run, for a frame: it may load and run nothing."""
-    headers = {"content-security-policy": _REPORT_POLICY, "x-frame-options": "SAMEORIGIN"}
-    return FileResponse(_file(request, run, "report.html"), media_type="text/html", headers=headers)
+    return FileResponse(_file(request, run, "report.html"), media_type="text/html", headers=REPORT_HEADERS)
 
 
 @router.get("/api/runs/{run}/diagnosis")

@@ -15,7 +15,7 @@ import pytest
 
 import hil
 from hil.errors import InputError
-from hil.service.jobs.asked import AskedImport, AskedReplay, AskedRun, AskedTrace, order_of
+from hil.service.jobs.asked import AskedImport, AskedReplay, AskedRun, AskedSweep, AskedTrace, order_of
 from hil.service.jobs.jobs import CRASHED, Jobs
 from hil.service.jobs.uploads import TooLarge, Uploads
 
@@ -97,6 +97,46 @@ def test_a_trace_says_what_it_found(watched: Watched, source: Path) -> None:
     found = hil.load(watched.runs / row["result"]["run"])
     assert isinstance(found, hil.Trace)
     assert row["result"]["verdict"] == found.verdict
+
+
+@pytest.fixture
+def campaign(bench: Path) -> str:
+    """A campaign beside the runs: so many that it can be stopped on its way."""
+    (bench.parent / "few.campaign.toml").write_text(
+        'name = "few"\nscenario = "s-slow"\nbench = "s-slow"\nseeds = 40\n'
+        '[fixed]\n"bench.loop.duration_s" = 0.6\n"bench.loop.settle_s" = 0.2\n'
+    )
+    return "few"
+
+
+@pytest.mark.slow
+def test_a_campaign_tells_how_long_it_takes_is_cancelled_and_goes_on(watched: Watched, campaign: str) -> None:
+    job = watched.ask(AskedSweep(kind="sweep", campaign=campaign, workers=1))
+    deadline = time.monotonic() + LIMIT_S
+    while not [row for row in watched.rows if row["stage"] == "runs" and row["left_s"]]:
+        assert time.monotonic() < deadline, watched.rows[-1:]
+        time.sleep(0.01)
+    assert watched.jobs.row(job)["total"] == 40
+    watched.jobs.cancel(job)
+    row = watched.until(job, "cancelled", "failed", "done")
+    assert row["state"] == "cancelled", row
+    assert "runs are done and kept in" in row["error"]
+    again = ended(watched, AskedSweep(kind="sweep", campaign=campaign))
+    assert (again["state"], again["error"]) == ("done", None)
+    assert again["result"]["campaign"] == "few"
+    assert again["result"]["outcomes"] == {"ran": 40}
+    assert 0 < again["result"]["made"] < 40
+    assert (watched.runs / "few" / "report.html").is_file()
+
+
+def test_a_campaign_is_named_not_located(watched: Watched, campaign: str) -> None:
+    for name in ("../few", "/etc/passwd", "nothing"):
+        with pytest.raises(InputError, match="no campaign file of this bench"):
+            watched.ask(AskedSweep(kind="sweep", campaign=name))
+    (watched.runs.parent / f"{campaign}.campaign.toml").write_text("name = 3")
+    row = ended(watched, AskedSweep(kind="sweep", campaign=campaign))
+    assert row["state"] == "failed"
+    assert "few.campaign.toml" in row["error"]
 
 
 @pytest.mark.slow

@@ -270,3 +270,28 @@ def test_killed_in_the_middle_of_a_scan_the_next_service_lists_all(source: Path,
         _until(lambda: running.ask("GET", "/api/runs").json()["total"] == 150)
         for row in running.ask("GET", "/api/runs", params={"limit": 1000}).json()["runs"]:
             assert row["figures"]["angle_rad"]
+
+
+def test_the_catalogue_is_made_anew_of_the_folders(bench: Serving) -> None:
+    """A file that an editor changed in place is not seen until then."""
+    place = bench.folder / RUN / "result.json"
+    told = place.read_text()
+    before = bench.ask("GET", f"/api/runs/{RUN}").json()["verdict"]
+    try:
+        with place.open("r+") as file:  # the folder itself stays as it was
+            json.dump({**json.loads(told), "verdict": "unsafe"}, file)
+            file.truncate()
+        assert bench.ask("GET", f"/api/runs/{RUN}").json()["verdict"] == before
+        assert bench.ask("POST", "/api/catalogue/rebuild").json() == {"runs": 3}
+        assert bench.ask("GET", f"/api/runs/{RUN}").json()["verdict"] == "unsafe"
+    finally:
+        with place.open("r+") as file:
+            file.write(told)
+            file.truncate()
+        bench.ask("POST", "/api/catalogue/rebuild")
+
+
+def test_campaigns_are_listed_and_a_job_without_a_report_has_none(bench: Serving) -> None:
+    assert "s-slow-noise" in bench.ask("GET", "/api/campaigns").json()["campaigns"]
+    assert bench.ask("GET", "/api/jobs/20250101-000000-00000000/report").status_code == 404
+    assert bench.ask("POST", "/api/jobs", json={"kind": "sweep", "campaign": "../x"}).status_code == 400

@@ -1,12 +1,16 @@
 """Who is heard (docs/security.md, The service): names, origins, tokens, roles, headers."""
 
+import asyncio
 import http.client
+import json
+import ssl
 import subprocess
 import sys
 from pathlib import Path
 
 import httpx
 import pytest
+from websockets.asyncio.client import connect
 
 from tests.service.serving import Serving, serving
 
@@ -146,3 +150,34 @@ def test_listening_elsewhere_needs_tls_or_consent(tmp_path: Path) -> None:
         port = running.address.rpartition(":")[2]
         answer = httpx.get(f"http://127.0.0.1:{port}/api/who", headers={"authorization": f"Bearer {running.token()}"})
         assert answer.status_code == 200
+
+
+def test_over_tls_requests_and_the_live_connection(tmp_path: Path) -> None:
+    certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"),
+            *("-keyout", str(key), "-out", str(certificate), "-days", "2", "-subj", "/CN=localhost"),
+            *("-addext", "subjectAltName=IP:127.0.0.1,DNS:localhost"),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    tls = ("--tls-cert", str(certificate), "--tls-key", str(key))
+    with serving(tmp_path / "runs", "--listen", "127.0.0.1", *tls) as running:
+        assert running.url.startswith("https://")
+        trusting = ssl.create_default_context(cafile=certificate)
+        bearer = {"authorization": f"Bearer {running.token('look')}"}
+        assert httpx.get(f"{running.url}api/who", headers=bearer, verify=trusting).json()["role"] == "look"
+        with pytest.raises(httpx.ConnectError, match="CERTIFICATE_VERIFY_FAILED"):
+            httpx.get(f"{running.url}api/who", headers=bearer, verify=ssl.create_default_context())
+        with pytest.raises(httpx.RemoteProtocolError):
+            httpx.get(running.url.replace("https", "http"), headers=bearer)
+
+        async def first_state() -> str:
+            address = f"wss://{running.address}/api/live"
+            async with connect(address, ssl=trusting, origin=f"https://{running.address}") as socket:  # type: ignore[arg-type]
+                await socket.send(json.dumps({"op": "hello", "token": running.token("look")}))
+                return str(json.loads(await socket.recv())["kind"])
+
+        assert asyncio.run(first_state()) == "state"

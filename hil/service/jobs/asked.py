@@ -70,14 +70,23 @@ class AskedImport(_Asked):
     name: Name = "imported"
 
 
-Asked = Annotated[AskedRun | AskedTrace | AskedReplay | AskedImport, Field(discriminator="kind")]
+class AskedSweep(_Asked):
+    """A campaign, or what is left of it, into the folder of its name: one that was cancelled goes on."""
+
+    kind: Literal["sweep"]
+    campaign: Word = Field(description="A campaign file of this bench, or an example")
+    workers: Annotated[int, Field(ge=1, le=256)] | None = Field(
+        default=None, description="Processes; by default half as many as there are processors"
+    )
+
+
+Asked = Annotated[AskedRun | AskedTrace | AskedReplay | AskedImport | AskedSweep, Field(discriminator="kind")]
 
 Order = dict[str, Any]
 """What a job's process is told: keywords of `hil.service.jobs.work`, JSON values."""
 
 
-def order_of(asked: AskedRun | AskedTrace | AskedReplay | AskedImport, runs: Path, path_of: Callable[[str], Path],
-             uploads: Uploads) -> Order:  # fmt: skip
+def order_of(asked: Asked, runs: Path, path_of: Callable[[str], Path], uploads: Uploads) -> Order:
     """The order of what is asked; runs are looked up by `path_of`, which raises KeyError.
 
     Raises InputError for a name that is not listed, and for a link that leads to a real board.
@@ -88,6 +97,8 @@ def order_of(asked: AskedRun | AskedTrace | AskedReplay | AskedImport, runs: Pat
         told["upload"] = str(upload.record)
         given = upload.map or (None if asked.map is None else found(runs, "map", asked.map))
         return told | {"map": None if given is None else str(given)}
+    if isinstance(asked, AskedSweep):
+        return told | {"campaign": str(found(runs, "campaign", asked.campaign)), "called": asked.campaign}
     if isinstance(asked, AskedRun):
         bench = found(runs, "bench", asked.bench)
         return told | {"bench": str(bench), "link": _link(asked.link, bench, runs)}

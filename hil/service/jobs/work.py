@@ -80,6 +80,31 @@ def _import(order: dict[str, Any], out: Path, place: Path, began: Said, progress
     return {"run": folder.name, "verdict": None, **figures}
 
 
+def _sweep(order: dict[str, Any], out: Path, _: Path, __: Said, progress: Watcher) -> dict[str, Any]:
+    from collections import Counter
+
+    from hil.library.campaign import Sweep
+    from hil.sweeping import local
+    from hil.sweeping.plan import read_plan
+    from hil.sweeping.sweep import sweep
+
+    plan = read_plan(Path(order["campaign"]), called=order["called"])
+    folder = out / plan.campaign.name
+    workers = order.get("workers") or max(local.cores() // 2, 1)
+    done = sweep(plan, folder, workers=workers, progress=progress)
+    if done.made:
+        (folder / "report.html").unlink(missing_ok=True)
+    progress(Progress("report", 0, 0))
+    swept = Sweep(plan, folder)
+    swept.report()
+    outcomes = dict(Counter(swept.table["outcome"].to_pylist()))
+    worst = [{"run": one.run, "value": one.value, "command": one.command} for one in swept.worst[:1]]
+    return {
+        "run": None, "verdict": None, "campaign": folder.name, "runs": done.runs, "made": done.made,
+        "outcomes": outcomes, "figure": plan.campaign.report.figure, "worst": worst,
+    }  # fmt: skip
+
+
 def _pyramid(order: dict[str, Any], _: Path, __: Path, began: Said, progress: Watcher) -> dict[str, Any]:
     from hil.records.pyramid import build
 
@@ -101,5 +126,6 @@ _KINDS: dict[str, Callable[[dict[str, Any], Path, Path, Said, Watcher], dict[str
     "trace": _trace,
     "replay": _replay,
     "import": _import,
+    "sweep": _sweep,
     "pyramid": _pyramid,
 }

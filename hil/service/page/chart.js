@@ -1,5 +1,6 @@
 // Curves over one axis, drawn by uPlot. Where uPlot was not fetched, a chart says so and everything else goes on.
 
+import { sizeOf } from "./canvas.js";
 import { colour, fill, make } from "./dom.js";
 import { number } from "./numbers.js";
 
@@ -83,7 +84,7 @@ export class Chart {
   set(x, curves, range = null) {
     this.data = [x, curves];
     this.range = range;
-    if (this.host.clientWidth === 0) return;
+    if (sizeOf(this.host).width === 0) return;
     if (!this.plot) return this.build();
     this.plot.setData(this.aligned(), false);
     this.fit();

@@ -1,6 +1,6 @@
 // The estimates of the observer: value with expanded uncertainty, and the course of both over the last minute.
 
-import { cleared } from "./canvas.js";
+import { cleared, sizeOf } from "./canvas.js";
 import { byId, colour, fill, make, say } from "./dom.js";
 import { History } from "./history.js";
 import { uncertain } from "./numbers.js";
@@ -50,7 +50,7 @@ export class EstimatesTable {
     if (names.join() !== [...this.rows.keys()].join()) this.layOut(names);
     this.history.add(run.t_s, Object.fromEntries(names.flatMap((name) => [[name, estimates[name][0]], [`sd ${name}`, estimates[name][1]]])));
     const now = performance.now();
-    if (now - this.drawn < 240 || this.table.clientWidth === 0) return;
+    if (now - this.drawn < 240 || sizeOf(this.table).width === 0) return;
     this.drawn = now;
     for (const [name, row] of this.rows) {
       const [value, sd, unit] = estimates[name];

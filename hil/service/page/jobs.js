@@ -5,6 +5,7 @@ import { byId, fill, make } from "./dom.js";
 import { complain, doing, notice } from "./notices.js";
 import { duration, moment } from "./numbers.js";
 import { drawHead, drawRow } from "./table.js";
+import { ticketFor } from "./ticket.js";
 import { word } from "./verdict.js";
 
 /**
@@ -21,6 +22,9 @@ import { word } from "./verdict.js";
  * @property {string | null} began
  * @property {string | null} by
  */
+
+/** @param {Record<string, number>} outcomes @returns {string} 34 ran, 2 failed */
+const tally = (outcomes) => Object.entries(outcomes ?? {}).map(([outcome, count]) => `${count} ${outcome}`).join(", ");
 
 export class Jobs {
   title = "Jobs";
@@ -42,6 +46,12 @@ export class Jobs {
     ];
     live.on("job", (job) => this.hear(job));
     live.on("service", ({ up }) => up && this.load());
+    this.frame = byId("job-report");
+    const sweep = byId("sweep", HTMLFormElement);
+    sweep.addEventListener("submit", doing(async () => {
+      await send("POST", "/api/jobs", { kind: "sweep", campaign: byId("campaign", HTMLSelectElement).value });
+      notice("The campaign is at work", { tone: "good" });
+    }));
     const upload = byId("upload", HTMLFormElement);
     upload.addEventListener("submit", doing(async () => {
       const form = new FormData(upload);
@@ -60,7 +70,10 @@ export class Jobs {
 
   async load() {
     try {
-      const { jobs } = await get("/api/jobs");
+      const [{ jobs }, { campaigns }] = await Promise.all([get("/api/jobs"), get("/api/campaigns")]);
+      const select = byId("campaign", HTMLSelectElement);
+      const { value } = select;
+      fill(select, ...campaigns.map((/** @type {string} */ name) => make("option", { value: name, selected: name === value }, name)));
       this.jobs = new Map(jobs.map((/** @type {Job} */ job) => [job.id, job]));
       this.draw();
     } catch (error) {
@@ -86,7 +99,7 @@ export class Jobs {
     fill(this.table.tBodies[0], ...jobs.map((job) => drawRow(this.columns, job)));
     if (focused) document.getElementById(focused)?.focus();
     byId("jobs-none").hidden = jobs.length > 0;
-    byId("jobs-none").textContent = "Nothing has been asked for yet. Traces, replays and imports appear here.";
+    byId("jobs-none").textContent = "Nothing has been asked for yet. Traces, replays, imports and campaigns appear here.";
   }
 
   /** @param {Job} job */
@@ -96,13 +109,26 @@ export class Jobs {
       return make("span", {}, make("progress", { max: 1, ...(known ? { value: /** @type {number} */ (job.done) / /** @type {number} */ (job.total) } : {}), "aria-label": `Progress of ${job.kind}` }), " ", job.stage ?? "");
     }
     if (job.state === "failed") return make("span", { class: "word bad" }, job.error ?? "failed");
+    if (job.result?.campaign) return make("span", {}, `${job.result.campaign}: ${tally(job.result.outcomes)}`);
     return make("span", {}, job.result?.verdict ? word(job.result.verdict) : (job.error ?? ""));
+  }
+
+  /** The page of a campaign, below the table; once more takes it away. @param {Job} job */
+  async report(job) {
+    const shown = this.frame.dataset.job === job.id;
+    this.frame.dataset.job = shown ? "" : job.id;
+    if (shown) return fill(this.frame);
+    const address = await ticketFor(`/api/jobs/${job.id}/report`);
+    fill(this.frame, make("iframe", { class: "report", title: `Report of the campaign ${job.result.campaign}`, src: address, sandbox: "" }));
+    this.frame.scrollIntoView({ block: "nearest" });
+    return undefined;
   }
 
   /** @param {Job} job */
   actions(job) {
     const id = job.result?.run ?? job.result?.id;
     if (job.state === "running" || job.state === "queued") return make("button", { type: "button", id: `cancel-${job.id}`, onclick: doing(() => send("DELETE", `/api/jobs/${job.id}`)) }, "Cancel");
+    if (job.result?.campaign) return make("button", { type: "button", id: `report-${job.id}`, onclick: doing(() => this.report(job)) }, "Report");
     return id ? make("a", { href: `#/runs/${encodeURIComponent(id)}` }, "Open") : null;
   }
 }

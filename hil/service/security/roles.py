@@ -11,13 +11,13 @@ class Role(IntEnum):
     OPERATE = 2
     """change what is recorded, and operate the board that he has the lease of"""
     ADMINISTER = 3
-    """read the audit log, and end another one's lease"""
+    """read the audit log, have the catalogue made anew, and end another one's lease"""
 
 
 _OPEN = ("/healthz", "/openapi.json")
 _GUARDED = ("/api/", "/metrics")
 _SAFE = ("/api/board/safe", "/safe")
-_ADMINISTERED = ("/api/audit",)
+_ADMINISTERED = ("/api/audit", "/api/catalogue/")
 _LOOKING = frozenset({"GET", "HEAD"})
 
 
