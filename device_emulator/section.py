@@ -12,7 +12,7 @@ class ScenarioError(ValueError):
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The cure for a misspelt word: the nearest known one, or all of them."""
+    """The remedy for a misspelt word: the nearest known one, or all of them."""
     known = list(known)
     near = difflib.get_close_matches(word, known, n=1)
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"

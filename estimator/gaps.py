@@ -1,11 +1,11 @@
-"""The drive over gaps of a record: the best guess from the rows around, and what its error adds to the motion.
+"""The drive over gaps of a record: the best prediction from the rows around, and what its error adds to the motion.
 
 A row that is missing takes with it the drive that acted up to it.  A wrong drive moves the mass, and a filter that
 takes it for the right one finds the cause elsewhere: in a constant, in the rate, in an effect that is not there.  So
-the record itself says how well its drive can be guessed: gaps of the same length are made where nothing is missing, and
-the drive in them is fitted to the rows around by least squares.  The error of such a guess is uncorrelated with what it
-was made from, so it looks like no effect of the drive; carried through the free oscillation to the end of the gap, its
-mean square is the covariance that a gap adds to the motion.
+the record itself says how well its drive can be predicted: gaps of the same length are made where nothing is missing,
+and the drive in them is fitted to the rows around by least squares.  The error of such a prediction is uncorrelated
+with what it was made from, so it looks like no effect of the drive; carried through the free oscillation to the end of
+the gap, its mean square is the covariance that a gap adds to the motion.
 """
 
 import math
@@ -34,10 +34,10 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Gaps:
-    """Runs of samples whose drive is a guess.
+    """Runs of samples whose drive is a prediction.
 
     last (g,): the last sample of each; spread (g, 2 axes, 2 axes): covariance of position and velocity, axis by axis,
-    that the guess adds by then, SI; infinite where nothing is known of the drive.
+    that the prediction adds by then, SI; infinite where nothing is known of the drive.
     """
 
     last: NDArray[np.int64]
@@ -53,7 +53,7 @@ class Gaps:
 
 
 @dataclass(frozen=True)
-class _Guess:
+class _Prediction:
     """Coefficients (features, length · axes), and the number of what their error adds to the motion."""
 
     coefficients: Array
@@ -75,15 +75,15 @@ class Drives:
         self._usable = known & np.all(np.isfinite(sense), axis=1) & np.any(drive != 0.0, axis=1)
         size = 2 * self._axes
         self._spreads = [np.zeros((size, size)), np.full((size, size), math.inf)]  # of _NOTHING and _ANYTHING
-        self._guesses: dict[tuple[int, bool, int], _Guess | None] = {}
+        self._predictions: dict[tuple[int, bool, int], _Prediction | None] = {}
 
     @cached_property
     def _unusable_before(self) -> NDArray[np.int64]:
         return np.concatenate([[0], np.cumsum(~self._usable)])
 
     def fill(self, sense: Array, drive: Array, known: Flags) -> tuple[Array, NDArray[np.int64]]:
-        """The drive (n, axes) of a record, or of part of it, guessed where it is not known; and (n,) what that adds to
-        the motion, as a number for `spread`, at the last sample of each gap, 0 elsewhere.
+        """The drive (n, axes) of a record, or of part of it, predicted where it is not known; and (n,) what that adds
+        to the motion, as a number for `spread`, at the last sample of each gap, 0 elsewhere.
 
         A drive that is zero on both sides of a gap was off; where it is on one, it was switched in between and nobody
         knows when.
@@ -109,21 +109,21 @@ class Drives:
             rows = 1
             while rows < len(sensed) and sensed[-1 - rows] and known[begin - 1 - rows]:
                 rows += 1
-            guess = self._guess(rows, bool(sensed[-1]), length)
-            if guess is not None:
+            prediction = self._prediction(rows, bool(sensed[-1]), length)
+            if prediction is not None:
                 features = self._features(sense, drive, np.array([begin]), rows, bool(sensed[-1]), length)
-                return (features @ guess.coefficients).reshape(length, self._axes), guess.number
+                return (features @ prediction.coefficients).reshape(length, self._axes), prediction.number
         straight = np.linspace(drive[begin - 1], drive[end], length + 2)[1:-1]
         return straight, _ANYTHING
 
-    def _guess(self, rows: int, sensed: bool, length: int) -> _Guess | None:
+    def _prediction(self, rows: int, sensed: bool, length: int) -> _Prediction | None:
         """For gaps of a length, from so many rows before them; None where the record cannot tell."""
         key = rows, sensed, length
-        if key not in self._guesses:
-            self._guesses[key] = self._learn(rows, sensed, length)
-        return self._guesses[key]
+        if key not in self._predictions:
+            self._predictions[key] = self._learn(rows, sensed, length)
+        return self._predictions[key]
 
-    def _learn(self, rows: int, sensed: bool, length: int) -> _Guess | None:
+    def _learn(self, rows: int, sensed: bool, length: int) -> _Prediction | None:
         if length > _LONGEST:
             return None
         before = self._unusable_before
@@ -139,12 +139,12 @@ class Drives:
         error = within - np.einsum("nf,fm->nm", features, coefficients).reshape(within.shape)
         moved = np.einsum("jm,nja->nam", self._pushes(length), error).reshape(len(starts), -1)
         self._spreads.append(np.einsum("ni,nj->ij", moved, moved) / (len(starts) - fitted))
-        return _Guess(coefficients, len(self._spreads) - 1)
+        return _Prediction(coefficients, len(self._spreads) - 1)
 
     def _features(
         self, sense: Array, drive: Array, starts: NDArray[np.int64], rows: int, sensed: bool, length: int
     ) -> Array:
-        """What a guess is made from (gaps, features): one, the rows before, the drive behind."""
+        """What a prediction is made from (gaps, features): one, the rows before, the drive behind."""
         columns = [np.ones((len(starts), 1)), drive[starts + length]]
         for row in range(1, rows + 1):
             columns.append(drive[starts - row])
@@ -181,7 +181,7 @@ def observe(
     temperature: Array | None = None,
     acts: Sequence[tuple[int, Callable[[], None]]] = (),
 ) -> Estimates:
-    """`Observer.run` over a record with gaps: after each the motion is as uncertain as the guess of its drive.
+    """`Observer.run` over a record with gaps: after each the motion is as uncertain as the prediction of its drive.
 
     acts: by the number of a sample what is done to the observer before it, in ascending order.
     """

@@ -384,7 +384,7 @@ class Observer:
 
     @property
     def walks(self) -> Array:
-        """Variance (k,) per scaled second by which each active constant walks."""
+        """Variance (k,) per scaled second by which each active constant moves as a random walk."""
         return np.array(self._walk)
 
     @property

@@ -16,7 +16,7 @@ class Record:
     sense (n, axes) V; drive (n, axes, degree + 1) polynomials over the interval that ends at each sample
     (`estimator.hold`); step (n,) s, that interval's length; channels: further measured series (n,), by name:
     `temperature` [°C], `rate` [rad/s], a reference for the rate that is scored and never given to the observer; gaps:
-    where the drive is a guess, None where it is known throughout.
+    where the drive is a prediction, None where it is known throughout.
     """
 
     sense: Array

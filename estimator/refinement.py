@@ -123,11 +123,11 @@ def refine(
     run(origin)
     given = {name: one for name, one in (known or {}).items() if name in wanted and one.deviation > 0.0}
     at = np.array([wanted.index(name) for name in given], dtype=np.int64)
-    guess = np.array([one.value for one in given.values()]) / scale[at]
+    first = np.array([one.value for one in given.values()]) / scale[at]
     sure = np.array([one.deviation for one in given.values()]) / np.abs(scale[at])
 
     def solved(begin: Array, worth: float) -> Array:
-        return least_squares_beside(run, begin, at, guess, sure / worth, tolerance=1e-10, runs=runs)
+        return least_squares_beside(run, begin, at, first, sure / worth, tolerance=1e-10, runs=runs)
 
     solution, worth = solved(origin, 1.0), 1.0
     if given and (worth := worth_of(run(solution)[0])) > 1.0:

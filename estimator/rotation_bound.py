@@ -9,6 +9,7 @@ is that of an estimator that does.
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,19 +52,28 @@ def rotation_bound(
     for first in range(0, n, _CHUNK):
         rows = slice(first, first + _CHUNK)
         _recursion(
-            _transitions(before[rows], h), scaled[rows], seen[rows], p, q, walk, h, observer.sense_noise,
-            reference - first, rotation[rows], deviation[rows],
+            _transitions(before[rows], h), scaled[rows], seen[rows], p,
+            _Noise(q, walk, h, observer.sense_noise), reference - first, rotation[rows], deviation[rows],
         )  # fmt: skip
     kept = slice(every - 1, None, every)
     return rotation[kept] / device.angular_gain, deviation[kept] * np.abs(observer.factors)
 
 
+class _Noise(NamedTuple):
+    """Of a step q (14, 14), of the rate in scaled time, the step h itself, of a sample (2,)."""
+
+    q: Array
+    walk: float
+    h: float
+    sample: Array
+
+
 @compiled
 def _recursion(
-    steps: Array, x: Array, seen: Array, p: Array, q: Array, walk: float, h: float, noise: Array,
-    reference: int, rotation: Array, deviation: Array,
-) -> None:  # fmt: skip
+    steps: Array, x: Array, seen: Array, p: Array, variances: _Noise, reference: int, rotation: Array, deviation: Array
+) -> None:
     """The Riccati recursion over some samples, one measurement after the other; p (14, 14) goes on."""
+    q, walk, h, noise = variances
     f = np.eye(14)
     f[13, 6] = h
     jump = np.zeros(14)  # what a unit jump of the rate does: Euler's acceleration, and φ from the middle of the step on
@@ -93,7 +103,7 @@ def _recursion(
 
 
 def _per_constant(observer: Observer) -> Array:
-    """Variance per scaled second by which each of the nine constants walks."""
+    """Variance per scaled second by which each of the nine constants moves as a random walk."""
     walk = np.zeros(9)
     walk[observer.active] = observer.walks
     return walk

@@ -111,7 +111,7 @@ class ObserverSettings:
     """Variant, gain, memory [s] of the fading, initial values by name in SI (the rest from the device), spread, noise.
 
     effects: what the base model lacks and this observer carries, by name (`estimator.effects`), each with first
-    guesses of its coefficients in SI (0 where not given); they are estimated with the rest.
+    initial values of its coefficients in SI (0 where not given); they are estimated with the rest.
 
     open_loop: nothing makes an ideal oscillator of the device, so that the angle is the integrated rate.
     reference: time [s] from which on the angle's uncertainty counts; what it was there is zero by definition.

@@ -100,7 +100,7 @@ class Start:
     )
     opening: int = _set(20_000, "samples", "From so many a first pass finds the constants; the second begins there.")
     opening_share: float = _set(1.0 / 3.0, "of the record", "The same of a long record, whose amplitude and rate move.")
-    memories: float = _set(3.0, "memories of the observer", "A start from the guess has decayed to a twentieth.")
+    memories: float = _set(3.0, "memories of the observer", "A start from declared values has decayed to a twentieth.")
     longest_memory: float = _set(1.0, "s", "An observer of longer memory has settled its motion by then.")
     most: int = _set(4, "1 / share of the record", "A short record is not scored by its last part alone.")
 
@@ -207,7 +207,7 @@ class Promises:
 class Judgement:
     """Whether what is left is of a size that matters."""
 
-    start: int = _set(8, "cycles", "A start from the declared guess is over by then.")
+    start: int = _set(8, "cycles", "A start from the declared values is over by then.")
     level: float = _set(0.05, "of the predicted power, above it", "Clean records leave less.")
     predictable: float = _set(0.02, "of the power", "Clean records show less that follows from the innovations before.")
     lags: int = _set(4, "cycles", "So far back the innovations may tell of the next.")

@@ -18,7 +18,7 @@ from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, covariance_of
-from estimator.trace.criterion import schwarz, surprise
+from estimator.trace.criterion import chance_gain, schwarz
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.observer_model import carries_over, estimates_of, numbers
@@ -99,7 +99,7 @@ def leading(
     best = max(gains, key=lambda name: gains[name] - price(name, device, compared.record))
     _, effect = effect_for(best, device.axes, device.own)
     candidates = len(seen.columns) * tries(watched[best], len(record))
-    if not gains[best] > surprise(len(effect.coefficients), candidates):
+    if not gains[best] > chance_gain(len(effect.coefficients), candidates):
         return None
     # What is weak must be borne out by samples that it was not found on, as in tracing; what is strong is beyond that.
     if gains[best] < _ENOUGH and not carries_over(compared, without, models[best], best):

@@ -5,6 +5,7 @@ coefficients and the innovation itself belong to one least-squares problem.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -44,10 +45,11 @@ def follow(linear: Linear, reference: Array, known: Array, sensed: Array, force_
     n = len(z)
     innovation, variance, gain = np.zeros((n, axes)), np.zeros((n, axes, axes)), np.zeros((n, m, axes))
     rate = np.zeros(n)
+    turning, expected = np.ascontiguousarray(linear.turning), np.ascontiguousarray(reference)
     _follow(
-        np.ascontiguousarray(linear.transition), linear.by_rate, np.ascontiguousarray(linear.turning), added, z,
-        np.ascontiguousarray(reference), linear.noise**2, noise, walk * linear.step, start, spread,
-        innovation, variance, gain, rate,
+        _Noise(linear.noise**2, noise, walk * linear.step),
+        _Course(np.ascontiguousarray(linear.transition), linear.by_rate, turning, added, z, expected),
+        start, spread, innovation, variance, gain, rate,
     )  # fmt: skip
     there = np.all(np.isfinite(z), axis=1)
     there[: n // 50] = False
@@ -97,11 +99,31 @@ def _step(transition, by_rate, turning, before, a):  # type: ignore[no-untyped-d
                 a[i, s] += by_rate[i, j] * before[j]
 
 
+class _Noise(NamedTuple):
+    """Variances of a sample (axes,), of the motion (m, m) and of the rate from one sample to the next."""
+
+    seen: Array
+    motion: Array
+    walk: float
+
+
+class _Course(NamedTuple):
+    """What is known of the record beforehand, as `follow` has it."""
+
+    transition: Array
+    by_rate: Array
+    turning: Array
+    added: Array
+    sense: Array
+    reference: Array
+
+
 @compiled
 def _follow(  # type: ignore[no-untyped-def]
-    transition, by_rate, turning, added, sense, reference, seen_noise, noise, walk, start, spread,
-    innovation, variance, gain, rate,
-):  # fmt: skip
+    variances, course, start, spread, innovation, variance, gain, rate
+):
+    seen_noise, noise, walk = variances
+    transition, by_rate, turning, added, sense, reference = course
     n, axes = sense.shape
     s = by_rate.shape[0]
     m = len(start)

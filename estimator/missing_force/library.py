@@ -94,10 +94,8 @@ def of_axis(
     time: float,
     *,
     axes: int,
-    family: str | None = None,
     sense: bool = False,
     threshold: tuple[str, float, int, int] | None = None,
-    series: str | None = None,
     only: Sequence[int] = (0, 1),
 ) -> Term:
     """The same on each axis, with a coefficient of its own."""
@@ -111,7 +109,7 @@ def of_axis(
         columns.append((own, zero) if axis == 0 else (zero, own))
         named.append("xy"[axis])
     general = Term(
-        form, family or form, tuple(columns), length, time, tuple(named), sense, threshold, series, tuple(columns)
+        form, form, tuple(columns), length, time, tuple(named), sense, threshold, None, tuple(columns)
     )
     return general if threshold is None else general.at(threshold[1])
 

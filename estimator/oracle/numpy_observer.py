@@ -13,7 +13,7 @@ from estimator.oracle.pattern import PatternAngle, pattern, pattern_gradient
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Sensed, Variant
 
-SURPRISED, ATTENTION, FASTEST = 3.0, 0.05, 0.1
+HASTY_NIS, ATTENTION, FASTEST = 3.0, 0.05, 0.1
 
 
 class NumpyObserver(Observer):
@@ -45,7 +45,7 @@ class NumpyObserver(Observer):
         self._virtual = 0.0 if controller is None else controller.virtual_rotation / self.scaling.omega0
         self._reversal = 0.0 if controller is None else controller.virtual_reversal * self.scaling.omega0
         self._time = 0.0
-        self._surprise = 1.0
+        self._nis = 1.0
         self._cursor = 0
         self._theta, self._theta_plain = PatternAngle(), PatternAngle()
         self._turned = np.zeros(3)  # ∫Ω̂ dt, ∫Ωv dt and the rotation of the pattern by forces, so far
@@ -145,8 +145,8 @@ class NumpyObserver(Observer):
             self._correct(self._tabulated_gain()[:, seen], h_seen, r_seen, innovation[seen])
             return innovation, variance
         s_seen = h_seen @ self._p @ h_seen.T + assumed
-        surprise = float(innovation[seen] @ np.linalg.solve(s_seen, innovation[seen])) / len(z)
-        self._surprise += ATTENTION * (surprise - self._surprise)
+        nis = float(innovation[seen] @ np.linalg.solve(s_seen, innovation[seen])) / len(z)
+        self._nis += ATTENTION * (nis - self._nis)
         self._update(z[seen], lambda x: self._measure(x)[seen], h_seen, assumed, r_seen)
         if self._fading:
             self._remember_prior()
@@ -205,9 +205,9 @@ class NumpyObserver(Observer):
 
     def _fading_factor(self) -> float:
         """The chosen memory, shorter while the innovations deny the covariance."""
-        if not self._fading or self._surprise < SURPRISED:
+        if not self._fading or self._nis < HASTY_NIS:
             return self._fade
-        return self._fade * (1.0 + min(0.01 * (self._surprise - SURPRISED), FASTEST))
+        return self._fade * (1.0 + min(0.01 * (self._nis - HASTY_NIS), FASTEST))
 
     def _remember_prior(self) -> None:
         """Measure the next constant in turn against its initial guess, with the information that was forgotten; then

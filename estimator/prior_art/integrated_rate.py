@@ -9,8 +9,9 @@ they are linear in the seven unknowns and need no derivative of a measured signa
 online identification of a gyro's rate and parameters from its own equations: Fei & Yang, Math. Probl. Eng. 2011,
 829432).  φ is a squared Hann window over six periods times the vibration's own carrier, so that an offset has no part
 in the integrals.  Window after window a linear Kalman filter takes the four real equations; stiffness and damping are
-constant, the rate walks as the data sheet declares.  What is left out are the centrifugal and Euler terms, which are
-Ω/ω0 of the Coriolis one.  The rate is that of the middle of a window, and the angle is carried on to its end by it.
+constant, the rate is a random walk as the data sheet declares.  What is left out are the centrifugal and Euler terms,
+which are Ω/ω0 of the Coriolis one.  The rate is that of the middle of a window, and the angle is carried on to
+its end by it.
 """
 
 import math

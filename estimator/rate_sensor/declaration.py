@@ -49,7 +49,7 @@ class Effect:
 
     act(signal, coefficients, record, range) → the signal after the stage (REFERENCE, RATE, LIMIT), or what is added to
     it (CHARACTERISTIC, SURROUNDINGS); lower, upper: bounds of the coefficients given the record and the range;
-    starts: first guesses to refine from, several where the cost has several minima; needs: "time" (a record with a
+    starts: first values to refine from, several where the cost has several minima; needs: "time" (a record with a
     sampling interval), "temperature" (its channel) or nothing.
     """
 

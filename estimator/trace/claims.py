@@ -79,28 +79,28 @@ def constants_of(problem: Problem, model: Fitted) -> tuple[Constant, ...]:
             continue
         value = float(observer.state[observer.names.index(name)])
         half = TWO_SIDED * float(sure[observer.estimated.index(name)])
-        guess = float(declared.state[declared.names.index(name)])
+        initial = float(declared.state[declared.names.index(name)])
         spread = float(prior[declared.estimated.index(name)])
-        found.append(Constant(name, value, value - half, value + half, guess, spread, positive=is_positive(name)))
+        found.append(Constant(name, value, value - half, value + half, initial, spread, positive=is_positive(name)))
     return tuple(found)
 
 
 def _rate(problem: Problem, after: Examination, split: int) -> tuple[Constant, ...]:
-    """The rate where it was estimated farthest from its guess, beside how far it may have walked by then."""
+    """The rate where it was estimated farthest from its initial value, beside how far it may have moved by then."""
     if "rate" not in after.estimates.names:
         return ()
     later = after.estimates.index >= split
     estimates = after.estimates
     rate, sure = estimates.of("rate")[later], estimates.deviation[later, estimates.names.index("rate")]
-    guess = problem.settings.initial.get("rate", 0.0)
-    beyond = np.abs(rate - guess) - TWO_SIDED * sure
+    initial = problem.settings.initial.get("rate", 0.0)
+    beyond = np.abs(rate - initial) - TWO_SIDED * sure
     if not np.any(np.isfinite(beyond)):
         return ()
     at = int(np.nanargmax(beyond))
     walked = problem.settings.process_noise.rate**2 * problem.span
     deviation = float(np.sqrt(problem.settings.spread.rate**2 + walked))
     value, half = float(rate[at]), TWO_SIDED * float(sure[at])
-    return (Constant("rate", value, value - half, value + half, guess, deviation),)
+    return (Constant("rate", value, value - half, value + half, initial, deviation),)
 
 
 def _levels(

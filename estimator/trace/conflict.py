@@ -15,7 +15,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.candidates import kind
 from estimator.trace.claims import constants_of
-from estimator.trace.criterion import TIE, schwarz, surprise
+from estimator.trace.criterion import TIE, chance_gain, schwarz
 from estimator.trace.engine import Round
 from estimator.trace.fitting import Fitted, coefficients_of, fit, parameters_of
 from estimator.trace.observer_model import degrees, numbers
@@ -51,7 +51,7 @@ def reconciled(
     standing: dict[str, float] = {}
     for name, model in zip(one_of_each.values(), others, strict=True):
         gain = model.likelihood - base.likelihood
-        if gain > surprise(degrees(name, part.device), len(one_of_each)) and not _conflicts(part, model):
+        if gain > chance_gain(degrees(name, part.device), len(one_of_each)) and not _conflicts(part, model):
             models[name] = model
             standing[name] = gain - schwarz(numbers(name, part.device), base.estimates.innovation.size)
     if not models:

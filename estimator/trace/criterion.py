@@ -18,7 +18,7 @@ def threshold(candidates: int) -> float:
     return float(-np.log10(_SET.chance / max(candidates, 1)))
 
 
-def surprise(degrees: int, candidates: int) -> float:
+def chance_gain(degrees: int, candidates: int) -> float:
     """Gain that chance gives the best of so many candidates, each with so many coefficients."""
     return float(chi2.isf(_SET.chance / max(candidates, 1), degrees))
 

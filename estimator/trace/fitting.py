@@ -1,6 +1,6 @@
 """The observer with chosen effects over a part of the record, as exact as the model goes.
 
-One pass from the declared guess finds the constants, a second begins with them and with a spread of many of their
+One pass from the declared values finds the constants, a second begins with them and with a spread of many of their
 standard deviations: linearised about the right place from the first sample on, its likelihood and covariance mean what
 they say, while what is counted twice is one part in a hundred.  Where a coefficient leaves even that spread, as one may
 that acts by more than its first power, the pass was linearised about the wrong place and another follows.

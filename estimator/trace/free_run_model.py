@@ -212,7 +212,7 @@ def _observer(device: Device, settings: ObserverSettings, effects: tuple[str, ..
 
 
 def _carried_over(observer: Observer, current: Refined | None) -> Array:
-    """The observer's own guess with the values found so far in it, of what it carries."""
+    """The observer's own initial values with the values found so far in it, of what it carries."""
     state = observer.state.copy()
     if current is not None:
         for name, value in zip(current.names, current.state, strict=True):

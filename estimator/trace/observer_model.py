@@ -11,7 +11,7 @@ from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.certainty import TWO_SIDED, covariance_of
-from estimator.trace.criterion import schwarz, surprise
+from estimator.trace.criterion import chance_gain, schwarz
 from estimator.trace.engine import Estimate, Score, Trial, leader
 from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
 from estimator.trace.look import Look, look_at
@@ -117,7 +117,7 @@ class ObserverModel:
                 likelihood=carrying.fitted.likelihood,
                 gain=carrying.fitted.likelihood - base.likelihood,
                 price=schwarz(self._numbers(name), samples),
-                bar=surprise(self._degrees(name), len(look.evidence)),
+                bar=chance_gain(self._degrees(name), len(look.evidence)),
             )
             for name, carrying in fits.items()
         }
@@ -139,7 +139,7 @@ class ObserverModel:
         less = fit(self.problem.under(model.settings).carrying(rest), passes=1)
         price = schwarz(self._numbers(name), model.estimates.innovation.size)
         loss = model.likelihood - less.likelihood
-        score = Score(model.likelihood, loss, price, surprise(self._degrees(name), _SET.rivals))
+        score = Score(model.likelihood, loss, price, chance_gain(self._degrees(name), _SET.rivals))
         searched = {other: found for other, found in current.searched.items() if other != name}
         return Carrying(self.problem, less, searched), score
 
@@ -188,4 +188,4 @@ def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bo
         [partial(foresight, problem.carrying({**effects, **more}), seen) for more in ({}, added)]
     )
     share = _SET.borne_out * (1.0 - _SET.learnt) * (model.likelihood - base.likelihood)
-    return carried - without > min(share, surprise(degrees(name, problem.device), 1))
+    return carried - without > min(share, chance_gain(degrees(name, problem.device), 1))

@@ -140,12 +140,13 @@ def _in_step(problem: Problem, model: Fitted, name: str) -> Fitted:
     """
     _, effect = effect_for(name, problem.device.axes, problem.device.own)
     own = {c.symbol: c.name for c in effect.coefficients}
-    twins = {p.name: own[p.found_as] for p in effect.parameters if p.found_as in own}
-    for _ in range(_SET.rounds if twins else 0):
+    same = {p.name: own[p.found_as] for p in effect.parameters if p.found_as in own}
+    for _ in range(_SET.rounds if same else 0):
         effects = coefficients_of(model.observer)
         given = effects[name]
-        found = {parameter: given[twin.partition(":")[0]] for parameter, twin in twins.items() if parameter in given}
-        rows = {parameter: model.observer.estimated.index(twins[parameter]) for parameter in found}
+        bare = {parameter: coefficient.partition(":")[0] for parameter, coefficient in same.items()}
+        found = {parameter: given[coefficient] for parameter, coefficient in bare.items() if parameter in given}
+        rows = {parameter: model.observer.estimated.index(same[parameter]) for parameter in found}
         near = {p: _SET.near * float(np.sqrt(model.observer.covariance[row, row])) for p, row in rows.items()}
         moved = {p: value for p, value in found.items() if value > 0.0 and abs(value - given[p]) > near[p]}
         if not moved:

@@ -119,9 +119,9 @@ def scan(
             score[part] = upper[:first, first]
         with np.errstate(all="ignore"):
             own = rows[begin:end]
-            surprise = own["nu"][:, : device.axes] ** 2 / own["s"][:, : device.axes]
-        if not np.isnan(surprise).all():
-            level = _SET.jump * max(1.0, float(np.nanmedian(surprise)) / 0.455)
+            nis = own["nu"][:, : device.axes] ** 2 / own["s"][:, : device.axes]
+        if not np.isnan(nis).all():
+            level = _SET.jump * max(1.0, float(np.nanmedian(nis)) / 0.455)
     factors = observer.factors[len(observer.names) - first :]
     volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
     variance = rows["s"][:, : device.axes]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Mapping
 from estimator.effects.search import Search
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import Parameters, kind, searched_by
-from estimator.trace.criterion import TIE, surprise
+from estimator.trace.criterion import TIE, chance_gain
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
 from estimator.trace.kin import are_kin, kin_of
@@ -54,7 +54,7 @@ def is_small(left: Look, gained: float) -> bool:
     second effect or chance: steadily or not, since what is rough is not small.
     """
     promised = max((item.gain for item in left.evidence.values()), default=0.0)
-    matters = max(_SET.left * gained, surprise(_SET.degrees, len(left.evidence)))
+    matters = max(_SET.left * gained, chance_gain(_SET.degrees, len(left.evidence)))
     return left.seen.ratio**2 < 1.0 + _SET.power and promised <= matters
 
 

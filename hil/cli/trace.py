@@ -113,7 +113,7 @@ def trace(
         if live or force or fraction is not None:
             raise InputError("several records: they are held out whole, and there is no --live and no --force; leave "
                              "out these and --fraction")  # fmt: skip
-        _together([capture, *more], path, out, name, covariate, hold_out or [], add, report=report, json=json)
+        _together([capture, *more], path, out, name, (covariate, hold_out or []), add, report=report, json=json)
     if covariate is not None or hold_out:
         raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
@@ -156,14 +156,14 @@ def _together(
     bench: Path,
     out: Path,
     name: str | None,
-    covariate: str | None,
-    hold_out: list[str],
+    among: tuple[str | None, list[str]],
     add: Path | None,
     *,
     report: bool,
     json: bool,
 ) -> NoReturn:
-    """Trace several records, and leave."""
+    """Trace several records, and leave; among them: what varies from one to the next, and who is held out."""
+    covariate, hold_out = among
     from hil.cli.files import capture_in
     from hil.cli.progress import watching
     from hil.cli.show_diagnosis import finish

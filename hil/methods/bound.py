@@ -19,8 +19,8 @@ _MOTION = ("x_m", "vx_mps", "y_m", "vy_mps", "phi_x_V", "phi_y_V", "rate_rad_s")
 
 
 def bound_of(given: Given, truth: Truth) -> MethodRow:
-    """Least deviations, rms over the scored window, of 13 states under what the bench file declares of noise, walk and
-    initial value; the angle's is that of its change since the start of the window.
+    """Least deviations, rms over the scored window, of 13 states under what the bench file declares of noise, random
+    walk and initial value; the angle's is that of its change since the start of the window.
 
     Raises InputError where the truth lacks a sample of the record.
     """
@@ -46,7 +46,7 @@ def bound_of(given: Given, truth: Truth) -> MethodRow:
         rate_error_rms_rad_s=_rms(deviation[scored, names.index("rate")]),
         stiffness_error=end(STIFFNESS) / device.target,
         damping_error=end(DAMPING) / (0.5 * (constants["dxx_per_s"] + constants["dyy_per_s"])),
-        remark="under the declared noise and walk of the rate",
+        remark="under the declared noise and random walk of the rate",
     )
 
 

@@ -16,7 +16,7 @@ from hil.replaying import require_fit
 
 @dataclass(frozen=True)
 class Given:
-    """A record with its bench: samples a row a tick, and how a drive that is missing was guessed."""
+    """A record with its bench: samples a row a tick, and how a drive that is missing was predicted."""
 
     captured: Capture
     bench: Bench

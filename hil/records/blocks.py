@@ -211,8 +211,8 @@ def scan_blocks(path: Path, kind: str | None) -> Scan:
         size = os.fstat(file.fileno()).st_size
         opening = read_opening(path, file, kind)
         numbered = opening.header["kind"] != "truth"
-        walk = _Walk(file, size, opening.data, opening.heads, numbered)
-        blocks, complete, damage = walk.blocks()
+        passage = _Passage(file, size, opening.data, opening.heads, numbered)
+        blocks, complete, damage = passage.blocks()
         sealed = opening.heads is not None
         if sealed and not blocks and not damage:
             kind = kind or "record"
@@ -260,7 +260,7 @@ class GrowingFile:
         self.header = scan.header
         self._path, self._dtypes, self._opening = path, scan.dtypes, scan.opening
         self._file = path.open("rb")
-        self._walk = _Walk(self._file, 0, self._file.read(scan.opening), _heads(path, scan.header["checksum"]), True)
+        self._walk = _Passage(self._file, 0, self._file.read(scan.opening), _heads(path, scan.header["checksum"]), True)
         self._taken = 0  # blocks
         self._rows = 0
         self.complete = False
@@ -287,7 +287,7 @@ class GrowingFile:
         return StoredColumns(scan, start, stop)
 
 
-class _Walk:
+class _Passage:
     """Goes from block to block of an open file."""
 
     def __init__(

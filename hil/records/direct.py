@@ -22,7 +22,7 @@ from hil.records.layout import HEADER_KEY
 from hil.records.seal import PREFIX, BrokenBlockError, checked_head, head_length, lengths_of, stated_head
 
 _HEAD_BYTES = 1 << 16  # longer than any head
-_FEW = 8  # blocks, among which one looks without a guess
+_FEW = 8  # blocks, among which one looks without a hint
 
 Columns = dict[str, npt.NDArray[Any]]
 
@@ -90,10 +90,10 @@ class DirectRecord:
     def row_of(self, tick: int) -> int:
         """The first row at or after a tick; ticks ascend."""
         low, high = 0, self._blocks  # the first block that begins after the tick, less one, holds it
-        guess = self._without_gaps(tick)  # a read of a record that is not in memory takes long: most need two
+        hint = self._without_gaps(tick)  # a read of a record that is not in memory takes long: most need two
         while low < high:
-            middle = min(max(guess, low), high - 1) if guess is not None else (low + high) // 2
-            guess = None if guess is None or middle != guess else guess + 1
+            middle = min(max(hint, low), high - 1) if hint is not None else (low + high) // 2
+            hint = None if hint is None or middle != hint else hint + 1
             if self._first_tick(middle) < tick:
                 low = middle + 1
             else:

@@ -5,6 +5,8 @@ from collections.abc import Collection, Iterable, Sequence
 from html import escape
 from importlib.resources import files
 
+from hil.report.verdict import Headline
+
 Row = Sequence[str]
 
 
@@ -12,16 +14,14 @@ def page(
     *,
     kind: str,
     title: str,
-    tone: str,
-    word: str,
-    sentence: str,
+    line: Headline,
     key: str,
     sections: str,
     alarm: str = "",
     verdict: str = "",
     facts: Iterable[str] = (),
 ) -> str:
-    """A whole page. `tone` is a CSS class: good, slow, bad or open; `key`, `sections` and `verdict`, which stands below
+    """A whole page. `line` is its verdict; `key`, `sections` and `verdict`, which stands below
     the sentence, are HTML already. `alarm` stands above everything; `facts` are in a line below the title: when, what,
     how long. The contents are those of the sections."""
     report = files("hil.report")
@@ -30,11 +30,11 @@ def page(
         "kind": escape(kind),
         "title": escape(title),
         "style": report.joinpath("style.css").read_text(encoding="utf-8"),
-        "tone": tone,
+        "tone": line.tone,
         "facts": _line("facts", map(escape, facts)),
         "contents": _line("contents", _contents(sections), "nav"),
-        "word": escape(word),
-        "sentence": escape(sentence),
+        "word": escape(line.word),
+        "sentence": escape(line.sentence),
         "alarm": f'<p class="alarm" role="alert"><strong>Unsafe.</strong> {escape(alarm)}</p>' if alarm else "",
         "parts": verdict,
         "key": key,

@@ -16,6 +16,7 @@ from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
 from hil.report.numbers import quantity, relative, significant
 from hil.report.theme import FIRST, INK, MUTED, SECOND, new_figure
+from hil.report.verdict import Headline
 
 Floats = npt.NDArray[np.float64]
 HEAD = (
@@ -63,9 +64,7 @@ def render(found: Methods, lines: Sequence[Line], bench_text: str = "", made: st
     return markup.page(
         kind="Gyro bench · comparison of methods",
         title=f"{found.bench}: {found.record}",
-        tone=tone,
-        word=word,
-        sentence=sentence,
+        line=Headline(tone, word, sentence),
         key="",
         sections="".join(sections),
         facts=(fact for fact in facts if fact),
@@ -78,8 +77,8 @@ _COLUMNS = (
     "Settled: from when on the angle's error stays within 20 mrad of its mean. Diverged: from when on figures are not "
     "finite, the innovation is beyond [limits] residual_safe, or the angle is off by more than a quarter of a turn for "
     "good. A sample: processor time on this machine.",
-    "The bound is the posterior Cramér–Rao bound of this record by the noise and walk that the bench file declares; no "
-    "unbiased estimator that believes these does better on the average over records.",
+    "The bound is the posterior Cramér–Rao bound of this record by the noise and the random walk that the bench file "
+    "declares; no unbiased estimator that believes these does better on the average over records.",
 )
 
 

@@ -72,9 +72,7 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
     return markup.page(
         kind="Gyro bench · run report",
         title=material.result.run,
-        tone=line.tone,
-        word=line.word,
-        sentence=line.sentence,
+        line=line,
         key=markup.key_figures(key_figures(material.result, None if earlier is None else earlier.result)),
         sections="".join(sections),
         alarm=alarm(material.result),

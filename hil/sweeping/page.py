@@ -12,6 +12,7 @@ from hil.records.atomic import write_text
 from hil.report import markup
 from hil.report.numbering import Figures
 from hil.report.numbers import count, percent, quantity, significant
+from hil.report.verdict import Headline
 from hil.sweeping import figures, pictures
 from hil.sweeping.dependence import Dependence, dependence
 from hil.sweeping.ensemble import Knows, Ratio, column, knows, over_bound
@@ -76,9 +77,7 @@ def render(plan: Plan, folder: Path, table: "pyarrow.Table") -> str:
     return markup.page(
         kind="Gyro bench · campaign",
         title=plan.campaign.name,
-        tone=tone,
-        word=word,
-        sentence=sentence,
+        line=Headline(tone, word, sentence),
         key=markup.key_figures(_key_figures(table, figure, ratios, honesty)),
         sections="".join(sections),
         facts=(

@@ -7,7 +7,7 @@ from typing import ClassVar
 import pytest
 
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.criterion import TIE, extended, schwarz, surprise, threshold
+from estimator.trace.criterion import TIE, chance_gain, extended, schwarz, threshold
 from estimator.trace.engine import (
     Chosen,
     Dissent,
@@ -328,7 +328,7 @@ def test_prices_are_those_of_the_papers():
     assert schwarz(3, 1000.0) == pytest.approx(3.0 * math.log(1000.0))
     assert extended(3, 1000.0, 20) == pytest.approx(3.0 * math.log(1000.0) + 2.0 * math.log(20.0))
     # By chance alone the largest of m χ² of two degrees exceeds x with m exp(−x/2), where that is small.
-    assert surprise(2, 40) == pytest.approx(-2.0 * math.log(1e-4 / 40))
+    assert chance_gain(2, 40) == pytest.approx(-2.0 * math.log(1e-4 / 40))
     assert 10.0 ** -threshold(40) * 40 == pytest.approx(1e-4)
     assert THRESHOLDS.criterion.chance == 1e-4
 

@@ -119,8 +119,8 @@ def fitted(
     observer = observer_of(pool, effects)
     own, records, level = len(own_names(observer)), len(pool.members), start.level
     names = observer.names[own:]
-    guess = dict(zip(names, observer.state[own:].tolist(), strict=True))
-    shared = {name: start.shared.get(name, guess[name]) for name in names}
+    initial = dict(zip(names, observer.state[own:].tolist(), strict=True))
+    shared = {name: start.shared.get(name, initial[name]) for name in names}
     begun = {name: start.slopes.get(name, 0.0) for name in slopes}
     free = [name for name in names if name in observer.estimated]
     size = scales(observer)

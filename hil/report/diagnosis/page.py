@@ -28,6 +28,7 @@ from hil.report.diagnosis.material import Material
 from hil.report.facts import date_of
 from hil.report.numbering import Figures
 from hil.report.numbers import count, quantity, sensed, significant
+from hil.report.verdict import Headline
 
 _WORDS = {
     "adequate": ("good", "Adequate"),
@@ -140,9 +141,7 @@ def page_of(
     return markup.page(
         kind="Gyro bench · trace of a residual",
         title=f"{diagnosis.bench}: {diagnosis.record}",
-        tone=tone,
-        word=word,
-        sentence=headline(diagnosis),
+        line=Headline(tone, word, headline(diagnosis)),
         key=markup.key_figures([*_key_figures(diagnosis), record]),
         sections="".join(sections),
         facts=(word for word in (date_of(made), f"record {diagnosis.record}", f"gyrohil {version('gyrohil')}") if word),

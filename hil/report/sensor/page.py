@@ -50,9 +50,7 @@ def render(material: SensorMaterial) -> str:
     return markup.page(
         kind="Gyro bench · record of a rate sensor",
         title=result.run,
-        tone=line.tone,
-        word=line.word,
-        sentence=line.sentence,
+        line=line,
         key=markup.key_figures(_key_figures(material)),
         sections="".join(sections),
         facts=facts(result, {}),

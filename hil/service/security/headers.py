@@ -1,4 +1,4 @@
-"""Headers of every answer: nothing is loaded from elsewhere, nothing embeds the page, nothing guesses a type."""
+"""Headers of every answer: nothing is loaded from elsewhere, nothing embeds the page, no type is sniffed."""
 
 _DIRECTIVES = {
     "default-src": "'none'",
