@@ -99,12 +99,17 @@ def _edits(tree: ast.Module) -> Iterator[tuple[ast.stmt | ast.expr, Callable[[],
                         yield node, lambda node=node, value=value: setattr(node, "value", type(node.value)(value))
             case ast.FunctionDef():
                 first = next((item for item in node.body if not _is_words(item)), None)
-                if first is not None and not isinstance(first, ast.Pass):
+                if first is not None and not isinstance(first, ast.Pass) and not _is_stub(first):
                     early = ast.parse(f"return {_neutral(node.returns)}").body[0]
                     shown = ast.Expr(ast.Constant(f"def {node.name}"), lineno=node.lineno)
                     yield shown, lambda node=node, early=early, shown=shown: _return_early(node, early, shown)
             case ast.Expr(value=ast.Call()):
                 yield node, lambda node=node: setattr(node, "value", ast.Constant(...))
+
+
+def _is_stub(statement: ast.stmt) -> bool:
+    """Whether it is the `...` of a protocol, which nothing runs."""
+    return ast.unparse(statement) == "..."
 
 
 def _return_early(node: ast.FunctionDef, early: ast.stmt, shown: ast.Expr) -> None:

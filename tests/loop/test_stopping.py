@@ -237,3 +237,18 @@ def test_a_link_that_hangs_up_confirms_nothing(ends: tuple[Endpoint, Far]) -> No
     found = stop(host)
     assert (found.status, found.confirmed) == (None, False)
     assert "cannot be told SAFE any more" in found.why
+
+
+def test_a_drive_before_a_late_answer_is_none_after_it(ends: tuple[Endpoint, Far]) -> None:
+    """The board's clock went on while it did not answer: rows up to the tick of its answer were sampled before it."""
+    host, far = ends
+
+    def late(message: Message) -> list[Message]:
+        if isinstance(message, Safe) and far.count(Safe) == 5:
+            far.say(status(tick=TICK + 60))
+            far.say(rows(DRIVEN), tick=TICK + 30)
+        return []
+
+    far.answer = late
+    found = stop(host)
+    assert (found.confirmed, found.why) == (True, "")
