@@ -39,6 +39,7 @@ export class Chart {
    * @param {string} [options.x] label of the other
    * @param {boolean} [options.zoom] by dragging; a double click shows all again
    * @param {boolean} [options.log] logarithmic values
+   * @param {boolean} [options.settles] what is drawn begins far away: the axis of values fits the later half
    * @param {string} [options.sync] charts of the same name share the cursor
    * @param {(from: number, to: number) => void} [options.onZoom]
    * @param {(at: number | null) => void} [options.onCursor]
@@ -142,7 +143,7 @@ export class Chart {
     this.plot = null;
     this.host.classList.toggle("empty", !this.data);
     if (!this.uPlot || !this.data || this.host.clientWidth === 0) return;
-    const { lines, y, x, zoom, log, sync } = this.options;
+    const { lines, y, x, zoom, log, settles, sync } = this.options;
     /** @type {any[]} */
     const series = [{}];
     /** @type {any[]} */
@@ -187,7 +188,7 @@ export class Chart {
           y: false,
           bind: this.options.onZoom ? /** @type {any} */ ({ dblclick: () => () => this.options.onZoom?.(NaN, NaN) }) : undefined,
         },
-        scales: { x: { time: false, auto: false }, y: { distr: log ? 3 : 1, range: log ? undefined : padded } },
+        scales: { x: { time: false, auto: false }, y: { distr: log ? 3 : 1, range: log ? undefined : settles ? settled : padded } },
         axes: [
           axis(x, { size: 18, values: (/** @type {any} */ _, /** @type {number[]} */ at) => ticks(at) }),
           axis(y, { size: width, space: 24, values: (/** @type {any} */ _, /** @type {(number | null)[]} */ at) => (log ? decades(at) : ticks(at)) }),
@@ -249,6 +250,20 @@ function padded(_, low, high) {
   if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
   const room = 0.08 * (high - low) || 0.05 * Math.abs(high) || 1;
   return [low - room, high + room];
+}
+
+/** @param {{ data: ArrayLike<ArrayLike<number | null | undefined>> }} plot @returns {[number, number]} what the later half needs */
+function settled({ data }) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const values of Array.from(data).slice(1)) {
+    for (let i = values.length >> 1; i < values.length; i += 1) {
+      const value = values[i];
+      if (value === null || value === undefined) continue;
+      low = Math.min(low, value);
+      high = Math.max(high, value);
+    }
+  }
+  return padded(null, low, high);
 }
 
 /** @param {(number | null)[]} at @returns {string[]} with as many decimals as tell the ticks apart */

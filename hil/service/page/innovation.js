@@ -20,7 +20,7 @@ export class Innovation {
       { label: "x", colour: "--first", kind: "envelope" },
       { label: "y", colour: "--second", kind: "envelope" },
     ]);
-    this.time = new Chart(byId("innovation-chart"), { label: "Innovation of both axes over the last ten seconds", y: "µV", x: "time / s", lines });
+    this.time = new Chart(byId("innovation-chart"), { label: "Innovation of both axes over the last ten seconds", y: "µV", x: "time / s", settles: true, lines });
     this.spectrum = new Chart(byId("spectrum-chart"), { label: "Spectrum of the innovation", y: "µV/√Hz", x: "frequency / Hz", log: true, lines: lines.map((line) => ({ ...line, kind: "plain" })) });
     /** @type {import("./live.js").Subscription[]} */
     this.subscriptions = [];
