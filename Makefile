@@ -17,7 +17,7 @@ help:
 	@echo "make coverage all tests again, and which lines they run"
 	@echo "make quick    the tests of daily work, under a minute"
 	@echo "make check    lint, types (those of the page as well), import contracts"
-	@echo "make bench    measured speed, into runs/bench.json"
+	@echo "make bench    speed, each figure beside a peer in the same run, as one table, and into runs/bench.json"
 	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; docs/results/undeclared.md"
 	@echo "make measured real records traced (DATA=folder), into runs/measured.json and docs/results"
 	@echo "make install  the .venv that the others need (they do it themselves)"
@@ -51,7 +51,7 @@ check: $(STAMP) $(PAGE)
 	$(BIN)/lint-imports --no-logo
 
 bench: $(STAMP)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks --speed
 
 undeclared: $(STAMP)
 	$(BIN)/python -m evaluation.undeclared

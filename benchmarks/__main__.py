@@ -1,7 +1,7 @@
 """`python -m benchmarks [NAME …]`: measure figures and keep them in runs/bench.json.
 
-Without names all of them run, about a quarter of an hour on two cores.  Each NAME replaces its own rows in the file and
-leaves the others; the rows are printed as a table.
+Without names all of them run, about a quarter of an hour on two cores; `make bench` is `--speed`: those about speed, in
+one table at the end, each with its peer.  Each NAME replaces its own rows in the file and leaves the others.
 """
 
 import argparse
@@ -11,6 +11,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from hil.records.atomic import write_text
 
@@ -22,6 +23,7 @@ BENCHMARKS = {
     "uncertainty": "errors of the angle beside its U over 60 drawn devices; results kept in runs/uncertainty",
     "variants": "the observers of 7 and 11 states",
     "speed": "a step of 7, 11, 13 states, of 13 with effects, beside C, filterpy and NumPy",
+    "paths": "the wire beside the bare least of it, in the same run",
     "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 %% off",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
@@ -62,6 +64,7 @@ LONG = {
     "separations": "thirty calm devices of several accounts: whether the experiments proposed tell them apart; an hour",
     "verdicts": "340 runs on emulated devices, verdict and uncertainty beside the truth; about an hour on two cores",
 }
+SPEED = ("speed", "paths", "force_mode")
 TARGET = Path("runs/bench.json")
 
 
@@ -73,12 +76,13 @@ def main() -> int:
     names = "\n".join(f"{name}: {what}" for name, what in known.items())
     shortly = f"default all but {', '.join(LONG)}"
     parser.add_argument("name", nargs="*", help=f"one of {', '.join(known)}; {shortly}. {names}".replace("%", "%%"))
+    parser.add_argument("--speed", action="store_true", help=f"{', '.join(SPEED)}, and their figures as one table")
     parser.add_argument("--out", type=Path, default=TARGET, help=f"default {TARGET}")
     options = parser.parse_args()
     unknown = set(options.name) - set(known)
     if unknown:
         parser.error(f"no benchmark {', '.join(sorted(unknown))}; known: {', '.join(known)}")
-    for name in options.name or BENCHMARKS:
+    for name in options.name or (SPEED if options.speed else BENCHMARKS):
         begin = time.monotonic()
         print(f"{name}: {known[name]}", file=sys.stderr, flush=True)
         module = importlib.import_module(f"benchmarks.{name}")
@@ -88,7 +92,22 @@ def main() -> int:
             beside = "" if row.ratio is None else f"   {row.ratio:.3g} × {row.peer}"
             print(f"{name}: {row.name:<56} {row.value:>14.7g} {row.unit}{beside}", flush=True)
         print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
+    if options.speed:
+        print(table(json.loads(options.out.read_text())))
     return 0
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The figures about speed that have a peer, as a table in Markdown."""
+    lines = ["| what | | over | ratio | quartiles |", "|---|---|---|---|---|"]
+    for row in rows:
+        if row["name"].partition(":")[0] in SPEED and row["ratio"] is not None:
+            spread = "" if row.get("low") is None else f"{row['low']:.2f} to {row['high']:.2f}"
+            lines.append(
+                f"| {row['name'].partition(': ')[2]} | {row['value']:.3g} {row['unit']} | {row['peer']} "
+                f"| {row['ratio']:.3g} | {spread} |"
+            )
+    return "\n".join(lines)
 
 
 def keep(path: Path, name: str, rows: list[dict[str, object]]) -> None:

@@ -102,7 +102,4 @@ def _rows(name: str, own: list[float], peers: dict[str, list[float]]) -> Iterato
     if not peers:
         yield Row(name, value, "µs")
     for peer, theirs in peers.items():
-        each = np.array(own) / np.array(theirs)
-        low, middle, high = np.percentile(each, (25, 50, 75))
-        yield Row(name, value, "µs", peer, float(middle))
-        yield Row(f"{name}, over {peer}, quartiles", float(low), "1", "upper quartile", float(high))
+        yield Row.over(name, value, "µs", peer, np.array(own) / np.array(theirs))
