@@ -50,10 +50,11 @@ def test_a_stamp_is_an_age_taken_off_the_monotonic_clock(seconds: float) -> None
     assert stamp_ns([(socket.SOL_SOCKET, 1, data), (socket.SOL_SOCKET, 35, data[:8])]) == 0
 
 
-def test_a_link_that_has_heard_nothing_has_no_stamp() -> None:
+def test_a_link_that_has_heard_nothing_has_no_stamp_and_lost_nothing() -> None:
     board, host = open_board_link(UDP), open_link(UDP)
     try:
         assert (host.arrived_ns, board.arrived_ns) == (0, 0)
+        assert (host.dropped_bytes, board.dropped_bytes) == (0, 0)
     finally:
         host.close()
         board.close()
