@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.undeclared.population import Order, population
-from benchmarks.undeclared.record import make
+from evaluation.undeclared.population import Order, population
+from evaluation.undeclared.record import make
 from hil.bench import load_bench
 from hil.methods.record import given
 
