@@ -57,9 +57,13 @@ def constancies(problem: Problem, model: Fitted, names: Iterable[str]) -> Mappin
 
 
 def constancy(seen: Scan, name: str) -> Constancy:
-    """Of one watched effect, by the parts of a scan."""
+    """Of one watched effect, by the parts of a scan in which its equations are numbers; the others can say nothing."""
     columns = seen.columns[name]
     normal, score = seen.normal[:, columns, columns], seen.score[:, columns]
+    told = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(score).all(axis=1)
+    if not told.any():
+        return Constancy(0.0, 0)
+    normal, score = normal[told], score[told]
     common, together = solve(normal.sum(axis=0), score.sum(axis=0))
     gain, degrees = 0.0, -together
     for own, b in zip(normal, score - normal @ common, strict=True):

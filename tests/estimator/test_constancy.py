@@ -51,6 +51,17 @@ def test_a_coefficient_that_is_off_by_as_much_everywhere_is_constant() -> None:
     assert off.gain == pytest.approx(right.gain)
 
 
+def test_a_part_whose_equations_are_no_numbers_says_nothing() -> None:
+    random = np.random.default_rng(4)
+    signature, noise = random.standard_normal((PARTS, ROWS, 2)), random.standard_normal((PARTS, ROWS))
+    rest = constancy(seen(signature[1:], noise[1:]), "law")
+    lost = seen(signature, noise)
+    lost.normal[0, 1, 1] = np.nan
+    assert constancy(lost, "law") == rest
+    lost.score[1:, 0] = np.inf
+    assert constancy(lost, "law") == Constancy(0.0, 0)
+
+
 def test_white_innovations_are_as_probable_as_chance_says() -> None:
     random = np.random.default_rng(3)
     # As large in one part as in another it need not be: a drive that is off for a while.
