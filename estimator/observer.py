@@ -4,18 +4,28 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.dither import dither_start
 from estimator.effects.catalogue import effect_for
-from estimator.effects.declaration import OWN, Source
+from estimator.effects.declaration import OWN, Source, can_be_specialised
 from estimator.errors import ModelError
-from estimator.kernel import block
+from estimator.kernel import block, steps
 from estimator.kernel.flow import taylor_order
-from estimator.kernel.layout import MAX_EFFECTS, MAX_ENTRIES, MAX_LATENCY, MAX_SIGNALS, MEMORY, OUTPUT, SETTINGS
+from estimator.kernel.layout import (
+    LONGEST_STEP,
+    MAX_EFFECTS,
+    MAX_ENTRIES,
+    MAX_LATENCY,
+    MAX_SIGNALS,
+    MEMORY,
+    OUTPUT,
+    SETTINGS,
+)
 from estimator.kernel.own import address
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
@@ -111,6 +121,7 @@ class Observer:
     ) -> None:
         self.device = device
         self.settings = settings
+        self._controller = controller
         self.number, self.model = model_for(device.axes)
         self.scaling = Scaling(
             math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain, device.angular_gain
@@ -160,6 +171,8 @@ class Observer:
             from estimator.stationary import stationary_table
 
             self._table = stationary_table(self)
+        self._step: ModuleType | None = None
+        self._looked = not self.may_have_step  # for a step of its own
 
     # -- construction ------------------------------------------------------------------------------------------------
 
@@ -332,6 +345,45 @@ class Observer:
         record["quantum"] = controller.force_quantum / scaling.drive
         for axis in range(2):
             record["sense_scale"][0, axis] = controller.sense_quantum / scaling.sense(axis)
+
+    # -- a step of its own -------------------------------------------------------------------------------------------
+
+    @property
+    def may_have_step(self) -> bool:
+        """Whether there is a step for its effects alone (`estimator.model.step`), be it compiled or not."""
+        whole = self.settings.variant is Variant.FULL and self.settings.gain is Gain.FADING
+        if not self.effects or self.carried < len(self.effects) or not whole or self.device.axes != 2:
+            return False
+        return self.h <= LONGEST_STEP and can_be_specialised([effect for _, effect in self.effects])
+
+    def compile_step(self) -> None:
+        """Compile the step of its effects into the cache, some seconds, where it may have one that is not there."""
+        declared = [effect for _, effect in self.effects]
+        if not self.may_have_step or not steps.wanted() or steps.is_compiled(self.model, declared):
+            return
+        other = Observer(self.device, self.settings, self._controller)
+        other._looked, other._step = True, steps.module_of(self.model, declared)
+        other.run(np.zeros((1, 2)), np.zeros((1, 2)))
+        if self._controller is not None:
+            other.tick(0.0, 0.0, 0.0, 0.0)
+        steps.mark_compiled(self.model, declared)
+        self._looked = False
+
+    @property
+    def has_step(self) -> bool:
+        """Whether blocks and samples go through a step of its own; the general kernels do the same, slower."""
+        return self._own_step() is not None
+
+    def _own_step(self) -> ModuleType | None:
+        """The module of its step, None where it has none or none is compiled; looked for once."""
+        if not self._looked:
+            self._looked = True
+            self._step = steps.ready(self.model, [effect for _, effect in self.effects])
+        return self._step
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is kept of it: all but the code of its step, which is looked for anew."""
+        return {**self.__dict__, "_step": None, "_looked": not self.may_have_step}
 
     # -- state in SI -------------------------------------------------------------------------------------------------
 
@@ -522,6 +574,13 @@ class Observer:
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
+        step = self._own_step()
+        if step is not None:
+            step.tick(
+                self._record, self._walk, self._prior, self._spread, self._guess, self.x, self._p, self._c,
+                self._memory, float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
+            )  # fmt: skip
+            return int(self._codes[0]), int(self._codes[1])
         block.tick(
             self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
             self.x, self._p, self._c, self._memory,
@@ -638,9 +697,19 @@ class Observer:
         states = np.zeros((n // every, len(self.x)))
         deviations = np.zeros_like(states)
         order = int(self._record["order"][0])
-        self.allow_steps(self.h if step is None else float(np.max(h, initial=self.h)), u.shape[2] - 1)
+        longest = self.h if step is None else float(np.max(h, initial=self.h))
+        self.allow_steps(longest, u.shape[2] - 1)
+        held = truth is None and u.shape[2] == 1 and longest <= LONGEST_STEP
+        step_of_its_own = self._own_step() if held else None
         for rows_of, states_of, stride in _portions(n, every):
             stop_if_abandoned()
+            if step_of_its_own is not None:
+                step_of_its_own.observe_block(
+                    self._record, self._walk, self._prior, self._spread, self._guess,
+                    self.x, self._p, self._c, self._memory, z[rows_of], u[rows_of], h[rows_of], warmth[rows_of],
+                    rows[rows_of], states[states_of], deviations[states_of], stride,
+                )  # fmt: skip
+                continue
             block.observe_block(
                 self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
                 self.x, self._p, self._c, self._memory,

@@ -1,11 +1,14 @@
-"""`python -m estimator.warm`: compile every kernel into the cache, so that the first sample of a run is as quick as
-the rest.
+"""`python -m estimator.warm [EFFECT …]`: compile every kernel into the cache, so that the first sample of a run is as
+quick as the rest; with names of effects, the step for these effects together as well.
 """
 
+import sys
 import time
 
 import numpy as np
 
+from estimator.effects.catalogue import effect_for
+from estimator.errors import ModelError
 from estimator.foresight import rehearse
 from estimator.gain_matrix import luenberger
 from estimator.kernel.compiled import is_warm, mark_warm
@@ -51,8 +54,21 @@ def watch(device: Device, settings: ObserverSettings) -> None:
             scan(Problem(record, device, settings, _CONTROLLER), {"drive_gain": {}}, vector=vector)
 
 
+def compile_step(effects: list[str]) -> None:
+    """The step for a set of effects of the catalogue, with the parameters that each must be given set to something."""
+    given = {
+        name: {parameter.name: 1.0 for parameter in effect_for(name, 2)[1].parameters if parameter.default is None}
+        for name in effects
+    }
+    device = Device(4000.0, (1.6e6, 1.6e6, 0.0), (1.0, 1.0, 0.0), 1e-4, (-890.0, -890.0), (1e-4, 1e-4))
+    observer = Observer(device, ObserverSettings(effects=given), _CONTROLLER)
+    if not observer.may_have_step:
+        raise ModelError(f"there is no step for {', '.join(effects)}: a path is late, or a force turns over")
+    observer.compile_step()
+
+
 def main() -> None:
-    """Warm the cache unless it is warm; one line either way."""
+    """Warm the cache unless it is warm; one line either way, and one for a step."""
     begin = time.perf_counter()
     known = is_warm()
     if not known:
@@ -60,6 +76,13 @@ def main() -> None:
         compile_all()
         mark_warm()
     print(f"kernels {'are warm' if known else 'compiled'}: {time.perf_counter() - begin:.1f} s")
+    if effects := sys.argv[1:]:
+        begin = time.perf_counter()
+        try:
+            compile_step(effects)
+        except ModelError as error:
+            raise SystemExit(f"estimator.warm: {error}") from None
+        print(f"the step for {', '.join(effects)}: {time.perf_counter() - begin:.1f} s")
 
 
 if __name__ == "__main__":

@@ -64,7 +64,8 @@ def measured(say: Say) -> list[Row]:
 def _measured(case: Case, say: Say) -> Iterator[Row]:
     ours = case.runner(BLOCK)
     peers: dict[str, Callable[[int], float]] = {}
-    if not case.effects:
+    case.observer().compile_step()
+    if case.in_c:
         if (hand := HandWritten.built(case)) is not None:
             apart = hand.apart(case)
             if not apart < ALIKE:

@@ -12,7 +12,8 @@ from typing import Any, Self
 import numpy as np
 
 from benchmarks.speed.cases import CONTROL, DEVICE, Case
-from estimator.kernel.flow import taylor
+from benchmarks.speed.effects_in_c import in_c
+from estimator.kernel.flow import DRIFTS, taylor, taylor_order
 from estimator.oracle.filterpy_observer import FilterpyObserver
 from estimator.oracle.numpy_observer import NumpyObserver
 from estimator.scaling import Array
@@ -33,14 +34,16 @@ class HandWritten:
         self._run = library.run
         observer = case.observer()
         n, k = len(observer.estimated), len(observer.active)
+        constants = len(observer.x) - observer.states
 
         class Filter(ctypes.Structure):
             _fields_ = [
                 ("h", ctypes.c_double), ("fade", ctypes.c_double), ("force", ctypes.c_double * 2),
-                ("noise", ctypes.c_double * 2), ("walk", ctypes.c_double * 9), ("prior", ctypes.c_double * 9),
-                ("spread", ctypes.c_double * 9), ("guess", ctypes.c_double * 9), ("virtual_rate", ctypes.c_double),
-                ("reference", ctypes.c_double), ("order", ctypes.c_long), ("x", ctypes.c_double * 13),
-                ("p", ctypes.c_double * (n * n)), ("c", ctypes.c_double * (n * n)), ("surprise", ctypes.c_double),
+                ("noise", ctypes.c_double * 2),
+                *((name, ctypes.c_double * constants) for name in ("walk", "prior", "spread", "guess")),
+                ("virtual_rate", ctypes.c_double), ("reference", ctypes.c_double), ("order", ctypes.c_long * 8),
+                ("x", ctypes.c_double * len(observer.x)), ("p", ctypes.c_double * (n * n)),
+                ("c", ctypes.c_double * (n * n)), ("surprise", ctypes.c_double),
                 ("time", ctypes.c_double), ("cross", ctypes.c_double * n), ("variance", ctypes.c_double),
                 ("gradient", ctypes.c_double * 4), ("cursor", ctypes.c_long), ("started", ctypes.c_long),
                 ("referred", ctypes.c_long), *((name, ctypes.c_double) for name in (
@@ -50,7 +53,9 @@ class HandWritten:
 
         record = observer.arrays.settings[0]
         self._filter = f = Filter()
-        f.h, f.fade, f.order, f.reference = observer.h, record["fade"], int(record["order"]), record["reference"]
+        f.h, f.fade, f.reference = observer.h, record["fade"], record["reference"]
+        parts = [abs(part) * observer.h for part in DRIFTS] if case.effects else [observer.h] * 8
+        f.order[:] = [taylor_order(part) for part in parts]
         f.virtual_rate, f.surprise = CONTROL.virtual_rotation / observer.scaling.omega0, 1.0
         f.force[:], f.noise[:] = record["force_noise"].tolist(), record["noise"].tolist()
         arrays = observer.arrays
@@ -71,15 +76,20 @@ class HandWritten:
         """Compiled for the constants that the case estimates; None without a compiler."""
         if (found := compiler()) is None:
             return None
-        active = case.observer().active
+        observer = case.observer()
+        active = observer.active
         with tempfile.TemporaryDirectory() as place:
             target = Path(place) / "step.so"
             listed = ",".join(map(str, active))
+            forces = Path(place) / "effects.h"
+            forces.write_text(in_c(observer.model, [e for _, e in observer.effects]) if case.effects else "")
             command = [
                 found,
                 *_FLAGS,
                 f"-DK={len(active)}",
                 f"-DACTIVE={listed}",
+                "-include",
+                str(forces),
                 str(_SOURCE),
                 "-o",
                 str(target),

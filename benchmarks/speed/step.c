@@ -2,7 +2,8 @@
  * from and the covariance C that the estimates have, stabilised forgetting, the pattern angle and its variance.
  *
  * What a C programmer writes who knows that F = [Fs Fc; 0 I] and that covariances are symmetric, without intrinsics.
- * ACTIVE lists the constants that are estimated, of Φx Φy Ω kxx kyy kxy dxx dyy dxy; built with -DK=… for each variant.
+ * ACTIVE lists the constants that are estimated, of Φx Φy Ω kxx kyy kxy dxx dyy dxy and E coefficients of effects; built
+ * with -DK=… for each variant, and with the effects' forces from benchmarks/speed/effects_in_c.py where there are some.
  */
 #include <math.h>
 #include <string.h>
@@ -11,16 +12,22 @@
 #define K 9
 #define ACTIVE 0, 1, 2, 3, 4, 5, 6, 7, 8
 #endif
+#ifndef E
+#define E 0
+#endif
 #define S 4
 #define N (S + K)
-#define COLUMNS 12
+#define CONSTANTS (9 + E)
+#define BASE 12
+#define COLUMNS (BASE + E)
 
 static const int active[K] = {ACTIVE};
 
 typedef struct {
-    double h, fade, force[2], noise[2], walk[9], prior[9], spread[9], guess[9], virtual_rate, reference;
-    long order;
-    double x[13], p[N * N], c[N * N];
+    double h, fade, force[2], noise[2], walk[CONSTANTS], prior[CONSTANTS], spread[CONSTANTS], guess[CONSTANTS];
+    double virtual_rate, reference;
+    long order[8];
+    double x[S + CONSTANTS], p[N * N], c[N * N];
     double surprise, time, cross[N], variance, gradient[4];
     long cursor, started, referred;
     double theta, theta_zero, theta_plain, theta_plain_zero, forced, rotation, rate, rate_integral, virtual_integral;
@@ -40,16 +47,12 @@ static double nearest(double twice, double before)
     return theta + M_PI * floor((before - theta) / M_PI + 0.5);
 }
 
-/* Columns: the state, its derivative by itself, and by Ω k d (whether estimated or not). */
-static void flow(const double *c, double *s, const double *u, double h, long order, double g[S][N])
+/* Columns: the state, its derivative by itself, and by Ω k d (whether estimated or not) and the effects' coefficients. */
+static void drift(const double *c, const double *u, double h, long order, double total[S][COLUMNS])
 {
-    double a[S][COLUMNS] = {{0}}, total[S][COLUMNS], b[S][COLUMNS];
+    double a[S][COLUMNS], b[S][COLUMNS];
     double w = c[2], kxx = c[3] - w * w, kyy = c[4] - w * w, kxy = c[5], dxx = c[6], dyy = c[7], dxy = c[8];
-    for (int i = 0; i < S; i++) {
-        a[i][0] = s[i];
-        a[i][1 + i] = 1.0;
-    }
-    memcpy(total, a, sizeof a);
+    memcpy(a, total, sizeof a);
     for (long n = 0; n < order; n++) {
         double scale = h / (n + 1), x = a[0][0], vx = a[1][0], y = a[2][0], vy = a[3][0];
         double push_x[COLUMNS] = {n ? 0 : u[0], 0, 0, 0, 0, 2 * w * x + 2 * vy, -x, 0, -y, -vx, 0, -vy};
@@ -65,6 +68,65 @@ static void flow(const double *c, double *s, const double *u, double h, long ord
             for (int j = 0; j < COLUMNS; j++)
                 total[i][j] += b[i][j];
     }
+}
+
+#if E > 0
+/* The impulse of the forces, that of a force which depends on the velocity taken from its middle. */
+static void kick(const double *c, const double *u, double weight, double total[S][COLUMNS])
+{
+    double s[S], f[2], by[2][S], own[2][E];
+    for (int i = 0; i < S; i++)
+        s[i] = total[i][0];
+    push(c, s, u, f, by, own);
+    if (by[0][1] != 0.0 || by[0][3] != 0.0 || by[1][1] != 0.0 || by[1][3] != 0.0) {
+        double half = 0.5 * weight, by_0[2][S], own_0[2][E];
+        memcpy(by_0, by, sizeof by);
+        memcpy(own_0, own, sizeof own);
+        s[1] += half * f[0];
+        s[3] += half * f[1];
+        push(c, s, u, f, by, own);
+        for (int a = 0; a < 2; a++) {
+            double slope = half * by[a][1], other = half * by[a][3];
+            for (int i = 0; i < S; i++)
+                by[a][i] += slope * by_0[0][i] + other * by_0[1][i];
+            for (int k = 0; k < E; k++)
+                own[a][k] += slope * own_0[0][k] + other * own_0[1][k];
+        }
+    }
+    double to_x[COLUMNS], to_y[COLUMNS];
+    for (int j = 1; j < COLUMNS; j++) {
+        to_x[j] = by[0][0] * total[0][j] + by[0][1] * total[1][j] + by[0][2] * total[2][j] + by[0][3] * total[3][j];
+        to_y[j] = by[1][0] * total[0][j] + by[1][1] * total[1][j] + by[1][2] * total[2][j] + by[1][3] * total[3][j];
+    }
+    to_x[0] = f[0];
+    to_y[0] = f[1];
+    for (int k = 0; k < E; k++) {
+        to_x[BASE + k] += own[0][k];
+        to_y[BASE + k] += own[1][k];
+    }
+    for (int j = 0; j < COLUMNS; j++) {
+        total[1][j] += weight * to_x[j];
+        total[3][j] += weight * to_y[j];
+    }
+}
+#endif
+
+static void flow(const double *c, double *s, const double *u, double h, const long *order, double g[S][N])
+{
+    double total[S][COLUMNS] = {{0}};
+    for (int i = 0; i < S; i++) {
+        total[i][0] = s[i];
+        total[i][1 + i] = 1.0;
+    }
+#if E > 0
+    for (int stage = 0; stage < 8; stage++) {
+        drift(c, u, DRIFTS[stage] * h, order[stage], total);
+        if (stage < 7)
+            kick(c, u, KICKS[stage] * h, total);
+    }
+#else
+    drift(c, u, h, order[0], total);
+#endif
     for (int i = 0; i < S; i++) {
         s[i] = total[i][0];
         for (int j = 0; j < S; j++)

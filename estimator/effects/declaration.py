@@ -6,7 +6,7 @@ units, plausible sizes, what it looks like, what undoes it, and where it comes f
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -197,6 +197,15 @@ def si_unit(length: int, time: int, kelvin: int = 0, volt: int = 0) -> str:
 def clipped(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
     """`value` no further from zero than `limit`."""
     return sp.Piecewise((limit, value > limit), (-limit, value < -limit), (value, True))
+
+
+def can_be_specialised(effects: Sequence[Effect]) -> bool:
+    """Whether two axes with these effects have a step of their own (`estimator.model.step`): no path that is late, no
+    force that turns over with the direction of motion.
+    """
+    late = any(effect.delayed is not None for effect in effects)
+    kinked = any(signal.source is Source.DIRECTION for effect in effects for signal in effect.signals)
+    return not late and not kinked
 
 
 STATES = (x, vx, y, vy)

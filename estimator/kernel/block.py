@@ -10,7 +10,9 @@ from estimator.kernel.compiled import compiled, inlined
 from estimator.kernel.controller import advance_queue, command, virtual_rate
 from estimator.kernel.layout import Floats, Ints, Record
 from estimator.kernel.observer import correct, narrowed, predict, remember_drive, widened, workspace
-from estimator.kernel.plain import advance_plain, is_plain, plain_state, restore
+from estimator.kernel.plain import STEP, is_plain
+
+_advance_plain, _unpacked, _restore = STEP.advance, STEP.unpacked, STEP.restore
 
 
 @inlined
@@ -93,7 +95,7 @@ def observe_block(
     nu = np.zeros(2)
     variance = np.zeros(2)
     plain = truth.shape[0] == 0 and is_plain(settings, active, x)
-    flat_x, flat_p, flat_c, own = plain_state(x, p, c, memory, plain)
+    flat_x, flat_p, flat_c, own = _unpacked(x, p, c, memory, plain)
     wide_p = widened(p)
     wide_c = widened(c) if settings.twin == 1 else wide_p
     actual = c if plain else wide_c
@@ -107,7 +109,7 @@ def observe_block(
             driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
             memory.virtual_applied = virtual_rate(settings, memory.time) if settings.control == 1 and driven else 0.0
         if plain:
-            advance_plain(
+            _advance_plain(
                 settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z[m], u[m], h[m], own, rows[m]
             )  # fmt: skip
         else:
@@ -117,7 +119,7 @@ def observe_block(
             )  # fmt: skip
         if m % every == every - 1:
             if plain:
-                restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
+                _restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
             for i in range(n_full):
                 states_out[written, i] = x[i]
                 deviations_out[written, i] = 0.0
@@ -128,7 +130,7 @@ def observe_block(
                 deviations_out[written, settings.states + active[i]] = math.sqrt(actual[j, j])
             written += 1
     if plain:
-        restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
+        _restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
     else:
         narrowed(wide_p, p)
         if settings.twin == 1:
@@ -172,11 +174,11 @@ def tick(
     z[1] = vy * settings.sense_scale[1]
     advance_queue(settings, memory, drive[:, 0])
     if is_plain(settings, active, x):
-        flat_x, flat_p, flat_c, own = plain_state(x, p, c, memory, True)
-        advance_plain(
+        flat_x, flat_p, flat_c, own = _unpacked(x, p, c, memory, True)
+        _advance_plain(
             settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z, drive, settings.h, own, rows[0]
         )  # fmt: skip
-        restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
+        _restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
     else:
         advance(
             settings, active, walk, prior, spread, guess, table, x, p, c, memory, z, drive, settings.h,

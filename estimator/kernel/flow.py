@@ -21,13 +21,13 @@ _taylor = generated().taylor
 _effect_force = generated().effect_force
 _MAX_ORDER = 60
 _NORM, _TOLERANCE = 1.5, 1e-14
-_LONGEST = np.array([(_TOLERANCE * math.factorial(n + 1)) ** (1.0 / (n + 1)) / _NORM for n in range(_MAX_ORDER)])
+LONGEST = np.array([(_TOLERANCE * math.factorial(n + 1)) ** (1.0 / (n + 1)) / _NORM for n in range(_MAX_ORDER)])
 """By order, the interval that it does for (`taylor_order`)."""
 _TURNOVER = (-3.0, 0.0, 3.0)
 """In v0: beyond, tanh is level to 0.5 %; between two of them seven impulses give its integral to 1e-4."""
 _MOST_CUTS = 24
 Push = tuple[Floats, Floats, Floats, Floats, Floats]  # force, its derivatives by states, by constants; drive; signals
-_DRIFTS = (
+DRIFTS = (
     0.07113342649822312,
     0.24115342795664010,
     0.52141176177281479,
@@ -37,7 +37,7 @@ _DRIFTS = (
     0.24115342795664010,
     0.07113342649822312,
 )
-_KICKS = (
+KICKS = (
     0.18308368747219722,
     0.31078285989857487,
     -0.02656461851195880,
@@ -75,7 +75,7 @@ def taylor(
     """
     degree = u.shape[1] - 1
     own = 2
-    while own < order - degree and abs(h) >= _LONGEST[own]:
+    while own < order - degree and abs(h) >= LONGEST[own]:
         own += 1
     _taylor(model, c, u, h, own + degree, columns, a, out)
 
@@ -249,15 +249,15 @@ def advance_columns(
     at = 0.0
     held = u.shape[1] == 1
     s = np.empty(out.shape[0])
-    for stage in range(len(_DRIFTS)):
-        length = _DRIFTS[stage]
+    for stage in range(len(DRIFTS)):
+        length = DRIFTS[stage]
         part = u if held else part_of(u, at, length)
         taylor(settings.model, c, part, length * h, order, columns, a, b, out)
         at += length
-        if stage < len(_KICKS):
+        if stage < len(KICKS):
             drive_at(u, at, push[3])
             line_values(settings, time + at * h, push[4])
-            kick(settings, c, _KICKS[stage] * h, columns, s, b, out, push)
+            kick(settings, c, KICKS[stage] * h, columns, s, b, out, push)
 
 
 @compiled

@@ -21,6 +21,9 @@ MAX_DEGREE = 8  # terms of a drive polynomial that are kept for a delay
 MAX_DELAY = 8  # samples
 MAX_ENTRIES = 4 + 9 + 2 * MAX_EFFECTS  # of the state vector of a two-axis gyro
 
+LONGEST_STEP = 0.45
+"""Longest interval of a step of its own (`estimator.model.step`): 14 samples a cycle."""
+
 # Order of the constants in the gyro's state vector; tests hold it equal to the declaration.
 PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
 

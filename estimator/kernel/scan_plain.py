@@ -12,21 +12,14 @@ from estimator.kernel.compiled import compiled
 from estimator.kernel.controller import virtual_rate
 from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import ATTENTION, remember_drive, workspace
-from estimator.kernel.plain import (
-    _FLOW,
-    _Y,
-    CONSTANTS,
-    SIZE,
-    STATES,
-    is_plain,
-    measure,
-    plain_state,
-    predict_plain,
-    restore,
-)
+from estimator.kernel.plain import CONSTANTS, SIZE, STATES, STEP, is_plain
 from estimator.kernel.scan import add_forced, add_turn, responses, watch_sensed
 from estimator.kernel.signals import advance_signals, signal_values
 
+_predict, _unpacked, _restore = STEP.predict, STEP.unpacked, STEP.restore
+_measure_x, _measure_y, _recall = STEP.measure_0, STEP.measure_1, STEP.recall
+_FLOW: int = STEP._FLOW
+_Y: int = STEP._Y
 _OFFSETS = 2  # constants that move nothing
 
 
@@ -107,7 +100,7 @@ def scan_plain_block(
     watched = delta.shape[1]
     generic = workspace(settings, SIZE, x.shape[0])
     signals = generic[16]
-    flat_x, flat_p, flat_c, work = plain_state(x[:SIZE], p, c, memory, True)
+    flat_x, flat_p, flat_c, work = _unpacked(x[:SIZE], p, c, memory, True)
     by_constants = np.zeros((2, x.shape[0] - STATES))
     signature = np.zeros((2, watched))
     scratch = np.zeros((STATES, watched))
@@ -134,7 +127,7 @@ def scan_plain_block(
             before[i] = flat_x[i]
         for i in range(STATES, SIZE):
             x[i] = flat_x[i]
-        predict_plain(settings, memory, walk, flat_x, flat_p, flat_c, u[m], h[m], work)
+        _predict(settings, memory, walk, flat_x, flat_p, flat_c, u[m], h[m], work)
         if settings.signal_count > 0:
             advance_signals(settings, memory, x[STATES:], u[m], h[m])
         note_forced_rotation(settings, memory, flat_x, h[m])
@@ -178,7 +171,11 @@ def scan_plain_block(
                 innovation = z[m, axis] - (flat_x[place] + flat_x[column])
                 for k in range(watched):
                     signature[axis, k] -= delta[place, k] + delta[column, k]
-                surprise += 0.5 * measure(axis, axis, innovation, settings.noise[axis], flat_x, flat_p, flat_c, work)
+                if axis == 0:
+                    white, _ = _measure_x(innovation, settings.noise[0], flat_x, flat_p, flat_c, work)
+                else:
+                    white, _ = _measure_y(innovation, settings.noise[1], flat_x, flat_p, flat_c, work)
+                surprise += 0.5 * white * white
                 follow(axis, column, settings.noise[axis], work, signature[axis], delta)
         if usable > 0:
             memory.surprise += (surprise - memory.surprise) * ATTENTION
@@ -199,7 +196,7 @@ def scan_plain_block(
                     noise = variance * spread[index] / (variance - spread[index]) if wide else 0.0
                 if noise > 0.0:
                     pulled = guess[index] - flat_x[column]
-                    measure(-1, index, pulled, noise, flat_x, flat_p, flat_c, work)
+                    _recall(index, pulled, noise, flat_x, flat_p, flat_c, work)
                     for k in range(watched):
                         signature[0, k] = -delta[column, k]
                     follow(-1, column, noise, work, signature[0], delta)
@@ -210,4 +207,4 @@ def scan_plain_block(
             for k in range(watched):
                 course[written, k] = turned[k] / settings.angular_gain
             written += 1
-    restore(flat_x, flat_p, flat_c, work, x, p, c, memory)
+    _restore(flat_x, flat_p, flat_c, work, x, p, c, memory)

@@ -16,7 +16,7 @@ from estimator.kernel.layout import MAX_SIGNALS
 from estimator.kernel.pointer import FORCE, SENSE
 from estimator.model.declaration import Model
 
-_PRINTER = PythonCodePrinter({"fully_qualified_modules": True})
+PRINTER = PythonCodePrinter({"fully_qualified_modules": True})
 
 _HEADER = '''"""Generated from the model declarations; not to be edited."""
 
@@ -30,12 +30,12 @@ from estimator.kernel.pointer import LEAST_ADDRESS, call_force, call_sense
 '''
 
 
-def _assignments(pairs: Iterable[tuple[str, sp.Expr]], prefix: str, indent: str) -> list[str]:
+def assignments(pairs: Iterable[tuple[str, sp.Expr]], prefix: str, indent: str) -> list[str]:
     """Lines that compute the expressions, common subexpressions first."""
     named = list(pairs)
     shared, reduced = sp.cse([expr for _, expr in named], symbols=sp.numbered_symbols(prefix))
-    lines = [f"{indent}{symbol} = {_PRINTER.doprint(expr)}" for symbol, expr in shared]
-    lines += [f"{indent}{name} = {_PRINTER.doprint(expr)}" for (name, _), expr in zip(named, reduced, strict=True)]
+    lines = [f"{indent}{symbol} = {PRINTER.doprint(expr)}" for symbol, expr in shared]
+    lines += [f"{indent}{name} = {PRINTER.doprint(expr)}" for (name, _), expr in zip(named, reduced, strict=True)]
     return lines
 
 
@@ -43,7 +43,7 @@ def _unpack(symbols: Sequence[sp.Symbol], source: str, used: set[sp.Basic]) -> l
     return [f"    {s} = {source.format(i=i)}" for i, s in enumerate(symbols) if s in used]
 
 
-def _free(expressions: Iterable[sp.Expr]) -> set[sp.Basic]:
+def free_symbols(expressions: Iterable[sp.Expr]) -> set[sp.Basic]:
     return set().union(*(sp.sympify(e).free_symbols for e in expressions))
 
 
@@ -65,10 +65,12 @@ def _field_columns(model: Model) -> str:
 
     lines = ["@compiled", f"def {model.name}_field_columns(c, a, u, out, columns):"]
     lines += _unpack(
-        constants, "c[{i}]", _free(e for _, e in entries) | _free(input_terms) | _free(f[2] for f in forcing)
+        constants,
+        "c[{i}]",
+        free_symbols(e for _, e in entries) | free_symbols(input_terms) | free_symbols(f[2] for f in forcing),
     )
-    lines += _unpack(model.inputs, "u[{i}]", _free(input_terms) | _free(f[2] for f in forcing))
-    lines += _assignments(entries, "w", "    ")
+    lines += _unpack(model.inputs, "u[{i}]", free_symbols(input_terms) | free_symbols(f[2] for f in forcing))
+    lines += assignments(entries, "w", "    ")
     lines.append("    for j in range(columns):")
     for i in range(m.rows):
         terms = []
@@ -76,13 +78,13 @@ def _field_columns(model: Model) -> str:
             if r == i:
                 weight = "" if trivial.get((r, col)) == 1 else f"m{r}_{col} * "
                 if (r, col) in trivial and weight:
-                    weight = f"{_PRINTER.doprint(expr)} * "
+                    weight = f"{PRINTER.doprint(expr)} * "
                 terms.append(f"{weight}a[{col}, j]")
         lines.append(f"        out[{i}, j] = {' + '.join(terms) if terms else '0.0'}")
-    lines += [f"    out[{i}, 0] += {_PRINTER.doprint(e)}" for i, e in enumerate(input_terms) if e != 0]
+    lines += [f"    out[{i}, 0] += {PRINTER.doprint(e)}" for i, e in enumerate(input_terms) if e != 0]
     lines.append("    if columns > 1:")
-    lines += ["    " + line for line in _unpack(states, "a[{i}, 0]", _free(f[2] for f in forcing))]
-    lines += _assignments([(f"f{i}_{c}", e) for i, c, e in forcing], "v", "        ")
+    lines += ["    " + line for line in _unpack(states, "a[{i}, 0]", free_symbols(f[2] for f in forcing))]
+    lines += assignments([(f"f{i}_{c}", e) for i, c, e in forcing], "v", "        ")
     lines += [f"        out[{i}, {c}] += f{i}_{c}" for i, c, _ in forcing]
     return "\n".join(lines)
 
@@ -114,7 +116,7 @@ def _taylor(model: Model) -> str:
             if m[i, j] == 1:
                 terms.append(value)
             elif m[i, j] != 0:
-                terms.append(f"{_PRINTER.doprint(m[i, j]) if m[i, j].is_number else f'm{i}_{j}'} * {value}")
+                terms.append(f"{PRINTER.doprint(m[i, j]) if m[i, j].is_number else f'm{i}_{j}'} * {value}")
         return " + ".join(terms) or "0.0"
 
     def chunk(columns: Sequence[str], indent: str, forced: bool) -> list[str]:
@@ -132,20 +134,22 @@ def _taylor(model: Model) -> str:
         lines += [f"{indent}out[{i}, {column}] = o{i}_{q} + b{i}_{q}" for i in rows for q, column in enumerate(columns)]
         return lines
 
-    used = _free(e for _, e in varying) | _free(forcing.values())
+    used = free_symbols(e for _, e in varying) | free_symbols(forcing.values())
     lines = ["@compiled", f"def {model.name}_taylor(c, u, h, order, columns, a, out):"]
     lines += _unpack(constants, "c[{i}]", used)
-    lines += _assignments(varying, "w", "    ")
+    lines += assignments(varying, "w", "    ")
     lines += ["    degree = u.shape[1] - 1", "    if columns == 1:"]
     lines += [f"        {s} = out[{i}, 0]" for i, s in enumerate(states)]
     lines += [f"        total{i} = out[{i}, 0]" for i in rows]
     lines += ["        for n in range(order):", "            scale = h / (n + 1)"]
     inputs = [
-        f"{s} = u[{k}, n] if n <= degree else 0.0" for k, s in enumerate(model.inputs) if s in _free(forcing.values())
+        f"{s} = u[{k}, n] if n <= degree else 0.0"
+        for k, s in enumerate(model.inputs)
+        if s in free_symbols(forcing.values())
     ]
     lines += [f"            {line}" for line in inputs]
     for i in rows:
-        force = f" + {_PRINTER.doprint(input_terms[i])}" if input_terms[i] != 0 else ""
+        force = f" + {PRINTER.doprint(input_terms[i])}" if input_terms[i] != 0 else ""
         lines.append(f"            b{i} = scale * ({product(i, [str(s) for s in states])}{force})")
     lines += [f"            {s} = b{i}" for i, s in enumerate(states)]
     lines += [f"            total{i} += b{i}" for i in rows]
@@ -157,8 +161,8 @@ def _taylor(model: Model) -> str:
     lines += [f"        a[{i}, j] = out[{i}, j]" for i in rows]
     lines += ["    for n in range(order):", "        scale = h / (n + 1)"]
     lines += [f"        {line}" for line in inputs]
-    lines += ["    " + line for line in _unpack(states, "a[{i}, 0]", _free(forcing.values()))]
-    lines += _assignments([(f"f{i}_{column}", e) for (i, column), e in forcing.items()], "v", "        ")
+    lines += ["    " + line for line in _unpack(states, "a[{i}, 0]", free_symbols(forcing.values()))]
+    lines += assignments([(f"f{i}_{column}", e) for (i, column), e in forcing.items()], "v", "        ")
     for first in range(0, base, 4):
         lines += chunk([str(j) for j in range(first, min(first + 4, base))], "        ", forced=True)
     lines.append(f"        for j in range({base}, columns):")
@@ -175,9 +179,9 @@ def _lanes_prologue(model: Model) -> list[str]:
     """Lines that name what the terms of a series in lanes are made of."""
     m, forcing = model.system_matrices()[0], _forcing(model)
     varying = [(f"m{i}_{j}", m[i, j]) for i in range(m.rows) for j in range(m.cols) if not m[i, j].is_number]
-    used = _free(e for _, e in varying) | _free(e for row in forcing for e in row)
+    used = free_symbols(e for _, e in varying) | free_symbols(e for row in forcing for e in row)
     lines = _unpack([constant.symbol for constant in model.constants], "c[{i}]", used)
-    lines += _assignments(varying, "w", "    ")
+    lines += assignments(varying, "w", "    ")
     lines.append("    degree = u.shape[1] - 1")
     return lines
 
@@ -203,11 +207,11 @@ def _series(model: Model, indent: str, forced: bool) -> list[str]:
     rows = range(m.rows)
     forcing = _forcing(model) if forced else [[] for _ in rows]
     forces = [(f"f{i}_{j}", e) for i in rows for j, e in enumerate(forcing[i]) if e != 0]
-    used = _free(e for _, e in forces)
+    used = free_symbols(e for _, e in forces)
     lines = ["for n in range(order):", "    scale = h / (n + 1)"]
     lines += [f"    {s} = u[{k}, n] if n <= degree else 0.0" for k, s in enumerate(model.inputs) if s in used]
     lines += [f"    {s.symbol} = lane(a{i}, 0)" for i, s in enumerate(model.states) if s.symbol in used]
-    lines += _assignments(forces, "v", "    ")
+    lines += assignments(forces, "v", "    ")
     for i in rows:
         terms = []
         for j in range(m.cols):
@@ -283,10 +287,10 @@ def _sense(model: Model) -> str:
     pairs = [(f"z[{i}]", e) for i, e in enumerate(model.measurement)]
     cells = [(i, j) for i in range(jacobian.rows) for j in range(jacobian.cols) if jacobian[i, j] != 0]
     pairs += [(f"jacobian[{i}, {j}]", jacobian[i, j]) for i, j in cells]
-    used = _free(e for _, e in pairs)
+    used = free_symbols(e for _, e in pairs)
     lines = ["@compiled", f"def {model.name}_sense(c, s, z, jacobian):"]
     lines += _unpack(constants, "c[{i}]", used) + _unpack(states, "s[{i}]", used)
-    lines += _assignments(pairs, "w", "    ")
+    lines += assignments(pairs, "w", "    ")
     return "\n".join(lines)
 
 
@@ -297,8 +301,8 @@ def _jumps(model: Model) -> str:
     for index, constant in enumerate(model.constants):
         if constant.jump:
             lines.append(f"    if constant == {index}:")
-            lines += ["    " + line for line in _unpack(states, "s[{i}]", _free(constant.jump.values()))]
-            lines += [f"        out[{states.index(s)}] = {_PRINTER.doprint(e)}" for s, e in constant.jump.items()]
+            lines += ["    " + line for line in _unpack(states, "s[{i}]", free_symbols(constant.jump.values()))]
+            lines += [f"        out[{states.index(s)}] = {PRINTER.doprint(e)}" for s, e in constant.jump.items()]
     return "\n".join(lines)
 
 
@@ -336,7 +340,7 @@ def _slope(signal: Signal) -> sp.Symbol:
 def _body(model: Model, effect: Effect, what: str, places: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
     """Lines that add it; `places` says where each kind of addition goes, `sources` where each kind of symbol is."""
     pairs = [(places[kind].format(axis=axis, j=j), e) for kind, axis, j, e in _additions(model, effect, what)]
-    used = _free(e for _, e in pairs)
+    used = free_symbols(e for _, e in pairs)
     lines = []
     for kind, symbols in (
         ("constants", [constant.symbol for constant in model.constants]),
@@ -347,7 +351,7 @@ def _body(model: Model, effect: Effect, what: str, places: Mapping[str, str], so
         ("slopes", [_slope(signal) for signal in effect.signals]),
     ):
         lines += _unpack(symbols, sources[kind], used)
-    lines += [line.replace("] = ", "] += ", 1) for line in _assignments(pairs, sources["shared"], "    ")]
+    lines += [line.replace("] = ", "] += ", 1) for line in assignments(pairs, sources["shared"], "    ")]
     return lines if pairs else ["    return"]
 
 

@@ -133,6 +133,9 @@ def _loop(
         return Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
 
     # Loads or compiles the kernels before the board is armed.
+    if (carrying := make_observer()).may_have_step:
+        tell(stage="prepare", done=0, total=0, note="a step for these effects; compiled once, some seconds")
+        carrying.compile_step()
     if bench.loop.mode == "gain":
         rehearse(make_observer(), board_filter_of(bench))
     else:
