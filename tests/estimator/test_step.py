@@ -165,7 +165,7 @@ def test_a_step_beside_scipys_integration_and_filterpys_filter(special: Observer
     one.compile_step()
     n = len(one.x)
     one.x[:] = [0.7, -0.4, 0.5, 0.6, 0.01, -0.02, 0.003, 1.004, 0.998, 0.001, 2e-3, 1e-3, 1e-4, 0.04, 0.03, 0.02, 0.01]
-    root = 0.01 * rng.standard_normal((n, n))
+    root = 1e-6 * rng.standard_normal((n, n))
     one.arrays.p[:] = one.arrays.c[:] = root @ root.T
     x, p = one.x.copy(), one.covariances[0]
     u, z = np.array([0.02, -0.03]), np.array([0.69, 0.53])
