@@ -172,7 +172,7 @@ class Observer:
 
             self._table = stationary_table(self)
         self._step: ModuleType | None = None
-        self._looked = not self.may_have_step  # for a step of its own
+        self._has_step = False
 
     # -- construction ------------------------------------------------------------------------------------------------
 
@@ -357,33 +357,35 @@ class Observer:
         return self.h <= LONGEST_STEP and can_be_specialised([effect for _, effect in self.effects])
 
     def compile_step(self) -> None:
-        """Compile the step of its effects into the cache, some seconds, where it may have one that is not there."""
+        """Go through the step of its effects from now on, where it may have one; compiled, some seconds, where the
+        cache has none.  Nobody else has it: what a computation gives to the last digit does not depend on the cache.
+        """
         declared = [effect for _, effect in self.effects]
-        if not self.may_have_step or not steps.wanted() or steps.is_compiled(self.model, declared):
+        if not self.may_have_step or not steps.wanted():
             return
-        other = Observer(self.device, self.settings, self._controller)
-        other._looked, other._step = True, steps.module_of(self.model, declared)
-        other.run(np.zeros((1, 2)), np.zeros((1, 2)))
-        if self._controller is not None:
-            other.tick(0.0, 0.0, 0.0, 0.0)
-        steps.mark_compiled(self.model, declared)
-        self._looked = False
+        if not steps.is_compiled(self.model, declared):
+            other = Observer(self.device, self.settings, self._controller)
+            other._has_step = True
+            other.run(np.zeros((1, 2)), np.zeros((1, 2)))
+            if self._controller is not None:
+                other.tick(0.0, 0.0, 0.0, 0.0)
+            steps.mark_compiled(self.model, declared)
+        self._has_step = True
 
     @property
     def has_step(self) -> bool:
         """Whether blocks and samples go through a step of its own; the general kernels do the same, slower."""
-        return self._own_step() is not None
+        return self._has_step
 
     def _own_step(self) -> ModuleType | None:
-        """The module of its step, None where it has none or none is compiled; looked for once."""
-        if not self._looked:
-            self._looked = True
-            self._step = steps.ready(self.model, [effect for _, effect in self.effects])
+        """The module of its step, None where it has none."""
+        if self._has_step and self._step is None:
+            self._step = steps.module_of(self.model, [effect for _, effect in self.effects])
         return self._step
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is kept of it: all but the code of its step, which is looked for anew."""
-        return {**self.__dict__, "_step": None, "_looked": not self.may_have_step}
+        """What is kept of it: all but the code of its step, which is loaded anew."""
+        return {**self.__dict__, "_step": None}
 
     # -- state in SI -------------------------------------------------------------------------------------------------
 

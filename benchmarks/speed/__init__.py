@@ -64,7 +64,6 @@ def measured(say: Say) -> list[Row]:
 def _measured(case: Case, say: Say) -> Iterator[Row]:
     ours = case.runner(BLOCK)
     peers: dict[str, Callable[[int], float]] = {}
-    case.observer().compile_step()
     if case.in_c:
         if (hand := HandWritten.built(case)) is not None:
             apart = hand.apart(case)

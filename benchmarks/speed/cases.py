@@ -62,8 +62,10 @@ class Case:
         )
 
     def observer(self) -> Observer:
-        """A new one."""
-        return Observer(DEVICE, self.settings, CONTROL)
+        """A new one, with the step of its effects."""
+        made = Observer(DEVICE, self.settings, CONTROL)
+        made.compile_step()
+        return made
 
     def runner(self, block: int) -> Callable[[int], float]:
         """Seconds that so many samples take in blocks of `block`, one observer going on over the record."""

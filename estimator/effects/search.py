@@ -34,7 +34,7 @@ LINEAR = (Sign.LINE_1, Sign.ALWAYS)
 
 class Search(Enum):
     """Where a trace takes the values at which it watches an effect that has parameters; how many of them, and which
-    shares, its thresholds say (`estimator.trace.thresholds`).
+    shares, its thresholds say (`estimator.thresholds`).
     """
 
     CORNERS = "shares of the resonance, the same in every parameter"

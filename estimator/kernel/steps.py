@@ -1,7 +1,8 @@
 """Filter steps of their own (`estimator.model.step`): compiled once for each set of effects, kept by what they are of.
 
-Source and compiled code lie in `steps` within the folder of this version of the kernels.  Where a step is not compiled
-the general kernels do the same, several times slower; GYROHIL_KERNEL=general in the environment has them do it always.
+Source and compiled code lie in `steps` within the folder of this version of the kernels.  Who does not ask for one has
+the general kernels, which do the same several times slower; GYROHIL_KERNEL=general in the environment has them do it
+always.
 """
 
 import hashlib
@@ -39,11 +40,6 @@ def base_step(name: str = "gyro") -> ModuleType:
 def is_compiled(model: Model, effects: Sequence[Effect]) -> bool:
     """Whether the step is in the cache, so that it costs a load and no compilation."""
     return _path(model, effects).with_suffix(".done").exists()
-
-
-def ready(model: Model, effects: Sequence[Effect]) -> ModuleType | None:
-    """The step's module where it is wanted and compiled."""
-    return module_of(model, effects) if wanted() and is_compiled(model, effects) else None
 
 
 def module_of(model: Model, effects: Sequence[Effect]) -> ModuleType:

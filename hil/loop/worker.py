@@ -129,13 +129,21 @@ def _loop(
 
     lockstep = bench.loop.clock == "lockstep"
 
-    def make_observer() -> Observer:
+    def declared_observer() -> Observer:
         return Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
 
+    # In lockstep at some kHz, to compile a step takes longer than it saves.
+    own_step = (not lockstep or bench.loop.mode == "gain") and declared_observer().may_have_step
+
+    def make_observer() -> Observer:
+        made = declared_observer()
+        if own_step:
+            made.compile_step()
+        return made
+
     # Loads or compiles the kernels before the board is armed.
-    if (carrying := make_observer()).may_have_step:
+    if own_step:
         tell(stage="prepare", done=0, total=0, note="a step for these effects; compiled once, some seconds")
-        carrying.compile_step()
     if bench.loop.mode == "gain":
         rehearse(make_observer(), board_filter_of(bench))
     else:

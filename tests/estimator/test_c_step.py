@@ -14,8 +14,6 @@ IN_C = [  # a step of its own is compiled first
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("case", IN_C)
 def test_angle_state_and_deviations_are_those_of_the_step_in_c(case: Case) -> None:
-    if case.effects:
-        case.observer().compile_step()
     hand = HandWritten.built(case)
     assert hand is not None
     assert hand.apart(case) < ALIKE

@@ -66,6 +66,7 @@ def test_the_numbers_of_the_general_kernels(record: Record, name: str, monkeypat
     assert one.has_step
     monkeypatch.setenv("GYROHIL_KERNEL", "general")
     other = observer(given_for(name))
+    other.compile_step()
     expected = other.run(record.sense, record.drive, temperature=warmth)
     assert not other.has_step
     agreement = disagreement(found, expected)
@@ -86,6 +87,7 @@ def special() -> Observer:
 def test_samples_are_their_block(record: Record, special: Observer) -> None:
     """Sample by sample or in blocks: to the last bit the same."""
     other = observer(given_for("forces that depend on the velocity"))
+    other.compile_step()
     special.run(record.sense, record.drive, every=600)
     for m in range(600):
         other.run(record.sense[m : m + 1], record.drive[m : m + 1])
@@ -94,9 +96,8 @@ def test_samples_are_their_block(record: Record, special: Observer) -> None:
 
 
 @pytest.mark.slow
-def test_a_tick_is_that_of_the_general_kernels(special: Observer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tick_is_that_of_the_general_kernels(special: Observer) -> None:
     answers = [special.tick(100.0 * m, -50.0 * m, 3.0, -2.0) for m in range(20)]
-    monkeypatch.setenv("GYROHIL_KERNEL", "general")
     other = observer(given_for("forces that depend on the velocity"))
     assert [other.tick(100.0 * m, -50.0 * m, 3.0, -2.0) for m in range(20)] == answers
     assert np.allclose(special.x, other.x, rtol=1e-8, atol=1e-12)
@@ -113,7 +114,7 @@ def test_covariances_stay_symmetric_and_positive(record: Record, special: Observ
 
 
 @pytest.mark.slow
-def test_what_goes_through_the_general_kernels(special: Observer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_goes_through_the_general_kernels(special: Observer) -> None:
     effects = given_for("forces that depend on the velocity")
     for settings in (
         ObserverSettings(effects=effects, variant=Variant.GYRO),
@@ -129,11 +130,9 @@ def test_what_goes_through_the_general_kernels(special: Observer, monkeypatch: p
         same = copy.deepcopy(special)
         assert same.has_step
         same.run(sense, sense, **given)  # type: ignore[arg-type]
-        with monkeypatch.context() as switched:
-            switched.setenv("GYROHIL_KERNEL", "general")
-            general = copy.deepcopy(special)
-            assert not general.has_step
-            general.run(sense, sense, **given)  # type: ignore[arg-type]
+        general = observer(effects)
+        assert not general.has_step
+        general.run(sense, sense, **given)  # type: ignore[arg-type]
         assert np.array_equal(general.x, same.x)
 
 
@@ -144,8 +143,9 @@ def test_a_copy_finds_the_step_again(record: Record, special: Observer) -> None:
     assert other.has_step
 
 
-def test_without_a_compiled_step_the_general_kernels_serve(record: Record) -> None:
-    one = observer({"cubic_damping": {}, "sense_quadratic": {}, "constant_force": {}})
+def test_who_did_not_ask_for_it_has_the_general_kernels(record: Record, special: Observer) -> None:
+    """Though it is in the cache: figures do not depend on what somebody compiled before."""
+    one = observer(dict(special.settings.effects))
     assert one.may_have_step
     assert not one.has_step
     assert np.isfinite(one.run(record.sense, record.drive).angle).all()
