@@ -171,7 +171,7 @@ class Run:
         if self.loop.stop:
             raise SystemExit(f"endurance: the loop stopped between {self.samples} and {samples} samples")
         self.samples = samples
-        found = [soundness(matrix) for matrix in (self.observer.p, self.observer.c)]
+        found = [soundness(matrix) for matrix in self.observer.covariances]
         chained = "".join(self.tracks[stem].mark() for stem in HASHED)
         energy, n = self.energy, max(self.energy.samples, 1)
         return Mark(

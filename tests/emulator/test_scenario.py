@@ -99,9 +99,9 @@ def test_mistakes(complaint: Callable[[str], str], old: str, new: str, expected:
             "effect 1: expected a finite number for k3x, got 'big'",
         ),
         ('name = "cubic_stiffness"\nk3x = nan', "effect 1: expected a finite number for k3x, got nan"),
-        ('name = "dry_friction"\nFx = 1.0', "effect 1: dry_friction needs v0"),
-        ('name = "sense_delay"\ntau_x = 1.0', "effect sense_delay: expected 0 to 30 samples"),
-        ('name = "drive_delay"\ntau_y = -1e-6', "effect drive_delay: expected 0 to 30 samples"),
+        ('name = "dry_friction"\nfx = 1.0', "effect 1: dry_friction needs v0"),
+        ('name = "sense_delay"\ntsx = 1.0', "effect sense_delay: expected 0 to 30 samples"),
+        ('name = "drive_delay"\ntuy = -1e-6', "effect drive_delay: expected 0 to 30 samples"),
     ],
 )
 def test_mistakes_in_effects(complaint: Callable[[str], str], effect: str, expected: str) -> None:

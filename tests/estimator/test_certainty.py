@@ -124,8 +124,7 @@ def test_how_far_the_angle_moves_for_another_effect_is_by_the_model_that_carries
 
 
 def test_the_start_of_the_record_is_not_read(monkeypatch):
-    monkeypatch.setattr(angle, "Observer", lambda *args: None)
-    monkeypatch.setattr(angle, "hold", lambda observer: None)
+    monkeypatch.setattr(angle, "Observer", lambda *args: SimpleNamespace(hold_coefficients=lambda: None))
     monkeypatch.setattr(angle, "run", lambda observer, record: SimpleNamespace(angle=np.arange(float(len(record)))))
     reader = AngleReader(problem())
     settled = 3.0 * min(ObserverSettings().memory, 1.0) * DEVICE.sample_rate
@@ -195,9 +194,9 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
         parts.append((innovation[:, 0], record.sense))
         return SimpleNamespace(simulation_rmse=None), (), SimpleNamespace(frequency=None, density=None)
 
-    monkeypatch.setattr(examination, "Observer", lambda *args: None)
     held, strides = [], []
-    monkeypatch.setattr(examination, "hold", held.append)
+    observer = SimpleNamespace(hold_coefficients=lambda: held.append(None))
+    monkeypatch.setattr(examination, "Observer", lambda *args: observer)
     monkeypatch.setattr(examination, "run", lambda observer, record, every: strides.append(every) or estimates)
     monkeypatch.setattr(examination, "analyse", analyse)
     monkeypatch.setattr(examination, "_SET", replace(examination._SET, states=N))

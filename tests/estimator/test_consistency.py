@@ -87,7 +87,7 @@ def test_fading_memory_reports_from_the_actual_covariance_and_not_from_the_infla
     samples, settings = 2000, ObserverSettings(gain=Gain.FADING, memory=0.05, spread=SPREAD)
     observers = estimated(record, settings, samples, SEEDS)
     error = errors(observers, record, samples)
-    c, p = (np.array([getattr(observer, name) for observer in observers]) for name in ("c", "p"))
+    p, c = np.array([observer.covariances for observer in observers]).swapaxes(0, 1)
     assert nees(error, c) == pytest.approx(1.0, abs=0.1)
     assert np.all(np.abs(coverage(error, c) - 0.95) < 0.045)
     assert nees(error, p) < 0.5

@@ -104,10 +104,10 @@ def both(name: str, controller: ControllerSettings | None = None) -> tuple[Obser
     built_in = Observer(device(), ObserverSettings(effects={name: theirs}), controller)
     spread = [c.plausible for c in effect.coefficients]  # the same first guess of their size
     for row, plausible in enumerate(spread, start=13):
-        for covariance in (ours.p, ours.c):
+        for covariance in (ours.arrays.p, ours.arrays.c):
             covariance[row, row] = plausible**2
-    ours.spread[9:] = np.square(spread)
-    ours.prior[9:] = built_in.prior[9:]
+    ours.arrays.spread[9:] = np.square(spread)
+    ours.arrays.prior[9:] = built_in.arrays.prior[9:]
     return ours, built_in
 
 

@@ -203,8 +203,8 @@ def test_a_constant_that_the_device_cannot_have_is_told(judged):
 def test_constants_stand_beside_what_the_bench_declares() -> None:
     settings = ObserverSettings(spread=Spread(stiffness=0.01, damping=0.6, offset=0.05), gain=Gain.STATIONARY)
     model = Observer(DEVICE, replace(settings, gain=Gain.EKF, initial={"kxx": 1.7e6, "dyy": -0.4}))
-    model.p[:] = np.diag(np.diag(model.p) * 1e-4)
-    model.c[:] = model.p
+    model.arrays.p[:] = np.diag(np.diag(model.arrays.p) * 1e-4)
+    model.arrays.c[:] = model.arrays.p
     still = SimpleNamespace(innovation=2e-4 * np.ones((9, 2)), innovation_deviation=1e-4 * np.ones((9, 2)))
     fitted = SimpleNamespace(observer=model, estimates=still)
     found = {one.name: one for one in claims.constants_of(Problem(RECORD, DEVICE, settings), fitted)}

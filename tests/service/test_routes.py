@@ -282,7 +282,8 @@ def test_the_catalogue_is_made_anew_of_the_folders(bench: Serving) -> None:
             json.dump({**json.loads(told), "verdict": "unsafe"}, file)
             file.truncate()
         assert bench.ask("GET", f"/api/runs/{RUN}").json()["verdict"] == before
-        assert bench.ask("POST", "/api/catalogue/rebuild").json() == {"runs": 3}
+        folders = sum(one.is_dir() and not one.name.startswith(".") for one in bench.folder.iterdir())
+        assert bench.ask("POST", "/api/catalogue/rebuild").json() == {"runs": folders}
         assert bench.ask("GET", f"/api/runs/{RUN}").json()["verdict"] == "unsafe"
     finally:
         with place.open("r+") as file:
