@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Any, cast
@@ -18,6 +19,7 @@ from hil.service.viewers import Viewers
 
 router = APIRouter(tags=["live"])
 _HELLO_S = 5.0
+_LOG = logging.getLogger(__name__)
 _RUNNING_S, _QUIET_S = 0.1, 0.25
 _MOST_CLIENTS = 64
 _NO_TOKEN, _FULL = 4401, 4429
@@ -50,19 +52,25 @@ class _Live:
     async def tell_state(self) -> None:
         """The state to everybody: often while a run lasts, now and then else, and when it changes."""
         while True:
-            if self.hub.live:
-                self.board.health = self.hub.now.health(self.hub.tracks)
-            if self.clients or self.viewers is not None:
-                state = self.state()
-                if self.viewers is not None:
-                    self.viewers.state(state)
-                for client in self.clients:
-                    client.newest("state", state)
+            try:
+                self._tell_state()
+            except Exception:  # noqa: BLE001 - a page that hears no more would go on showing what was
+                _LOG.exception("the state could not be told; it is tried again")
             await asyncio.sleep(_RUNNING_S)
             self._changed.clear()
             if not self.hub.live:
                 with suppress(TimeoutError):
                     await asyncio.wait_for(self._changed.wait(), _QUIET_S - _RUNNING_S)
+
+    def _tell_state(self) -> None:
+        if self.hub.live:
+            self.board.health = self.hub.now.health(self.hub.tracks)
+        if self.clients or self.viewers is not None:
+            state = self.state()
+            if self.viewers is not None:
+                self.viewers.state(state)
+            for client in self.clients:
+                client.newest("state", state)
 
     async def safe(self, holder: Holder) -> dict[str, Any]:
         """SAFE, and what came of it."""

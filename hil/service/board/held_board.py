@@ -109,8 +109,8 @@ class HeldBoard:
         answer({"said": {"told": True, "loop": True}})
 
     def armed(self) -> None:
-        """The loop says that the board is armed."""
-        self._change(state="ARMED", reason="")
+        """The loop says that the board is armed; how far the run is comes another way, and may have come first."""
+        self._change(state="RUNNING" if self.state["stage"] == "run" else "ARMED", reason="")
         self._begun({"said": {"run": self.state["run"]}})
 
     def changed(self, settings: dict[str, float]) -> None:
