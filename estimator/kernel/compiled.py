@@ -79,19 +79,33 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 @cache
 def generated() -> ModuleType:
     """The module generated from the declarations, written on the first use of this version and loaded ever after."""
-    path = kernel_cache() / f"{_GENERATED}.py"
-    if not path.exists():
+
+    def source() -> str:
         from estimator.effects.catalogue import EFFECTS
         from estimator.model.catalogue import MODELS
         from estimator.model.codegen import generate
 
+        return generate(MODELS, EFFECTS)
+
+    return loaded(written(kernel_cache() / f"{_GENERATED}.py", source))
+
+
+def written(path: Path, source: Callable[[], str]) -> Path:
+    """The file of a generated module, written if absent: whole, though other processes may be at it as well."""
+    if not path.exists():
+        path.parent.mkdir(exist_ok=True)
         scratch = path.with_suffix(f".{os.getpid()}.tmp")
-        scratch.write_text(generate(MODELS, EFFECTS))
+        scratch.write_text(source())
         scratch.replace(path)
-    spec = importlib.util.spec_from_file_location(_GENERATED, path)
+    return path
+
+
+def loaded(path: Path) -> ModuleType:
+    """The module in a file, by the file's name. Raises ImportError."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path}: cannot be loaded; delete its folder and start again")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[_GENERATED] = module  # before executing: Numba's cache looks the module up by name
+    sys.modules[path.stem] = module  # before executing: Numba's cache looks the module up by name
     spec.loader.exec_module(module)
     return module

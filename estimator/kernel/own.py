@@ -5,19 +5,15 @@ source: the same declaration is compiled once, whatever it is called, and anothe
 """
 
 import hashlib
-import importlib.util
-import os
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numba
 
 from estimator.effects.declaration import Effect
-from estimator.kernel.compiled import kernel_cache
+from estimator.kernel.compiled import kernel_cache, loaded, written
 from estimator.kernel.pointer import OWN_SIGNATURE
 from estimator.model.declaration import Model
 
@@ -34,7 +30,7 @@ def address(effect: Effect, model: Model) -> int:
         key = _key(effect, model)
         if key not in _known:
             path = _source(effect, model)
-            _known[key] = _module(path).add
+            _known[key] = loaded(path).add
             path.with_suffix(".done").touch()
         return int(_known[key].address)
 
@@ -70,20 +66,5 @@ def _source(effect: Effect, model: Model) -> Path:
     from estimator.model.codegen import own_effect
 
     text = own_effect(model, effect)
-    path = kernel_cache() / "own" / f"effect_{hashlib.sha256(text.encode()).hexdigest()[:16]}.py"
-    if not path.exists():
-        path.parent.mkdir(exist_ok=True)
-        scratch = path.with_suffix(f".{os.getpid()}.tmp")
-        scratch.write_text(text)
-        scratch.replace(path)
-    return path
-
-
-def _module(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path}: cannot be loaded; delete its folder and start again")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module  # before executing: Numba's cache looks the module up by name
-    spec.loader.exec_module(module)
-    return module
+    name = f"effect_{hashlib.sha256(text.encode()).hexdigest()[:16]}.py"
+    return written(kernel_cache() / "own" / name, lambda: text)

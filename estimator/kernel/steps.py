@@ -6,9 +6,7 @@ always.
 """
 
 import hashlib
-import importlib.util
 import os
-import sys
 import threading
 from collections.abc import Sequence
 from functools import cache
@@ -16,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from estimator.effects.declaration import Effect
-from estimator.kernel.compiled import kernel_cache
+from estimator.kernel.compiled import kernel_cache, loaded, written
 from estimator.model.declaration import Model
 
 _SWITCH = "GYROHIL_KERNEL"
@@ -47,20 +45,9 @@ def module_of(model: Model, effects: Sequence[Effect]) -> ModuleType:
     path = _path(model, effects)
     with _lock:
         if path.stem not in _known:
-            if not path.exists():
-                from estimator.model.step import step_source
+            from estimator.model.step import step_source
 
-                path.parent.mkdir(exist_ok=True)
-                scratch = path.with_suffix(f".{os.getpid()}.tmp")
-                scratch.write_text(step_source(model, effects))
-                scratch.replace(path)
-            spec = importlib.util.spec_from_file_location(path.stem, path)
-            if spec is None or spec.loader is None:
-                raise ImportError(f"{path}: cannot be loaded; delete its folder and start again")
-            module = importlib.util.module_from_spec(spec)
-            sys.modules[path.stem] = module  # before executing: Numba's cache looks the module up by name
-            spec.loader.exec_module(module)
-            _known[path.stem] = module
+            _known[path.stem] = loaded(written(path, lambda: step_source(model, effects)))
         return _known[path.stem]
 
 
