@@ -55,6 +55,30 @@ def run_on(step: Step, order: int, sense: Floats, drive: Floats, samples: int) -
     return course[:, n:]
 
 
+def linear_step(found: Floats) -> Step:
+    """The linear model with these coefficients (features, 2)."""
+    return lambda past, u: np.asarray(regressors(past, u) @ found)
+
+
+def network_step(record: Record, order: int, found: Floats) -> Step:
+    """A network trained on what the linear model leaves of the given part, added to it."""
+    from sklearn.neural_network import MLPRegressor
+    from sklearn.preprocessing import StandardScaler
+
+    x, y = _table(record, order)
+    scaler = StandardScaler().fit(x[:, :-1])
+    left = y - x @ found
+    size = left.std(axis=0)
+    network = MLPRegressor(hidden_layer_sizes=_HIDDEN, max_iter=_ITERATIONS, random_state=0, early_stopping=True)
+    network.fit(scaler.transform(x[:, :-1]), left / size)
+
+    def step(past: Floats, u: Floats) -> Floats:
+        row = regressors(past, u)
+        return np.asarray(row @ found + network.predict(scaler.transform(row[:, :-1])) * size)
+
+    return step
+
+
 def chosen_order(record: Record) -> int:
     """The order of the linear model that predicts the last fifth best, 200 samples ahead."""
     n = len(record.sense)
@@ -63,8 +87,7 @@ def chosen_order(record: Record) -> int:
     sense, drive = record.sense[rows], record.drive[rows]
 
     def error(order: int) -> float:
-        found = linear(record, order, 0.8)
-        said = run_on(lambda past, u: regressors(past, u) @ found, order, sense[:, :SEEN], drive, ASKED)
+        said = run_on(linear_step(linear(record, order, 0.8)), order, sense[:, :SEEN], drive, ASKED)
         apart = float(np.nanmean((said - sense[:, SEEN:]) ** 2))
         return apart if np.isfinite(apart) else np.inf
 
@@ -73,28 +96,9 @@ def chosen_order(record: Record) -> int:
 
 def entries(folder: Path, answers: Path) -> None:
     """Answers of both, below `answers`."""
-    from sklearn.neural_network import MLPRegressor
-    from sklearn.preprocessing import StandardScaler
-
     for record in opened(folder):
         order = chosen_order(record)
         found = linear(record, order)
-        said = run_on(
-            lambda past, u, found=found: regressors(past, u) @ found,  # type: ignore[misc]
-            order, record.window_sense, record.window_drive, ASKED,
-        )  # fmt: skip
-        answer(answers / "linear", record.name, said)
-
-        x, y = _table(record, order)
-        scaler = StandardScaler().fit(x[:, :-1])
-        left = y - x @ found
-        size = left.std(axis=0)
-        network = MLPRegressor(hidden_layer_sizes=_HIDDEN, max_iter=_ITERATIONS, random_state=0, early_stopping=True)
-        network.fit(scaler.transform(x[:, :-1]), left / size)
-
-        def step(past: Floats, u: Floats) -> Floats:
-            row = regressors(past, u)
-            more = network.predict(scaler.transform(row[:, :-1])) * size  # noqa: B023  # used within the turn
-            return np.asarray(row @ found + more)  # noqa: B023
-
-        answer(answers / "network", record.name, run_on(step, order, record.window_sense, record.window_drive, ASKED))
+        for name, step in (("linear", linear_step(found)), ("network", network_step(record, order, found))):
+            said = run_on(step, order, record.window_sense, record.window_drive, ASKED)
+            answer(answers / name, record.name, said)
