@@ -203,3 +203,13 @@ def true_angle(record: Record, truth: Truth, virtual: float) -> Array:
 def slope(record: Record, angle: Array, skip: int) -> float:
     """Angle per rotation, least squares over the record after `skip` samples."""
     return float(np.polyfit(record.turned[skip:], angle[skip:], 1)[0])
+
+
+def troubled(truth: Truth) -> Record:
+    """600 samples of a closed loop, samples of one axis and of both lost, the rate jumping."""
+    jump = np.where(np.arange(601) < 300, 1.5, 31.5)
+    made = close_loop(observer_of(truth, ObserverSettings(), dither=0.3), truth, 600, jump, acquire=200)
+    made.sense[320:325] = np.nan
+    made.sense[400, 0] = np.nan
+    made.sense[410:412, 1] = np.nan
+    return made

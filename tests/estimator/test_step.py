@@ -12,7 +12,7 @@ from estimator.kernel import steps
 from estimator.observer import Observer
 from estimator.oracle.agreement import disagreement
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Variant
-from tests.estimator.gyro_loop import Array, Record, Truth, close_loop, observer_of
+from tests.estimator.gyro_loop import Array, Record, Truth, troubled
 
 TRUTH = Truth(force_noise=1e-5)
 WALKING = ProcessNoise(force=1e-5, rate=0.1, offset=1e-5, stiffness=1e-4, damping=1e-2)
@@ -35,13 +35,7 @@ SETS: dict[str, dict[str, dict[str, float]]] = {
 
 @pytest.fixture(scope="module")
 def record() -> Record:
-    """600 samples of a closed loop, samples of one axis and of both lost, the rate jumping."""
-    jump = np.where(np.arange(601) < 300, 1.5, 31.5)
-    made = close_loop(observer_of(TRUTH, ObserverSettings(), dither=0.3), TRUTH, 600, jump, acquire=200)
-    made.sense[320:325] = np.nan
-    made.sense[400, 0] = np.nan
-    made.sense[410:412, 1] = np.nan
-    return made
+    return troubled(TRUTH)
 
 
 def observer(effects: dict[str, dict[str, float]], **settings: object) -> Observer:
