@@ -112,6 +112,8 @@ def _handed_out(client: "Client", tasks: Iterator[Task], say: Say) -> Iterator[D
         elif future.status == "pending":  # done it was, and its row lost with the worker that had it
             under_way[future] = task
             future.add_done_callback(finished.put)
+        elif future.status == "cancelled":  # nobody here cancels: the scheduler that knew of it was gone
+            raise _Lost
         elif future.status != "error":
             _require(client)
             submit(task)

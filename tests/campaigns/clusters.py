@@ -4,6 +4,8 @@ import os
 import socket
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 QUIET = {"DASK_DISTRIBUTED__DASHBOARD__LINK": "", "DASK_LOGGING__DISTRIBUTED": "error"}
@@ -50,3 +52,14 @@ class Cluster:
         for process in [*self.workers, *([self.scheduler] if self.scheduler else [])]:
             process.kill()
             process.wait()
+
+
+def wait_for(cluster: Cluster) -> None:
+    """Until the scheduler answers and what was connected to it before has had the time to connect again."""
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", cluster.port), timeout=1.0):
+            time.sleep(5.0)
+            return
+        time.sleep(0.1)
+    raise AssertionError("the scheduler did not come back")

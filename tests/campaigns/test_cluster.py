@@ -1,8 +1,6 @@
 """A campaign on a Dask cluster whose worker and then whose scheduler are killed: nothing lost, nothing twice."""
 
 import json
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import pytest
 
 import hil
 from hil.progress import Progress
-from tests.campaigns.clusters import Cluster, free_port
+from tests.campaigns.clusters import Cluster, free_port, wait_for
 from tests.campaigns.conftest import bytes_in
 from tests.campaigns.small import RUNS
 
@@ -24,8 +22,9 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seen", [True, False], ids=["gone for a while", "back before the host looks"])
 def test_a_worker_and_then_the_scheduler_killed_lose_nothing_and_double_nothing(
-    cluster: Cluster, whole: dict[str, bytes], tmp_path: Path
+    cluster: Cluster, whole: dict[str, bytes], tmp_path: Path, seen: bool
 ) -> None:
     first, _ = cluster.start_worker(), cluster.start_worker()
     notes, killed = [], []
@@ -41,10 +40,13 @@ def test_a_worker_and_then_the_scheduler_killed_lose_nothing_and_double_nothing(
             cluster.scheduler.kill()
             cluster.scheduler.wait()
             killed.append("scheduler")
-            threading.Thread(target=start_again).start()
+            if not seen:  # the host is held here until the scheduler answers again
+                start_again()
+                wait_for(cluster)
+        if seen and "is gone" in progress.note:
+            start_again()
 
     def start_again() -> None:
-        time.sleep(0.5)
         cluster.start_scheduler()
         cluster.start_worker()
 
