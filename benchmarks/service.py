@@ -54,7 +54,10 @@ def rows(say: Say) -> list[Row]:
     for part in os.environ.get("SERVICE_PARTS", "force gain safe kills cycles").split():
         say(part)
         with tempfile.TemporaryDirectory() as place:
-            found += _PARTS[part](Path(place), say)
+            made = _PARTS[part](Path(place), say)
+        for row in made:  # at once: the parts to come take hours
+            say(f"{row.name}: {row.value:.4g} {row.unit}")
+        found += made
     return found
 
 
