@@ -1,9 +1,10 @@
 """The bench service beside the loop: what pages cost it, how soon SAFE is there, what dies and what goes on.
 
-Pages come and go within one run, every other stretch of a few seconds with five of them and with none, so that whatever
-else the machine does, it does to both.  The difference of late answers is a mean over pairs of neighbouring stretches,
-with its 95 % interval (Student).  SERVICE_SAFES, SERVICE_KILLS, SERVICE_CYCLES and SERVICE_RUN_S set how many and how
-long, SERVICE_SEED the moments; what was asked for is in the rows.
+Pages come and go within one run: a few seconds with none, with five, with work in their place that knows nothing of the
+bench and takes as much of the processors; whatever else the machine does, it does to all three.  A difference of late
+answers is a mean over pairs of neighbouring stretches, with its 95 % interval (Student).  What pages cost beyond other
+work of their size is the service's; the rest is the machine's.  SERVICE_SAFES, SERVICE_KILLS, SERVICE_CYCLES and
+SERVICE_RUN_S set how many and how long, SERVICE_SEED the moments; what was asked for is in the rows.
 """
 
 import json
@@ -70,7 +71,7 @@ def force(place: Path, say: Say) -> list[Row]:
         run, stretches, seen = _alternating(service, process, place, "s-slow", say, watch_file=True)
     capture = read_capture(run / "capture.arrow")
     late = (np.asarray(capture.flags) & SenseFlags.HELD) > 0
-    found = _difference("force mode, 4 kHz: answers not in time", np.asarray(capture.t_s), late, stretches)
+    found = _differences("force mode, 4 kHz: answers not in time", np.asarray(capture.t_s), late, stretches)
     timing = read_timing(run / "timing.arrow")
     for name, pairs in seen.items():
         at = np.searchsorted(timing.tick, [tick for _, tick in pairs])
@@ -94,19 +95,23 @@ def gain(place: Path, say: Say) -> list[Row]:
     late = (applied < 0) | (applied > timing.tick + block + 1)
     times = timing.tick / float(timing.header["tick_rate_Hz"])
     lost = RunFolder(run).result
-    found = _difference("gain mode, 100 kS/s: matrices not in time", times, late, stretches)
+    found = _differences("gain mode, 100 kS/s: matrices not in time", times, late, stretches)
     if lost is not None:
         found.append(Row("gain mode, 100 kS/s: samples lost", float(lost.lost), "1"))
     return found + _costs("gain mode, 100 kS/s", stretches)
 
 
-class Stretch:
-    """A few seconds of a run with so many pages."""
+NONE, OPEN, OTHER = "no page", f"{PAGES} pages", "other work"
 
-    def __init__(self, pages: int) -> None:
-        self.pages = pages
+
+class Stretch:
+    """A few seconds of a run beside nothing, pages, or other work."""
+
+    def __init__(self, beside: str) -> None:
+        self.beside = beside
         self.from_s = self.to_s = 0.0  # bench time
         self.cpu = 0.0  # of the service, cores
+        self.cpu_pages = 0.0  # of those who read, cores
         self.frames: list[float] = []  # a second, of the scope, per page
 
 
@@ -124,8 +129,8 @@ def _alternating(
         time.sleep(5.0)
         end = time.monotonic() + RUN_S
         while time.monotonic() < end and service.state["stage"] == "run":
-            stretch = Stretch(PAGES if len(stretches) % 2 else 0)
-            with _pages(service, stretch):
+            stretch = Stretch((NONE, OPEN, OTHER)[len(stretches) % 3])
+            with _beside(service, stretch, stretches):
                 time.sleep(SETTLE_S)
                 stretch.from_s, cpu, begin = _bench_s(service), cpu_s(process), time.monotonic()
                 if seen:
@@ -168,35 +173,34 @@ def _watch(service: Service, folder: Path, seen: dict[str, list[tuple[int, int]]
     growing.close()
 
 
-def _difference(name: str, times: Any, late: Any, stretches: list[Stretch]) -> list[Row]:
-    """Shares of late answers without and with pages, and their difference with its interval, in percent."""
-    shares = []
-    for stretch in stretches:
+def _differences(name: str, times: Any, late: Any, stretches: list[Stretch]) -> list[Row]:
+    """Shares of late answers, percent, beside nothing, pages and other work, and their differences."""
+    shares: dict[str, list[float]] = {NONE: [], OPEN: [], OTHER: []}
+    for stretch in stretches[: len(stretches) // 3 * 3]:
         inside = (times >= stretch.from_s) & (times < stretch.to_s)
-        if inside.any():
-            shares.append((stretch.pages, 100.0 * float(np.mean(late[inside]))))
-    without, beside = ([share for pages, share in shares if bool(pages) == many] for many in (False, True))
-    pairs = min(len(without), len(beside))
-    found = [
-        Row(f"{name}, no page", float(np.mean(without)) if without else np.nan, "%"),
-        Row(f"{name}, {PAGES} pages", float(np.mean(beside)) if beside else np.nan, "%"),
-    ]
-    if pairs > 1:
-        differences = np.array(beside[:pairs]) - np.array(without[:pairs])
-        half = stats.t.ppf(0.975, pairs - 1) * differences.std(ddof=1) / np.sqrt(pairs)
-        found += [
-            Row(f"{name}, difference over {pairs} pairs", float(differences.mean()), "%"),
-            Row(f"{name}, half its 95 % interval", float(half), "%"),
-        ]
+        shares[stretch.beside].append(100.0 * float(np.mean(late[inside])) if inside.any() else np.nan)
+    found = [Row(f"{name}, {beside}", float(np.nanmean(of)), "%") for beside, of in shares.items()]
+    for more, less in ((OPEN, NONE), (OTHER, NONE), (OPEN, OTHER)):
+        differences = np.array(shares[more]) - np.array(shares[less])
+        differences = differences[np.isfinite(differences)]
+        if (pairs := len(differences)) > 1:
+            half = stats.t.ppf(0.975, pairs - 1) * differences.std(ddof=1) / np.sqrt(pairs)
+            found += [
+                Row(f"{name}, {more} less {less} over {pairs} pairs", float(differences.mean()), "%"),
+                Row(f"{name}, {more} less {less}, half its 95 % interval", float(half), "%"),
+            ]
     return found
 
 
 def _costs(name: str, stretches: list[Stretch]) -> list[Row]:
     found = []
-    for many in (0, PAGES):
-        cpu = [100.0 * stretch.cpu for stretch in stretches if stretch.pages == many]
+    for beside in (NONE, OPEN):
+        cpu = [100.0 * stretch.cpu for stretch in stretches if stretch.beside == beside]
         if cpu:
-            found.append(Row(f"{name}: service with {many} pages, of a core", float(np.mean(cpu)), "%"))
+            found.append(Row(f"{name}: service with {beside}, of a core", float(np.mean(cpu)), "%"))
+    readers = [100.0 * stretch.cpu_pages for stretch in stretches if stretch.beside == OPEN]
+    if readers:
+        found.append(Row(f"{name}: the {PAGES} pages themselves, of a core", float(np.mean(readers)), "%"))
     frames = [rate for stretch in stretches for rate in stretch.frames]
     if frames:
         found.append(Row(f"{name}: frames a second, slowest page of a stretch", min(frames), "Hz"))
@@ -205,18 +209,24 @@ def _costs(name: str, stretches: list[Stretch]) -> list[Row]:
 
 
 @contextmanager
-def _pages(service: Service, stretch: Stretch) -> Iterator[None]:
-    if not stretch.pages:
+def _beside(service: Service, stretch: Stretch, before: list[Stretch]) -> Iterator[None]:
+    """Whatever the stretch is to be measured beside."""
+    if stretch.beside == NONE:
         yield
         return
-    command = [sys.executable, "-m", "benchmarks.service_pages"]
-    given = [service.requests.url + "/", service.requests.token, str(stretch.pages)]
-    with subprocess.Popen([*command, *given], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as pages:
+    if stretch.beside == OPEN:
+        given = ["benchmarks.service_pages", service.requests.url + "/", service.requests.token, str(PAGES)]
+    else:
+        without, pages = before[-2:]
+        given = ["benchmarks.other_work", str(pages.cpu - without.cpu + pages.cpu_pages)]
+    with subprocess.Popen([sys.executable, "-m", *given], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         yield
-        assert pages.stdin is not None
-        assert pages.stdout is not None
-        pages.stdin.close()
-        stretch.frames = json.loads(pages.stdout.readline())
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.close()
+        if stretch.beside == OPEN:
+            said = json.loads(process.stdout.readline())
+            stretch.frames, stretch.cpu_pages = said["frames"], said["cores"]
 
 
 def _bench_s(service: Service) -> float:

@@ -1,7 +1,7 @@
 """`python -m benchmarks.service_pages URL TOKEN PAGES`: what so many open pages ask of a service, until its input ends.
 
 Each has what the page shows: the pattern, a scope over both axes, the innovation over ten seconds, two spectra, and the
-state.  At the end one JSON line: frames a second of the scope, per page.
+state.  At the end one JSON line: frames a second of the scope, per page, and the cores that the pages took together.
 """
 
 import asyncio
@@ -36,12 +36,14 @@ async def main() -> None:
     url, token, pages = sys.argv[1], sys.argv[2], int(sys.argv[3])
     came: list[list[float]] = [[] for _ in range(pages)]
     tasks = [asyncio.ensure_future(page(url, token, of_page)) for of_page in came]
+    begin, busy = time.monotonic(), time.process_time()
     await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+    cores = (time.process_time() - busy) / (time.monotonic() - begin)
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
     rates = [(len(times) - 1) / (times[-1] - times[0]) for times in came if len(times) > 1]
-    print(json.dumps(rates), flush=True)
+    print(json.dumps({"frames": rates, "cores": cores}), flush=True)
 
 
 asyncio.run(main())

@@ -54,6 +54,7 @@ def test_a_viewer_sees_the_run(tmp_path: Path) -> None:
                     subscribed |= new
                     asked = [{"id": number, "channelId": number} for number in new]
                     viewer.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+        assert set(seen) == wanted, service.ask("GET", "/api/board").text
         times = [when for when, _ in seen["/capture"]]
         assert times == sorted(times)
         for _, message in seen["/capture"]:

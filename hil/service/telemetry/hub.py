@@ -1,6 +1,7 @@
 """The one reader of a run's rings in this service, whatever the number of clients."""
 
 import asyncio
+import logging
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,6 +12,7 @@ from hil.service.telemetry.tracks import Tracks
 from hil.service.telemetry.views import Rolls
 
 LOOKS_PER_S = 50.0
+_LOG = logging.getLogger(__name__)
 
 
 class Hub:
@@ -45,8 +47,10 @@ class Hub:
     def end(self) -> None:
         """The run has ended: what is still in its rings is looked at once more."""
         if self._live:
-            self.look()
-            self._live = False
+            try:
+                self.look()
+            finally:
+                self._live = False
 
     @property
     def live(self) -> bool:
@@ -77,6 +81,9 @@ class Hub:
         clock = asyncio.get_running_loop().time
         due = clock()
         while True:
-            self.look()
+            try:
+                self.look()
+            except Exception:  # noqa: BLE001 - whoever looks on would go on being shown what was
+                _LOG.exception("what the run brought could not be looked at; the next look goes on")
             due = max(due + 1.0 / LOOKS_PER_S, clock())
             await asyncio.sleep(due - clock())

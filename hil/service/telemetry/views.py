@@ -257,7 +257,9 @@ def _cut(channels: list[Channel], tracks: Tracks, begin: int, count: int, step: 
     for channel in channels:
         track = tracks.get(channel.track)
         assert track is not None
-        rows = track.kept.newest(1 << 18)
+        newest = track.kept.newest(1)["tick"]
+        since = int(newest[0]) - begin if len(newest) else 0
+        rows = track.kept.newest(max(since, 0) // channel.every + 1)  # no more: the search copies their ticks
         rows = rows[np.searchsorted(rows["tick"], begin) : np.searchsorted(rows["tick"], begin + count * step)]
         found.append(dense(stretches(rows["tick"] - begin, channel.values(rows), step), 0, count))
     low, high = (np.stack([pair[side] for pair in found]) for side in (0, 1))
