@@ -30,7 +30,6 @@ from benchmarks.row import Row, Say
 from hil.strict_toml import parse_table
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import plan_of, toml_of
-from hil.sweeping.sweep import task_of
 
 KILLS = 10
 TURNS = 3
@@ -227,7 +226,7 @@ def on_a_cluster(place: Path, say: Say) -> list[Row]:
     """The same bytes on a cluster; what a run costs its scheduler, and what is sent."""
     campaign = table(16)
     plan = plan_of(parse_table(campaign, Campaign, "cost"), "cost")
-    sent = len(task_of(plan, plan.run(0)).as_json())
+    sent = len(plan.task(0).as_json())
     with cluster(place) as (address, scheduler):
         hil.sweep(table(4, name="warm"), out=place / "warm", scheduler=address)
         before = processor_s(scheduler)

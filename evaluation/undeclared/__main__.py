@@ -1,30 +1,67 @@
 """`python -m evaluation.undeclared [generate|evaluate|all]`: see the package.
 
-Both parts go on where they were interrupted: records and answers are kept in the folder.
+It is a campaign: killed at any moment it goes on where it was when the same command is given again.  Records and
+answers are kept in the folder, rows as Parquet in FOLDER/campaigns, one folder for each set of records and program.
 """
 
 import argparse
 import json
 import sys
-import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
 from pathlib import Path
 
-from evaluation.undeclared.judging import judge
+from evaluation.undeclared.campaign import Records, carried_out, judgements
 from evaluation.undeclared.page import write_page
-from evaluation.undeclared.population import DRAW, Order, population
-from evaluation.undeclared.record import SAMPLES, make
+from evaluation.undeclared.population import DRAW, population
+from evaluation.undeclared.record import SAMPLES
 from evaluation.undeclared.summary import summarise
-from evaluation.undeclared.tracing import trace_all
+from hil.errors import told_to_user
+from hil.progress import Progress
 from hil.records.atomic import write_text
+from hil.sweeping.sweep import Stopped
 
 FOLDER = Path("runs/undeclared")
 TARGET = Path("runs/undeclared.json")
 PAGE = Path("docs/results")
 
 
-def main() -> int:
-    """Run the command line; returns the exit code."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 good, 2 bad input, 130 interrupted."""
+    options = _parsed(arguments)
+    orders = [order for order in population(options.n, options.draw) if options.only in order.name]
+    making, tracing = options.what != "evaluate", options.what != "generate"
+    if not making:
+        orders = [order for order in orders if (options.folder / order.name / "truth.json").exists()]
+    if not orders:
+        print(
+            f"evaluation.undeclared: {options.folder}: no record of this draw is there; `generate` makes them, and "
+            "--only takes what a name contains",
+            file=sys.stderr,
+        )
+        return 2
+    records = Records(orders, options.folder, options.samples, making, tracing, options.keep)
+    try:
+        rows = carried_out(records, options.jobs, say)
+        if tracing:
+            judged = judgements(records, rows)
+            summary = summarise(judged)
+            write_text(options.out, json.dumps(summary, indent=1) + "\n")
+            write_page(options.page, summary, judged)
+            for category in ("single", "clean", "outside", "double", "calm", "never"):
+                print(category, json.dumps(summary[category]))
+    except Stopped as stopped:
+        print(f"evaluation.undeclared: interrupted: {stopped}", file=sys.stderr)
+        return 130
+    except (ValueError, OSError, MemoryError) as error:
+        if (told := told_to_user(error)) is None:
+            raise
+        print(f"evaluation.undeclared: {told}", file=sys.stderr)
+        return 2
+    print(f"{len(rows)} rows in {records.results}/results", file=sys.stderr)
+    return 0
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m evaluation.undeclared", description=__doc__)
     parser.add_argument("what", choices=["generate", "evaluate", "all"], nargs="?", default="all")
     parser.add_argument("--n", type=int, default=480, help="about how many records (default 480)")
@@ -36,44 +73,14 @@ def main() -> int:
     parser.add_argument("--keep", action="store_true", help="keep answers of an estimator that has changed since")
     parser.add_argument("--out", type=Path, default=TARGET, help=f"figures (default {TARGET})")
     parser.add_argument("--page", type=Path, default=PAGE, help=f"folder of the page (default {PAGE})")
-    options = parser.parse_args()
-    orders = [order for order in population(options.n, options.draw) if options.only in order.name]
-    if options.what != "evaluate":
-        generate(orders, options.folder, options.samples, options.jobs)
-    if options.what != "generate":
-        places = [options.folder / order.name for order in orders]
-        evaluate([place for place in places if (place / "truth.json").exists()], options)
-    return 0
+    return parser.parse_args(arguments)
 
 
-def evaluate(places: list[Path], options: argparse.Namespace) -> None:
-    """Trace, judge, and write the figures and the page."""
-    trace_all(places, options.jobs, options.keep, say)
-    judged = []
-    for place in places:
-        truth = json.loads((place / "truth.json").read_text())
-        said = place / "diagnosis.json"
-        judged.append(judge(truth, json.loads(said.read_text()) if said.exists() else None))
-    summary = summarise(judged)
-    write_text(options.out, json.dumps(summary, indent=1) + "\n")
-    write_page(options.page, summary, judged)
-    for category in ("single", "clean", "outside", "double", "calm", "never"):
-        print(category, json.dumps(summary[category]))
-
-
-def generate(orders: list[Order], folder: Path, samples: int, jobs: int) -> None:
-    """Make the records that are not there yet."""
-    begin = time.monotonic()
-    with ProcessPoolExecutor(jobs) as pool:
-        waiting = {pool.submit(make, order, folder, samples): order for order in orders}
-        for done, future in enumerate(as_completed(waiting), 1):
-            future.result()
-            say(f"{done}/{len(orders)} {waiting[future].name}, {time.monotonic() - begin:.0f} s")
-
-
-def say(line: str) -> None:
+def say(report: Progress) -> None:
     """Progress, on standard error."""
-    print(line, file=sys.stderr, flush=True)
+    left = "" if report.left_s is None else f", {report.left_s / 60.0:.0f} min left"
+    note = f" ({report.note})" if report.note else ""
+    print(f"{report.done}/{report.total} records{note}{left}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from evaluation.undeclared.effects import EFFECTS, Hidden
 from evaluation.undeclared.population import Order
 from hil.bench import Bench
 from hil.bench.template import template, values_of
+from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.capture import board_layout, import_layout
 from hil.records.stream import BlockWriter
@@ -75,11 +76,27 @@ def draw(order: Order, samples: int) -> Drawn:
 
 
 def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
-    """Record `order` below `folder` unless it is there already; returns its folder."""
+    """Record `order` below `folder` unless it is there already; returns its folder.  Raises InputError where another
+    record of that name is there.
+    """
     place = folder / order.name
     if (place / "truth.json").exists():
-        return place
+        return made_of(order, folder, samples)
     return keep(draw(order, samples), order, place, samples)
+
+
+def made_of(order: Order, folder: Path, samples: int) -> Path:
+    """Folder of a record that is there.  Raises InputError where it is not, or is of another draw or length."""
+    file = folder / order.name / "truth.json"
+    if not file.exists():
+        raise InputError(f"{file}: no record is there; `python -m evaluation.undeclared generate` makes it")
+    truth = json.loads(file.read_text())
+    if (truth["seed"], truth["samples"]) != (order.seed, samples):
+        raise InputError(
+            f"{file}: of another draw or length (seed {truth['seed']}, {truth['samples']} samples; wanted "
+            f"{order.seed}, {samples}); give another --folder, or remove it"
+        )
+    return file.parent
 
 
 def keep(drawn: Drawn, order: Order, place: Path, samples: int) -> Path:

@@ -10,6 +10,7 @@ import os
 import shutil
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -25,7 +26,7 @@ _ROOT = Path(__file__).parents[2]
 def trace_all(places: list[Path], jobs: int, keep: bool, say: Say) -> None:
     """Trace the records in these folders that this estimator has not traced yet; `keep`: those that none has."""
     tracer = estimator_digest()
-    waiting = [place for place in places if not _done(place, None if keep else tracer)]
+    waiting = [place for place in places if not is_traced(place, None if keep else tracer)]
     begin = time.monotonic()
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors
     one_worker_each()
@@ -57,6 +58,7 @@ def trace_one(place: Path, tracer: str) -> str:
     return f"{traced.diagnosis.verdict} {'+'.join(effect.name for effect in traced.diagnosis.effects)}"
 
 
+@cache
 def estimator_digest() -> str:
     """A name for the estimator as it is: a change in its source is a reason to trace again."""
     digest = hashlib.sha256()
@@ -65,6 +67,7 @@ def estimator_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _done(place: Path, tracer: str | None) -> bool:
+def is_traced(place: Path, tracer: str | None) -> bool:
+    """Whether the record has an answer, of this estimator where one is named."""
     note = place / "traced.json"
     return note.exists() and (tracer is None or json.loads(note.read_text())["tracer"] == tracer)

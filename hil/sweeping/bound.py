@@ -1,5 +1,6 @@
 """The Cramér–Rao bound of a recorded run, beside what the observer made of it."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +23,11 @@ class LeastDeviation(NamedTuple):
     pattern_end: float
 
 
-def least_deviation(folder: RunFolder, truth: Truth, bench: Bench) -> LeastDeviation | None:
-    """Along the true trajectory, from the first sample on, with the noise that the bench declares.
+def least_deviation(
+    folder: RunFolder, truth: Truth, bench: Bench, coefficients: Mapping[str, float]
+) -> LeastDeviation | None:
+    """Along the true trajectory, from the first sample on, with the noise that the bench declares; `coefficients` are
+    the true ones of the effects that it declares.
 
     A virtual rotation that reverses is taken as if it did not: its sign changes the bound of the angle by the ratio of
     rotation to resonance.  None where the record lacks samples or the truth does not have the whole state.
@@ -38,14 +42,18 @@ def least_deviation(folder: RunFolder, truth: Truth, bench: Bench) -> LeastDevia
     tick = capture.tick
     known, _ = truth.at(tick)
     device, settings = device_of(bench), observer_settings_of(bench)
-    names = [column_of(name) for name in Observer(device, settings).names]
+    observer = Observer(device, settings)
+    base = len(observer.model.names)
+    names = [column_of(name) for name in observer.names[:base]]
+    own = observer.names[base:]
     if len(known) != len(tick) or np.any(np.diff(tick) != 1) or "rate_rad_s" not in names:
         return None
-    if not all(name in truth.constants or name in truth.columns for name in names):
+    if not all(name in truth.constants or name in truth.columns for name in names) or set(own) - set(coefficients):
         return None
     there = truth.between(int(tick[0]), int(tick[-1]))
+    constants = {**truth.constants, **{name: coefficients[name] for name in own}}
     true = np.stack(
-        [np.full(len(tick), truth.constants[n]) if n in truth.constants else np.asarray(there[n]) for n in names], 1
+        [np.full(len(tick), constants[n]) if n in constants else np.asarray(there[n]) for n in (*names, *own)], 1
     )
     every = bench.loop.estimate_every
     bound = posterior_bound(

@@ -123,6 +123,14 @@ class Each(Section):
     """the closing scan, and with it verdict and uncertainty as `hil run` gives them; takes about as long as the run"""
     trace: bool = False
     """a trace of the record: which effect the model lacks; takes many times as long as the run"""
+    again: bool = False
+    """where the trace explained the record, the same board once more with what it found; with trace"""
+
+    @model_validator(mode="after")
+    def _again_after_a_trace(self) -> Self:
+        if self.again and not self.trace:
+            raise ValueError("again: nothing is traced; give trace = true as well")
+        return self
 
 
 class Report(Section):

@@ -31,12 +31,13 @@ def main() -> int:
     sys.excepthook = fault
     from estimator.side_by_side import one_worker_each
     from hil.errors import told_to_user
-    from hil.sweeping.one_run import Task, carry_out
+    from hil.sweeping.tasks import Task, carrier_of
 
     one_worker_each()
     for line in sys.stdin:
         try:
-            answer(done=asdict(carry_out(Task.from_json(line))))
+            task = Task.from_json(line)
+            answer(done=asdict(carrier_of(task).carry_out(task)))
         except (OSError, MemoryError) as error:  # of this machine: another run would fare no better
             answer(machine=told_to_user(error) or f"{type(error).__name__}: {error}")
     return 0

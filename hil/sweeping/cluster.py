@@ -13,9 +13,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from hil.errors import InputError
-from hil.sweeping.one_run import Done, Task
 from hil.sweeping.process import ATTEMPTS, carry_out_here
-from hil.sweeping.program import program_digest
+from hil.sweeping.tasks import Done, Task
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -33,8 +32,9 @@ class _Lost(Exception):
     """The scheduler is gone."""
 
 
-def carry_out_all(tasks: Callable[[], Iterator[Task]], scheduler: str, say: Say) -> Iterator[Done]:
-    """Each as it is done; `tasks` gives those that have no row yet, whenever it is asked.
+def carry_out_all(tasks: Callable[[], Iterator[Task]], program: str, scheduler: str, say: Say) -> Iterator[Done]:
+    """Each as it is done; `tasks` gives those that have no row yet, whenever it is asked; `program`: what has
+    to make them.
 
     Raises InputError where no scheduler answers, a worker runs another version of the program, or the scheduler does
     not come back.
@@ -49,7 +49,7 @@ def carry_out_all(tasks: Callable[[], Iterator[Task]], scheduler: str, say: Say)
         raise InputError(f"--scheduler: {scheduler}: no scheduler answers there; start one with `dask scheduler`")
     while True:
         try:
-            yield from _handed_out(client, tasks(), say)
+            yield from _handed_out(client, tasks(), program, say)
             return
         except _Lost:
             say(f"the scheduler at {scheduler} is gone; waiting for it for {_AGAIN_S:.0f} s")
@@ -80,7 +80,7 @@ def _left(client: "Client") -> None:
         client.close(timeout=2.0)
 
 
-def _handed_out(client: "Client", tasks: Iterator[Task], say: Say) -> Iterator[Done]:
+def _handed_out(client: "Client", tasks: Iterator[Task], program: str, say: Say) -> Iterator[Done]:
     """As long as the scheduler lives."""
     under_way: dict[Any, Task] = {}
     finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -108,7 +108,7 @@ def _handed_out(client: "Client", tasks: Iterator[Task], say: Say) -> Iterator[D
             continue
         task = under_way.pop(future)
         if future.status == "finished":
-            yield _checked(future.result())
+            yield _checked(future.result(), program)
         elif future.status == "pending":  # done it was, and its row lost with the worker that had it
             under_way[future] = task
             future.add_done_callback(finished.put)
@@ -140,9 +140,9 @@ def _require(client: "Client") -> None:
         raise _Lost
 
 
-def _checked(line: str) -> Done:
+def _checked(line: str, program: str) -> Done:
     said = json.loads(line)
-    if said.pop("program") != program_digest():
+    if said.pop("program") != program:
         raise InputError(
             f"--scheduler: the worker on {said['wall']['host']} has another version of the program; install this one"
         )

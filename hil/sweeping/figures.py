@@ -20,6 +20,11 @@ IDENTITY = {
     "seed": ("int64", "of the dither and of the board's noise"),
 }
 
+AGAIN = (
+    "angle_error_rms_rad", "rate_error_rms_rad_s", "innovation_ratio", "turn_bias_mean_rad_s", "turn_bias_span_rad_s",
+)  # fmt: skip
+"""Figures of a run made again with what its trace found."""
+
 FIGURES = {
     "outcome": ("string", "ran · stopped: it ended early · refused: it could not begin · crashed: its process died"),
     "reason": ("string", "why, where it did not run to its end"),
@@ -33,6 +38,11 @@ FIGURES = {
     "rate_error_max_rad_s": ("float64", "its largest magnitude"),
     "pattern_error_rms_rad": ("float64", "estimated pattern angle less that of the true state, scored window"),
     "pattern_error_end_rad": ("float64", "the same at the end"),
+    "turn_bias_mean_rad_s": (
+        "float64",
+        "mean bias of the reported angle over the pattern angle; null without a full turn",
+    ),
+    "turn_bias_span_rad_s": ("float64", "bias that depends on the pattern angle, from least to largest over a turn"),
     "control_imperfection_rms_rad": ("float64", "pattern that an ideal control would not have moved"),
     "innovation_ratio": ("float64", "rms innovation over what was predicted of it"),
     "nees": ("float64", "normalised estimation error squared per entry, mean over the scored window"),
@@ -52,6 +62,10 @@ FIGURES = {
     "model_complete": ("bool", "what the closing scan said of the model; with [each] scan"),
     "traced": ("string", "verdict of the trace; with [each] trace"),
     "traced_effects": ("string", "what it named, with + between; with [each] trace"),
+    **{
+        f"again_{name}": ("float64", f"{name} of the same board with what the trace found; with [each] again")
+        for name in AGAIN
+    },
 }
 
 AT_END = {

@@ -21,9 +21,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from hil.errors import InputError
 from hil.records.atomic import replacing, write_text
-from hil.sweeping import figures
-from hil.sweeping.one_run import Done, Row
-from hil.sweeping.plan import Plan
+from hil.sweeping.tasks import Done, Row, Tasks
 
 if TYPE_CHECKING:
     import pyarrow
@@ -34,10 +32,10 @@ _LONGEST_JOURNAL = 64 << 20
 class Kept:
     """The folder, open to be added to, by one process at a time."""
 
-    def __init__(self, folder: Path, plan: Plan, program: str) -> None:
+    def __init__(self, folder: Path, plan: Tasks, program: str) -> None:
         self.folder, self.plan, self.program = folder, plan, program
-        self._schema = figures.schema(plan.campaign)
-        self._per_file = plan.campaign.rows_per_file
+        self._schema = plan.schema
+        self._per_file = plan.rows_per_file
         self._waiting: dict[int, Row] = {}
         self._files: set[int] = set()
         self._journal_path = folder / "journal.jsonl"
@@ -46,7 +44,7 @@ class Kept:
 
     @classmethod
     @contextmanager
-    def opened(cls, folder: Path, plan: Plan, program: str) -> Iterator[Self]:
+    def opened(cls, folder: Path, plan: Tasks, program: str) -> Iterator[Self]:
         """Make the folder, or go on in it.  Raises InputError where another campaign, another program or another
         process is at home."""
         folder.mkdir(parents=True, exist_ok=True)
@@ -91,28 +89,24 @@ class Kept:
         file = done.run // self._per_file
         if file in self._files or done.run in self._waiting:
             return False
-        row = self._row_of(done)
         self._journal.write(json.dumps({"run": done.run, "row": done.row}) + "\n")
         self._journal.flush()
         self._wall.write(json.dumps({"run": done.run, **done.wall}) + "\n")
         self._wall.flush()
-        self._waiting[done.run] = row
+        self._waiting[done.run] = done.row
         self._write_if_full(file)
         if self._journal.tell() > _LONGEST_JOURNAL:
             self._rewrite_journal()
         return True
 
-    def _row_of(self, done: Done) -> Row:
-        planned = self.plan.run(done.run)
-        varied = {name: figures.shown(value) for name, value in planned.values.items()}
-        identity = {"run": planned.run, "point": planned.point, "repeat": planned.repeat, "seed": planned.seed}
-        return {**identity, **varied, **done.row}
+    def _row(self, number: int) -> Row:
+        return {**self.plan.identity(number), **self._waiting[number]}
 
     def _write_if_full(self, file: int) -> None:
         runs = range(file * self._per_file, min((file + 1) * self._per_file, len(self.plan)))
         if not all(number in self._waiting for number in runs):
             return
-        write_rows(file_path(self.folder, file), [self._waiting[number] for number in runs], self._schema)
+        write_rows(file_path(self.folder, file), [self._row(number) for number in runs], self._schema)
         self._files.add(file)
         for number in runs:
             del self._waiting[number]
@@ -120,18 +114,14 @@ class Kept:
     def _rewrite_journal(self) -> None:
         """Only what waits; the lines of full files go."""
         self._journal.close()
-        names = set(figures.FIGURES | figures.AT_END)
-        lines = (
-            json.dumps({"run": number, "row": {name: value for name, value in row.items() if name in names}})
-            for number, row in self._waiting.items()
-        )
+        lines = (json.dumps({"run": number, "row": row}) for number, row in self._waiting.items())
         write_text(self._journal_path, "".join(f"{line}\n" for line in lines))
         self._journal = self._journal_path.open("a", encoding="utf-8")
 
     def _require_same(self) -> None:
         told = {
             "version": 1,
-            "name": self.plan.campaign.name,
+            "name": self.plan.name,
             "runs": len(self.plan),
             "campaign": self.plan.fingerprint,
             "program": self.program,
@@ -140,7 +130,7 @@ class Kept:
         if not path.exists():
             if (self.folder / "results").exists():
                 raise InputError(f"{self.folder}: has results and no campaign.json; give another --out")
-            write_text(path, json.dumps(told | {"as_run": _as_run(self.plan)}, indent=1) + "\n")
+            write_text(path, json.dumps(told | {"as_run": dict(self.plan.as_run())}, indent=1) + "\n")
             return
         try:
             there = json.loads(path.read_text(encoding="utf-8"))
@@ -169,7 +159,7 @@ class Kept:
             end = stop
             done = Done(line["run"], line["row"], {})
             if done.run // self._per_file not in self._files:
-                self._waiting[done.run] = self._row_of(done)
+                self._waiting[done.run] = done.row
         if self._journal_path.exists():
             os.truncate(self._journal_path, end)
         for file in {number // self._per_file for number in self._waiting}:
@@ -177,7 +167,7 @@ class Kept:
 
     def table(self) -> "pyarrow.Table":
         """All rows that there are, in order."""
-        return read_rows(self.folder, self._schema, self._waiting.values())
+        return read_rows(self.folder, self._schema, map(self._row, self._waiting))
 
 
 def file_path(folder: Path, file: int) -> Path:
@@ -206,12 +196,6 @@ def read_rows(folder: Path, schema: "pyarrow.Schema", more: Iterable[Row] = ()) 
     if waiting:
         tables.append(pa.Table.from_pylist(waiting, schema=schema))
     return pa.concat_tables(tables).sort_by("run") if tables else schema.empty_table()
-
-
-def _as_run(plan: Plan) -> dict[str, Any]:
-    """Campaign, scenario and bench as they were read: what the folder is of can be told without the files."""
-    campaign = plan.campaign.model_dump(mode="json", exclude_none=True)
-    return {"campaign": campaign, "scenario": plan.scenario, "bench": plan.bench}
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[dict[str, Any], int]]:

@@ -5,8 +5,8 @@ import queue
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
-from hil.sweeping.one_run import Done, Task
 from hil.sweeping.process import RunProcess
+from hil.sweeping.tasks import Done, Task
 
 
 def cores() -> int:

@@ -1,16 +1,14 @@
 """One run of a campaign, in this process: board and host in lockstep, judged against the truth; a row of figures."""
 
 import hashlib
-import json
 import math
 import os
 import socket
 import tempfile
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,47 +27,28 @@ from hil.scoring import (
     scored_window,
 )
 from hil.sweeping.campaign import Each
-from hil.sweeping.figures import STATES
+from hil.sweeping.figures import AGAIN, STATES
+from hil.sweeping.tasks import Done, Row, Task
 from hil.wire.errors import WireError
 
 if TYPE_CHECKING:
     from hil.records.estimates import Estimates
 
-Row = dict[str, Any]
 _SIGMAS = 4.0  # of the deviation at the end, within which the rate counts as converged
 
 
-@dataclass(frozen=True)
-class Task:
-    """A run as it is handed to whoever carries it out: plain text, the same on every machine."""
+def program() -> str:
+    """As `hil.sweeping.program` has it."""
+    from hil.sweeping.program import program_digest
 
-    run: int
-    scenario: str
-    bench: str  # JSON
-    each: Mapping[str, bool]
-    scratch: str | None = None
-
-    def as_json(self) -> str:
-        """In one line."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> "Task":
-        """Back again."""
-        return cls(**json.loads(text))
-
-
-@dataclass(frozen=True)
-class Done:
-    """A run that was carried out: its figures, and what was measured on the wall."""
-
-    run: int
-    row: Row
-    wall: Mapping[str, Any]
+    return program_digest()
 
 
 def carry_out(task: Task) -> Done:
-    """Do it; what a run may come to is in its row.  Raises OSError where this machine, and not the run, is at fault."""
+    """Do a task of `hil.sweeping.plan`; what a run may come to is in its row.
+
+    Raises OSError where this machine, and not the run, is at fault.
+    """
     began = time.perf_counter()
     if task.scratch is not None:
         Path(task.scratch).mkdir(parents=True, exist_ok=True)
@@ -87,16 +66,42 @@ def carry_out(task: Task) -> Done:
 
 
 def _row(task: Task, place: Path) -> Row:
-    from hil.loop.worker import Order, untold, work
-
-    bench = Bench.model_validate_json(task.bench, strict=False)
-    each = Each(**task.each)
-    scenario, truth_file, folder = place / "board.scenario.toml", place / "truth.arrow", place / "run"
-    scenario.write_text(task.scenario, encoding="utf-8")
+    bench = Bench.model_validate_json(task.what["bench"], strict=False)
+    each = Each(**task.what["each"])
+    scenario = place / "board.scenario.toml"
+    scenario.write_text(task.what["scenario"], encoding="utf-8")
     if each.guess:
         from hil.sweeping.guess import with_drawn_guess
 
         bench = with_drawn_guess(bench, scenario, place)
+    made = _made(bench, scenario, place / "run", scan=each.scan)
+    if made.truth is None:
+        return made.row
+    row = made.row
+    if each.bound:
+        row |= _bound(made.run, made.truth, bench, task.what["scenario"])
+    if each.trace:
+        told, better = _traced(made.run, bench, place)
+        row |= told
+        if each.again and better is not None:
+            again = _made(better, scenario, place / "again", scan=False)
+            row |= {f"again_{name}": again.row.get(name) for name in AGAIN}
+    return row
+
+
+class _Made(NamedTuple):
+    """A run that was made: its folder, its truth where it could be scored, its figures."""
+
+    run: RunFolder
+    truth: Truth | None
+    row: Row
+
+
+def _made(bench: Bench, scenario: Path, folder: Path, *, scan: bool) -> _Made:
+    """Run `bench` on the board of `scenario` and judge it."""
+    from hil.loop.worker import Order, untold, work
+
+    place, truth_file = folder.parent, folder.with_name(f"{folder.name}-truth.arrow")
     folder.mkdir()
     (folder / "bench.toml").write_text(template(values_of(bench), "The bench as run."), encoding="utf-8")
     order = Order(bench.model_dump_json(), f"inproc:{scenario}", str(folder), truth=str(truth_file))
@@ -105,20 +110,15 @@ def _row(task: Task, place: Path) -> Row:
     row: Row = {"outcome": "stopped" if stopped else "ran", "reason": stopped or None}
     run = RunFolder(folder)
     if run.capture is None or not len(run.capture):
-        return row | {"samples": 0}
+        return _Made(run, None, row | {"samples": 0})
     row |= {"samples": len(run.capture), "record_sha256": digest_of(run.capture_path)}
-    row |= _concluded(run, bench, outcome, scan=each.scan)
+    row |= _concluded(run, bench, outcome, scan=scan)
     try:
         result = score(folder, truth_file)
     except InputError as error:
-        return row | {"reason": row["reason"] or str(error).replace(f"{place}/", "")}
+        return _Made(run, None, row | {"reason": row["reason"] or str(error).replace(f"{place}/", "")})
     truth = read_truth(truth_file)
-    row |= _scored(result) | _at_end(run, truth)
-    if each.bound:
-        row |= _bound(run, truth, bench)
-    if each.trace:
-        row |= _traced(run, place)
-    return row
+    return _Made(run, truth, row | _scored(result) | _at_end(run, truth, bench))
 
 
 def digest_of(capture: Path) -> str:
@@ -166,7 +166,7 @@ def _scored(result: Result) -> Row:
 
 
 @np.errstate(all="ignore")
-def _at_end(run: RunFolder, truth: Truth) -> Row:
+def _at_end(run: RunFolder, truth: Truth, bench: Bench) -> Row:
     """Errors at the last instant, and when the rate had converged."""
     estimates = run.estimates
     assert estimates is not None
@@ -189,6 +189,12 @@ def _at_end(run: RunFolder, truth: Truth) -> Row:
         at_end = nees(covariance, estimates, truth, float(covariance.tick[-1]) / estimates.tick_rate_Hz)
         row["nees_end"] = None if at_end is None else at_end.mean
     row["converged_s"] = _converged_s(estimates, truth)
+    if bench.device.axes == 2:
+        from hil.sweeping.turn import over_a_turn
+
+        turn = over_a_turn(estimates, truth, window, bench.target_stiffness_per_s2)
+        row["turn_bias_mean_rad_s"] = None if turn is None else turn.mean
+        row["turn_bias_span_rad_s"] = None if turn is None else turn.span
     return row
 
 
@@ -205,10 +211,12 @@ def _converged_s(estimates: "Estimates", truth: Truth) -> float | None:
     return float(whole.t_s[beyond[-1] + 1]) if beyond[-1] + 1 < error.size else None
 
 
-def _bound(run: RunFolder, truth: Truth, bench: Bench) -> Row:
+def _bound(run: RunFolder, truth: Truth, bench: Bench, scenario: str) -> Row:
     from hil.sweeping.bound import least_deviation
 
-    found = least_deviation(run, truth, bench)
+    hidden = tomllib.loads(scenario).get("effect", [])
+    coefficients = {symbol: float(value) for one in hidden for symbol, value in one.items() if symbol != "name"}
+    found = least_deviation(run, truth, bench, coefficients)
     if found is None:
         return {}
     return {
@@ -219,7 +227,9 @@ def _bound(run: RunFolder, truth: Truth, bench: Bench) -> Row:
     }
 
 
-def _traced(run: RunFolder, place: Path) -> Row:
+def _traced(run: RunFolder, bench: Bench, place: Path) -> tuple[Row, Bench | None]:
+    """What a trace says, and the bench with what it explained."""
+    from hil.addition import additions
     from hil.tracing import trace_file
 
     try:
@@ -228,9 +238,11 @@ def _traced(run: RunFolder, place: Path) -> Row:
             name=None, fraction=None, report=False, force=False, progress=lambda _: None,
         )  # fmt: skip
     except InputError as refusal:
-        return {"traced": f"refused: {refusal}".replace(f"{place}/", "")}
-    found = done.diagnosis
-    return {"traced": found.verdict, "traced_effects": "+".join(effect.name for effect in found.effects)}
+        return {"traced": f"refused: {refusal}".replace(f"{place}/", "")}, None
+    said = done.diagnosis
+    found = {one.name: {name: value for name, (value, _) in one.coefficients.items()} for one in additions(said)}
+    row = {"traced": said.verdict, "traced_effects": "+".join(effect.name for effect in said.effects)}
+    return row, bench.with_(effects=found) if found else None
 
 
 def _finite(value: Any) -> Any:

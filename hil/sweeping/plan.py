@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hil import examples
 from hil.bench import Bench, load_bench
@@ -17,7 +17,12 @@ from hil.strict_toml import parse_table, read_table, suggestion
 from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.keys import Table, plain, put, value_at
+from hil.sweeping.tasks import Row, Task
 
+if TYPE_CHECKING:
+    import pyarrow
+
+_CARRIER = "hil.sweeping.one_run"
 _SEED = "bench.loop.seed"
 _LOCKSTEP = {"bench.loop.clock": "lockstep"}
 
@@ -46,6 +51,28 @@ class Plan:
 
     def __len__(self) -> int:
         return design.how_many(self.campaign)
+
+    @property
+    def name(self) -> str:
+        """Of the campaign."""
+        return self.campaign.name
+
+    @property
+    def rows_per_file(self) -> int:
+        """Of the results."""
+        return self.campaign.rows_per_file
+
+    @property
+    def schema(self) -> "pyarrow.Schema":
+        """Of the results."""
+        return figures.schema(self.campaign)
+
+    @property
+    def program(self) -> str:
+        """What makes its runs, as `hil.sweeping.program` has it."""
+        from hil.sweeping.program import program_digest
+
+        return program_digest()
 
     @property
     def samples(self) -> int:
@@ -96,6 +123,45 @@ class Plan:
     def bench_of(self, planned: Planned) -> Bench:
         """The bench of a run.  Raises InputError with the key."""
         return parse_table(self.tables(planned)[1], Bench, f"{self.source}: run {planned.run}: the bench")
+
+    def identity(self, number: int) -> Row:
+        """Number, point, repetition, seed and the values of the varied keys."""
+        planned = self.run(number)
+        varied = {name: figures.shown(value) for name, value in planned.values.items()}
+        return {"run": number, "point": planned.point, "repeat": planned.repeat, "seed": planned.seed, **varied}
+
+    def task(self, number: int, scratch: str | None = None) -> Task:
+        """A run as it is handed out; raises InputError with the key."""
+        planned = self.run(number)
+        scenario, _ = self.tables(planned)
+        what = {
+            "scenario": toml_of(scenario, "The board."),
+            "bench": self.bench_of(planned).model_dump_json(),
+            "each": self.campaign.each.model_dump(),
+        }
+        return Task(number, _CARRIER, what, scratch)
+
+    def require_sound(self) -> None:
+        """Have the emulator read the first run's scenario: a key that it does not know is told before anything is
+        made.  Raises InputError with it.
+        """
+        import tempfile
+
+        from hil.wire.inproc import open_inproc
+
+        scenario, _ = self.tables(self.run(0))
+        with tempfile.TemporaryDirectory() as place:
+            file = Path(place) / "board.scenario.toml"
+            file.write_text(toml_of(scenario, "The board."), encoding="utf-8")
+            try:
+                open_inproc(str(file)).close()
+            except ValueError as error:
+                raise InputError(f"{self.source}: run 0: {str(error).replace(f'{file}: ', 'the scenario: ')}") from None
+
+    def as_run(self) -> dict[str, Any]:
+        """Campaign, scenario and bench as they were read: what a folder is of can be told without the files."""
+        campaign = self.campaign.model_dump(mode="json", exclude_none=True)
+        return {"campaign": campaign, "scenario": self.scenario, "bench": self.bench}
 
     @cached_property
     def fingerprint(self) -> str:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any
 
 from hil.errors import InputError
-from hil.sweeping.one_run import Done, Task
+from hil.sweeping.tasks import Done, Task, carrier_of
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 """A sum over threads is rounded otherwise with every number of them, and processes side by side need one each."""
@@ -98,7 +98,6 @@ def carry_out_here(task: str) -> str:
     """
     if not hasattr(_here, "process"):
         _here.process = RunProcess()
-    done = _here.process.carry_out(Task.from_json(task))
-    from hil.sweeping.program import program_digest
-
-    return json.dumps({"run": done.run, "row": done.row, "wall": done.wall, "program": program_digest()})
+    handed = Task.from_json(task)
+    done = _here.process.carry_out(handed)
+    return json.dumps({"run": done.run, "row": done.row, "wall": done.wall, "program": carrier_of(handed).program()})

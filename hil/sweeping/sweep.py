@@ -10,9 +10,7 @@ from hil.errors import InputError
 from hil.progress import Progress, Watcher
 from hil.sweeping import cluster, local
 from hil.sweeping.kept import Kept
-from hil.sweeping.one_run import Done, Task
-from hil.sweeping.plan import Plan, Planned, toml_of
-from hil.sweeping.program import program_digest
+from hil.sweeping.tasks import Done, Tasks
 
 _PACE = 200
 """The time left goes by the pace of the last so many runs."""
@@ -33,7 +31,7 @@ class Swept(NamedTuple):
 
 
 def sweep(
-    plan: Plan, folder: Path, *, workers: int | None = None, scheduler: str | None = None, progress: Watcher
+    plan: Tasks, folder: Path, *, workers: int | None = None, scheduler: str | None = None, progress: Watcher
 ) -> Swept:
     """Make the runs that `folder` lacks, on `workers` processors of this machine (default all), or on the Dask cluster
     of `scheduler`.
@@ -44,7 +42,7 @@ def sweep(
         raise InputError(f"--workers: {workers}; give a whole number from 1 on")
     began = time.monotonic()
     made = 0
-    with Kept.opened(folder, plan, program_digest()) as kept:
+    with Kept.opened(folder, plan, plan.program) as kept:
         total = len(plan)
         there = total - kept.missing
         pace = _Pace(total - there)
@@ -55,7 +53,7 @@ def sweep(
 
         try:
             if there == 0:
-                _try_scenario(plan)
+                plan.require_sound()
             for done in _done(kept, plan, workers, scheduler, say) if there < total else ():
                 if kept.add(done):
                     made += 1
@@ -67,41 +65,13 @@ def sweep(
     return Swept(folder, total, made, time.monotonic() - began)
 
 
-def _done(kept: Kept, plan: Plan, workers: int | None, scheduler: str | None, say: "cluster.Say") -> Iterator[Done]:
+def _done(kept: Kept, plan: Tasks, workers: int | None, scheduler: str | None, say: "cluster.Say") -> Iterator[Done]:
     if scheduler is None:
-        tasks = (task_of(plan, plan.run(number), str(kept.work)) for number in list(kept.to_do()))
+        tasks = (plan.task(number, str(kept.work)) for number in list(kept.to_do()))
         return local.carry_out_all(tasks, workers or local.cores())
     return cluster.carry_out_all(
-        lambda: (task_of(plan, plan.run(number)) for number in list(kept.to_do())), scheduler, say
+        lambda: (plan.task(number) for number in list(kept.to_do())), plan.program, scheduler, say
     )
-
-
-def task_of(plan: Plan, planned: Planned, scratch: str | None = None) -> Task:
-    """A run as it is handed out."""
-    scenario, _ = plan.tables(planned)
-    return Task(
-        planned.run,
-        toml_of(scenario, "The board."),
-        plan.bench_of(planned).model_dump_json(),
-        plan.campaign.each.model_dump(),
-        scratch,
-    )
-
-
-def _try_scenario(plan: Plan) -> None:
-    """Have the emulator read the first run's scenario: a key that it does not know is told before anything is made."""
-    import tempfile
-
-    from hil.wire.inproc import open_inproc
-
-    scenario, _ = plan.tables(plan.run(0))
-    with tempfile.TemporaryDirectory() as place:
-        file = Path(place) / "board.scenario.toml"
-        file.write_text(toml_of(scenario, "The board."), encoding="utf-8")
-        try:
-            open_inproc(str(file)).close()
-        except ValueError as error:
-            raise InputError(f"{plan.source}: run 0: {str(error).replace(f'{file}: ', 'the scenario: ')}") from None
 
 
 class _Pace:

@@ -13,7 +13,7 @@ from hil.errors import InputError
 from hil.sweeping import kept as keeping
 from hil.sweeping.figures import schema
 from hil.sweeping.kept import Kept, read_rows
-from hil.sweeping.one_run import Done
+from hil.sweeping.tasks import Done
 from tests.campaigns.conftest import bytes_in
 from tests.campaigns.small import plan, small
 

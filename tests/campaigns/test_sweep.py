@@ -17,7 +17,6 @@ from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
 from hil.sweeping.one_run import carry_out
 from hil.sweeping.plan import toml_of
-from hil.sweeping.sweep import task_of
 from tests.campaigns.conftest import bytes_in
 from tests.campaigns.small import RUNS, plan, small
 
@@ -154,7 +153,7 @@ def test_bound_guess_and_scan_of_a_run(swept: hil.Sweep) -> None:
     each = {"bound": True, "guess": True}
     fixed = small()["fixed"] | {"bench.observer.gain": "ekf"}
     made, scanned = plan(small(each=each, fixed=fixed)), plan(small(each=each | {"scan": True}, fixed=fixed))
-    row, judged = (carry_out(task_of(one, one.run(0))).row for one in (made, scanned))
+    row, judged = (carry_out(one.task(0)).row for one in (made, scanned))
     assert judged["verdict"] in ("good", "failed")
     assert judged["angle_u_rad"] > 0.0
     assert row == {name: value for name, value in judged.items() if name in row}
@@ -162,5 +161,5 @@ def test_bound_guess_and_scan_of_a_run(swept: hil.Sweep) -> None:
     for bound, sd in (("bound_rate_end_rad_s", "sd_rate_rad_s"),):
         assert row[bound] == pytest.approx(row[sd], rel=0.05)  # an EKF that has converged states the bound
     assert 0.0 < row["bound_pattern_end_rad"] < row["bound_pattern_rms_rad"]
-    other = carry_out(task_of(made, made.run(1))).row
+    other = carry_out(made.task(1)).row
     assert other["error_kxx_per_s2"] != row["error_kxx_per_s2"]
