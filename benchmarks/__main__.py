@@ -23,6 +23,7 @@ BENCHMARKS = {
     "uncertainty": "errors of the angle beside its U over 60 drawn devices; results kept in runs/uncertainty",
     "variants": "the observers of 7 and 11 states",
     "speed": "a step of 7, 11, 13 states, of 13 with effects, beside C, filterpy and NumPy",
+    "traces": "a trace of 100,000 samples beside one pass of the observer over them",
     "paths": "the wire beside the bare least of it, in the same run",
     "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 %% off",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
@@ -64,7 +65,7 @@ LONG = {
     "separations": "thirty calm devices of several accounts: whether the experiments proposed tell them apart; an hour",
     "verdicts": "340 runs on emulated devices, verdict and uncertainty beside the truth; about an hour on two cores",
 }
-SPEED = ("speed", "paths", "force_mode")
+SPEED = ("speed", "traces", "paths", "force_mode")
 TARGET = Path("runs/bench.json")
 
 

@@ -64,14 +64,13 @@ def measured(say: Say) -> list[Row]:
 def _measured(case: Case, say: Say) -> Iterator[Row]:
     ours = case.runner(BLOCK)
     peers: dict[str, Callable[[int], float]] = {}
-    if case.in_c:
-        if (hand := HandWritten.built(case)) is not None:
-            apart = hand.apart(case)
-            if not apart < ALIKE:
-                raise AssertionError(f"{case.name}: the C step differs by {apart:.2g}; it is no peer")
-            peers["C step"] = hand.seconds
-        else:
-            say("no C compiler here: the C step is left out")
+    if (hand := HandWritten.built(case)) is not None:
+        apart = hand.apart(case)
+        if not apart < ALIKE:
+            raise AssertionError(f"{case.name}: the C step differs by {apart:.2g}; it is no peer")
+        peers["C step"] = hand.seconds
+    else:
+        say("no C compiler here: the C step is left out")
     if case.against_slow:
         peers["filterpy with our kernel"] = Filterpy(case).seconds
         peers["filterpy with NumPy"] = filterpy_with_numpy(case)

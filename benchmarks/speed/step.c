@@ -3,7 +3,7 @@
  *
  * What a C programmer writes who knows that F = [Fs Fc; 0 I] and that covariances are symmetric, without intrinsics.
  * ACTIVE lists the constants that are estimated, of Φx Φy Ω kxx kyy kxy dxx dyy dxy and E coefficients of effects; built
- * with -DK=… for each variant, and with the effects' forces from benchmarks/speed/effects_in_c.py where there are some.
+ * with -DK=… for each variant, and with the effects from benchmarks/speed/effects_in_c.py where there are some.
  */
 #include <math.h>
 #include <string.h>
@@ -192,10 +192,37 @@ static void wander(const filter *f, double *p)
     }
 }
 
-/* Row j, with axis >= 0 plus that axis's position; returns the innovation squared over its variance. */
+/* A measurement h with P h, C h and their variances; returns the innovation squared over its variance. */
+static double take(filter *f, const double *ph, const double *ch, double sp, double sc, double seen, double nu)
+{
+    double gain[N], rest[N], y[N], inverse = 1.0 / sp, root = sqrt(inverse), turn = 0.0;
+    for (int i = 0; i < N; i++) {
+        gain[i] = ph[i] * inverse;
+        y[i] = ph[i] * root; /* P - y yT stays symmetric to the last bit, or fading would blow up what it is not */
+    }
+    for (int i = 0; i < S; i++)
+        f->x[i] += gain[i] * nu;
+    for (int i = 0; i < K; i++)
+        f->x[S + active[i]] += gain[S + i] * nu;
+    for (int i = 0; i < S; i++)
+        turn -= f->gradient[i] * gain[i];
+    f->variance += (sc * turn - 2.0 * seen) * turn;
+    for (int i = 0; i < N; i++)
+        f->cross[i] += (sc * turn - seen) * gain[i] - turn * ch[i];
+    for (int i = 0; i < N; i++) /* Joseph: C - K wT - w KT */
+        rest[i] = ch[i] - 0.5 * sc * gain[i];
+    for (int i = 0; i < N; i++)
+        for (int k = 0; k < N; k++) {
+            f->p[N * i + k] -= y[i] * y[k];
+            f->c[N * i + k] -= gain[i] * rest[k] + rest[i] * gain[k];
+        }
+    return nu * nu * inverse;
+}
+
+/* Row j, with axis >= 0 plus that axis's position. */
 static double measure(filter *f, int axis, int j, double nu, double noise)
 {
-    double ph[N], ch[N], sp = noise, sc = noise, turn = 0.0, seen;
+    double ph[N], ch[N], sp = noise, sc = noise, seen;
     for (int i = 0; i < N; i++) {
         ph[i] = j >= 0 ? f->p[N * j + i] : 0.0;
         ch[i] = j >= 0 ? f->c[N * j + i] : 0.0;
@@ -213,30 +240,56 @@ static double measure(filter *f, int axis, int j, double nu, double noise)
         sp += ph[2 * axis];
         sc += ch[2 * axis];
     }
-    double gain[N], rest[N], y[N], inverse = 1.0 / sp, root = sqrt(inverse);
-    for (int i = 0; i < N; i++) {
-        gain[i] = ph[i] * inverse;
-        y[i] = ph[i] * root; /* P - y yT stays symmetric to the last bit, or fading would blow up what it is not */
-    }
-    for (int i = 0; i < S; i++)
-        f->x[i] += gain[i] * nu;
-    for (int i = 0; i < K; i++)
-        f->x[S + active[i]] += gain[S + i] * nu;
-    for (int i = 0; i < S; i++)
-        turn -= f->gradient[i] * gain[i];
     seen = (j >= 0 ? f->cross[j] : 0.0) + (axis >= 0 ? f->cross[2 * axis] : 0.0);
-    f->variance += (sc * turn - 2.0 * seen) * turn;
-    for (int i = 0; i < N; i++)
-        f->cross[i] += (sc * turn - seen) * gain[i] - turn * ch[i];
-    for (int i = 0; i < N; i++) /* Joseph: C - K wT - w KT */
-        rest[i] = ch[i] - 0.5 * sc * gain[i];
-    for (int i = 0; i < N; i++)
-        for (int k = 0; k < N; k++) {
-            f->p[N * i + k] -= y[i] * y[k];
-            f->c[N * i + k] -= gain[i] * rest[k] + rest[i] * gain[k];
-        }
-    return nu * nu * inverse;
+    return take(f, ph, ch, sp, sc, seen, nu);
 }
+
+#ifdef SENSED
+/* Any row h. */
+static double measure_row(filter *f, const double *h, double nu, double noise)
+{
+    double ph[N] = {0}, ch[N] = {0}, sp = noise, sc = noise, seen = 0.0;
+    for (int j = 0; j < N; j++)
+        if (h[j] != 0.0)
+            for (int i = 0; i < N; i++) {
+                ph[i] += h[j] * f->p[N * j + i];
+                ch[i] += h[j] * f->c[N * j + i];
+            }
+    for (int j = 0; j < N; j++) {
+        sp += h[j] * ph[j];
+        sc += h[j] * ch[j];
+        seen += h[j] * f->cross[j];
+    }
+    return take(f, ph, ch, sp, sc, seen, nu);
+}
+
+/* Both channels with what the effects add to them, linearised once: the second sees what the first corrected. */
+static double measure_both(filter *f, const double *z, const double *u, const int *offset, double *innovation)
+{
+    double v[2], by[2][S], own[2][E], rows[2][N] = {{0}}, before[N], sum = 0.0;
+    sensed(f->x + S, f->x, u, v, by, own);
+    for (int axis = 0; axis < 2; axis++) {
+        innovation[axis] = z[axis] - f->x[2 * axis] - f->x[S + axis] - v[axis];
+        for (int i = 0; i < S; i++)
+            rows[axis][i] = by[axis][i];
+        rows[axis][2 * axis] += 1.0;
+        if (offset[axis] >= 0)
+            rows[axis][offset[axis]] += 1.0;
+        for (int k = 0; k < K; k++)
+            if (active[k] >= 9)
+                rows[axis][S + k] += own[axis][active[k] - 9];
+    }
+    for (int i = 0; i < N; i++)
+        before[i] = f->x[i < S ? i : S + active[i - S]];
+    for (int axis = 0; axis < 2; axis++) {
+        double nu = innovation[axis];
+        for (int i = 0; i < N; i++)
+            nu -= rows[axis][i] * (f->x[i < S ? i : S + active[i - S]] - before[i]);
+        sum += measure_row(f, rows[axis], nu, f->noise[axis]);
+    }
+    return sum;
+}
+#endif
 
 static int row_of(int constant)
 {
@@ -279,11 +332,15 @@ void run(filter *f, const double *z, const double *u, long samples, double *angl
             f->gradient[3] = share * (cosine * s[1] + sine * s[3]);
         }
         double surprise = 0.0;
+#ifdef SENSED
+        surprise = 0.5 * measure_both(f, z, u, offset, innovation);
+#else
         for (int axis = 0; axis < 2; axis++)
             innovation[axis] = z[axis] - f->x[2 * axis] - f->x[S + axis];
         for (int axis = 0; axis < 2; axis++)
             surprise += 0.5
                 * measure(f, axis, offset[axis], z[axis] - f->x[2 * axis] - f->x[S + axis], f->noise[axis]);
+#endif
         f->surprise += (surprise - f->surprise) * 0.05;
         f->cursor = (f->cursor + 1) % K;
         if (f->prior[f->cursor] > 0.0)
