@@ -1,12 +1,15 @@
-"""The challenge's task and score, on a set made by hand: nothing is recorded here."""
+"""The challenge's task and score, on a set made by hand, and whole sets of a record or two."""
 
+import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.challenge import baselines, task
+from benchmarks.challenge import baselines, draw, task, tracer
 from benchmarks.challenge.task import ASKED, SEEN, WINDOWS
+from hil.bench import load_bench
 
 
 def oscillator(samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -29,10 +32,14 @@ def made(tmp_path: Path) -> Path:
     for name in ("open", "sealed"):
         (tmp_path / name).mkdir()
     np.savez(
-        tmp_path / "open" / "record-00.npz", rate_Hz=4000.0, noise_V=np.array([1e-3, 1e-3]), sense=sense[:first],
-        drive=drive[:first], window_sense=sense[rows[:, :SEEN]], window_drive=drive[rows],
+        tmp_path / "open" / "record-00.npz", rate_Hz=4000.0, noise_V=np.array([1e-3, 1e-3]), sense_V=1.0,
+        drive_mps2=1.0, sense=sense[:first], drive=drive[:first], window_sense=sense[rows[:, :SEEN]],
+        window_drive=drive[rows],
     )  # fmt: skip
-    np.savez(tmp_path / "sealed" / "record-00.npz", sense=sense[rows[:, SEEN:]])
+    sealed = tmp_path / "sealed" / "record-00.npz"
+    np.savez(sealed, sense=sense[rows[:, SEEN:]])
+    hashes = {sealed.name: hashlib.sha256(sealed.read_bytes()).hexdigest()}
+    (tmp_path / "open" / task.HASHES).write_text(json.dumps(hashes))
     return tmp_path
 
 
@@ -76,3 +83,61 @@ def test_an_answer_that_is_none_is_told_in_one_line(made: Path, sense: np.ndarra
 def test_a_folder_that_is_no_set_is_told(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"no record-\*.npz"):
         task.opened(tmp_path)
+
+
+def test_what_was_sealed_cannot_be_changed_afterwards(made: Path) -> None:
+    sealed = made / "sealed" / "record-00.npz"
+    with np.load(sealed) as arrays:
+        task.answer(made / "entry", "record-00", arrays["sense"])
+    np.savez(sealed, sense=np.zeros((WINDOWS, ASKED, 2)))
+    with pytest.raises(SystemExit, match="not what was sealed"):
+        task.score(made / "entry", made / "sealed", made / "open")
+    sealed.unlink()
+    with pytest.raises(SystemExit, match="the set's keeper has it"):
+        task.score(made / "entry", made / "sealed", made / "open")
+
+
+def test_a_secret_gives_its_records_and_no_other_gives_them(tmp_path: Path) -> None:
+    draw.make_secret(tmp_path / "secret")
+    secret = draw.read_secret(tmp_path / "secret")
+    assert draw.orders(12, secret) == draw.orders(12, secret)
+    one, other = draw.orders(12, secret), draw.orders(12, secret + b"0")
+    assert {order.seed for order in one}.isdisjoint(order.seed for order in other)
+    assert max(order.seed for order in one) > 2**48  # more than can be tried
+    assert [order.effects for order in one] != [order.effects for order in other]
+    assert {c: sum(order.category == c for order in one) for c in draw.SHARES} == draw.SHARES
+    with pytest.raises(SystemExit, match="there already"):
+        draw.make_secret(tmp_path / "secret")
+    (tmp_path / "short").write_text("11\n")
+    with pytest.raises(SystemExit, match="can be tried out"):
+        draw.read_secret(tmp_path / "short")
+    with pytest.raises(SystemExit, match="no such file"):
+        draw.read_secret(tmp_path / "none")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_set_says_what_the_board_did_and_nothing_of_what_is_sealed(tmp_path: Path) -> None:
+    """A record of a device with a cubic stiffness: the bench's own entry continues it, the linear model less well."""
+    order = draw.Sealed("single", ("cubic_stiffness",), 0, 0, b"x" * 32)
+    assert task.make_set(tmp_path, [order], 24_000) == ["record-00"]
+    with pytest.raises(SystemExit, match="has a set already"):
+        task.make_set(tmp_path, [order], 24_000)
+    truth = json.loads((tmp_path / "sealed" / "record-00.truth.json").read_text())
+    assert truth["effects"][0]["name"] == "cubic_stiffness"
+    told = b"".join(path.read_bytes() for path in (tmp_path / "open").iterdir())
+    assert b"cubic" not in told
+    assert str(order.seed).encode() not in told
+    (record,) = task.opened(tmp_path / "open")
+    assert record.sense.shape == record.drive.shape == (14_400, 2)
+    bench = load_bench(tmp_path / "open" / "record-00.bench.toml")
+    found, carried = tracer.found_in(record, bench)
+    assert found == ("explained", ("cubic_stiffness",))
+    task.answer(tmp_path / "tracer", "record-00", tracer.continued(record, carried))
+    task.answer(tmp_path / "untraced", "record-00", tracer.continued(record, bench))
+    ours, plain = (
+        task.overall(task.score(tmp_path / name, tmp_path / "sealed", tmp_path / "open"))
+        for name in ("tracer", "untraced")
+    )
+    assert ours < 3.0
+    assert ours < 0.5 * plain
