@@ -18,7 +18,7 @@ from hil.records.methods import Methods, load_methods, save_methods
 
 KEPT = Path("runs/comparison")
 PAGE = Path("docs/results/comparison.md")
-OURS = "13 states, fading"
+OURS = "13 states and the rotation, EKF"
 
 
 def rows(say: Say) -> list[Row]:

@@ -17,7 +17,7 @@ from hil.loop.run import new_folder
 from hil.methods import prior_art
 from hil.methods.bound import bound_of
 from hil.methods.course import Course, Judge, Reference, reference_of
-from hil.methods.observers import GAINS, STATES, course_of, name_of, with_observer
+from hil.methods.observers import GAINS, STATES, course_of, name_of, rotation_name, with_observer, without_effects
 from hil.methods.own_loop import ADAPTIVE, own_runs, require_emulated
 from hil.methods.record import Given, given
 from hil.progress import Progress, Watcher
@@ -30,7 +30,6 @@ from hil.scoring import require_same_run
 from hil.tracing import called
 
 _WARM = 64  # samples, so that no method is charged for the compiler
-_ANGLE_OF = "13 states"
 
 
 @dataclass(frozen=True)
@@ -173,10 +172,16 @@ def _on_record(
         for gain in GAINS:
             changed, name = with_observer(bench, variant, gain), name_of(variant, gain)
             found.append((name, partial(course_of, subject, changed, name)))
+    named = rotation_name()
+    found.append((named, partial(course_of, subject, with_observer(bench, "full", "ekf"), named, rotation=True)))
+    if declared := [*bench.effects.named, *bench.effects.custom]:
+        plain, name = with_observer(bench, "full", bench.observer.gain), name_of("full", bench.observer.gain)
+        name = f"{name}, without {' and '.join(declared)}"
+        found.append((name, partial(course_of, subject, without_effects(plain), name)))
     if diagnosis is not None:
         effects = effects_of(diagnosis)
         if effects:
-            name = f"{_ANGLE_OF}, {bench.observer.gain}, with {' and '.join(effects)}"
+            name = f"{name_of('full', bench.observer.gain)}, with {' and '.join(effects)}"
             traced = override(with_observer(bench, "full", bench.observer.gain), {"effects": effects}, "the trace")
             found.append((name, partial(course_of, subject, traced, name, "traced")))
         else:

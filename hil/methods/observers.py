@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from estimator.gaps import Gaps, observe
 from estimator.observer import Estimates, Observer
+from estimator.rotation import Rotation
 from estimator.scaling import Array
 from hil.bench import Bench, override
 from hil.captured import gaps_of
@@ -16,6 +17,7 @@ from hil.loop.angle import ReportedAngle
 from hil.methods.course import DAMPING, STIFFNESS, Course
 from hil.methods.record import Given
 from hil.records.methods import MethodKind
+from hil.strict_toml import parse_table
 
 STATES = {"sense": 7, "gyro": 11, "full": 13}
 GAINS = ("stationary", "ekf", "fading")
@@ -49,12 +51,27 @@ def with_observer(bench: Bench, variant: str, gain: str) -> Bench:
     return override(bench, {"observer": {"variant": variant, "gain": gain}}, bench.device.name or "bench")
 
 
-def course_of(given: Given, bench: Bench, name: str, kind: MethodKind = "observer") -> Course:
-    """The observer of `bench` over the record.  Raises ModelError where there is no such observer."""
+def rotation_name() -> str:
+    """What the row is called whose angle is a state of its own."""
+    return f"{STATES['full']} states and the rotation, EKF"
+
+
+def without_effects(bench: Bench) -> Bench:
+    """The bench without [effects]."""
+    return parse_table({**bench.model_dump(), "effects": {}}, Bench, bench.device.name or "bench")
+
+
+def course_of(
+    given: Given, bench: Bench, name: str, kind: MethodKind = "observer", *, rotation: bool = False
+) -> Course:
+    """The observer of `bench` over the record; with `rotation`, the angle is that of a state of its own.  Raises
+    ModelError where there is no such observer.
+    """
     device, settings = device_of(bench, given.captured.noise_gain), observer_settings_of(bench)
     observer = Observer(device, settings, given.control)
+    beside = Rotation(observer) if rotation else None
     begun = time.process_time()
-    seen = observed(given, observer, bench)
+    seen = observed(given, observer, bench, beside)
     cost_us = 1e6 * (time.process_time() - begun) / len(given.samples.tick)
     tick = given.samples.tick[seen.at]
     column = {label: i for i, label in enumerate(seen.names)}
@@ -94,8 +111,10 @@ def integrated(given: Given, bench: Bench, name: str) -> Course:
     )  # fmt: skip
 
 
-def observed(given: Given, observer: Observer, bench: Bench) -> Observed:
-    """One pass of an observer, in portions, with what belongs to the rows of the estimates kept."""
+def observed(given: Given, observer: Observer, bench: Bench, rotation: Rotation | None = None) -> Observed:
+    """One pass of an observer, in portions, with what belongs to the rows of the estimates kept; the angle and its
+    deviation are those of `rotation` where there is one.
+    """
     every = bench.loop.estimate_every
     portion = max((1 << 14) // every, 1) * every
     samples, parts, level = given.samples, [], _Level(observer, bench)
@@ -103,11 +122,19 @@ def observed(given: Given, observer: Observer, bench: Bench) -> Observed:
         piece = samples.part(slice(first, first + portion))
         gaps: Gaps | None = gaps_of(piece, given.drives)
         with np.errstate(all="ignore"):  # an observer that diverged is told by its figures, not by NumPy
-            estimates = observe(observer, piece.sense, piece.drive, gaps, step=piece.step, every=every)
+            estimates = observe(
+                observer, piece.sense, piece.drive, gaps, step=piece.step, every=every if rotation is None else 1
+            )
+            angle, deviation = (
+                (estimates.angle, estimates.angle_deviation)
+                if rotation is None
+                else rotation.follow(estimates, piece.sense)
+            )
         level.saw(estimates)
-        at = estimates.index
+        row = slice(None) if rotation is None else slice(every - 1, None, every)
+        at = estimates.index[row]
         parts.append(
-            (at + first, estimates.state, estimates.deviation, estimates.angle[at], estimates.angle_deviation[at],
+            (at + first, estimates.state[row], estimates.deviation[row], angle[at], deviation[at],
              estimates.angle_forced[at], estimates.angle_rate_integral[at])
         )  # fmt: skip
     index, state, deviation, angle, angle_sd, forced, integral = (

@@ -1,0 +1,192 @@
+"""The rotation since an instant, φ = ∫Ω dt, as one more state of the model beside the 13, φ̇ = Ω.
+
+Nothing measures φ; what a sample says of it comes through its correlation with the others.  That is how it differs from
+an angle that is read off the pattern and corrected for forces sample by sample: what was taken off for forces by
+constants that are known better later is put right then, as far as the correlation remembers it.
+
+`Rotation` is the estimate on a record, beside an observer of 13 states by the plain EKF, of which it takes the states
+and the innovations; `estimator.rotation_bound` is the same recursion along the truth.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.errors import ModelError
+from estimator.kernel.compiled import compiled
+from estimator.observer import Estimates, Observer
+from estimator.scaling import Array
+from estimator.settings import Gain, Variant
+
+_TERMS = 12  # of the exponential's series, for steps of a quarter turn at most
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+
+
+class Rotation:
+    """What is known of φ from sample to sample, beside an observer that has not begun."""
+
+    def __init__(self, observer: Observer) -> None:
+        """Raises ModelError where that is not of 13 states without effects on two axes, with the gain of an EKF."""
+        settings, device = observer.settings, observer.device
+        if device.axes != 2 or settings.variant is not Variant.FULL or settings.gain is not Gain.EKF:
+            raise ModelError("the rotation is carried beside 13 states with the gain of an EKF; take those")
+        if observer.effects:
+            raise ModelError("the rotation is carried beside the base model alone; leave the effects out")
+        self._recursion = Recursion(observer)
+        self._factors = observer.factors
+        self._volts = observer.volts
+        self._before = observer.x.copy()
+        self._rotation = 0.0
+        self._turns = 1.0 / device.angular_gain
+
+    def follow(self, estimates: Estimates, sense: Array) -> tuple[Array, Array]:
+        """Estimate and standard deviation of φ (n,) [rad] after each of the next n samples, sense (n, 2) [V], of which
+        `estimates` has every row; NaN marks a sample that was lost.
+
+        The deviation is that of the change since the settings' `reference`; the estimate goes on.
+        """
+        after = estimates.state / self._factors
+        before = np.concatenate([self._before[None], after[:-1]])
+        seen = np.isfinite(sense)
+        innovation = np.where(seen, estimates.innovation / self._volts, 0.0)
+        found = self._recursion.go(before, before, seen, innovation)
+        rotation = self._rotation + found.rotation
+        self._before, self._rotation = after[-1], float(rotation[-1])
+        return self._turns * rotation, self._turns * found.deviation
+
+
+class Followed(NamedTuple):
+    """Of each of n samples, scaled: estimate of φ since the first of them and its deviation since the reference (n,),
+    deviations of the 13 states (n, 13).
+    """
+
+    rotation: Array
+    deviation: Array
+    states: Array
+
+
+class _Noise(NamedTuple):
+    """Of a step q (14, 14), of the rate in scaled time, the step h itself, of a sample (2,)."""
+
+    q: Array
+    walk: float
+    h: float
+    sample: Array
+
+
+class Recursion:
+    """The covariance of 13 states and φ from the beginning of `observer`, an EKF's, which has not begun."""
+
+    def __init__(self, observer: Observer) -> None:
+        h = observer.h
+        self._p = np.zeros((14, 14))
+        self._p[np.ix_(observer.estimated_index, observer.estimated_index)] = observer.covariances[0]
+        q = np.zeros((14, 14))
+        walks = np.zeros(9)
+        walks[observer.active] = observer.walks
+        q[4:13, 4:13] = np.diag(walks) * h
+        for axis in range(2):
+            a, b = 2 * axis, 2 * axis + 1
+            force = float(observer.force_noise[axis])
+            q[a, a], q[a, b], q[b, a], q[b, b] = force * h**3 / 3, force * h**2 / 2, force * h**2 / 2, force * h
+        q[6, 6] = 0.0
+        self._noise = _Noise(q, float(walks[2]), h, observer.sense_noise)
+        self._reference = math.ceil(observer.settings.reference * observer.device.sample_rate) - 1
+        self._done = 0
+
+    def go(self, before: Array, here: Array, seen: Array, innovation: Array) -> Followed:
+        """Over the next n steps, each linearised at `before` (n, 13), its random walk of the rate at `here`; seen
+        (n, 2) says which channels were, innovation (n, 2) what they were off by, scaled.
+        """
+        n = len(before)
+        found = Followed(np.zeros(n), np.zeros(n), np.zeros((n, 13)))
+        _recursion(
+            _transitions(before, self._noise.h), np.ascontiguousarray(before[:, 6]), np.ascontiguousarray(here), seen,
+            innovation, self._p, self._noise, self._reference - self._done, *found,
+        )  # fmt: skip
+        self._done += n
+        return found
+
+
+@compiled
+def _recursion(
+    steps: Array,
+    rate: Array,
+    x: Array,
+    seen: Array,
+    innovation: Array,
+    p: Array,
+    variances: _Noise,
+    reference: int,
+    rotation: Array,
+    deviation: Array,
+    states: Array,
+) -> None:
+    """The Riccati recursion over some samples, one measurement after the other; p (14, 14) goes on."""
+    q, walk, h, noise = variances
+    f = np.eye(14)
+    f[13, 6] = h
+    jump = np.zeros(14)  # what a unit jump of the rate does: Euler's acceleration, and φ from the middle of the step on
+    jump[6], jump[13] = 1.0, 0.5 * h
+    correction = np.zeros(14)
+    total = 0.0
+    for m in range(len(steps)):
+        f[:4, :4] = steps[m, :, :4]
+        f[:4, 6:13] = steps[m, :, 4:]
+        jump[1], jump[3] = x[m, 2], -x[m, 0]
+        total += h * rate[m]
+        p[:, :] = f @ p @ f.T + q
+        for i in range(14):
+            for j in range(14):
+                p[i, j] += walk * h * jump[i] * jump[j]
+        correction[:] = 0.0
+        for axis in range(2):
+            if seen[m, axis]:
+                position, offset = 2 * axis, 4 + axis
+                towards = p[:, position] + p[:, offset]
+                variance = towards[position] + towards[offset] + noise[axis]
+                left = (innovation[m, axis] - correction[position] - correction[offset]) / variance
+                for i in range(14):
+                    correction[i] += towards[i] * left
+                    for j in range(14):
+                        p[i, j] -= towards[i] * towards[j] / variance
+        total += correction[13]
+        if m == reference:
+            p[13, :] = 0.0
+            p[:, 13] = 0.0
+        rotation[m] = total
+        deviation[m] = math.sqrt(max(p[13, 13], 0.0))
+        for i in range(13):
+            states[m, i] = math.sqrt(max(p[i, i], 0.0))
+
+
+def _transitions(x: Array, h: float) -> Array:
+    """Derivative of x, ẋ, y, ẏ after a step by themselves and by Ω, k and d before it (rows, 4, 11); x (rows, 13)
+    scaled.  What the drive does to the motion within the step is left out of the derivatives by the constants.
+    """
+    kxx, kyy, kxy, dxx, dyy, dxy = x[:, 7:13].T
+    w = x[:, 6]
+    a = np.zeros((len(x), 4, 4))
+    a[:, 0, 1] = a[:, 2, 3] = 1.0
+    a[:, 1] = np.stack([w * w - kxx, -dxx, -kxy, 2.0 * w - dxy], axis=1)
+    a[:, 3] = np.stack([-kxy, -dxy - 2.0 * w, w * w - kyy, -dyy], axis=1)
+    found = np.zeros((len(x), 4, 11))
+    found[:, :, :4] = _exponential(a, h)
+    flows = [_exponential(a, 0.5 * h * (node + 1.0)) for node in _NODES]  # the nodes lie symmetrically
+    for there, rest, weight in zip(flows, reversed(flows), _WEIGHTS, strict=True):
+        px, vx, py, vy = (there @ x[:, :4, None])[:, :, 0].T
+        push = np.zeros((len(x), 4, 7))
+        push[:, 1] = np.stack([2 * w * px + 2 * vy, -px, 0 * px, -py, -vx, 0 * px, -vy], axis=1)
+        push[:, 3] = np.stack([2 * w * py - 2 * vx, 0 * px, -py, -px, 0 * px, -vy, -vx], axis=1)
+        found[:, :, 4:] += 0.5 * h * weight * (rest @ push)
+    return found
+
+
+def _exponential(a: Array, t: float) -> Array:
+    """exp(a t) of each (rows, 4, 4), by its series."""
+    term = total = np.broadcast_to(np.eye(4), a.shape)
+    for order in range(1, _TERMS):
+        term = term @ a * (t / order)
+        total = total + term
+    return np.asarray(total)
