@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from foxglove.websocket import WebSocketServer
 
 _SCHEMA = {"type": "object"}
-_NOT_SHOWN = ("covariance", "clock", "timing")
+_RECORDS = ("capture", "innovation", "estimates")
+_TOPICS = ("/board", "/now", *(f"/{record}" for record in _RECORDS))
 
 
 class Viewers:
@@ -35,7 +36,10 @@ class Viewers:
             )
         except (RuntimeError, OSError, ValueError) as error:
             raise InputError(f"--foxglove {port}: {error}; give another port, 0 for any that is free") from None
-        self._channels: dict[str, foxglove.Channel] = {}
+        # All of them before anybody connects: one that is opened while a viewer connects may not be told to it.
+        self._channels = {
+            topic: foxglove.Channel(topic, schema=_SCHEMA, context=self._context) for topic in _TOPICS
+        }
 
     @property
     def port(self) -> int:
@@ -48,7 +52,7 @@ class Viewers:
         last = 0
         for name, channel in tracks.channels.items():
             track = tracks.get(channel.track)
-            if track is None or not len(track.new) or channel.track in _NOT_SHOWN:
+            if track is None or not len(track.new) or channel.track not in _RECORDS:
                 continue
             values = channel.values(track.new)
             values = values[np.isfinite(values)]
@@ -77,8 +81,4 @@ class Viewers:
         self._server.stop()
 
     def _log(self, topic: str, message: dict[str, Any], seconds: float) -> None:
-        import foxglove
-
-        if topic not in self._channels:
-            self._channels[topic] = foxglove.Channel(topic, schema=_SCHEMA, context=self._context)
         self._channels[topic].log(message, log_time=round(1e9 * max(seconds, 0.0)))
