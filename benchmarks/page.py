@@ -1,17 +1,23 @@
-"""The page in a real browser beside a run at 100 kS/s: pictures a second, what the service and the browser need.
+"""The page in a real browser: the key that makes the board SAFE, at 4 kHz over a pty; then, beside a run at 100 kS/s,
+pictures a second and what the service and the browser need.
 
-PAGE_S sets how long (by default a quarter of an hour).  A picture counts where the scope was drawn anew between two
-animation frames; it is drawn for new samples alone.  The heap is what is left of it after a forced collection; its
-slope has the 95 % interval of a straight line whose errors hang together (Newey and West, over a tenth of the points).
+PAGE_SAFES sets how often the key is pressed, PAGE_S how long the run is (by default a quarter of an hour); 0 leaves a
+part out.  The key's time is the browser's own, from the event of the key to the message with the board's word.  A
+picture counts where the scope was drawn anew between two animation frames; it is drawn for new samples alone.  The heap
+is what is left of it after a forced collection; its slope has the 95 % interval of a straight line whose errors hang
+together (Newey and West, over a tenth of the points).
 """
 
 import json
 import os
+import random
 import re
 import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +27,10 @@ from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.row import Row, Say
 from benchmarks.service import cpu_s, patient, running_service
+from hil.client import Service
 
 SECONDS = float(os.environ.get("PAGE_S", "900"))
+SAFES = int(os.environ.get("PAGE_SAFES", "100"))
 WARM_S = 30.0
 EVERY_S = 10.0
 _COUNTED = """
@@ -40,33 +48,87 @@ const count = () => {
 };
 requestAnimationFrame(count);
 """
+_KEY = """
+globalThis.safes = [];
+let pressed = 0;
+const press = ({ key, timeStamp }) => { if (key === "Escape") pressed = timeStamp; };
+window.addEventListener("keydown", press, { capture: true });
+globalThis.WebSocket = class extends WebSocket {
+  constructor(...given) {
+    super(...given);
+    this.addEventListener("message", ({ data }) => {
+      if (typeof data !== "string" || !data.includes('"safe"')) return;
+      const said = JSON.parse(data);
+      if (said.kind === "safe") safes.push([performance.now() - pressed, said.confirmed]);
+    });
+  }
+};
+"""
 
 
 def rows(say: Say) -> list[Row]:
-    """One page, one run."""
+    """One page; a run for each press of the key, and a long one."""
+    found = []
+    if SAFES:
+        with _page("s-slow", _KEY) as (page, service, _):
+            found += _keys(page, service, say)
+    if SECONDS:
+        with _page("s-modern-5k", _COUNTED) as (page, service, process):
+            found += _pictures(page, service, process, say)
+    return found
+
+
+@contextmanager
+def _page(example: str, script: str) -> Iterator[tuple[Page, Service, int]]:
+    """A browser's page that a script watches, with the emulated board of an example; the service and its process."""
     chromium = shutil.which("chromium")
     if chromium is None:
         sys.exit("no chromium: sudo apt install chromium")
     with (
         tempfile.TemporaryDirectory() as place,
         running_service(Path(place)) as (service, process),
-        service.board("benchmark") as board,
         sync_playwright() as playwright,
     ):
-        board.connect("pty:s-modern-5k", "s-modern-5k")
-        board.start(patient("s-modern-5k"), duration_s=SECONDS + WARM_S + 60.0)
+        with service.board("benchmark") as board:
+            board.connect(f"pty:{example}", example)
         options = ["--no-sandbox"] if os.geteuid() == 0 else []
         browser = playwright.chromium.launch(executable_path=chromium, args=options)
         page = browser.new_page(viewport={"width": 1440, "height": 900})
-        page.add_init_script(_COUNTED)
+        page.add_init_script(script)
         page.goto(f"{service.requests.url}/#token={service.requests.token}")
+        yield page, service, process
+        browser.close()
+
+
+def _keys(page: Page, service: Service, say: Say) -> list[Row]:
+    chance = random.Random(1)
+    for number in range(SAFES):
+        with service.board("benchmark") as board:
+            run = board.start(patient("s-slow"), duration_s=60.0)
+            page.wait_for_timeout(chance.uniform(300.0, 1300.0))
+            page.keyboard.press("Escape")
+            while page.evaluate("safes.length") <= number:  # the page's own policy forbids to wait by a script
+                page.wait_for_timeout(50.0)
+            run.finished()
+        if number % 10 == 9:
+            say(f"{number + 1} of {SAFES}, {page.evaluate('safes.at(-1)[0]'):.1f} ms")
+    took, confirmed = zip(*page.evaluate("safes"), strict=True)
+    return [
+        *(Row(f"from the key to SAFE, p{p} of {SAFES}", float(np.percentile(took, p)), "ms") for p in (50, 99)),
+        Row("from the key to SAFE, longest", max(took), "ms"),
+        Row("from the key to SAFE, not confirmed", float(sum(one is not True for one in confirmed)), "1"),
+    ]
+
+
+def _pictures(page: Page, service: Service, process: int, say: Say) -> list[Row]:
+    with service.board("benchmark") as board:
+        board.start(patient("s-modern-5k"), duration_s=SECONDS + WARM_S + 60.0)
         page.wait_for_selector("#scope-chart canvas")
         session = page.context.new_cdp_session(page)
         session.send("Performance.enable")
         page.wait_for_timeout(1000.0 * WARM_S)
         measured = _measured(page, session, process, say)
         state = service.state
-        browser.close()
         board.stop()
     return _told(np.array(measured), state)
 
