@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.errors import ModelError
-from estimator.kernel.gain_matrix import exponential, filtered_motion, gain_matrix
+from estimator.kernel.gain_matrix import Filter, exponential, filtered_motion, gain_matrix
 from estimator.observer import Observer
 from estimator.scaling import Array
 
@@ -53,18 +53,17 @@ class GainMatrix:
 
     def __init__(self, observer: Observer, board: BoardFilter) -> None:
         self._observer = observer
-        self._filter = tuple(np.array(part, dtype=float) for part in (board.a, board.b, board.c))
-        self._delay = board.delay
+        a, b, c = (np.array(part, dtype=float) for part in (board.a, board.b, board.c))
+        self._filter = Filter(a, b, c, board.delay)
         self._gain = np.zeros((2, 4))
         self._bias = np.zeros(2)
         drives, senses = (_signs(observer, f"{channel}_polarity") for channel in ("drive", "sense"))
         self._turns = np.outer(drives, np.repeat(senses, 2))
-        a, b, c = self._filter
         self._still = np.linalg.solve(np.eye(2) - a, b + c)  # what the filter makes of a constant code
         settings = observer.arrays.settings[0]
         swing = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
         nominal = exponential(swing, observer.h, int(settings["order"]))
-        signals = filtered_motion(settings, nominal, *self._filter, self._delay)
+        signals = filtered_motion(settings, nominal, self._filter)
         if not np.linalg.cond(signals) < _CONDITION:
             raise ModelError(
                 f"a filter over {board.delay} samples ({board.delay * observer.h / math.pi:.3g} half cycles) "
@@ -85,7 +84,7 @@ class GainMatrix:
             return self._gain, self._bias
         arrays = observer.arrays
         gain_matrix(
-            arrays.settings, arrays.memory, arrays.x, *self._filter, self._delay,
+            arrays.settings, arrays.memory, arrays.x, self._filter,
             _UNCHANGED / (horizon * observer.h), ahead * observer.h, self._gain, self._bias,
         )  # fmt: skip
         if np.any(self._turns < 0.0):

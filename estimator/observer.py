@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from estimator.kernel.layout import (
     SETTINGS,
 )
 from estimator.kernel.own import address
+from estimator.kernel.structures import Arrays
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
@@ -81,28 +82,6 @@ def active_constants(model: Model, variant: Variant) -> NDArray[np.int64]:
     return np.array([i for i, constant in enumerate(model.constants) if wanted(constant)], dtype=np.int64)
 
 
-class Arrays(NamedTuple):
-    """An observer's own arrays, scaled, as compiled kernels take them: live, for whoever calls a kernel with them.
-
-    settings, memory and rows are records (`estimator.kernel.layout`); active (k,) which constants are estimated; walk,
-    prior, spread, guess (k,) their random walk, what forgetting goes back to, first variance and value; x (states +
-    constants,); p, c (n, n) the covariance assumed by the gain and the one that estimates have under it.
-    """
-
-    settings: NDArray[np.void]
-    active: NDArray[np.int64]
-    walk: Array
-    prior: Array
-    spread: Array
-    guess: Array
-    table: Array
-    x: Array
-    p: Array
-    c: Array
-    memory: NDArray[np.void]
-    rows: NDArray[np.void]
-
-
 class Observer:
     """Observer (7)(8) with the gain of choice, and the controller (9) when its settings are given.
 
@@ -152,12 +131,12 @@ class Observer:
         n = self.states + len(self.active)
         self._p = np.diag(spread**2)
         self._c = self._p.copy()
-        self._walk = walk[self.active] ** 2
+        self._intensity = walk[self.active] ** 2
         self._record = self._recorded(controller)
-        self._guess = self.x[self.states :][self.active]
+        self._start = self.x[self.states :][self.active]
         self.first_temperature: float | None = None
         self._memory = np.zeros(1, MEMORY)
-        self._memory["surprise"] = 1.0
+        self._memory["nis"] = 1.0
         self._memory["dither"] = dither_start(None if controller is None else controller.dither_seed)
         fade = float(self._record["fade"][0])
         forgotten = len(self.active) * (1.0 - 1.0 / fade)  # share of the prior's information, between two visits
@@ -261,7 +240,8 @@ class Observer:
         record["takeover"] = settings.takeover * scaling.omega0
         # An offset that is not estimated is a disturbance of the measurement: the gain must not take it for motion.
         ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
-        record["twin"] = fading or ignored > 0.0
+        record["two_covariances"] = fading or ignored > 0.0
+        record["general"] = not steps.wanted()
         self._require_senses(device)
         for axis, sensed in enumerate(device.sensed):
             record["sensed"][0, axis] = sensed.value
@@ -350,7 +330,7 @@ class Observer:
 
     @property
     def may_have_step(self) -> bool:
-        """Whether there is a step for its effects alone (`estimator.model.step`), be it compiled or not."""
+        """Whether there is a step for its effects alone (`estimator.kernel.generate.step`), be it compiled or not."""
         whole = self.settings.variant is Variant.FULL and self.settings.gain is Gain.FADING
         if not self.effects or self.carried < len(self.effects) or not whole or self.device.axes != 2:
             return False
@@ -397,7 +377,7 @@ class Observer:
     @property
     def covariance(self) -> Array:
         """Covariance the estimates have under this gain, over [states, active constants], SI."""
-        actual = self._c if self._record["twin"][0] else self._p
+        actual = self._c if self._record["two_covariances"][0] else self._p
         scale = self.factors[self.estimated_index]
         return np.asarray(actual * np.outer(scale, scale))
 
@@ -415,7 +395,7 @@ class Observer:
     def arrays(self) -> Arrays:
         """What a kernel takes."""
         return Arrays(
-            self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
+            self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
             self.x, self._p, self._c, self._memory, self._rows,
         )  # fmt: skip
 
@@ -439,7 +419,7 @@ class Observer:
     @property
     def walks(self) -> Array:
         """Variance (k,) per scaled second by which each active constant moves as a random walk."""
-        return np.array(self._walk)
+        return np.array(self._intensity)
 
     @property
     def force_noise(self) -> Array:
@@ -521,7 +501,7 @@ class Observer:
 
     def carry_both(self) -> None:
         """Propagate both covariances where one would do, a plain EKF's being equal: so they run in registers."""
-        self._record["twin"] = 1
+        self._record["two_covariances"] = 1
 
     def allow_steps(self, longest: float, degree: int) -> None:
         """Integrate steps up to `longest`, scaled, under a drive that is a polynomial of that degree."""
@@ -579,12 +559,12 @@ class Observer:
         step = self._own_step()
         if step is not None:
             step.tick(
-                self._record, self._walk, self._prior, self._spread, self._guess, self.x, self._p, self._c,
+                self._record, self._intensity, self._prior, self._spread, self._start, self.x, self._p, self._c,
                 self._memory, float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
             )  # fmt: skip
             return int(self._codes[0]), int(self._codes[1])
         block.tick(
-            self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
+            self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
             self.x, self._p, self._c, self._memory,
             float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
         )  # fmt: skip
@@ -640,7 +620,7 @@ class Observer:
         """Newest state vector and its standard deviations, SI, in the order of `model.names`; 0 for what is not
         estimated.
         """
-        actual = self._c if self._record["twin"][0] else self._p
+        actual = self._c if self._record["two_covariances"][0] else self._p
         deviation = np.zeros(len(self.x))
         deviation[self.estimated_index] = np.sqrt(np.diagonal(actual))
         return (self.x * self.factors).tolist(), (deviation * np.abs(self.factors)).tolist()
@@ -707,13 +687,13 @@ class Observer:
             stop_if_abandoned()
             if step_of_its_own is not None:
                 step_of_its_own.observe_block(
-                    self._record, self._walk, self._prior, self._spread, self._guess,
+                    self._record, self._intensity, self._prior, self._spread, self._start,
                     self.x, self._p, self._c, self._memory, z[rows_of], u[rows_of], h[rows_of], warmth[rows_of],
                     rows[rows_of], states[states_of], deviations[states_of], stride,
                 )  # fmt: skip
                 continue
             block.observe_block(
-                self._record, self.active, self._walk, self._prior, self._spread, self._guess, self._table,
+                self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
                 self.x, self._p, self._c, self._memory,
                 z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of],
                 rows[rows_of], states[states_of], deviations[states_of], stride,

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.errors import ModelError
-from estimator.kernel.stationary import gather_gains
+from estimator.kernel.stationary import Course, gather_gains
 from estimator.scaling import Array
 
 if TYPE_CHECKING:
@@ -48,10 +48,8 @@ def stationary_table(observer: "Observer") -> Array:
     weight = np.zeros((ANGLES, PHASES))
     record = arrays.settings.copy()
     record["force_noise"] += unforeseen(observer)
-    gather_gains(
-        record, arrays.memory, arrays.active, arrays.walk, arrays.prior, arrays.x[observer.states :], arrays.p.copy(),
-        _PRECESSION, observer.h * 1.007, settle, samples, total, weight,
-    )  # fmt: skip
+    course = Course(_PRECESSION, observer.h * 1.007, settle, samples)
+    gather_gains(arrays._replace(settings=record, p=arrays.p.copy()), course, total, weight)
     return np.asarray(total / np.maximum(weight, 1.0)[:, :, None, None])
 
 

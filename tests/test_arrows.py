@@ -59,7 +59,7 @@ def test_help_loads_nothing_heavy() -> None:
 
 
 ROOT = Path(__file__).parents[1]
-INSIDE = {"_p", "_c", "_record", "_memory", "_walk", "_guess", "_prior", "_spread", "_table", "_motion_spread"}
+INSIDE = {"_p", "_c", "_record", "_memory", "_intensity", "_start", "_prior", "_spread", "_table", "_motion_spread"}
 
 
 def test_nobody_reaches_into_an_observer() -> None:

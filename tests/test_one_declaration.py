@@ -14,8 +14,8 @@ from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.page import page
 from estimator.effects.search import Kin, Search, Sign
+from estimator.kernel.generate.model import generate
 from estimator.model.catalogue import MODELS
-from estimator.model.codegen import generate
 from estimator.model.gyro import vx, vy
 from estimator.residual.suspects import suspects
 from estimator.trace.candidates import watch_list

@@ -40,10 +40,10 @@ class HandWritten:
             _fields_ = [
                 ("h", ctypes.c_double), ("fade", ctypes.c_double), ("force", ctypes.c_double * 2),
                 ("noise", ctypes.c_double * 2),
-                *((name, ctypes.c_double * constants) for name in ("walk", "prior", "spread", "guess")),
+                *((name, ctypes.c_double * constants) for name in ("intensity", "prior", "spread", "initial")),
                 ("virtual_rate", ctypes.c_double), ("reference", ctypes.c_double), ("order", ctypes.c_long * 8),
                 ("x", ctypes.c_double * len(observer.x)), ("p", ctypes.c_double * (n * n)),
-                ("c", ctypes.c_double * (n * n)), ("surprise", ctypes.c_double),
+                ("c", ctypes.c_double * (n * n)), ("nis", ctypes.c_double),
                 ("time", ctypes.c_double), ("cross", ctypes.c_double * n), ("variance", ctypes.c_double),
                 ("gradient", ctypes.c_double * 4), ("cursor", ctypes.c_long), ("started", ctypes.c_long),
                 ("referred", ctypes.c_long), *((name, ctypes.c_double) for name in (
@@ -56,11 +56,11 @@ class HandWritten:
         f.h, f.fade, f.reference = observer.h, record["fade"], record["reference"]
         parts = [abs(part) * observer.h for part in DRIFTS] if case.effects else [observer.h] * 8
         f.order[:] = [taylor_order(part) for part in parts]
-        f.virtual_rate, f.surprise = CONTROL.virtual_rotation / observer.scaling.omega0, 1.0
+        f.virtual_rate, f.nis = CONTROL.virtual_rotation / observer.scaling.omega0, 1.0
         f.force[:], f.noise[:] = record["force_noise"].tolist(), record["noise"].tolist()
         arrays = observer.arrays
         for name, values in {
-            "walk": arrays.walk, "prior": arrays.prior, "spread": arrays.spread, "guess": arrays.guess
+            "intensity": arrays.intensity, "prior": arrays.prior, "spread": arrays.spread, "initial": arrays.initial
         }.items():  # fmt: skip
             getattr(f, name)[:k] = values.tolist()
         f.x[:] = observer.x.tolist()
@@ -151,7 +151,7 @@ class Filterpy:
         self._jacobian = np.zeros((2, 13))
         self._jacobian[0, [0, 4]] = self._jacobian[1, [2, 5]] = 1.0
         self._fade = float(record["fade"])
-        self._scratch = [np.zeros((4, 12)) for _ in range(3)]
+        self._scratch = [np.zeros((4, 12)) for _ in range(2)]
         self._number = observer.number
         sense, drive = case.record
         self._z, self._u = sense / observer.volts, np.ascontiguousarray(drive / observer.scaling.drive)[:, :, None]
@@ -160,14 +160,14 @@ class Filterpy:
     def seconds(self, samples: int) -> float:
         """Of the next so many samples."""
         f, jacobian = self._filter, self._jacobian
-        a, b, out = self._scratch
+        term, out = self._scratch
         begun = time.thread_time()
         for m in range(self._at, self._at + samples):
             x = f.x[:, 0]
             out[:] = 0.0
             out[:, 0] = x[:4]
             out[:, 1:5] = np.eye(4)
-            taylor(self._number, x[4:], self._u[m], self._h, self._order, 12, a, b, out)
+            taylor(self._number, x[4:], self._u[m], self._h, self._order, 12, term, out)
             f.F[:4, :4], f.F[:4, 6:] = out[:, 1:5], out[:, 5:]
             moved = np.concatenate([out[:, 0], x[4:]])[:, None]
             f.predict_x = lambda u=0, moved=moved: setattr(f, "x", moved)

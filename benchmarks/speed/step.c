@@ -24,11 +24,11 @@
 static const int active[K] = {ACTIVE};
 
 typedef struct {
-    double h, fade, force[2], noise[2], walk[CONSTANTS], prior[CONSTANTS], spread[CONSTANTS], guess[CONSTANTS];
+    double h, fade, force[2], noise[2], intensity[CONSTANTS], prior[CONSTANTS], spread[CONSTANTS], initial[CONSTANTS];
     double virtual_rate, reference;
     long order[8];
     double x[S + CONSTANTS], p[N * N], c[N * N];
-    double surprise, time, cross[N], variance, gradient[4];
+    double nis, time, cross[N], variance, gradient[4];
     long cursor, started, referred;
     double theta, theta_zero, theta_plain, theta_plain_zero, forced, rotation, rate, rate_integral, virtual_integral;
 } filter;
@@ -174,7 +174,7 @@ static void wander(const filter *f, double *p)
         p[N * (i + 1) + i + 1] += q * h;
     }
     for (int k = 0; k < K; k++) {
-        double q = f->walk[k] * h, kick[S] = {0};
+        double q = f->intensity[k] * h, kick[S] = {0};
         int row = S + k;
         if (q == 0.0)
             continue;
@@ -313,8 +313,8 @@ void run(filter *f, const double *z, const double *u, long samples, double *angl
             for (int j = 0; j < N; j++)
                 moved[i] += g[i][j] * f->cross[j];
         memcpy(f->cross, moved, sizeof moved);
-        if (factor > 1.0 && f->surprise > 3.0)
-            factor *= 1.0 + fmin(0.01 * (f->surprise - 3.0), 0.1);
+        if (factor > 1.0 && f->nis > 3.0)
+            factor *= 1.0 + fmin(0.01 * (f->nis - 3.0), 0.1);
         propagate(f->c, g, 1.0);
         propagate(f->p, g, factor);
         wander(f, f->c);
@@ -331,24 +331,24 @@ void run(filter *f, const double *z, const double *u, long samples, double *angl
             f->gradient[2] = share * (cosine * s[0] + sine * s[2]);
             f->gradient[3] = share * (cosine * s[1] + sine * s[3]);
         }
-        double surprise = 0.0;
+        double nis = 0.0;
 #ifdef SENSED
-        surprise = 0.5 * measure_both(f, z, u, offset, innovation);
+        nis = 0.5 * measure_both(f, z, u, offset, innovation);
 #else
         for (int axis = 0; axis < 2; axis++)
             innovation[axis] = z[axis] - f->x[2 * axis] - f->x[S + axis];
         for (int axis = 0; axis < 2; axis++)
-            surprise += 0.5
+            nis += 0.5
                 * measure(f, axis, offset[axis], z[axis] - f->x[2 * axis] - f->x[S + axis], f->noise[axis]);
 #endif
-        f->surprise += (surprise - f->surprise) * 0.05;
+        f->nis += (nis - f->nis) * 0.05;
         f->cursor = (f->cursor + 1) % K;
         if (f->prior[f->cursor] > 0.0)
-            measure(f, -1, S + f->cursor, f->guess[f->cursor] - f->x[S + active[f->cursor]], f->prior[f->cursor]);
+            measure(f, -1, S + f->cursor, f->initial[f->cursor] - f->x[S + active[f->cursor]], f->prior[f->cursor]);
         for (int k = 0; k < K; k++) {
             double v = f->p[(N + 1) * (S + k)];
             if (f->spread[k] > 0.0 && v > f->spread[k])
-                measure(f, -1, S + k, f->guess[k] - f->x[S + active[k]], v * f->spread[k] / (v - f->spread[k]));
+                measure(f, -1, S + k, f->initial[k] - f->x[S + active[k]], v * f->spread[k] / (v - f->spread[k]));
         }
         f->time += h;
         double rate = f->x[S + 2], w = rate + virtual;

@@ -200,8 +200,8 @@ def clipped(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
 
 
 def can_be_specialised(effects: Sequence[Effect]) -> bool:
-    """Whether two axes with these effects have a step of their own (`estimator.model.step`): no path that is late, no
-    force that turns over with the direction of motion.
+    """Whether two axes with these effects have a step of their own (`estimator.kernel.generate.step`): no path that is
+    late, no force that turns over with the direction of motion.
     """
     late = any(effect.delayed is not None for effect in effects)
     kinked = any(signal.source is Source.DIRECTION for effect in effects for signal in effect.signals)

@@ -11,6 +11,7 @@ from estimator.kernel.controller import advance_queue, command, virtual_rate
 from estimator.kernel.layout import Floats, Ints, Record
 from estimator.kernel.observer import correct, narrowed, predict, remember_drive, widened, workspace
 from estimator.kernel.plain import STEP, is_plain
+from estimator.kernel.structures import Constants, Estimate, Sample, Workspace
 
 _advance_plain, _unpacked, _restore = STEP.advance, STEP.unpacked, STEP.restore
 
@@ -19,36 +20,27 @@ _advance_plain, _unpacked, _restore = STEP.advance, STEP.unpacked, STEP.restore
 def advance(
     settings: Record,
     active: Ints,
-    walk: Floats,
-    prior: Floats,
-    spread: Floats,
-    guess: Floats,
+    constants: Constants,
     table: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory: Record,
-    z: Floats,
-    u: Floats,
-    h: float,
-    work: tuple[Floats, ...],
-    nu: Floats,
-    variance: Floats,
+    estimate: Estimate,
+    sample: Sample,
+    work: Workspace,
     row: Record,
 ) -> None:
-    """One sample: predict with the drive that acted, note how it turned the pattern, correct with z, fill the output
-    row.
+    """One sample: predict with the drive that acted, note how it turned the pattern, correct with what was measured,
+    fill the output row.
     """
-    predict(settings, active, walk, x, p, c, memory, u, h, work)
+    x, memory, h = estimate.x, estimate.memory, sample.h
+    predict(settings, active, constants.intensity, estimate, sample.u, h, work)
     if settings.axes == 2:
         note_forced_rotation(settings, memory, x, h)
         note_gradient(settings, memory, x)
-    correct(settings, active, prior, spread, guess, table, x, p, c, memory, z, u, h, work, nu, variance)
+    correct(settings, active, constants, table, estimate, sample, work)
     memory.time += h
-    remember_drive(settings, memory, u)
+    remember_drive(settings, memory, sample.u)
     for axis in range(settings.axes):
-        row.nu[axis] = nu[axis]
-        row.s[axis] = variance[axis]
+        row.nu[axis] = work.innovation[axis]
+        row.s[axis] = work.variance[axis]
     if settings.axes == 2:
         read_angle(settings, memory, x, h, row)
         if refer_angle(settings, memory):
@@ -61,10 +53,10 @@ def advance(
 def observe_block(
     settings_record: Record,
     active: Ints,
-    walk: Floats,
+    intensity: Floats,
     prior: Floats,
     spread: Floats,
-    guess: Floats,
+    initial: Floats,
     table: Floats,
     x: Floats,
     p: Floats,
@@ -90,14 +82,15 @@ def observe_block(
     """
     settings = settings_record[0]
     memory = memory_record[0]
+    constants = Constants(intensity, prior, spread, initial)
     n_full = x.shape[0]
     work = workspace(settings, p.shape[0], n_full)
-    nu = np.zeros(2)
-    variance = np.zeros(2)
     plain = truth.shape[0] == 0 and is_plain(settings, active, x)
     flat_x, flat_p, flat_c, own = _unpacked(x, p, c, memory, plain)
     wide_p = widened(p)
-    wide_c = widened(c) if settings.twin == 1 else wide_p
+    wide_c = widened(c) if settings.two_covariances == 1 else wide_p
+    flat = Estimate(flat_x, flat_p, flat_c, memory)
+    wide = Estimate(x, wide_p, wide_c, memory)
     actual = c if plain else wide_c
     written = 0
     for m in range(z.shape[0]):
@@ -108,15 +101,11 @@ def observe_block(
         if settings.axes == 2:
             driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
             memory.virtual_applied = virtual_rate(settings, memory.time) if settings.control == 1 and driven else 0.0
+        sample = Sample(z[m], u[m], h[m])
         if plain:
-            _advance_plain(
-                settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z[m], u[m], h[m], own, rows[m]
-            )  # fmt: skip
+            _advance_plain(settings, constants, flat, sample, own, rows[m])
         else:
-            advance(
-                settings, active, walk, prior, spread, guess, table, x, wide_p, wide_c, memory, z[m], u[m], h[m],
-                work, nu, variance, rows[m],
-            )  # fmt: skip
+            advance(settings, active, constants, table, wide, sample, work, rows[m])
         if m % every == every - 1:
             if plain:
                 _restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
@@ -133,7 +122,7 @@ def observe_block(
         _restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
     else:
         narrowed(wide_p, p)
-        if settings.twin == 1:
+        if settings.two_covariances == 1:
             narrowed(wide_c, c)
     return written
 
@@ -142,10 +131,10 @@ def observe_block(
 def tick(
     settings_record: Record,
     active: Ints,
-    walk: Floats,
+    intensity: Floats,
     prior: Floats,
     spread: Floats,
-    guess: Floats,
+    initial: Floats,
     table: Floats,
     x: Floats,
     p: Floats,
@@ -163,25 +152,20 @@ def tick(
     """
     settings = settings_record[0]
     memory = memory_record[0]
+    constants = Constants(intensity, prior, spread, initial)
     work = workspace(settings, p.shape[0], x.shape[0])
-    nu = np.zeros(2)
-    variance = np.zeros(2)
     drive = np.zeros((2, 1))
     drive[0, 0] = ux * settings.quantum
     drive[1, 0] = uy * settings.quantum
     z = np.zeros(2)
     z[0] = vx * settings.sense_scale[0]
     z[1] = vy * settings.sense_scale[1]
+    sample = Sample(z, drive, settings.h)
     advance_queue(settings, memory, drive[:, 0])
     if is_plain(settings, active, x):
         flat_x, flat_p, flat_c, own = _unpacked(x, p, c, memory, True)
-        _advance_plain(
-            settings, memory, walk, prior, spread, guess, flat_x, flat_p, flat_c, z, drive, settings.h, own, rows[0]
-        )  # fmt: skip
+        _advance_plain(settings, constants, Estimate(flat_x, flat_p, flat_c, memory), sample, own, rows[0])
         _restore(flat_x, flat_p, flat_c, own, x, p, c, memory)
     else:
-        advance(
-            settings, active, walk, prior, spread, guess, table, x, p, c, memory, z, drive, settings.h,
-            work, nu, variance, rows[0],
-        )  # fmt: skip
+        advance(settings, active, constants, table, Estimate(x, p, c, memory), sample, work, rows[0])
     command(settings, memory, x, work, codes)

@@ -36,8 +36,8 @@ def kernel_cache() -> Path:
     """Folder of this very version of the kernels; made if absent."""
     digest = hashlib.sha256(f"{sys.version} {numba.__version__} {version('sympy')}".encode())
     rooms = ("model", "effects", "kernel")
-    for source in sorted(path for room in rooms for path in (_ESTIMATOR / room).glob("*.py")):
-        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    for source in sorted(path for room in rooms for path in (_ESTIMATOR / room).rglob("*.py")):
+        digest.update(str(source.relative_to(_ESTIMATOR)).encode() + b"\0" + source.read_bytes())
     folder = _cache_root() / digest.hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -82,8 +82,8 @@ def generated() -> ModuleType:
 
     def source() -> str:
         from estimator.effects.catalogue import EFFECTS
+        from estimator.kernel.generate.model import generate
         from estimator.model.catalogue import MODELS
-        from estimator.model.codegen import generate
 
         return generate(MODELS, EFFECTS)
 

@@ -14,6 +14,7 @@ from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, RATE, Floats, 
 from estimator.kernel.observer import shift_drives
 from estimator.kernel.pattern import pattern
 from estimator.kernel.signals import line_values, signal_values
+from estimator.kernel.structures import Interval, Push, Workspace
 
 _INVERSIONS = 5
 
@@ -94,12 +95,12 @@ def control_law(settings: Record, memory: Record, s: Floats, c: Floats, out: Flo
 
 
 @compiled
-def undo_effects(settings: Record, c: Floats, s: Floats, push: tuple[Floats, ...], force: Floats) -> None:
+def undo_effects(settings: Record, c: Floats, s: Floats, push: Push, force: Floats) -> None:
     """Change the force so that with the effects' own it is what it was: what depends on the state is cancelled, what
     depends on the drive (its gain, its misalignment) inverted by iteration, which converges as the gain error's powers,
     on a drive that acts the wrong way round as those of what it is beside −1.
     """
-    extra, drive = push[0], push[3]
+    extra, drive = push.force, push.drive
     wanted = force.copy()
     slope = np.zeros(2)  # of what acts on an axis by its drive, times two
     for side in (1.0, -1.0):
@@ -117,10 +118,9 @@ def undo_effects(settings: Record, c: Floats, s: Floats, push: tuple[Floats, ...
 
 
 @compiled
-def steer(settings: Record, memory: Record, s: Floats, c: Floats, ahead: float, work: tuple[Floats, ...]) -> Floats:
+def steer(settings: Record, memory: Record, s: Floats, c: Floats, ahead: float, work: Workspace) -> Floats:
     """Force (2,) wanted from a drive that begins to be held where the state is s, and acts `ahead` later on average."""
-    a, b, out = work[:3]
-    push = work[12:17]
+    out = work.flow.out
     target = c.copy()
     target[RATE] = c[RATE] + acting(settings, memory)
     target[KXX] = settings.stiffness
@@ -131,23 +131,22 @@ def steer(settings: Record, memory: Record, s: Floats, c: Floats, ahead: float, 
     target[DXY] = 0.0
     for i in range(settings.states):
         out[i, 0] = s[i]
-    taylor(settings.model, target, np.zeros((2, 1)), ahead, settings.order, 1, a, b, out)
+    taylor(settings.model, target, np.zeros((2, 1)), ahead, settings.order, 1, work.flow.term, out)
     force = np.zeros(2)
     control_law(settings, memory, out[:, 0].copy(), c, force)
     if settings.pushes > 0:
-        undo_effects(settings, c, out[:, 0].copy(), push, force)
+        undo_effects(settings, c, out[:, 0].copy(), work.flow.push, force)
     return force
 
 
 @compiled
-def command(settings: Record, memory: Record, x: Floats, work: tuple[Floats, ...], out: Floats) -> None:
+def command(settings: Record, memory: Record, x: Floats, work: Workspace, out: Floats) -> None:
     """Drive codes (out, 2) for the interval `latency` samples ahead, and their place in the queue.
 
     x is the state vector after the update with the newest sample.  The queue holds what was commanded for the intervals
     that begin at this sample and later.  A drive that is late by more than was declared is asked for that much earlier.
     """
-    a, b, ahead = work[:3]
-    push = work[12:17]
+    ahead, signals = work.flow.out, work.flow.push.signals
     states = settings.states
     latency = settings.latency
     h = settings.h
@@ -158,16 +157,16 @@ def command(settings: Record, memory: Record, x: Floats, work: tuple[Floats, ...
     virtual = 0.0
     if settings.control == 1:
         past = memory.past.copy()
-        signal_values(settings, memory, memory.time, push[4])
+        signal_values(settings, memory, memory.time, signals)
         for j in range(latency):
             u[0, 0] = memory.queue[j, 0]
             u[1, 0] = memory.queue[j, 1]
-            flow(settings, memory.time + j * h, past, c, s, u, h, 1, a, b, ahead, push)
+            flow(settings, Interval(memory.time + j * h, h, u), past, c, s, 1, work.flow)
             for i in range(states):
                 s[i] = ahead[i, 0]
             if settings.drive_delay >= 0:
                 shift_drives(past, u)
-        line_values(settings, memory.time + (latency + 0.5) * h, push[4])
+        line_values(settings, memory.time + (latency + 0.5) * h, signals)
         if settings.drive_delay >= 0:
             for axis in range(2):
                 late = c[settings.drive_delay + axis]

@@ -1,49 +1,42 @@
 """The observer's own model in closed loop with itself: what an experiment's record would look like."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from estimator.kernel.block import tick
 from estimator.kernel.compiled import compiled
 from estimator.kernel.flow import flow
-from estimator.kernel.layout import RATE, Floats, Ints, Record
+from estimator.kernel.layout import RATE, Floats
 from estimator.kernel.observer import workspace
+from estimator.kernel.structures import Arrays, Interval
+
+
+class Plan(NamedTuple):
+    """What an experiment does: rotation rate and the controller's target stiffness (n,) at each sample, noise (n, 2)
+    added to what is sensed.
+    """
+
+    rates: Floats
+    stiffness: Floats
+    noise: Floats
 
 
 @compiled
-def experiment_block(
-    settings_record: Record,
-    active: Ints,
-    walk: Floats,
-    prior: Floats,
-    spread: Floats,
-    guess: Floats,
-    table: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory_record: Record,
-    truth: Floats,
-    rates: Floats,
-    stiffness: Floats,
-    noise: Floats,
-    rows: Record,
-    sensed: Floats,
-    drive: Floats,
-) -> None:
+def experiment_block(observer: Arrays, truth: Floats, plan: Plan, sensed: Floats, drive: Floats) -> None:
     """n samples of the loop: truth (states + constants,) moves under the drive the observer asks for.
 
-    rates (n,) is the rotation rate at each sample, stiffness (n,) the controller's target, noise (n, 2) is added to
-    what is sensed; sensed and drive (n, 2) receive the record, drive[m] acting over the interval that ends at m.
+    sensed and drive (n, 2) receive the record, drive[m] acting over the interval that ends at m.
     """
-    settings = settings_record[0]
+    settings = observer.settings[0]
+    rates, stiffness, noise = plan
     states = settings.states
-    work = workspace(settings, p.shape[0], x.shape[0])
-    a, b, out = work[:3]
-    push = work[12:17]
+    work = workspace(settings, observer.p.shape[0], observer.x.shape[0])
+    out = work.flow.out
     codes = np.zeros(2)
     queue = np.zeros((settings.latency + 1, 2))
     u = np.zeros((2, 1))
-    past = memory_record[0].past.copy()
+    past = observer.memory[0].past.copy()
     s = truth[:states].copy()
     constants = truth[states:].copy()
     for m in range(rates.shape[0]):
@@ -53,17 +46,18 @@ def experiment_block(
         s[3] -= jump * s[0]
         u[0, 0] = queue[0, 0]
         u[1, 0] = queue[0, 1]
-        flow(settings, 0.0, past, constants, s, u, settings.h, 1, a, b, out, push)
+        flow(settings, Interval(0.0, settings.h, u), past, constants, s, 1, work.flow)
         for i in range(states):
             s[i] = out[i, 0]
         for axis in range(2):
             sensed[m, axis] = s[2 * axis] + constants[axis] + noise[m, axis]
             drive[m, axis] = u[axis, 0]
-        settings_record[0].stiffness = stiffness[m]
+        settings.stiffness = stiffness[m]
         tick(
-            settings_record, active, walk, prior, spread, guess, table, x, p, c, memory_record,
+            observer.settings, observer.active, observer.intensity, observer.prior, observer.spread, observer.initial,
+            observer.table, observer.x, observer.p, observer.c, observer.memory,
             sensed[m, 0] / settings.sense_scale[0], sensed[m, 1] / settings.sense_scale[1],
-            u[0, 0] / settings.quantum, u[1, 0] / settings.quantum, rows, codes,
+            u[0, 0] / settings.quantum, u[1, 0] / settings.quantum, observer.rows, codes,
         )  # fmt: skip
         for j in range(settings.latency):
             queue[j] = queue[j + 1]

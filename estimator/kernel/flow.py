@@ -15,6 +15,7 @@ from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.lanes import put, take
 from estimator.kernel.layout import MAX_DELAY, Floats, Record
 from estimator.kernel.signals import directions, line_values, turns_over
+from estimator.kernel.structures import FlowWork, Interval, Push
 
 _field_columns = generated().field_columns
 _taylor = generated().taylor
@@ -26,7 +27,6 @@ LONGEST = np.array([(_TOLERANCE * math.factorial(n + 1)) ** (1.0 / (n + 1)) / _N
 _TURNOVER = (-3.0, 0.0, 3.0)
 """In v0: beyond, tanh is level to 0.5 %; between two of them seven impulses give its integral to 1e-4."""
 _MOST_CUTS = 24
-Push = tuple[Floats, Floats, Floats, Floats, Floats]  # force, its derivatives by states, by constants; drive; signals
 DRIFTS = (
     0.07113342649822312,
     0.24115342795664010,
@@ -64,20 +64,18 @@ def taylor_order(h: float, norm: float = _NORM, tolerance: float = _TOLERANCE) -
 
 
 @inlined
-def taylor(
-    model: int, c: Floats, u: Floats, h: float, order: int, columns: int, a: Floats, b: Floats, out: Floats
-) -> None:
+def taylor(model: int, c: Floats, u: Floats, h: float, order: int, columns: int, term: Floats, out: Floats) -> None:
     """Advance the columns of out in place by h under the input polynomial u (axes, degree + 1) in normalised time
     t/h.
 
-    columns is 1 or all of the model's and more; a is scratch of out's shape; b, scratch of the other flows, is left as
-    it is.  order is what the longest interval asks for: over a shorter one the terms beyond its own are rounding.
+    columns is 1 or all of the model's and more; term is scratch of out's shape.  order is what the longest interval
+    asks for: over a shorter one the terms beyond its own are rounding.
     """
     degree = u.shape[1] - 1
     own = 2
     while own < order - degree and abs(h) >= LONGEST[own]:
         own += 1
-    _taylor(model, c, u, h, own + degree, columns, a, out)
+    _taylor(model, c, u, h, own + degree, columns, term, out)
 
 
 @compiled
@@ -85,15 +83,17 @@ def effect_forces(settings: Record, c: Floats, s: Floats, push: Push) -> None:
     """Sum of the effects' forces (axes,) at state s, drive and signals in push, and its derivatives (axes, states),
     (axes, constants).
     """
-    force, by_states, by_constants, drive, signals = push
     if settings.kinked == 1:
-        directions(settings, s, signals)
-    force[:] = 0.0
-    by_states[:] = 0.0
-    by_constants[:] = 0.0
+        directions(settings, s, push.signals)
+    push.force[:] = 0.0
+    push.by_states[:] = 0.0
+    push.by_constants[:] = 0.0
     for e in range(settings.effect_count):
         number, first, signal = settings.effects[e]
-        _effect_force(number, settings.model, c, s, drive, signals, first, signal, force, by_states, by_constants)
+        _effect_force(
+            number, settings.model, c, s, push.drive, push.signals, first, signal,
+            push.force, push.by_states, push.by_constants,
+        )  # fmt: skip
 
 
 @compiled
@@ -117,17 +117,16 @@ def by_velocity(settings: Record, by_states: Floats) -> bool:
 
 
 @inlined
-def kick(
-    settings: Record, c: Floats, weight: float, columns: int, s: Floats, b: Floats, out: Floats, push: Push
-) -> None:
+def kick(settings: Record, c: Floats, weight: float, columns: int, s: Floats, work: FlowWork) -> None:
     """Give the velocities in the columns of out the impulse weight × the effects' forces, sensitivities alike; s
-    (states,) and b, of out's shape, are scratch.  columns is 1 or all of out's.
+    (states,) is scratch.  columns is 1 or all of out's.
 
     A force that depends on the velocity changes during the impulse: it is taken from its middle.  There the velocities
     are v + ½ weight f, so that with f' = ∂f/∂v the derivatives of the whole are those in the middle, and ½ weight f'
     times those at the start.
     """
-    force, by_states, by_constants = push[:3]
+    b, out, push = work.other, work.out, work.push
+    force, by_states, by_constants = push.force, push.by_states, push.by_constants
     states = out.shape[0]
     for i in range(states):
         s[i] = out[i, 0]
@@ -167,7 +166,7 @@ def push_two(first: int, weight: float, out: Floats, push: Push) -> None:
     """The velocities of two axes in out ← what weight × the forces in push, linear in its columns, leave of them; of
     the constants from `first` on.
     """
-    force, by_states, by_constants = push[:3]
+    force, by_states, by_constants = push.force, push.by_states, push.by_constants
     columns = out.shape[1]
     own = by_constants.shape[1]
     vx = out[1, 0] + weight * force[0]
@@ -200,7 +199,7 @@ def push_two(first: int, weight: float, out: Floats, push: Push) -> None:
 @inlined
 def push_one(first: int, weight: float, out: Floats, push: Push) -> None:
     """The same of a single axis."""
-    force, by_states, by_constants = push[:3]
+    force, by_states, by_constants = push.force, push.by_states, push.by_constants
     for j in range(1, out.shape[1]):
         pushed = by_states[0, 0] * out[0, j] + by_states[0, 1] * out[1, j]
         if j > 2:
@@ -224,27 +223,18 @@ def part_of(u: Floats, start: float, length: float) -> Floats:
 
 
 @compiled
-def advance_columns(
-    settings: Record,
-    time: float,
-    c: Floats,
-    u: Floats,
-    h: float,
-    columns: int,
-    a: Floats,
-    b: Floats,
-    out: Floats,
-    push: Push,
-) -> None:
-    """Advance the columns of out by h from `time` under the input polynomial u (axes, degree + 1), effects included.
+def advance_columns(settings: Record, interval: Interval, c: Floats, columns: int, work: FlowWork) -> None:
+    """Advance the columns of out over the interval, effects included.
 
     The linear part is exact; effects, which are small, enter as impulses between exact drifts, the symmetric scheme of
     orders (8, 6, 4) of Blanes, Casas, Farrés, Laskar, Makazaga & Murua (Appl. Numer. Math. 68, 2013): an error of
     ε h⁸ + ε² h⁶ + ε³ h⁴ for an effect of relative size ε.
     """
     order = settings.order
+    time, h, u = interval.time, interval.h, interval.u
+    term, out = work.term, work.out
     if settings.pushes == 0:
-        taylor(settings.model, c, u, h, order, columns, a, b, out)
+        taylor(settings.model, c, u, h, order, columns, term, out)
         return
     at = 0.0
     held = u.shape[1] == 1
@@ -252,12 +242,12 @@ def advance_columns(
     for stage in range(len(DRIFTS)):
         length = DRIFTS[stage]
         part = u if held else part_of(u, at, length)
-        taylor(settings.model, c, part, length * h, order, columns, a, b, out)
+        taylor(settings.model, c, part, length * h, order, columns, term, out)
         at += length
         if stage < len(KICKS):
-            drive_at(u, at, push[3])
-            line_values(settings, time + at * h, push[4])
-            kick(settings, c, KICKS[stage] * h, columns, s, b, out, push)
+            drive_at(u, at, work.push.drive)
+            line_values(settings, time + at * h, work.push.signals)
+            kick(settings, c, KICKS[stage] * h, columns, s, work)
 
 
 @compiled
@@ -293,17 +283,18 @@ def insert_sorted(values: Floats, count: int, value: float) -> int:
 
 
 @compiled
-def turnovers(settings: Record, c: Floats, u: Floats, h: float, a: Floats, b: Floats, out: Floats, cuts: Floats) -> int:
+def turnovers(settings: Record, interval: Interval, c: Floats, work: FlowWork, cuts: Floats) -> int:
     """cuts ← where in the interval, in order, the motion in out[:, 0] enters, crosses and leaves what friction turns
     over in; returns how many there are.
 
     Of the motion without effects: it is where to cut, and not what acts.
     """
+    h, u, out = interval.h, interval.u, work.out
     states = out.shape[0]
     end = np.empty((states, 1))
     for i in range(states):
         end[i, 0] = out[i, 0]
-    taylor(settings.model, c, u, h, settings.order, 1, a, b, end)
+    taylor(settings.model, c, u, h, settings.order, 1, work.term, end)
     carried = settings.effects[settings.effect_count, 2] if settings.candidate_count > 0 else settings.signal_count
     slopes = np.empty((2, states))
     sloped = False
@@ -319,7 +310,7 @@ def turnovers(settings: Record, c: Floats, u: Floats, h: float, a: Floats, b: Fl
             if before * after >= 0.0:
                 continue
             if not sloped:
-                ends_slopes(settings, c, u, a, b, out, end, slopes)
+                ends_slopes(settings, c, u, end, work, slopes)
                 sloped = True
             at = passing(before, slopes[0, row] * h, after, slopes[1, row] * h)
             count = insert_sorted(cuts, count, at)
@@ -327,10 +318,11 @@ def turnovers(settings: Record, c: Floats, u: Floats, h: float, a: Floats, b: Fl
 
 
 @compiled
-def ends_slopes(
-    settings: Record, c: Floats, u: Floats, a: Floats, b: Floats, start: Floats, end: Floats, slopes: Floats
-) -> None:
-    """slopes (2, states) ← time derivatives without effects at both ends of an interval, states there in column 0."""
+def ends_slopes(settings: Record, c: Floats, u: Floats, end: Floats, work: FlowWork, slopes: Floats) -> None:
+    """slopes (2, states) ← time derivatives without effects at both ends of an interval, its states there in column 0
+    of work.out and of end.
+    """
+    a, b, start = work.term, work.other, work.out
     drive = np.empty(u.shape[0])
     for place in range(2):
         for i in range(start.shape[0]):
@@ -342,34 +334,24 @@ def ends_slopes(
 
 
 @compiled
-def advance(
-    settings: Record,
-    time: float,
-    c: Floats,
-    u: Floats,
-    h: float,
-    columns: int,
-    a: Floats,
-    b: Floats,
-    out: Floats,
-    push: Push,
-) -> None:
+def advance(settings: Record, interval: Interval, c: Floats, columns: int, work: FlowWork) -> None:
     """`advance_columns`, in pieces where a velocity passes what friction turns over in: within each, the force is
     smooth beside the piece.
     """
     count = 0
     cuts = np.empty(_MOST_CUTS)
     if settings.kinked == 1:
-        count = turnovers(settings, c, u, h, a, b, out, cuts)
+        count = turnovers(settings, interval, c, work, cuts)
     if count == 0:
-        advance_columns(settings, time, c, u, h, columns, a, b, out, push)
+        advance_columns(settings, interval, c, columns, work)
         return
+    time, h = interval.time, interval.h
     at = 0.0
     for piece in range(count + 1):
         until = cuts[piece] if piece < count else 1.0
         if until > at:
-            part = part_of(u, at, until - at)
-            advance_columns(settings, time + at * h, c, part, (until - at) * h, columns, a, b, out, push)
+            part = Interval(time + at * h, (until - at) * h, part_of(interval.u, at, until - at))
+            advance_columns(settings, part, c, columns, work)
             at = until
 
 
@@ -403,25 +385,15 @@ def late_parts(settings: Record, c: Floats, h: float) -> tuple[float, float, flo
 
 
 @compiled
-def flow_late(
-    settings: Record,
-    time: float,
-    past: Floats,
-    c: Floats,
-    u: Floats,
-    h: float,
-    columns: int,
-    a: Floats,
-    b: Floats,
-    out: Floats,
-    push: Push,
-) -> None:
+def flow_late(settings: Record, interval: Interval, past: Floats, c: Floats, columns: int, work: FlowWork) -> None:
     """`advance` under a drive that is late by the constants at settings.drive_delay, sensitivities to them
     included.
 
     A shift of the input u(t − τ) moves what it forces by −(B u(h − τ) − Φ B u(−τ) + M x_forced): the integral of
     −Φ B u̇ by parts, jumps and all.
     """
+    time, h, u = interval.time, interval.h, interval.u
+    a, b, out = work.term, work.other, work.out
     delays = late_parts(settings, c, h)
     terms = u.shape[1]
     axes = settings.axes
@@ -435,12 +407,12 @@ def flow_late(
             continue
         for axis in range(axes):
             late_polynomial(u, past, axis, delays[axis], cuts[piece], length, part[axis])
-        advance(settings, time + cuts[piece] * h, c, part, length * h, columns, a, b, out, push)
+        advance(settings, Interval(time + cuts[piece] * h, length * h, part), c, columns, work)
         if columns > 1:
             for axis in range(axes):
                 alone = np.zeros((axes, terms))
                 alone[axis] = part[axis]
-                taylor(settings.model, c, alone, length * h, settings.order, 1, a, b, forced[axis])
+                taylor(settings.model, c, alone, length * h, settings.order, 1, a, forced[axis])
     ends = np.zeros((axes, 2))  # the late drive just before this interval and at its end
     for axis in range(axes):
         late_polynomial(u, past, axis, delays[axis], 1.0 - 1e-9, 1e-9, part[axis])
@@ -465,24 +437,14 @@ def flow_late(
 
 @compiled
 def flow(
-    settings: Record,
-    time: float,
-    past: Floats,
-    c: Floats,
-    s: Floats,
-    u: Floats,
-    h: float,
-    columns: int,
-    a: Floats,
-    b: Floats,
-    out: Floats,
-    push: Push,
+    settings: Record, interval: Interval, past: Floats, c: Floats, s: Floats, columns: int, work: FlowWork
 ) -> None:
-    """Advance s by h from `time` under the input polynomial u (axes, degree + 1) in normalised time t/h.
+    """Advance s over the interval, into work.out.
 
-    out[:, 0] is the new state; with columns > 1 also ∂/∂s and ∂/∂(flow and effect constants).  a, b are scratch of
-    out's shape; past holds the drives of earlier intervals for a drive that is late.
+    Its first column is the new state; with columns > 1 the others are ∂/∂s and ∂/∂(flow and effect constants).  past
+    holds the drives of earlier intervals for a drive that is late.
     """
+    out = work.out
     states = s.shape[0]
     for i in range(states):
         for j in range(columns):
@@ -491,31 +453,22 @@ def flow(
         if columns > 1:
             out[i, 1 + i] = 1.0
     if settings.drive_delay >= 0:
-        flow_late(settings, time, past, c, u, h, columns, a, b, out, push)
+        flow_late(settings, interval, past, c, columns, work)
     else:
-        advance(settings, time, c, u, h, columns, a, b, out, push)
+        advance(settings, interval, c, columns, work)
 
 
 @compiled
 def sensed_before(
-    settings: Record,
-    time: float,
-    past: Floats,
-    c: Floats,
-    s: Floats,
-    u: Floats,
-    h: float,
-    axis: int,
-    a: Floats,
-    b: Floats,
-    out: Floats,
-    push: Push,
+    settings: Record, interval: Interval, past: Floats, c: Floats, s: Floats, axis: int, work: FlowWork
 ) -> None:
-    """Columns out of the state at the delay of one sense axis (constants at settings.sense_delay) before state s, which
-    is that of `time`.
+    """Columns work.out of the state at the delay of one sense axis (constants at settings.sense_delay) before state s,
+    which is that of interval.time.
 
-    u is the drive of the interval that ends at s; its force is taken as it was recorded, late or not.
+    The interval's drive is that of the one that ends at s; its force is taken as it was recorded, late or not.
     """
+    time, h, u = interval.time, interval.h, interval.u
+    out = work.out
     states = s.shape[0]
     for i in range(states):
         for j in range(out.shape[1]):
@@ -532,7 +485,7 @@ def sensed_before(
             reversed_drive = part_of(u, 1.0, -length)
         else:
             reversed_drive = part_of(past[back - 1, : u.shape[0], : u.shape[1]], 1.0, -length)
-        advance(settings, time, c, reversed_drive, -length * h, out.shape[1], a, b, out, push)
+        advance(settings, Interval(time, -length * h, reversed_drive), c, out.shape[1], work)
         time -= length * h
         left -= length
         back += 1

@@ -86,7 +86,7 @@ def foresee(settings_record: Record, boards: Record, x: Floats, first: int, driv
     board = boards[0]
     states = settings.states
     constants = x[states:].copy()
-    motion, a, b = np.zeros((states, 1)), np.zeros((states, 1)), np.zeros((states, 1))
+    motion, term = np.zeros((states, 1)), np.zeros((states, 1))
     motion[:, 0] = x[:states]
     u = np.zeros((2, 1))
     for row in range(drives.shape[0]):
@@ -94,7 +94,7 @@ def foresee(settings_record: Record, boards: Record, x: Floats, first: int, driv
         for axis in range(2):
             drives[row, axis] = board.queue[tick % QUEUE, axis]
             u[axis, 0] = drives[row, axis] * settings.quantum
-        taylor(settings.model, constants, u, settings.h, settings.order, 1, a, b, motion)
+        taylor(settings.model, constants, u, settings.h, settings.order, 1, term, motion)
         vx = np.rint((motion[0, 0] + constants[PHI_X]) / settings.sense_scale[0])
         vy = np.rint((motion[2, 0] + constants[PHI_X + 1]) / settings.sense_scale[1])
         sampled(board, tick, vx, vy)

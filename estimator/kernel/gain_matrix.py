@@ -13,12 +13,23 @@ with the exact flow Ad, Bd of the estimated gyro.  Both are linear equations; G 
 exact at the frequencies of that motion, (1 ± (Ω + Ωv)) ω0, and nothing is approximated but by the estimates themselves.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from estimator.kernel.compiled import compiled
 from estimator.kernel.controller import holds, virtual_rate
 from estimator.kernel.flow import taylor
 from estimator.kernel.layout import RATE, Floats, Record
+
+
+class Filter(NamedTuple):
+    """Of a board: s[m] = a s[m − 1] + b v[m] + c v[m − delay] for each axis; a (2, 2), b and c (2,)."""
+
+    a: Floats
+    b: Floats
+    c: Floats
+    delay: int
 
 
 @compiled
@@ -81,7 +92,7 @@ def power(e: Floats, n: int) -> Floats:
 def exact_flow(settings: Record, c: Floats) -> Floats:
     """[Ad, Bd] (4, 6) of the gyro with constants c over one sample."""
     out = np.zeros((4, 6))
-    column, a, b = np.zeros((4, 1)), np.zeros((4, 1)), np.zeros((4, 1))
+    column, term = np.zeros((4, 1)), np.zeros((4, 1))
     u = np.zeros((2, 1))
     for j in range(6):
         column[:] = 0.0
@@ -90,7 +101,7 @@ def exact_flow(settings: Record, c: Floats) -> Floats:
             column[j, 0] = 1.0
         else:
             u[j - 4, 0] = 1.0
-        taylor(settings.model, c, u, settings.h, settings.order, 1, a, b, column)
+        taylor(settings.model, c, u, settings.h, settings.order, 1, term, column)
         out[:, j] = column[:, 0]
     return out
 
@@ -121,15 +132,15 @@ def force_of_motion(settings: Record, c: Floats, e: Floats) -> Floats:
 
 
 @compiled
-def filtered_motion(settings: Record, e: Floats, a: Floats, b: Floats, c: Floats, delay: int) -> Floats:
+def filtered_motion(settings: Record, e: Floats, board: Filter) -> Floats:
     """S (4, 4): what the board's filter makes of the motion X[m + 1] = e X[m], in sense codes."""
     s = np.zeros((4, 4))
-    before = power(np.linalg.inv(e), delay)
+    before = power(np.linalg.inv(e), board.delay)
     for axis in range(2):
         row = np.zeros((1, 4))
         row[0, 2 * axis] = 1.0 / settings.sense_scale[axis]
-        heard = b.reshape((2, 1)) * row + c.reshape((2, 1)) * (row @ before)
-        s[2 * axis : 2 * axis + 2] = sylvester(np.eye(2), e, -a, heard @ e)
+        heard = board.b.reshape((2, 1)) * row + board.c.reshape((2, 1)) * (row @ before)
+        s[2 * axis : 2 * axis + 2] = sylvester(np.eye(2), e, -board.a, heard @ e)
     return s
 
 
@@ -138,25 +149,22 @@ def gain_matrix(
     settings_record: Record,
     memory_record: Record,
     x: Floats,
-    a: Floats,
-    b: Floats,
-    c: Floats,
-    delay: int,
+    board: Filter,
     fastest: float,
     ahead: float,
     gain: Floats,
     bias: Floats,
 ) -> None:
-    """gain (2, 4) and bias (2,) in drive codes for the state vector x and the board's filter a (2, 2), b, c (2,), delay
-    in samples, in force from `ahead` of it in time on.
+    """gain (2, 4) and bias (2,) in drive codes for the state vector x and the board's filter, in force from `ahead` of
+    it in time on.
     """
     settings = settings_record[0]
     e = exponential(target_motion(settings, memory_record[0], x, fastest, ahead), settings.h, settings.order)
     constants = x[settings.states :].copy()
     force = force_of_motion(settings, constants, e)
-    signals = filtered_motion(settings, e, a, b, c, delay)
+    signals = filtered_motion(settings, e, board)
     gain[:] = np.linalg.solve(signals.T.copy(), force.T.copy()).T / settings.quantum
-    still = np.linalg.solve(np.eye(2) - a, b + c)
+    still = np.linalg.solve(np.eye(2) - board.a, board.b + board.c)
     for i in range(2):
         bias[i] = 0.0
         for axis in range(2):

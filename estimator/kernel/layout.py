@@ -22,7 +22,7 @@ MAX_DELAY = 8  # samples
 MAX_ENTRIES = 4 + 9 + 2 * MAX_EFFECTS  # of the state vector of a two-axis gyro
 
 LONGEST_STEP = 0.45
-"""Longest interval of a step of its own (`estimator.model.step`): 14 samples a cycle."""
+"""Longest interval of a step of its own (`estimator.kernel.generate.step`): 14 samples a cycle."""
 
 # Order of the constants in the gyro's state vector; tests hold it equal to the declaration.
 PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
@@ -53,7 +53,8 @@ SETTINGS = np.dtype(
         ("h", "f8"),  # sample interval
         ("order", "i8"),  # of the Taylor flow
         ("fade", "f8"),  # factor on the predicted covariance, 1 without fading
-        ("twin", "i8"),  # 1: the actual covariance C is carried beside P
+        ("two_covariances", "i8"),  # 1: the actual covariance C is carried beside P
+        ("general", "i8"),  # 1: through the general kernels, whatever other ones there are
         ("stationary", "i8"),  # 1: gains from the table, no Riccati recursion from then on
         ("takeover", "f8"),  # time from which the table is used
         ("sensed", "i8", (MAX_AXES,)),  # what a channel shows: 0 displacement, 1 velocity, 2 acceleration
@@ -89,7 +90,7 @@ MEMORY = np.dtype(
     [
         ("time", "f8"),
         ("cursor", "i8"),  # which constant the regularised forgetting visits next
-        ("surprise", "f8"),  # smoothed normalised innovation squared, 1 when all is well
+        ("nis", "f8"),  # smoothed normalised innovation squared, 1 when all is well
         ("started", "i8"),
         ("dither", "u8"),  # state of the xorshift generator
         ("theta", "f8"),  # pattern angle, unwrapped

@@ -19,13 +19,14 @@ from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, Floats, Ints, Recor
 from estimator.kernel.pattern import phase_and_angle
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import advance_signals, signal_values
+from estimator.kernel.structures import Constants, Estimate, FlowWork, Interval, Push, Sample, Workspace
 
 _sense = generated().sense
 _jump = generated().jump
 _effect_sense = generated().effect_sense
 
-# The smoothed normalised innovation is 1 ± 0.16 when the covariance is right: 3 is never reached by chance.
-_SURPRISED = 3.0
+# The smoothed NIS is 1 ± 0.16 when the covariance is right: 3 is never reached by chance.
+_LARGE_NIS = 3.0
 ATTENTION = 0.05
 _FASTEST = 0.1
 
@@ -116,7 +117,7 @@ def propagate_two(p: Floats, g: Floats, scratch: Floats) -> None:
 
 @compiled
 def add_process_noise(
-    p: Floats, settings: Record, h: float, s: Floats, active: Ints, walk: Floats, kick: Floats
+    p: Floats, settings: Record, h: float, s: Floats, active: Ints, intensity: Floats, jump: Floats
 ) -> None:
     """Force noise on the velocities, random walks on the constants; a walking rate also moves the velocities (Ω̇ r)."""
     states = settings.states
@@ -128,18 +129,18 @@ def add_process_noise(
         p[i + 1, i] += q * h * h / 2.0
         p[i + 1, i + 1] += q * h
     for k in range(active.shape[0]):
-        q = walk[k] * h
+        q = intensity[k] * h
         if q == 0.0:
             continue
         row = states + k
         p[row, row] += q
-        _jump(settings.model, s, active[k], kick)
+        _jump(settings.model, s, active[k], jump)
         for i in range(states):
-            if kick[i] != 0.0:
-                p[row, i] += q * kick[i]
-                p[i, row] += q * kick[i]
+            if jump[i] != 0.0:
+                p[row, i] += q * jump[i]
+                p[i, row] += q * jump[i]
                 for j in range(states):
-                    p[i, j] += q * (kick[i] * kick[j])  # in this order: the same in both triangles
+                    p[i, j] += q * (jump[i] * jump[j])  # in this order: the same in both triangles
 
 
 @compiled
@@ -157,12 +158,12 @@ def kalman_gain(p: Floats, jacobian: Floats, noise: Floats, channels: int, nu: F
     s00 = noise[0]
     for j in range(n):
         s00 += jacobian[0, j] * gain[j, 0]
-    surprise: float
+    nis: float
     if channels == 1:
         for i in range(n):
             gain[i, 0] /= s00
-        surprise = nu[0] * nu[0] / s00
-        return surprise
+        nis = nu[0] * nu[0] / s00
+        return nis
     s11 = noise[1]
     s01 = 0.0
     for j in range(n):
@@ -174,20 +175,20 @@ def kalman_gain(p: Floats, jacobian: Floats, noise: Floats, channels: int, nu: F
         g1 = gain[i, 1]
         gain[i, 0] = (g0 * s11 - g1 * s01) / determinant
         gain[i, 1] = (g1 * s00 - g0 * s01) / determinant
-    surprise = 0.5 * (nu[0] * nu[0] * s11 - 2.0 * nu[0] * nu[1] * s01 + nu[1] * nu[1] * s00) / determinant
-    return surprise
+    nis = 0.5 * (nu[0] * nu[0] * s11 - 2.0 * nu[0] * nu[1] * s01 + nu[1] * nu[1] * s00) / determinant
+    return nis
 
 
 @inlined
-def measure_two(
-    p: Floats, jacobian: Floats, noise: Floats, nu: Floats, variance: Floats, gain: Floats, seen: Floats, memory: Record
-) -> float:
+def measure_two(p: Floats, memory: Record, work: Workspace) -> float:
     """p ← p − p Hᵀ S⁻¹ H p with S = H p Hᵀ + R for two channels whose noise is independent, and gain ← p Hᵀ S⁻¹ of p as
-    it was; variance ← S's diagonal; returns νᵀ S⁻¹ ν per channel, expected 1.  seen (4, p's width) is scratch.
+    it was; variance ← S's diagonal; returns νᵀ S⁻¹ ν per channel, expected 1.  H, R and ν stand in work.
 
     One channel after the other, each with y = p h/√S: what is taken off, y yᵀ, is symmetric to the last bit.  The
     angle's uncertainty follows.
     """
+    jacobian, noise, nu, variance = work.jacobian, work.noise, work.innovation, work.variance
+    gain, seen = work.gain, work.projected
     n = p.shape[0]
     width = p.shape[1]
     fours = width - width % 4
@@ -232,8 +233,8 @@ def measure_two(
             p[i, j] = p[j, i]
     white = first * nu[0]
     other = second * (nu[1] - shared * white)
-    surprise: float = 0.5 * (white * white + other * other)
-    return surprise
+    nis: float = 0.5 * (white * white + other * other)
+    return nis
 
 
 @compiled
@@ -245,8 +246,8 @@ def fading_factor(settings: Record, memory: Record) -> float:
     Automatica 30(8), 1994).
     """
     fade: float = settings.fade
-    if fade > 1.0 and memory.surprise > _SURPRISED:
-        fade *= 1.0 + min(0.01 * (memory.surprise - _SURPRISED), _FASTEST)
+    if fade > 1.0 and memory.nis > _LARGE_NIS:
+        fade *= 1.0 + min(0.01 * (memory.nis - _LARGE_NIS), _FASTEST)
     return fade
 
 
@@ -312,63 +313,47 @@ def rank_one(p: Floats, row: int, gain: Floats, noise: float, scratch: Floats) -
 
 
 @compiled
-def recall_guess(
-    settings: Record,
-    active: Ints,
-    noise: float,
-    guess: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    index: int,
-    memory: Record,
-    scratch: Floats,
+def recall_initial(
+    settings: Record, active: Ints, index: int, initial: float, noise: float, estimate: Estimate, scratch: Floats
 ) -> None:
-    """Measure one constant against its initial guess, with variance `noise`; scratch (2 or more, n)."""
+    """Measure one constant against its initial value, with variance `noise`; scratch (2 or more, n)."""
+    x, p, c = estimate.x, estimate.p, estimate.c
     row = settings.states + index
     gain = scratch[0]
     share = 1.0 / (p[row, row] + noise)
-    pull = guess[index] - x[settings.states + active[index]]
+    pull = initial - x[settings.states + active[index]]
     for i in range(p.shape[0]):
         gain[i] = p[row, i] * share
         x[i if i < settings.states else settings.states + active[i - settings.states]] += gain[i] * pull
     if settings.axes == 2:
-        recall_angle(memory, c if settings.twin == 1 else p, row, gain, noise)
+        recall_angle(estimate.memory, c if settings.two_covariances == 1 else p, row, gain, noise)
     rank_one(p, row, gain, noise, scratch[1])
-    if settings.twin == 1:
+    if settings.two_covariances == 1:
         rank_one(c, row, gain, noise, scratch[1])
 
 
 @compiled
-def remember_prior(
-    settings: Record,
-    active: Ints,
-    prior: Floats,
-    spread: Floats,
-    guess: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory: Record,
-    scratch: Floats,
-) -> None:
-    """Give back what fading memory forgot of the initial guess.
+def remember_prior(settings: Record, active: Ints, constants: Constants, estimate: Estimate, scratch: Floats) -> None:
+    """Give back what fading memory forgot of the initial values.
 
     Fading memory forgets in every direction but learns only in excited ones.  One constant after the other is measured
-    against its initial guess with just the information that was forgotten (prior, its variance): P stays bounded by
-    about the initial spread and an unexcited constant returns to its guess instead of drifting (stabilised forgetting,
+    against its initial value with just the information that was forgotten (prior, its variance): P stays bounded by
+    about the initial spread and an unexcited constant returns to that value instead of drifting (stabilised forgetting,
     Kulhavý & Zarrop, Int. J. Control 58(4), 1993; one direction at a time as in Gunnarsson, CDC 1996).  A constant
-    whose variance has passed its initial one (memory.surprise had the filter forget in haste) is brought back to it at
-    once.
+    whose variance has passed its initial one (a large memory.nis had the filter forget in haste) is brought back to it
+    at once.
     """
+    prior, spread, initial = constants.prior, constants.spread, constants.initial
+    memory, p = estimate.memory, estimate.p
     memory.cursor = (memory.cursor + 1) % active.shape[0]
-    if prior[memory.cursor] > 0.0:  # else known exactly from the start: nothing is forgotten of it
-        recall_guess(settings, active, prior[memory.cursor], guess, x, p, c, memory.cursor, memory, scratch)
+    k = memory.cursor
+    if prior[k] > 0.0:  # else known exactly from the start: nothing is forgotten of it
+        recall_initial(settings, active, k, initial[k], prior[k], estimate, scratch)
     for k in range(active.shape[0]):
         variance = p[settings.states + k, settings.states + k]
         if spread[k] > 0.0 and variance > spread[k]:
             noise = variance * spread[k] / (variance - spread[k])
-            recall_guess(settings, active, noise, guess, x, p, c, k, memory, scratch)
+            recall_initial(settings, active, k, initial[k], noise, estimate, scratch)
 
 
 @compiled
@@ -436,53 +421,61 @@ def narrowed(wide: Floats, p: Floats) -> None:
 
 
 @compiled
-def workspace(settings: Record, n: int, total: int) -> tuple[Floats, ...]:
-    """Scratch of one observer, made once per block: flow a, b, out; the states' rows of the Jacobian, turned; scratch;
-    jacobian, full; gain, ph; kick, predicted, noise; the effects' force, its derivatives by states and constants,
-    drive, signals; assumed noise; the state before the interval.
+def pushless(states: int, constants: int) -> Push:
+    """A `Push` of nothing yet."""
+    return Push(
+        force=np.zeros(2),
+        by_states=np.zeros((2, states)),
+        by_constants=np.zeros((2, constants)),
+        drive=np.zeros(2),
+        signals=np.zeros(2 * MAX_SIGNALS),
+    )
 
-    n counts states and active constants, total states and all constants.  What has lanes is filled up to a multiple of
-    four.
+
+@compiled
+def workspace(settings: Record, n: int, total: int) -> Workspace:
+    """Scratch of one observer, made once per block; n counts states and active constants, total states and all
+    constants.  What has lanes is filled up to a multiple of four.
     """
     states = settings.states
     columns = 1 + states + settings.flow_constants
     if states == 4:
         columns = filled_up(columns)
     width = filled_up(n)
-    return (
-        np.zeros((states, columns)),
-        np.zeros((states, columns)),
-        np.zeros((states, columns)),
-        np.zeros((n, states)),
-        np.zeros((2 * states, width)),
-        np.zeros((2, n)),
-        np.zeros((2, total)),
-        np.zeros((n, 2)),
-        np.zeros((4, width)),
-        np.zeros(states),
-        np.zeros(2),
-        np.zeros(2),
-        np.zeros(2),
-        np.zeros((2, states)),
-        np.zeros((2, max(total - states, columns + settings.sense_constants - 1 - states))),
-        np.zeros(2),
-        np.zeros(2 * MAX_SIGNALS),  # values, derivatives by the velocity
-        np.zeros(2),
-        np.zeros(states),
+    constants = max(total - states, columns + settings.sense_constants - 1 - states)
+    return Workspace(
+        flow=FlowWork(
+            term=np.zeros((states, columns)),
+            other=np.zeros((states, columns)),
+            out=np.zeros((states, columns)),
+            push=pushless(states, constants),
+        ),
+        transition=np.zeros((n, states)),
+        rows=np.zeros((2 * states, width)),
+        projected=np.zeros((4, width)),
+        jacobian=np.zeros((2, n)),
+        full=np.zeros((2, total)),
+        gain=np.zeros((n, 2)),
+        jump=np.zeros(states),
+        before=np.zeros(states),
+        predicted=np.zeros(2),
+        noise=np.zeros(2),
+        assumed=np.zeros(2),
+        innovation=np.zeros(2),
+        variance=np.zeros(2),
     )
 
 
 @inlined
 def predict_state(
-    settings: Record, active: Ints, memory: Record, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]
+    settings: Record, active: Ints, memory: Record, x: Floats, u: Floats, h: float, work: Workspace
 ) -> None:
     """Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]."""
     states = settings.states
-    a, b, out, g = work[:4]
-    signal_values(settings, memory, memory.time, work[16])
-    flow(
-        settings, memory.time, memory.past, x[states:], x[:states], u, h, out.shape[1], a, b, out, work[12:17]
-    )  # fmt: skip
+    out, g = work.flow.out, work.transition
+    signal_values(settings, memory, memory.time, work.flow.push.signals)
+    interval = Interval(memory.time, h, u)
+    flow(settings, interval, memory.past, x[states:], x[:states], out.shape[1], work.flow)
     for i in range(states):
         x[i] = out[i, 0]
         for j in range(states):
@@ -493,13 +486,13 @@ def predict_state(
 
 
 @inlined
-def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: float, work: tuple[Floats, ...]) -> None:
+def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: float, work: Workspace) -> None:
     """Add to predicted measurement and Jacobian in work what the effects do to the measurement at the end of the
     interval.
     """
     states = settings.states
-    a, b, out = work[:3]
-    full, predicted, drive, signals = work[6], work[10], work[15], work[16]
+    out, full, predicted = work.flow.out, work.full, work.predicted
+    drive, signals = work.flow.push.drive, work.flow.push.signals
     c, s = x[states:], x[:states]
     by_states, by_constants = full[:, :states], full[:, states:]
     drive_at(u, 1.0, drive)
@@ -512,9 +505,8 @@ def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: flo
     if settings.sense_delay >= 0:
         for axis in range(settings.axes):
             row = 2 * axis
-            sensed_before(
-                settings, memory.time + h, memory.past, c, x[:states], u, h, axis, a, b, out, work[12:17]
-            )  # fmt: skip
+            interval = Interval(memory.time + h, h, u)
+            sensed_before(settings, interval, memory.past, c, x[:states], axis, work.flow)
             predicted[axis] += out[row, 0] - x[row]
             full[axis, row] -= 1.0
             for j in range(states + settings.flow_constants):
@@ -524,31 +516,19 @@ def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: flo
 
 @inlined
 def predict_measurement(
-    settings: Record,
-    active: Ints,
-    memory: Record,
-    x: Floats,
-    z: Floats,
-    u: Floats,
-    h: float,
-    work: tuple[Floats, ...],
-    nu: Floats,
-    variance: Floats,
+    settings: Record, active: Ints, memory: Record, x: Floats, sample: Sample, work: Workspace
 ) -> bool:
-    """Innovation nu (0 where z is NaN), measurement Jacobian over [states, active constants] in work, noise in
-    variance; False if z is all NaN.
+    """Innovation (0 where z is NaN), measurement Jacobian over [states, active constants] and noise into work; False
+    if z is all NaN.
     """
+    z, u, h = sample.z, sample.u, sample.h
     states = settings.states
-    jacobian = work[5]
-    full = work[6]
-    predicted = work[10]
+    jacobian, full, predicted, push = work.jacobian, work.full, work.predicted, work.flow.push
     full[:] = 0.0
     if senses_otherwise(settings):
-        drive_at(u, 1.0, work[15])
-        signal_values(settings, memory, memory.time + h, work[16])
-        sensed_otherwise(
-            settings, x[states:], x[:states], work[12:17], predicted, full[:, :states], full[:, states:]
-        )  # fmt: skip
+        drive_at(u, 1.0, push.drive)
+        signal_values(settings, memory, memory.time + h, push.signals)
+        sensed_otherwise(settings, x[states:], x[:states], push, predicted, full[:, :states], full[:, states:])
     else:
         _sense(settings.model, x[states:], x[:states], predicted, full)
         if settings.effect_count > 0:
@@ -557,8 +537,8 @@ def predict_measurement(
     for channel in range(settings.axes):
         usable = np.isfinite(z[channel])
         measured = measured or usable
-        nu[channel] = z[channel] - predicted[channel] if usable else 0.0
-        variance[channel] = settings.noise[channel]
+        work.innovation[channel] = z[channel] - predicted[channel] if usable else 0.0
+        work.noise[channel] = settings.noise[channel]
         for j in range(states):
             jacobian[channel, j] = full[channel, j] if usable else 0.0
         for k in range(active.shape[0]):
@@ -568,69 +548,52 @@ def predict_measurement(
 
 @inlined
 def predict(
-    settings: Record,
-    active: Ints,
-    walk: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory: Record,
-    u: Floats,
-    h: float,
-    work: tuple[Floats, ...],
+    settings: Record, active: Ints, intensity: Floats, estimate: Estimate, u: Floats, h: float, work: Workspace
 ) -> None:
     """Advance state and covariances over h with the drive u (axes, degree + 1) that acted."""
-    g, scratch, kick, before = work[3], work[4], work[9], work[18]
+    x, p, c, memory = estimate.x, estimate.p, estimate.c, estimate.memory
+    g = work.transition
     s = x[: settings.states]
-    before[:] = s
+    work.before[:] = s
     predict_state(settings, active, memory, x, u, h, work)
     if settings.signal_count > 0:
         advance_signals(settings, memory, x[settings.states :], u, h)
     if settings.axes == 2:
-        predict_angle(settings, memory, c if settings.twin == 1 else p, h)
+        predict_angle(settings, memory, c if settings.two_covariances == 1 else p, h)
         move_angle(memory, g)
-    if settings.twin == 1:
-        propagate(c, g, scratch, 1.0)
-        add_process_noise(c, settings, h, s, active, walk, kick)
+    if settings.two_covariances == 1:
+        propagate(c, g, work.rows, 1.0)
+        add_process_noise(c, settings, h, s, active, intensity, work.jump)
     if runs_riccati(settings, memory):
-        propagate(p, g, scratch, fading_factor(settings, memory))
-        add_process_noise(p, settings, h, s, active, walk, kick)
+        propagate(p, g, work.rows, fading_factor(settings, memory))
+        add_process_noise(p, settings, h, s, active, intensity, work.jump)
 
 
 @inlined
 def correct(
     settings: Record,
     active: Ints,
-    prior: Floats,
-    spread: Floats,
-    guess: Floats,
+    constants: Constants,
     table: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory: Record,
-    z: Floats,
-    u: Floats,
-    h: float,
-    work: tuple[Floats, ...],
-    nu: Floats,
-    variance: Floats,
+    estimate: Estimate,
+    sample: Sample,
+    work: Workspace,
 ) -> None:
-    """Update state and covariances with z (NaN: no measurement); nu and variance receive innovation and its
-    variance.
-    """
+    """Update state and covariances with the sample (NaN: no measurement); work receives innovation and its variance."""
+    x, p, c, memory = estimate.x, estimate.p, estimate.c, estimate.memory
+    nu, variance = work.innovation, work.variance
+    jacobian, gain, ph, noise, assumed = work.jacobian, work.gain, work.projected, work.noise, work.assumed
     states = settings.states
     channels = settings.axes
     n = p.shape[0]
-    jacobian, gain, ph, noise, assumed = work[5], work[7], work[8], work[11], work[17]
-    measured = predict_measurement(settings, active, memory, x, z, u, h, work, nu, noise)
-    actual = c if settings.twin == 1 else p
+    measured = predict_measurement(settings, active, memory, x, sample, work)
+    actual = c if settings.two_covariances == 1 else p
     riccati = runs_riccati(settings, memory)
     for channel in range(channels):
         assumed[channel] = noise[channel] + settings.ignored[channel]
-    if measured and riccati and channels == 2 and settings.twin == 0:
-        surprise = measure_two(p, jacobian, noise, nu, variance, gain, ph, memory)
-        memory.surprise += (surprise - memory.surprise) * ATTENTION
+    if measured and riccati and channels == 2 and settings.two_covariances == 0:
+        nis = measure_two(p, memory, work)
+        memory.nis += (nis - memory.nis) * ATTENTION
         add_correction(states, active, gain, nu, channels, x)
     else:
         for channel in range(channels):
@@ -643,22 +606,22 @@ def correct(
         if not measured:
             return
         if riccati:
-            surprise = kalman_gain(p, jacobian, assumed, channels, nu, gain)
-            memory.surprise += (surprise - memory.surprise) * ATTENTION
+            nis = kalman_gain(p, jacobian, assumed, channels, nu, gain)
+            memory.nis += (nis - memory.nis) * ATTENTION
         else:
             tabulated_gain(table, x[:states], gain)
             for channel in range(channels):
-                if not np.isfinite(z[channel]):
+                if not np.isfinite(sample.z[channel]):
                     gain[:, channel] = 0.0
         add_correction(states, active, gain, nu, channels, x)
         if channels == 2:
             correct_angle(memory, actual, jacobian, noise, channels, gain, ph)
-        if settings.twin == 1:
+        if settings.two_covariances == 1:
             joseph(c, jacobian, noise, channels, gain, ph)
         if riccati:
             joseph(p, jacobian, assumed, channels, gain, ph)
     if riccati and settings.fade > 1.0 and active.shape[0] > 0:
-        remember_prior(settings, active, prior, spread, guess, x, p, c, memory, ph)
+        remember_prior(settings, active, constants, estimate, ph)
 
 
 @inlined

@@ -63,7 +63,7 @@ def _key(effect: Effect, model: Model) -> object:
 
 def _source(effect: Effect, model: Model) -> Path:
     """The file of the effect's source, written if absent."""
-    from estimator.model.codegen import own_effect
+    from estimator.kernel.generate.model import own_effect
 
     text = own_effect(model, effect)
     name = f"effect_{hashlib.sha256(text.encode()).hexdigest()[:16]}.py"

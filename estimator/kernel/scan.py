@@ -10,16 +10,18 @@ turns the pattern (`estimator.kernel.angle`); the derivative of both along δx i
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.kernel.angle import note_forced_rotation, read_angle
-from estimator.kernel.compiled import compiled, generated
+from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.controller import virtual_rate
 from estimator.kernel.flow import drive_at, part_of, taylor
 from estimator.kernel.layout import RATE, Floats, Ints, Record
-from estimator.kernel.observer import correct, predict, recall_guess, remember_drive, runs_riccati, workspace
+from estimator.kernel.observer import correct, predict, recall_initial, remember_drive, runs_riccati, workspace
 from estimator.kernel.signals import directions, line_values, signal_values
+from estimator.kernel.structures import Arrays, Constants, Estimate, Sample, Workspace
 
 _effect_force = generated().effect_force
 _effect_sense = generated().effect_sense
@@ -29,8 +31,68 @@ _NODES = (0.11270166537925831, 0.5, 0.88729833462074169)
 _WEIGHTS = (0.27777777777777778, 0.44444444444444444, 0.27777777777777778)
 
 
+class Block(NamedTuple):
+    """n samples: measured z (n, axes), drive u (n, axes, degree + 1) over the interval that ends at each, its length h
+    (n,), temperature (n,) or (0,); rows (n,) of OUTPUT receive the estimates.
+    """
+
+    z: Floats
+    u: Floats
+    h: Floats
+    temperature: Floats
+    rows: Record
+
+
+class Signatures(NamedTuple):
+    """What is followed of k coefficients that the filter does not carry.
+
+    delta (states + active constants, k): sensitivity of the filter's estimates to them, carried on; turned (k,): that
+    of the reported angle, of two axes, carried on and written to course (rows, k) at equal distances, the last time
+    after the last sample.  equations (axes · n, k + 1) receive, where there are any, the innovations' sensitivities and
+    behind them the innovation, all over its deviation; columns beyond are left alone.  Samples around an innovation
+    larger than `level` times its variance count less, in proportion: a jump of the rate says nothing of an effect.
+    """
+
+    delta: Floats
+    level: float
+    equations: Floats
+    turned: Floats
+    course: Floats
+
+
+class Following(NamedTuple):
+    """`Signatures` while a block is gone through.
+
+    origin: index of the first watched coefficient among the constants; rate_row: the rate's in delta, −1 for none;
+    by_constants (2, constants) and gradient (5,) are scratch; signature (2, k) the innovations' sensitivities.
+    """
+
+    origin: int
+    rate_row: int
+    delta: Floats
+    turned: Floats
+    by_constants: Floats
+    signature: Floats
+    gradient: Floats
+
+
+@inlined
+def following(signatures: Signatures, origin: int, rate_row: int, constants: int) -> Following:
+    """With scratch for so many constants."""
+    delta = signatures.delta
+    return Following(
+        origin=origin,
+        rate_row=rate_row,
+        delta=delta,
+        turned=signatures.turned,
+        by_constants=np.zeros((2, constants)),
+        signature=np.zeros((2, delta.shape[1])),
+        gradient=np.zeros(5),
+    )
+
+
 @compiled
-def responses(settings: Record, c: Floats, h: float, a: Floats, b: Floats, out: Floats) -> Floats:
+def responses(settings: Record, c: Floats, h: float, term: Floats, out: Floats) -> Floats:
     """What a unit impulse on each axis at the nodes (and, last, at the start) leaves at the end: (4, states, axes)."""
     states = settings.states
     response = np.zeros((len(_NODES) + 1, states, settings.axes))
@@ -40,7 +102,7 @@ def responses(settings: Record, c: Floats, h: float, a: Floats, b: Floats, out: 
         for axis in range(settings.axes):
             out[:, 0] = 0.0
             out[2 * axis + 1, 0] = 1.0
-            taylor(settings.model, c, rest, left * h, settings.order, 1, a, b, out)
+            taylor(settings.model, c, rest, left * h, settings.order, 1, term, out)
             for i in range(states):
                 response[node, i, axis] = out[i, 0]
     return response
@@ -52,21 +114,20 @@ def add_forced(
     memory: Record,
     before: Floats,
     x: Floats,
-    u: Floats,
-    h: float,
+    sample: Sample,
     response: Floats,
-    origin: int,
-    work: tuple[Floats, ...],
-    by_constants: Floats,
-    delta: Floats,
+    follow: Following,
+    work: Workspace,
 ) -> None:
-    """Add to the states' rows of delta (n, coefficients) what the watched forces push over the interval that has ended.
+    """Add to the states' rows of delta what the watched forces push over the interval that has ended.
 
-    before: the states at its beginning; origin: index of the first watched coefficient among the constants.
+    before: the states at its beginning; x: the state vector at its end.
     """
+    u, h = sample.u, sample.h
+    origin, by_constants, delta = follow.origin, follow.by_constants, follow.delta
     states = settings.states
-    a, b, out = work[:3]
-    value, by_states, drive, signals = work[12], work[13], work[15], work[16]
+    out, push = work.flow.out, work.flow.push
+    value, by_states, drive, signals = push.force, push.by_states, push.drive, push.signals
     c = x[states:]
     watched = delta.shape[1]
     for i in range(states):
@@ -74,7 +135,7 @@ def add_forced(
     at = 0.0
     for node in range(len(_NODES)):
         length = _NODES[node] - at
-        taylor(settings.model, c, part_of(u, at, length), length * h, settings.order, 1, a, b, out)
+        taylor(settings.model, c, part_of(u, at, length), length * h, settings.order, 1, work.flow.term, out)
         at = _NODES[node]
         drive_at(u, at, drive)
         line_values(settings, memory.time + (at - 1.0) * h, signals)
@@ -109,18 +170,12 @@ def add_forced(
 
 
 @compiled
-def watch_sensed(
-    settings: Record,
-    x: Floats,
-    u: Floats,
-    origin: int,
-    work: tuple[Floats, ...],
-    by_constants: Floats,
-    signature: Floats,
-) -> None:
-    """signature (axes, coefficients) ← less what the watched effects add to the measurement at the interval's end."""
+def watch_sensed(settings: Record, x: Floats, u: Floats, follow: Following, work: Workspace) -> None:
+    """signature ← less what the watched effects add to the measurement at the interval's end."""
+    origin, by_constants, signature = follow.origin, follow.by_constants, follow.signature
     states = settings.states
-    value, by_states, drive, signals = work[12], work[13], work[15], work[16]
+    push = work.flow.push
+    value, by_states, drive, signals = push.force, push.by_states, push.drive, push.signals
     c = x[states:]
     drive_at(u, 1.0, drive)
     by_constants[:] = 0.0
@@ -180,21 +235,9 @@ def pattern_gradient(s: Floats, k: float, w: float, rate: float, out: Floats) ->
 
 
 @compiled
-def add_turn(
-    settings: Record,
-    s: Floats,
-    w: float,
-    rate: float,
-    delta: Floats,
-    row: int,
-    sign: float,
-    gradient: Floats,
-    turned: Floats,
-) -> None:
-    """turned (k,) += sign · ∂θ along delta, at the states s and the rotation w; row: the rate's in delta, −1: none.
-
-    gradient (5,) is scratch.
-    """
+def add_turn(settings: Record, s: Floats, w: float, rate: float, sign: float, follow: Following) -> None:
+    """turned += sign · ∂θ along delta, at the states s and the rotation w."""
+    delta, turned, gradient, row = follow.delta, follow.turned, follow.gradient, follow.rate_row
     pattern_gradient(s, settings.stiffness, w, rate, gradient)
     for i in range(4):
         g = sign * gradient[i]
@@ -208,19 +251,11 @@ def add_turn(
 
 @compiled
 def recall(
-    settings: Record,
-    active: Ints,
-    prior: Floats,
-    spread: Floats,
-    guess: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory: Record,
-    scratch: Floats,
-    delta: Floats,
+    settings: Record, active: Ints, constants: Constants, estimate: Estimate, scratch: Floats, delta: Floats
 ) -> None:
     """`estimator.kernel.observer.remember_prior`, the sensitivities pulled along; the cursor has moved on already."""
+    prior, spread, initial = constants.prior, constants.spread, constants.initial
+    p, memory = estimate.p, estimate.memory
     for turn in range(active.shape[0] + 1):
         index = memory.cursor if turn == 0 else turn - 1
         row = settings.states + index
@@ -230,13 +265,13 @@ def recall(
             wide = spread[index] > 0.0 and variance > spread[index]
             noise = variance * spread[index] / (variance - spread[index]) if wide else 0.0
         if noise > 0.0:
-            recall_guess(settings, active, noise, guess, x, p, c, index, memory, scratch)
+            recall_initial(settings, active, index, initial[index], noise, estimate, scratch)
             pull(delta, row, scratch[0])
 
 
 @compiled
 def pull(delta: Floats, row: int, gain: Floats) -> None:
-    """delta after a measurement of constant `row` against a guess that no coefficient moves."""
+    """delta after a measurement of constant `row` against an initial value that no coefficient moves."""
     for k in range(delta.shape[1]):
         moved = delta[row, k]
         for j in range(delta.shape[0]):
@@ -244,94 +279,65 @@ def pull(delta: Floats, row: int, gain: Floats) -> None:
 
 
 @compiled
-def scan_block(
-    settings_record: Record,
-    active: Ints,
-    walk: Floats,
-    prior: Floats,
-    spread: Floats,
-    guess: Floats,
-    table: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory_record: Record,
-    z: Floats,
-    u: Floats,
-    h: Floats,
-    temperature: Floats,
-    rows: Record,
-    delta: Floats,
-    level: float,
-    equations: Floats,
-    turned: Floats,
-    course: Floats,
-) -> None:
-    """Observe n samples as `observe_block` does, and write to equations (axes · n, k + 1), where it is not empty, the
-    innovations' sensitivities to the k watched coefficients and behind them the innovation, all over its deviation;
-    columns beyond are left alone.
-
-    delta (states + active constants, k): sensitivity of the filter's estimates to the coefficients, carried on; turned
-    (k,): that of the reported angle, of two axes, carried on and written to course (rows, k) at equal distances, the
-    last time after the last sample.  Samples around an innovation larger than `level` times its variance count less,
-    in proportion: a jump of the rate says nothing of an effect.
-    """
-    settings = settings_record[0]
-    memory = memory_record[0]
+def scan_block(observer: Arrays, block: Block, signatures: Signatures) -> None:
+    """Observe n samples as `estimator.kernel.block.observe_block` does, and follow what is watched."""
+    settings = observer.settings[0]
+    memory = observer.memory[0]
+    active, x = observer.active, observer.x
+    constants = Constants(observer.intensity, observer.prior, observer.spread, observer.initial)
+    nothing = np.zeros(active.shape[0])
+    forgetful = Constants(observer.intensity, nothing, nothing, observer.initial)
+    estimate = Estimate(x, observer.p, observer.c, memory)
+    z, u, h, temperature, rows = block
+    level, equations, turned, course = signatures.level, signatures.equations, signatures.turned, signatures.course
+    delta = signatures.delta
     states = settings.states
-    work = workspace(settings, p.shape[0], x.shape[0])
-    nu = np.zeros(2)
-    variance = np.zeros(2)
-    watched = delta.shape[1]
-    origin = x.shape[0] - states - watched
-    by_constants = np.zeros((2, x.shape[0] - states))
-    signature = np.zeros((2, watched))
-    scratch = np.zeros((2 if states < 2 else states, watched))
-    a, b, out, g, jacobian, gain, before, signals = (
-        work[0], work[1], work[2], work[3], work[5], work[7], work[18], work[16],
-    )  # fmt: skip
-    response = responses(settings, x[states:], h[0], a, b, out)
+    work = workspace(settings, observer.p.shape[0], x.shape[0])
+    nu, variance, signals = work.innovation, work.variance, work.flow.push.signals
+    jacobian, gain = work.jacobian, work.gain
+    count = delta.shape[1]
+    scratch = np.zeros((2 if states < 2 else states, count))
+    response = responses(settings, x[states:], h[0], work.flow.term, work.flow.out)
     length = h[0]
     weighed = equations.shape[0] > 0
     foreseen = np.zeros(states)
-    nothing = np.zeros(active.shape[0])
-    gradient = np.zeros(5)
     rate_row = -1
     if settings.axes == 2:
         for i in range(active.shape[0]):
             if active[i] == RATE:
                 rate_row = states + i
+    follow = following(signatures, x.shape[0] - states - count, rate_row, x.shape[0] - states)
+    signature = follow.signature
     written = 0
     for m in range(z.shape[0]):
         if temperature.shape[0] > 0:
             memory.temperature = temperature[m]
         if h[m] != length:
             length = h[m]
-            response = responses(settings, x[states:], length, a, b, out)
+            response = responses(settings, x[states:], length, work.flow.term, work.flow.out)
         turning = settings.axes == 2 and memory.started == 1
         if settings.axes == 2:
             driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
             memory.virtual_applied = virtual_rate(settings, memory.time) if settings.control == 1 and driven else 0.0
         rotation = memory.rotation
         rate = memory.rate
-        predict(settings, active, walk, x, p, c, memory, u[m], h[m], work)
+        sample = Sample(z[m], u[m], h[m])
+        predict(settings, active, constants.intensity, estimate, sample.u, sample.h, work)
         if settings.axes == 2:
             note_forced_rotation(settings, memory, x, h[m])
         for i in range(states):
             foreseen[i] = x[i]
-        correct(
-            settings, active, nothing, nothing, guess, table, x, p, c, memory, z[m], u[m], h[m], work, nu, variance
-        )  # fmt: skip
+        correct(settings, active, forgetful, observer.table, estimate, sample, work)
         memory.time += h[m]
         remember_drive(settings, memory, u[m])
         for axis in range(settings.axes):
             rows[m].nu[axis] = nu[axis]
             rows[m].s[axis] = variance[axis]
-        multiply_rows(g, delta, scratch)
+        multiply_rows(work.transition, delta, scratch)
         signal_values(settings, memory, memory.time, signals)
-        add_forced(settings, memory, before, x, u[m], length, response, origin, work, by_constants, delta)
+        add_forced(settings, memory, work.before, x, sample, response, follow, work)
         signal_values(settings, memory, memory.time, signals)
-        watch_sensed(settings, x, u[m], origin, work, by_constants, signature)
+        watch_sensed(settings, x, u[m], follow, work)
         usable = 0
         for axis in range(settings.axes):
             if np.isfinite(z[m, axis]):
@@ -339,38 +345,38 @@ def scan_block(
                 for j in range(delta.shape[0]):
                     w = jacobian[axis, j]
                     if w != 0.0:
-                        for k in range(watched):
+                        for k in range(count):
                             signature[axis, k] -= w * delta[j, k]
             else:
                 signature[axis, :] = 0.0
         if turning:
             if rate_row >= 0:
-                for k in range(watched):
+                for k in range(count):
                     turned[k] += delta[rate_row, k] * length
             if settings.open_loop == 0:  # else the angle is the integrated rate
-                add_turn(settings, foreseen, rotation, rate, delta, rate_row, 1.0, gradient, turned)
+                add_turn(settings, foreseen, rotation, rate, 1.0, follow)
         if usable > 0:
             for j in range(delta.shape[0]):
                 for axis in range(settings.axes):
                     w = gain[j, axis]
-                    for k in range(watched):
+                    for k in range(count):
                         delta[j, k] += w * signature[axis, k]
             if settings.fade > 1.0 and runs_riccati(settings, memory):
-                recall(settings, active, prior, spread, guess, x, p, c, memory, work[8], delta)
+                recall(settings, active, constants, estimate, work.projected, delta)
         if settings.axes == 2:
             read_angle(settings, memory, x, h[m], rows[m])
         if turning and settings.open_loop == 0:
-            add_turn(settings, x, memory.rotation, memory.rate, delta, rate_row, -1.0, gradient, turned)
+            add_turn(settings, x, memory.rotation, memory.rate, -1.0, follow)
         if (m + 1) * course.shape[0] >= (written + 1) * z.shape[0]:
-            for k in range(watched):
+            for k in range(count):
                 course[written, k] = turned[k] / settings.angular_gain
             written += 1
         if usable == 0 or not weighed:
             continue
-        share = min(1.0, level / max(memory.surprise, 1e-12))
+        share = min(1.0, level / max(memory.nis, 1e-12))
         for axis in range(settings.axes):
             weight = math.sqrt(share / variance[axis])
             row = settings.axes * m + axis
-            for k in range(watched):
+            for k in range(count):
                 equations[row, k] = weight * signature[axis, k]
-            equations[row, watched] = weight * nu[axis]
+            equations[row, count] = weight * nu[axis]

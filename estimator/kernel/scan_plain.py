@@ -13,8 +13,9 @@ from estimator.kernel.controller import virtual_rate
 from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import ATTENTION, remember_drive, workspace
 from estimator.kernel.plain import CONSTANTS, SIZE, STATES, STEP, is_plain
-from estimator.kernel.scan import add_forced, add_turn, responses, watch_sensed
+from estimator.kernel.scan import Block, Signatures, add_forced, add_turn, following, responses, watch_sensed
 from estimator.kernel.signals import advance_signals, signal_values
+from estimator.kernel.structures import Arrays, Constants, Estimate, Sample
 
 _predict, _unpacked, _restore = STEP.predict, STEP.unpacked, STEP.restore
 _measure_x, _measure_y, _recall = STEP.measure_0, STEP.measure_1, STEP.recall
@@ -57,7 +58,7 @@ def flow_delta(work: Floats, delta: Floats, scratch: Floats) -> None:
 
 
 @compiled
-def follow(axis: int, column: int, noise: float, work: Floats, seen: Floats, delta: Floats) -> None:
+def take_along(axis: int, column: int, noise: float, work: Floats, seen: Floats, delta: Floats) -> None:
     """delta ← delta + K seen, for the measurement that was just taken in.
 
     seen (k,): what its innovation would gain.  The gain is y/√S with y = Ph/√S in work; h'y = (S − R)/√S gives √S.
@@ -73,43 +74,29 @@ def follow(axis: int, column: int, noise: float, work: Floats, seen: Floats, del
 
 
 @compiled
-def scan_plain_block(
-    settings_record: Record,
-    walk: Floats,
-    prior: Floats,
-    spread: Floats,
-    guess: Floats,
-    x: Floats,
-    p: Floats,
-    c: Floats,
-    memory_record: Record,
-    z: Floats,
-    u: Floats,
-    h: Floats,
-    temperature: Floats,
-    rows: Record,
-    delta: Floats,
-    level: float,
-    equations: Floats,
-    turned: Floats,
-    course: Floats,
-) -> None:
+def scan_plain_block(observer: Arrays, block: Block, signatures: Signatures) -> None:
     """As `estimator.kernel.scan.scan_block`; delta (13, k)."""
-    settings = settings_record[0]
-    memory = memory_record[0]
-    watched = delta.shape[1]
+    settings = observer.settings[0]
+    memory = observer.memory[0]
+    constants = Constants(observer.intensity, observer.prior, observer.spread, observer.initial)
+    prior, spread, initial = constants.prior, constants.spread, constants.initial
+    x = observer.x
+    z, u, h, temperature, rows = block
+    level, equations, turned, course = signatures.level, signatures.equations, signatures.turned, signatures.course
+    delta = signatures.delta
+    count = delta.shape[1]
     generic = workspace(settings, SIZE, x.shape[0])
-    signals = generic[16]
-    flat_x, flat_p, flat_c, work = _unpacked(x[:SIZE], p, c, memory, True)
-    by_constants = np.zeros((2, x.shape[0] - STATES))
-    signature = np.zeros((2, watched))
-    scratch = np.zeros((STATES, watched))
+    term, out, signals = generic.flow.term, generic.flow.out, generic.flow.push.signals
+    flat_x, flat_p, flat_c, work = _unpacked(x[:SIZE], observer.p, observer.c, memory, True)
+    estimate = Estimate(flat_x, flat_p, flat_c, memory)
+    rate_row = STATES + RATE
+    follow = following(signatures, SIZE - STATES, rate_row, x.shape[0] - STATES)
+    signature = follow.signature
+    scratch = np.zeros((STATES, count))
     before = np.zeros(STATES)
     foreseen = np.zeros(STATES)
-    gradient = np.zeros(5)
-    rate_row = STATES + RATE
     weighed = equations.shape[0] > 0
-    response = responses(settings, x[STATES:], h[0], generic[0], generic[1], generic[2])
+    response = responses(settings, x[STATES:], h[0], term, out)
     length = h[0]
     written = 0
     for m in range(z.shape[0]):
@@ -117,7 +104,7 @@ def scan_plain_block(
             memory.temperature = temperature[m]
         if h[m] != length:
             length = h[m]
-            response = responses(settings, x[STATES:], length, generic[0], generic[1], generic[2])
+            response = responses(settings, x[STATES:], length, term, out)
         driven = u[m, 0, 0] != 0.0 or u[m, 1, 0] != 0.0
         memory.virtual_applied = virtual_rate(settings, memory.time) if settings.control == 1 and driven else 0.0
         turning = memory.started == 1
@@ -127,7 +114,8 @@ def scan_plain_block(
             before[i] = flat_x[i]
         for i in range(STATES, SIZE):
             x[i] = flat_x[i]
-        _predict(settings, memory, walk, flat_x, flat_p, flat_c, u[m], h[m], work)
+        sample = Sample(z[m], u[m], h[m])
+        _predict(settings, constants.intensity, estimate, sample.u, sample.h, work)
         if settings.signal_count > 0:
             advance_signals(settings, memory, x[STATES:], u[m], h[m])
         note_forced_rotation(settings, memory, flat_x, h[m])
@@ -138,14 +126,14 @@ def scan_plain_block(
         signal_values(settings, memory, memory.time + h[m], signals)
         memory.time += h[m]
         remember_drive(settings, memory, u[m])
-        add_forced(settings, memory, before, x, u[m], length, response, SIZE - STATES, generic, by_constants, delta)
+        add_forced(settings, memory, before, x, sample, response, follow, generic)
         signal_values(settings, memory, memory.time, signals)
-        watch_sensed(settings, x, u[m], SIZE - STATES, generic, by_constants, signature)
+        watch_sensed(settings, x, u[m], follow, generic)
         if turning:
-            for k in range(watched):
+            for k in range(count):
                 turned[k] += delta[rate_row, k] * length
             if settings.open_loop == 0:  # else the angle is the integrated rate
-                add_turn(settings, foreseen, rotation, rate, delta, rate_row, 1.0, gradient, turned)
+                add_turn(settings, foreseen, rotation, rate, 1.0, follow)
         usable = 0
         for axis in range(2):
             place = 2 * axis
@@ -160,29 +148,29 @@ def scan_plain_block(
                 share = 1.0 / math.sqrt(rows[m].s[axis])
                 row = 2 * m + axis
                 if np.isfinite(z[m, axis]):
-                    for k in range(watched):
+                    for k in range(count):
                         equations[row, k] = share * (signature[axis, k] - delta[place, k] - delta[column, k])
-                equations[row, watched] = share * rows[m].nu[axis]
-        surprise = 0.0
+                equations[row, count] = share * rows[m].nu[axis]
+        nis = 0.0
         for axis in range(2):
             if np.isfinite(z[m, axis]):
                 place = 2 * axis
                 column = STATES + axis
                 innovation = z[m, axis] - (flat_x[place] + flat_x[column])
-                for k in range(watched):
+                for k in range(count):
                     signature[axis, k] -= delta[place, k] + delta[column, k]
                 if axis == 0:
-                    white, _ = _measure_x(innovation, settings.noise[0], flat_x, flat_p, flat_c, work)
+                    white, _ = _measure_x(innovation, settings.noise[0], estimate, work)
                 else:
-                    white, _ = _measure_y(innovation, settings.noise[1], flat_x, flat_p, flat_c, work)
-                surprise += 0.5 * white * white
-                follow(axis, column, settings.noise[axis], work, signature[axis], delta)
+                    white, _ = _measure_y(innovation, settings.noise[1], estimate, work)
+                nis += 0.5 * white * white
+                take_along(axis, column, settings.noise[axis], work, signature[axis], delta)
         if usable > 0:
-            memory.surprise += (surprise - memory.surprise) * ATTENTION
-            if weighed and memory.surprise > level:
-                share = math.sqrt(level / memory.surprise)
+            memory.nis += (nis - memory.nis) * ATTENTION
+            if weighed and memory.nis > level:
+                share = math.sqrt(level / memory.nis)
                 for row in range(2 * m, 2 * m + 2):
-                    for k in range(watched + 1):
+                    for k in range(count + 1):
                         equations[row, k] *= share
         if usable > 0 and settings.fade > 1.0:
             memory.cursor = (memory.cursor + 1) % CONSTANTS
@@ -195,16 +183,16 @@ def scan_plain_block(
                     wide = spread[index] > 0.0 and variance > spread[index]
                     noise = variance * spread[index] / (variance - spread[index]) if wide else 0.0
                 if noise > 0.0:
-                    pulled = guess[index] - flat_x[column]
-                    _recall(index, pulled, noise, flat_x, flat_p, flat_c, work)
-                    for k in range(watched):
+                    pulled = initial[index] - flat_x[column]
+                    _recall(index, pulled, noise, estimate, work)
+                    for k in range(count):
                         signature[0, k] = -delta[column, k]
-                    follow(-1, column, noise, work, signature[0], delta)
+                    take_along(-1, column, noise, work, signature[0], delta)
         read_angle(settings, memory, flat_x, h[m], rows[m])
         if turning and settings.open_loop == 0:
-            add_turn(settings, flat_x, memory.rotation, memory.rate, delta, rate_row, -1.0, gradient, turned)
+            add_turn(settings, flat_x, memory.rotation, memory.rate, -1.0, follow)
         if (m + 1) * course.shape[0] >= (written + 1) * z.shape[0]:
-            for k in range(watched):
+            for k in range(count):
                 course[written, k] = turned[k] / settings.angular_gain
             written += 1
-    _restore(flat_x, flat_p, flat_c, work, x, p, c, memory)
+    _restore(flat_x, flat_p, flat_c, work, x, observer.p, observer.c, memory)

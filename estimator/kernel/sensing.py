@@ -7,8 +7,9 @@ linear part makes of its derivative of an acceleration.  ẍ is what the whole m
 import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
-from estimator.kernel.flow import Push, effect_forces
+from estimator.kernel.flow import effect_forces
 from estimator.kernel.layout import Floats, Record
+from estimator.kernel.structures import Push
 
 _field_columns = generated().field_columns
 _sense = generated().sense
@@ -41,7 +42,7 @@ def sensed_otherwise(
     constants = c.shape[0]
     columns = 1 + states + settings.flow_constants
     first_flowing = settings.sense_constants
-    drive, signals = push[3], push[4]
+    drive, signals = push.drive, push.signals
     a = np.zeros((states, columns))
     b = np.zeros((states, columns))
     for i in range(states):
@@ -60,11 +61,11 @@ def sensed_otherwise(
             slope_by[i, states + first_flowing + k] = b[i, 1 + states + k]
     for axis in range(settings.axes):
         row = 2 * axis + 1
-        slope[row] += push[0][axis]
+        slope[row] += push.force[axis]
         for j in range(states):
-            slope_by[row, j] += push[1][axis, j]
+            slope_by[row, j] += push.by_states[axis, j]
         for k in range(constants):
-            slope_by[row, states + k] += push[2][axis, k]
+            slope_by[row, states + k] += push.by_constants[axis, k]
     # What the sense chain takes for displacement and velocity.
     q = s.copy()
     q_by = np.zeros((states, states + constants))

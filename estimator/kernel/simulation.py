@@ -4,9 +4,11 @@ import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import flow, part_of
-from estimator.kernel.layout import MAX_DEGREE, MAX_DELAY, MAX_SIGNALS, Floats, Record
+from estimator.kernel.layout import MAX_DEGREE, MAX_DELAY, Floats, Record
+from estimator.kernel.observer import pushless
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import line_values
+from estimator.kernel.structures import FlowWork, Interval
 
 _sense = generated().sense
 _effect_sense = generated().effect_sense
@@ -59,12 +61,11 @@ def free_run(
     sense_constants = settings.sense_constants
     total = x.shape[0]
     columns = 1 + states + settings.flow_constants if sensitive else 1
-    a = np.zeros((states, columns))
-    b = np.zeros((states, columns))
     out = np.zeros((states, columns))
-    push = (np.zeros(2), np.zeros((2, states)), np.zeros((2, total - states)), np.zeros(2), np.zeros(2 * MAX_SIGNALS))
+    push = pushless(states, total - states)
+    work = FlowWork(np.zeros((states, columns)), np.zeros((states, columns)), out, push)
     past = np.zeros((MAX_DELAY + 1, 2, MAX_DEGREE))
-    signals = push[4]
+    signals = push.signals
     time = 0.0
     for i in range(settings.signal_count):
         signals[i] = settings.signal_parameters[i, 0]  # what is not a constant is written over as it moves
@@ -83,7 +84,7 @@ def free_run(
         if m > 0:
             for part in range(parts):
                 piece = u[m] if parts == 1 else part_of(u[m], part / parts, 1.0 / parts)
-                flow(settings, time, past, c, s, piece, h[m] / parts, columns, a, b, out, push)
+                flow(settings, Interval(time, h[m] / parts, piece), past, c, s, columns, work)
                 time += h[m] / parts
                 for i in range(states):
                     s[i] = out[i, 0]
@@ -105,7 +106,7 @@ def free_run(
         by_constants[:] = 0.0
         line_values(settings, time, signals)
         if otherwise:
-            push[3][:] = drive
+            push.drive[:] = drive
             sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
         else:
             sensed_at(settings, c, s, drive, signals, predicted, by_states, by_constants)

@@ -1,11 +1,12 @@
 """The Riccati recursion along the nominal orbit, its gains gathered by pattern angle and vibration phase."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, Floats, Ints, Record
+from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, Floats
 from estimator.kernel.observer import (
     add_process_noise,
     joseph,
@@ -17,6 +18,18 @@ from estimator.kernel.observer import (
     workspace,
 )
 from estimator.kernel.pattern import phase_and_angle
+from estimator.kernel.structures import Arrays, Sample
+
+
+class Course(NamedTuple):
+    """How the orbit is gone along: rotation of its pattern, samples h apart, so many of them to settle, so many that
+    count.
+    """
+
+    rotation: float
+    h: float
+    settle: int
+    samples: int
 
 
 @compiled
@@ -44,39 +57,26 @@ def holding_force(constants: Floats, s: Floats, rotation: float, u: Floats) -> N
 
 
 @compiled
-def gather_gains(
-    settings_record: Record,
-    memory_record: Record,
-    active: Ints,
-    walk: Floats,
-    prior: Floats,
-    constants: Floats,
-    p: Floats,
-    rotation: float,
-    h: float,
-    settle: int,
-    samples: int,
-    total: Floats,
-    weight: Floats,
-) -> None:
+def gather_gains(arrays: Arrays, course: Course, total: Floats, weight: Floats) -> None:
     """Sum of the gains (angles, phases, n, channels) and their number (angles, phases) into total and weight.
 
-    The device has the given constants and is held on the orbit of the ideal controlled one, whose pattern precesses
-    at `rotation`: the error system is the device's own, only its motion is the ideal one.  The first `settle` samples
-    only bring the covariance to its periodic state.
+    The device has the constants in arrays.x and is held on the orbit of the ideal controlled one, whose pattern
+    precesses: the error system is the device's own, only its motion is the ideal one.  arrays.p goes on; the samples to
+    settle only bring it to its periodic state.
     """
-    settings = settings_record[0]
-    memory = memory_record[0]
+    settings = arrays.settings[0]
+    memory = arrays.memory[0]
+    active, p, prior = arrays.active, arrays.p, arrays.prior
+    rotation, h, settle, samples = course
     states = settings.states
     n = p.shape[0]
+    constants = arrays.x[states:]
     x = np.zeros(states + constants.shape[0])
     x[states:] = constants
     work = workspace(settings, n, x.shape[0])
-    g, scratch, jacobian, gain, ph, kick, noise = work[3], work[4], work[5], work[7], work[8], work[9], work[11]
-    assumed = work[17]
-    nu = np.zeros(2)
-    z = np.zeros(2)
+    gain, assumed = work.gain, work.assumed
     u = np.zeros((2, 1))
+    sample = Sample(np.zeros(2), u, h)
     s = x[:states]
     middle = np.zeros(states)
     angles, phases = weight.shape
@@ -87,12 +87,12 @@ def gather_gains(
         orbit(m * h, rotation, s)
         predict_state(settings, active, memory, x, u, h, work)
         orbit((m + 1) * h, rotation, s)
-        propagate(p, g, scratch, settings.fade)
-        add_process_noise(p, settings, h, s, active, walk, kick)
-        predict_measurement(settings, active, memory, x, z, u, h, work, nu, noise)
+        propagate(p, work.transition, work.rows, settings.fade)
+        add_process_noise(p, settings, h, s, active, arrays.intensity, work.jump)
+        predict_measurement(settings, active, memory, x, sample, work)
         for axis in range(settings.axes):
-            assumed[axis] = noise[axis] + settings.ignored[axis]
-        kalman_gain(p, jacobian, assumed, settings.axes, nu, gain)
+            assumed[axis] = work.noise[axis] + settings.ignored[axis]
+        kalman_gain(p, work.jacobian, assumed, settings.axes, work.innovation, gain)
         if m >= settle:
             theta, phase = phase_and_angle(s, 1.0)
             cell = math.floor((theta + 0.5 * math.pi) / math.pi * angles + 0.5)
@@ -105,9 +105,9 @@ def gather_gains(
             for i in range(n):
                 for a in range(settings.axes):
                     total[cell, column, i, a] += gain[i, a]
-        joseph(p, jacobian, assumed, settings.axes, gain, ph)
+        joseph(p, work.jacobian, assumed, settings.axes, gain, work.projected)
         if active.shape[0] > 0:
             cursor = (cursor + 1) % active.shape[0]
             row = states + cursor
             if prior[cursor] > 0.0:
-                rank_one(p, row, p[:, row] / (p[row, row] + prior[cursor]), prior[cursor], ph[0])
+                rank_one(p, row, p[:, row] / (p[row, row] + prior[cursor]), prior[cursor], work.projected[0])

@@ -1,8 +1,9 @@
-"""Filter steps of their own (`estimator.model.step`): compiled once for each set of effects, kept by what they are of.
+"""Filter steps of their own (`estimator.kernel.generate.step`): compiled once for each set of effects, kept by what
+they are of.
 
 Source and compiled code lie in `steps` within the folder of this version of the kernels.  Who does not ask for one has
-the general kernels, which do the same several times slower; GYROHIL_KERNEL=general in the environment has them do it
-always.
+the general kernels, which do the same several times slower; GYROHIL_KERNEL=general in the environment has them do
+everything, what `estimator.kernel.plain` is for as well.
 """
 
 import hashlib
@@ -23,7 +24,7 @@ _known: dict[str, ModuleType] = {}
 
 
 def wanted() -> bool:
-    """Whether the environment leaves steps of their own on."""
+    """Whether the environment leaves kernels for one set of effects, or for none, on."""
     return os.environ.get(_SWITCH, "") != "general"
 
 
@@ -45,7 +46,7 @@ def module_of(model: Model, effects: Sequence[Effect]) -> ModuleType:
     path = _path(model, effects)
     with _lock:
         if path.stem not in _known:
-            from estimator.model.step import step_source
+            from estimator.kernel.generate.step import step_source
 
             _known[path.stem] = loaded(written(path, lambda: step_source(model, effects)))
         return _known[path.stem]

@@ -1,7 +1,7 @@
 """What a model is: named states and constants, a vector field linear in the states, a measurement.
 
 A declaration is written in SymPy and in *scaled* units (time by 1/ω0, length by the nominal amplitude), see
-`estimator.scaling`.  `estimator.model.codegen` turns it into the compiled step, `estimator.oracle` evaluates it
+`estimator.scaling`.  `estimator.kernel.generate.model` turns it into the compiled step, `estimator.oracle` evaluates it
 directly, and the report prints its equations, so that the physics stands in one readable place.
 """
 

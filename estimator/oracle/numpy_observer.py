@@ -199,7 +199,7 @@ class NumpyObserver(Observer):
             q[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2] += density * integrated
         jumps = self._model.jumps(s)[self.active]
         directions = np.hstack([jumps, np.eye(len(self.active))])
-        return np.asarray(q + directions.T @ np.diag(self._walk * h) @ directions)
+        return np.asarray(q + directions.T @ np.diag(self._intensity * h) @ directions)
 
     # -- fading memory -----------------------------------------------------------------------------------------------
 
@@ -210,22 +210,22 @@ class NumpyObserver(Observer):
         return self._fade * (1.0 + min(0.01 * (self._nis - HASTY_NIS), FASTEST))
 
     def _remember_prior(self) -> None:
-        """Measure the next constant in turn against its initial guess, with the information that was forgotten; then
+        """Measure the next constant in turn against its initial value, with the information that was forgotten; then
         bring back to its initial variance any that has passed it."""
         self._cursor = (self._cursor + 1) % len(self.active)
         if self._prior[self._cursor] > 0.0:  # else known exactly from the start
-            self._recall_guess(self._cursor, float(self._prior[self._cursor]))
+            self._recall_initial(self._cursor, float(self._prior[self._cursor]))
         for index, limit in enumerate(self._spread):
             variance = float(self._p[self.states + index, self.states + index])
             if 0.0 < limit < variance:
-                self._recall_guess(index, variance * limit / (variance - limit))
+                self._recall_initial(index, variance * limit / (variance - limit))
 
-    def _recall_guess(self, index: int, noise: float) -> None:
+    def _recall_initial(self, index: int, noise: float) -> None:
         row = self.states + index
         entry = int(self.estimated_index[row])
         unit = np.eye(len(self.estimated_index))[[row]]
         variance = np.array([[noise]])
-        self._update(self._guess[[index]], lambda x: x[[entry]], unit, variance, variance)
+        self._update(self._start[[index]], lambda x: x[[entry]], unit, variance, variance)
 
     def _tabulated_gain(self) -> Array:
         """Stationary gain (n, axes), bilinear between the table's entries at pattern angle and vibration phase."""

@@ -3,13 +3,12 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from estimator.kernel.gram import BLOCK, add_gram
 from estimator.kernel.layout import OUTPUT
-from estimator.kernel.scan import scan_block
+from estimator.kernel.scan import Block, Signatures, scan_block
 from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
 from estimator.observer import Observer
 from estimator.record import Record
@@ -104,11 +103,9 @@ def scan(
         instants = course[part * COURSE : (part + 1) * COURSE]
         for start, stop, read, spread in _uninterrupted(record, int(begin), int(end)):
             span, lines = slice(start, stop), slice(device.axes * (start - begin), device.axes * (stop - begin))
-            what = (
-                z[span], u[span], h[span], warmth[span], rows[span], delta, level,
-                equations[lines], turned, instants[read],
-            )  # fmt: skip
-            _advance(observer, what, quick=quick)
+            block = Block(z[span], u[span], h[span], warmth[span], rows[span])
+            signatures = Signatures(delta, level, equations[lines], turned, instants[read])
+            _advance(observer, block, signatures, quick=quick)
             if spread is not None:
                 observer.unsettle(spread)
         if weighed:
@@ -137,14 +134,9 @@ def scan(
     )
 
 
-def _advance(observer: Observer, what: tuple[Any, ...], *, quick: bool) -> None:
-    a = observer.arrays
-    if quick:
-        scan_plain_block(a.settings, a.walk, a.prior, a.spread, a.guess, a.x, a.p, a.c, a.memory, *what)
-    else:
-        scan_block(
-            a.settings, a.active, a.walk, a.prior, a.spread, a.guess, a.table, a.x, a.p, a.c, a.memory, *what
-        )  # fmt: skip
+def _advance(observer: Observer, block: Block, signatures: Signatures, *, quick: bool) -> None:
+    kernel = scan_plain_block if quick else scan_block
+    kernel(observer.arrays, block, signatures)
 
 
 def _uninterrupted(record: Record, begin: int, end: int) -> Iterator[tuple[int, int, slice, Array | None]]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.kernel.experiment import experiment_block
+from estimator.kernel.experiment import Plan, experiment_block
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
@@ -60,7 +60,6 @@ class Advice(NamedTuple):
 def experiment_called(name: str) -> Experiment | None:
     """The experiment of that name, None where there is none."""
     return next((experiment for experiment in EXPERIMENTS if experiment.name == name), None)
-
 
 
 def separations(
@@ -134,11 +133,7 @@ def loop_record(
     rates = experiment.turning * np.sin(t / _SET.turning)
     stiffness = 1.0 + experiment.stiffness * np.sign(np.sin(t / _SET.stepping))
     sensed, drive = np.zeros((samples, 2)), np.zeros((samples, 2))
-    a = loop.arrays
-    experiment_block(
-        a.settings, a.active, a.walk, a.prior, a.spread, a.guess, a.table, a.x, a.p, a.c, a.memory,
-        truth, rates, stiffness, added, a.rows, sensed, drive,
-    )  # fmt: skip
+    experiment_block(loop.arrays, truth, Plan(rates, stiffness, added), sensed, drive)
     volts = np.array([loop.scaling.sense(axis) for axis in range(2)])
     step = np.full(samples, 1.0 / device.sample_rate)
     return Record(sensed * volts, (drive * loop.scaling.drive)[:, :, None], step)

@@ -37,7 +37,7 @@ def estimated(record: Record, settings: ObserverSettings, samples: int, seeds: i
         rng = np.random.default_rng(seed)
         observer = copy.deepcopy(prepared)
         observer.x[:] = (truth + deviation * rng.standard_normal(13)) / observer.factors
-        observer.arrays.guess[:] = observer.x[4:]
+        observer.arrays.initial[:] = observer.x[4:]
         noise = rng.standard_normal((samples, 2)) * TRUTH.noise + TRUTH.offset
         sense = TRUTH.sense_gain * record.motion[:samples, [0, 2]] + noise
         observer.run(sense, record.drive[:samples], every=samples)

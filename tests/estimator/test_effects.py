@@ -20,6 +20,7 @@ from estimator.kernel.flow import flow
 from estimator.kernel.layout import MAX_SIGNALS
 from estimator.kernel.observer import predict_measurement, workspace
 from estimator.kernel.signals import advance_signals, signal_values
+from estimator.kernel.structures import FlowWork, Interval, Push, Sample
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate
 from estimator.observer import Observer
 from estimator.scaling import Array
@@ -52,16 +53,17 @@ SMOOTH = [name for name in FORCES if name not in KINKED]
 
 
 @numba.njit
-def call_flow(record, memory, c, s, u, h, columns, a, b, out, push):
-    signal_values(record[0], memory[0], TIME, push[4])
-    flow(record[0], TIME, memory[0].past, c, s, u, h, columns, a, b, out, push)
+def call_flow(record, memory, c, s, u, h, columns, work):
+    signal_values(record[0], memory[0], TIME, work.push.signals)
+    flow(record[0], Interval(TIME, h, u), memory[0].past, c, s, columns, work)
 
 
 @numba.njit
 def call_measurement(record, memory, active, x, z, u, h, nu, noise):
     work = workspace(record[0], 4 + active.shape[0], x.shape[0])
-    predict_measurement(record[0], active, memory[0], x, z, u, h, work, nu, noise)
-    return work[5].copy()
+    predict_measurement(record[0], active, memory[0], x, Sample(z, u, h), work)
+    nu[:], noise[:] = work.innovation, work.noise
+    return work.jacobian
 
 
 def device(axes: int = 2) -> Device:
@@ -131,10 +133,10 @@ def values(effect: Effect, what: str) -> Callable[..., Array]:
 def step(observer: Observer, s: Array, c: Array) -> Array:
     """[state | ∂/∂s | ∂/∂(flow constants, coefficients)] after one sample."""
     columns = 1 + 4 + int(observer.arrays.settings["flow_constants"][0])
-    a, b, out = (np.zeros((4, columns)) for _ in range(3))
-    push = (np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS))
-    call_flow(observer.arrays.settings, observer.arrays.memory, c, s, DRIVE, observer.h, columns, a, b, out, push)
-    return out
+    push = Push(np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS))
+    work = FlowWork(*(np.zeros((4, columns)) for _ in range(3)), push)
+    call_flow(observer.arrays.settings, observer.arrays.memory, c, s, DRIVE, observer.h, columns, work)
+    return work.out
 
 
 def base(c: Array, y: Array, u: Array) -> Array:

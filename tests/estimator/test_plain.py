@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from estimator.effects.declaration import Source
 from estimator.kernel.lanes import gather, lane, put, put_columns, take
 from estimator.kernel.plain import is_plain
+from estimator.kernel.scan_plain import scans_plainly
 from estimator.observer import Observer
 from estimator.oracle.agreement import disagreement
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread, Variant
@@ -29,11 +29,8 @@ def plain(observer: Observer) -> bool:
 
 
 def general(observer: Observer) -> Observer:
-    """The same observer through the kernels that do everything: a signal that no effect reads is nothing for the other
-    one.
-    """
-    observer.arrays.settings["signals"][0, 0] = Source.PARAMETER.value, 0, 0
-    observer.arrays.settings["signal_count"] = 1
+    """The same observer through the kernels that do everything."""
+    observer.arrays.settings["general"] = 1
     assert not plain(observer)
     return observer
 
@@ -56,8 +53,26 @@ def test_the_numbers_of_the_general_kernels(record: Record, settings: ObserverSe
     found, expected = (o.run(record.sense, record.drive) for o in (observer, other))
     agreement = disagreement(found, expected)
     assert max(agreement.values()) < 1e-8, agreement
-    for name in ("surprise", "cursor", "time", "theta", "forced", "rate_integral", "virtual_integral"):
+    for name in ("nis", "cursor", "time", "theta", "forced", "rate_integral", "virtual_integral"):
         assert observer.arrays.memory[name][0] == pytest.approx(other.arrays.memory[name][0], rel=1e-8, abs=1e-10), name
+
+
+def test_a_switch_has_the_general_kernels_do_it(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks and samples, and a scan asked for its quick kernel; the same to rounding, by another computation."""
+    device, settings = TRUTH.device(), ObserverSettings(process_noise=WALKING)
+    observer = Observer(device, settings, TRUTH.controller())
+    monkeypatch.setenv("GYROHIL_KERNEL", "general")
+    other = Observer(device, settings, TRUTH.controller())
+    assert plain(observer)
+    assert not plain(other)
+    assert not scans_plainly(other.arrays.settings, other.active, other.x)
+    found, expected = (o.run(record.sense[:100], record.drive[:100]) for o in (observer, other))
+    assert max(disagreement(found, expected).values()) < 1e-8
+    assert not np.array_equal(found.angle, expected.angle)
+    assert observer.tick(100.0, -50.0, 3.0, -2.0) == other.tick(100.0, -50.0, 3.0, -2.0)
+    assert not np.array_equal(observer.covariances, other.covariances)
+    monkeypatch.setenv("GYROHIL_KERNEL", "")
+    assert plain(Observer(device, settings, TRUTH.controller()))
 
 
 def test_what_it_is_not_made_for() -> None:

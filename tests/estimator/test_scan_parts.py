@@ -9,6 +9,7 @@ import pytest
 
 from estimator.gaps import Gaps
 from estimator.kernel.flow import taylor_order
+from estimator.kernel.scan import Block, Signatures
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
@@ -137,8 +138,9 @@ class Noted:
         self.rows: dict[int, list[Array]] = {}
         self.done = 0
 
-    def __call__(self, observer: Observer, what: tuple[Any, ...], *, quick: bool) -> None:
-        z, _, _, _, rows, _, level, equations, _, instants = what
+    def __call__(self, observer: Observer, block: Block, signatures: Signatures, *, quick: bool) -> None:
+        z, rows = block.z, block.rows
+        level, equations, instants = signatures.level, signatures.equations, signatures.course
         begin, self.done = self.done, self.done + len(z)
         part = next(k for k, (_, end) in enumerate(self.edges) if begin < end)
         self.asked.append((len(z), level, quick))
@@ -195,7 +197,7 @@ def test_samples_without_variance_have_no_deviation(monkeypatch: pytest.MonkeyPa
 def test_the_quick_kernel_runs_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch, *, vector: bool) -> None:
     fake, seen = noted(monkeypatch, np.ones(PARTS), vector=vector)
     assert {quick for _, _, quick in fake.asked} == {vector}
-    assert bool(seen.observer.arrays.settings["twin"]) is vector  # a plain EKF carries one covariance, not two
+    assert bool(seen.observer.arrays.settings["two_covariances"]) is vector  # of a plain EKF, one does for both
 
 
 def test_a_kernel_that_is_not_plain_is_not_quick(monkeypatch: pytest.MonkeyPatch) -> None:

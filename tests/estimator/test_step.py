@@ -65,7 +65,7 @@ def test_the_numbers_of_the_general_kernels(record: Record, name: str, monkeypat
     assert not other.has_step
     agreement = disagreement(found, expected)
     assert max(agreement.values()) < 1e-7, agreement
-    for field in ("surprise", "cursor", "time", "theta", "forced", "rate_integral", "virtual_integral"):
+    for field in ("nis", "cursor", "time", "theta", "forced", "rate_integral", "virtual_integral"):
         assert one.arrays.memory[field][0] == pytest.approx(other.arrays.memory[field][0], rel=1e-7, abs=1e-9), field
     assert not np.array_equal(found.angle, expected.angle)  # they are two computations
 

@@ -1,0 +1,1 @@
+"""Sources of compiled modules, written from the declarations of models and effects."""

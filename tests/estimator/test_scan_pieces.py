@@ -1,0 +1,225 @@
+"""What a scan follows, over a hundred samples and by both of its kernels: beside two runs that differ by a little; and
+the loop that an experiment is made of, beside SciPy and an observer of its own.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from estimator.kernel.experiment import Plan, experiment_block
+from estimator.kernel.layout import OUTPUT
+from estimator.kernel.scan import Block, Signatures, multiply_rows, pull, responses, scan_block
+from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
+from estimator.observer import Observer
+from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
+from tests.estimator.gyro_loop import Array, Truth
+from tests.estimator.test_backends import free_record
+
+TRUTH = Truth(force_noise=1e-5)
+N = 90
+FORCES: dict[str, dict[str, float]] = {"drive_gain": {}, "cubic_stiffness": {}, "drive_delay": {}}
+SENSED: dict[str, dict[str, float]] = {"sense_gain": {}, "sense_delay": {}, "drive_feedthrough": {}}
+SETTINGS = ObserverSettings(
+    memory=0.05,
+    spread=Spread(offset=1e-3, rate=0.1, stiffness=1e-4, damping=0.01),
+    process_noise=ProcessNoise(force=1e-5, rate=0.5),
+    initial={  # the truth: innovations are small, and what they do to the gain is of second order
+        "x": TRUTH.start[0] * TRUTH.amplitude,
+        "y": TRUTH.start[2] * TRUTH.amplitude,
+        "rate": 1.5,
+        "phi_x": TRUTH.offset[0],
+        "phi_y": TRUTH.offset[1],
+    },
+)
+
+
+@pytest.fixture(scope="module")
+def record() -> tuple[Array, Array]:
+    """Sense and drive with hardly any noise; samples of one axis and of both are lost."""
+    step = np.full(N, 1.0 / TRUTH.sample_rate)
+    sense, drive = free_record(replace(TRUTH, noise=1e-7), step, 1.5, np.random.default_rng(5))
+    sense[30, 0] = np.nan
+    sense[50:52] = np.nan
+    sense[70, 1] = np.nan
+    return sense, drive
+
+
+def made(settings: ObserverSettings, watched: int = 0, open_loop: bool = False) -> Observer:
+    return Observer(
+        TRUTH.device(), replace(settings, open_loop=open_loop), TRUTH.controller(), watched=watched
+    )  # fmt: skip
+
+
+def scanned(
+    settings: ObserverSettings,
+    watched: dict[str, dict[str, float]],
+    record: tuple[Array, Array],
+    *,
+    quick: bool,
+    level: float = 1e12,
+    open_loop: bool = False,
+    instants: int = N,
+) -> tuple[Observer, np.ndarray, Signatures]:
+    one = made(replace(settings, effects=watched), len(watched), open_loop)
+    if settings.gain is Gain.EKF and quick:
+        one.carry_both()
+    count = len(one.names) - 13
+    a = one.arrays
+    assert quick == bool(scans_plainly(a.settings, a.active, a.x[:13])) or not quick
+    z, u, h, warmth = one.scaled(*record, None, None)
+    rows = np.zeros(N, OUTPUT)
+    signatures = Signatures(
+        np.zeros((13, count)), level, np.zeros((2 * N, count + 1)), np.zeros(count), np.zeros((instants, count))
+    )
+    (scan_plain_block if quick else scan_block)(a, Block(z, u, h, warmth, rows), signatures)
+    return one, rows, signatures
+
+
+def carried(
+    settings: ObserverSettings, name: str, sizes: dict[str, float], record: tuple[Array, Array], open_loop: bool
+) -> tuple[Array, Array]:
+    """Innovation over its deviation (2 N,), scaled, and angle (N,) with the effect held at these coefficients."""
+    one = made(replace(settings, effects={name: sizes} if name else {}), open_loop=open_loop)
+    one.hold_coefficients()
+    found = one.run(*record)
+    return (np.sign(one.volts) * found.innovation / found.innovation_deviation).ravel(), found.angle
+
+
+@pytest.mark.parametrize("quick", [False, True])
+@pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
+@pytest.mark.parametrize(("watched", "open_loop"), [(FORCES, False), (SENSED, False), (FORCES, True)])
+def test_equations_and_angle_move_as_if_the_effect_were_carried(
+    record: tuple[Array, Array], gain: Gain, watched: dict[str, dict[str, float]], open_loop: bool, quick: bool
+) -> None:
+    settings = replace(SETTINGS, gain=gain)
+    one, rows, found = scanned(settings, watched, record, quick=quick, open_loop=open_loop)
+    column = 0
+    normalised, angle = carried(settings, "", {}, record, open_loop)
+    np.testing.assert_allclose(found.equations[:, -1], normalised, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(rows["angle"], angle, atol=1e-8)
+    for name in watched:
+        effect = next(effect for _, effect in one.effects if effect.name == name)
+        none = {c.name: 0.0 for c in effect.coefficients}
+        before = carried(settings, name, none, record, open_loop)
+        for coefficient in effect.coefficients:
+            scale = abs(float(one.factors[13 + column]))
+            small = 1e-4 * coefficient.plausible
+            after = carried(settings, name, none | {coefficient.name: small * scale}, record, open_loop)
+            moved, turned = ((there - without) / small for there, without in zip(after, before, strict=True))
+            seen = found.equations[:, column]
+            assert np.linalg.norm(moved) > 0.1, coefficient.name
+            assert np.linalg.norm(seen - moved) < 0.03 * np.linalg.norm(moved), coefficient.name
+            course = found.course[:, column]
+            if open_loop:  # the rate's integral, a sample behind: what is known of the rate before the correction
+                course, turned = course[1:], turned[:-1]
+            assert np.linalg.norm(course - turned) < 0.03 * np.linalg.norm(turned) + 1e-6, coefficient.name
+            column += 1
+    np.testing.assert_allclose(found.turned, found.course[-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_samples_around_a_jump_count_less(record: tuple[Array, Array], quick: bool) -> None:
+    """The last sample's rows are less by the root of what the smoothed NIS is above the level."""
+    one, _, whole = scanned(SETTINGS, FORCES, record, quick=quick)
+    nis = float(one.arrays.memory["nis"][0])
+    assert nis > 0.0
+    _, _, less = scanned(SETTINGS, FORCES, record, quick=quick, level=0.4 * nis)
+    last = slice(2 * N - 2, 2 * N)
+    np.testing.assert_allclose(less.equations[last], whole.equations[last] * np.sqrt(0.4), rtol=1e-12)
+    _, _, more = scanned(SETTINGS, FORCES, record, quick=quick, level=nis * 1.01)
+    np.testing.assert_array_equal(more.equations[last], whole.equations[last])
+    # Lost samples have no rows.
+    assert not whole.equations[100:104].any()
+    assert not whole.equations[60, :-1].any()
+    assert not whole.equations[141, :-1].any()
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_the_course_is_kept_at_equal_distances(record: tuple[Array, Array], quick: bool) -> None:
+    _, _, every = scanned(SETTINGS, FORCES, record, quick=quick)
+    _, _, some = scanned(SETTINGS, FORCES, record, quick=quick, instants=9)
+    np.testing.assert_array_equal(some.course, every.course[9::10])
+
+
+def test_both_kernels_follow_alike_with_a_course_in_two_blocks(record: tuple[Array, Array]) -> None:
+    _, rows, general = scanned(SETTINGS, FORCES | SENSED, record, quick=False)
+    _, other, quick = scanned(SETTINGS, FORCES | SENSED, record, quick=True)
+    size = np.linalg.norm(general.equations, axis=0)
+    np.testing.assert_array_less(np.linalg.norm(quick.equations - general.equations, axis=0), 1e-3 * size)
+    np.testing.assert_allclose(other["nu"], rows["nu"], atol=1e-9)
+    seen = np.isfinite(record[0])
+    np.testing.assert_allclose(other["s"][seen], rows["s"][seen], rtol=1e-7)
+
+
+def test_an_impulse_leaves_at_the_end_what_the_matrix_exponential_says() -> None:
+    one = made(SETTINGS)
+    a = one.arrays
+    rate, kxx, kyy, kxy, dxx, dyy, dxy = one.x[6:13]
+    m = np.array([
+        [0, 1, 0, 0],
+        [rate**2 - kxx, -dxx, -kxy, 2 * rate - dxy],
+        [0, 0, 0, 1],
+        [-kxy, -dxy - 2 * rate, rate**2 - kyy, -dyy],
+    ])  # fmt: skip
+    term, out = np.zeros((4, 12)), np.zeros((4, 12))
+    found = responses(a.settings[0], one.x[4:], one.h, term, out)
+    nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
+    for place, at in enumerate([*nodes, 0.0]):
+        np.testing.assert_allclose(found[place], expm(m * one.h * (1.0 - at))[:, [1, 3]], atol=1e-13)
+
+
+def test_rows_and_pulls_are_products() -> None:
+    random = np.random.default_rng(1)
+    g, delta, gain = random.standard_normal((6, 4)), random.standard_normal((6, 3)), random.standard_normal(6)
+    expected = np.vstack([g.T @ delta, delta[4:]])
+    multiply_rows(g, delta, np.full((4, 3), 7.0))
+    np.testing.assert_allclose(delta, expected, rtol=1e-12)
+    expected = expected - np.outer(gain, expected[2])
+    pull(delta, 2, gain)
+    np.testing.assert_allclose(delta, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("latency", [0, 2])
+def test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for(latency: int) -> None:
+    """The record beside SciPy's integration under its own drive, and the drive beside a second observer's commands."""
+    controller = TRUTH.controller(latency=latency)
+    one, other = (Observer(TRUTH.device(), SETTINGS, controller) for _ in range(2))
+    n, random = 25, np.random.default_rng(4)
+    truth = one.x.copy()
+    truth[:4], truth[4:6] = (1.0, 0.1, 0.2, 0.0), (0.01, -0.02)
+    plan = Plan(
+        rates=2e-3 * np.sin(0.3 * np.arange(n)),
+        stiffness=1.0 + 0.01 * np.sign(np.sin(np.arange(n))),
+        noise=1e-4 * random.standard_normal((n, 2)),
+    )
+    sensed, drive = np.zeros((n, 2)), np.zeros((n, 2))
+    experiment_block(one.arrays, truth, plan, sensed, drive)
+    k, d = truth[7:10], truth[10:13]
+    s, rate = truth[:4].copy(), truth[6]
+    commands = [(0.0, 0.0)] * (latency + 1)
+    quanta = float(other.arrays.settings["quantum"][0]), other.arrays.settings["sense_scale"][0]
+    for m in range(n):
+        w = plan.rates[m]
+        s = s + (w - rate) * np.array([0.0, s[2], 0.0, -s[0]])  # Euler: the rate jumps
+        rate = w
+
+        def field(_: float, y: Array, w: float = w, u: Array = drive[m]) -> list[float]:
+            x, vx, yy, vy = y
+            return [
+                vx,
+                u[0] - (k[0] - w * w) * x - k[2] * yy - d[0] * vx - d[2] * vy + 2 * w * vy,
+                vy,
+                u[1] - (k[1] - w * w) * yy - k[2] * x - d[1] * vy - d[2] * vx - 2 * w * vx,
+            ]
+
+        s = solve_ivp(field, (0.0, one.h), s, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+        np.testing.assert_allclose(sensed[m], s[[0, 2]] + truth[4:6] + plan.noise[m], atol=1e-10)
+        np.testing.assert_allclose(drive[m] / quanta[0], commands[0], atol=1e-9)
+        other.arrays.settings["stiffness"] = plan.stiffness[m]
+        codes = other.tick(*(sensed[m] / quanta[1]), *(drive[m] / quanta[0]))
+        commands = [*commands[1:], codes]
+    assert np.any(drive[5:] != 0.0)
+    np.testing.assert_allclose(one.x, other.x, rtol=1e-9, atol=1e-12)
