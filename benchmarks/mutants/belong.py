@@ -133,8 +133,32 @@ _WIRE = {
 }
 
 
+_KERNEL = {
+    "angle": "control_pieces backends::test_equal_while_the_memory_shortens_and_the_prior_is_recalled",
+    "angle_error": "control_pieces filter_pieces",
+    "block": "blocks",
+    "controller": "control_pieces loop::test_control_law_is_formula_9_with_velocities_and_the_additions_around_it",
+    "experiment": "scan_pieces",
+    "flow": "model effects",
+    "foresight": "foresight",
+    "gain_matrix": "gain_matrix",
+    "generated.model": "model effects",
+    "generated.step": "blocks scan_pieces",
+    "gram": "filter_pieces",
+    "observer": "filter_pieces blocks",
+    "pattern": "pattern control_pieces",
+    "scan": "scan_pieces angle_sensitivity",
+    "scan_plain": "scan_pieces",
+    "sensing": "sensing",
+    "signals": "effects",
+    "simulation": "simulation",
+    "stationary": "control_pieces blocks",
+}
+
+
 def _of_estimator(tests: str) -> list[str]:
-    return [f"tests/estimator/test_{name}.py" for name in tests.split()]
+    files = [name.partition("::") for name in tests.split()]
+    return [f"tests/estimator/test_{name}.py{mark}{test}" for name, mark, test in files]
 
 
 TESTS: dict[str, list[str]] = {
@@ -167,6 +191,7 @@ TESTS: dict[str, list[str]] = {
     "estimator.completeness.turning": _CLOSING,
     "estimator.gaps": ["tests/estimator/test_gaps.py"],
     **{f"estimator.{module}": _of_estimator(tests) for module, tests in _SHARED.items()},
+    **{f"estimator.kernel.{module}": _of_estimator(tests) for module, tests in _KERNEL.items()},
     **{f"estimator.trace.{module}": _of_estimator(tests) for module, tests in _TRACE.items()},
     **{f"estimator.residual.{module}": _of_estimator(tests) for module, tests in _RESIDUAL.items()},
     **{

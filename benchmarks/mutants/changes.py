@@ -1,7 +1,7 @@
 """Small changes to a module's source, each a way to be wrong: a comparison turned, a sign, a bound, a promise left out.
 
-Messages, annotations, assertions (an assert, and `strict` of a zip, which asserts equal lengths), and functions that
-Numba compiles (which lie in a cache) stay as they are.
+Messages, annotations and assertions (an assert, and `strict` of a zip, which asserts equal lengths) stay as they are,
+and so do functions that Numba compiles where they are taken from its cache.
 """
 
 import ast
@@ -34,7 +34,7 @@ _SWAPPED: dict[type, type] = {
 }
 _OTHER_NAME = {"min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum", "maximum": "minimum"}
 _NEUTRAL = {"str": '""', "bool": "False", "int": "0", "float": "0.0", "bytes": 'b""', "list": "[]", "dict": "{}"}
-_COMPILED = ("njit", "compiled")
+_COMPILED = ("njit", "compiled", "inlined")
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class Mutant:
         return f"{_short(self.before)}  →  {_short(self.after)}"
 
 
-def mutants(source: str) -> list[Mutant]:
-    """Every change that can be made to a module, in the order of its lines."""
-    count = len(list(_edits(ast.parse(source))))
+def mutants(source: str, *, compiled: bool = False) -> list[Mutant]:
+    """Every change that can be made to a module, in the order of its lines; `compiled` functions as well, or not."""
+    count = len(list(_edits(ast.parse(source), compiled)))
     made = []
     for number in range(count):
         tree = ast.parse(source)
-        shown, edit = list(_edits(tree))[number]
+        shown, edit = list(_edits(tree, compiled))[number]
         before = ast.unparse(shown)
         edit()
         after = ast.unparse(shown)
@@ -67,9 +67,9 @@ def mutants(source: str) -> list[Mutant]:
     return sorted(made, key=lambda mutant: mutant.line)
 
 
-def _edits(tree: ast.Module) -> Iterator[tuple[ast.stmt | ast.expr, Callable[[], None]]]:
+def _edits(tree: ast.Module, compiled: bool) -> Iterator[tuple[ast.stmt | ast.expr, Callable[[], None]]]:
     """What is shown of each change, and what makes it in the tree."""
-    for node in _open_to_change(tree):
+    for node in _open_to_change(tree, compiled):
         match node:
             case ast.Compare(ops=[op]):
                 for table in (_TURNED, _BOUND):
@@ -107,6 +107,10 @@ def _edits(tree: ast.Module) -> Iterator[tuple[ast.stmt | ast.expr, Callable[[],
                 yield node, lambda node=node: setattr(node, "value", ast.Constant(...))
 
 
+def _is_compiled(function: ast.FunctionDef) -> bool:
+    return any(name in ast.unparse(mark) for mark in function.decorator_list for name in _COMPILED)
+
+
 def _is_stub(statement: ast.stmt) -> bool:
     """Whether it is the `...` of a protocol, which nothing runs."""
     return ast.unparse(statement) == "..."
@@ -132,7 +136,7 @@ def _is_words(node: ast.stmt) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-def _open_to_change(node: ast.AST) -> Iterator[ast.AST]:
+def _open_to_change(node: ast.AST, compiled: bool) -> Iterator[ast.AST]:
     """All nodes below that a change may be made to."""
     yield node
     for name, value in ast.iter_fields(node):
@@ -143,14 +147,12 @@ def _open_to_change(node: ast.AST) -> Iterator[ast.AST]:
                 continue
             if isinstance(item, ast.JoinedStr | ast.Assert | ast.Import | ast.ImportFrom | ast.arg):
                 continue
-            if isinstance(item, ast.FunctionDef) and any(
-                name in ast.unparse(mark) for mark in item.decorator_list for name in _COMPILED
-            ):
+            if not compiled and isinstance(item, ast.FunctionDef) and _is_compiled(item):
                 continue
             if isinstance(item, ast.If) and ast.unparse(item.test) == "TYPE_CHECKING":
                 continue
             if isinstance(item, ast.AST):
-                yield from _open_to_change(item)
+                yield from _open_to_change(item, compiled)
 
 
 def _short(words: str) -> str:
