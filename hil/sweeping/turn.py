@@ -14,7 +14,8 @@ from hil.records.truth import Truth
 from hil.scoring import Window, angle_error_rad, pattern_angle_rad
 
 Floats = npt.NDArray[np.float64]
-_HARMONICS = 4  # of 2θ: up to 8θ
+_HARMONICS = 2  # of 2θ: 2θ and 4θ
+_CELLS = 64  # of the window, over each of which the error grows by a sum of its own
 _TURN = 2.0 * np.pi
 _STATES = ("x_m", "vx_mps", "y_m", "vy_mps")
 
@@ -37,14 +38,17 @@ def over_a_turn(estimates: Estimates, truth: Truth, window: Window, stiffness_pe
 
 
 def bias_over_a_turn(t_s: Floats, pattern_rad: Floats, error_rad: Floats) -> Turn | None:
-    """By least squares from times, unwrapped pattern angles and errors of the angle (n,)."""
-    if t_s.size < 8 * _HARMONICS or np.ptp(pattern_rad) < _TURN:
+    """From times, unwrapped pattern angles and errors of the angle (n,), by least squares of the error's growth over
+    short parts: an angle's error walks, so that its growths are independent where it is not itself.
+    """
+    if t_s.size < 2 * _CELLS or np.ptp(pattern_rad) < _TURN:
         return None
     phases = 2.0 * np.arange(1, _HARMONICS + 1) * pattern_rad[:, None]
     bias = np.hstack([np.ones((t_s.size, 1)), np.cos(phases), np.sin(phases)])
     middle = 0.5 * (bias[1:] + bias[:-1]) * np.diff(t_s)[:, None]
     summed = np.vstack([np.zeros((1, bias.shape[1])), np.cumsum(middle, axis=0)])
-    found = np.linalg.lstsq(np.hstack([np.ones((t_s.size, 1)), summed]), error_rad, rcond=None)[0][1:]
+    ends = np.linspace(0, t_s.size - 1, _CELLS + 1).astype(int)
+    found = np.linalg.lstsq(np.diff(summed[ends], axis=0), np.diff(error_rad[ends]), rcond=None)[0]
     round_ = 2.0 * np.arange(1, _HARMONICS + 1) * np.linspace(0.0, np.pi, 361)[:, None]
     course = np.hstack([np.cos(round_), np.sin(round_)]) @ found[1:]
     return Turn(float(found[0]), float(np.ptp(course)))
