@@ -141,3 +141,20 @@ def test_a_set_says_what_the_board_did_and_nothing_of_what_is_sealed(tmp_path: P
     )
     assert ours < 3.0
     assert ours < 0.5 * plain
+
+
+def test_the_published_set_is_whole_and_keeps_its_secret() -> None:
+    """Twelve records with their bench files, and a hash for everything that is sealed; nothing of it among them."""
+    published = sorted(Path(task.__file__).parent.glob("sets/*/open"))
+    assert published
+    for public in published:
+        records = task.opened(public)
+        names = [record.name for record in records]
+        hashes = json.loads((public / task.HASHES).read_text())
+        assert set(hashes) == {f"{name}{end}" for name in names for end in (".npz", ".truth.json")}
+        for record in records:
+            assert load_bench(public / f"{record.name}.bench.toml").device.sample_rate_Hz == record.rate_Hz
+            assert record.sense.shape == record.drive.shape
+            assert record.window_sense.shape == (WINDOWS, SEEN, 2)
+            assert record.window_drive.shape == (WINDOWS, SEEN + ASKED, 2)
+        assert not (public.parent / "sealed").exists()
