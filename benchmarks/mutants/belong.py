@@ -133,26 +133,55 @@ _WIRE = {
 }
 
 
+_ORACLES = "blocks::test_estimates_are_the_oracles blocks::test_forgetting_in_haste_and_recalling_are_the_oracles"
+_FOLLOWED = "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
 _KERNEL = {
-    "angle": "control_pieces backends::test_equal_while_the_memory_shortens_and_the_prior_is_recalled",
-    "angle_error": "control_pieces filter_pieces",
-    "block": "blocks",
-    "controller": "control_pieces loop::test_control_law_is_formula_9_with_velocities_and_the_additions_around_it",
-    "experiment": "scan_pieces",
-    "flow": "model effects",
+    "angle": "control_pieces",
+    "angle_error": "control_pieces filter_pieces blocks::test_estimates_are_the_oracles",
+    "block": " ".join(
+        f"blocks::{name}"
+        for name in (
+            "test_every_few_samples_the_state_as_it_is_then",
+            "test_what_is_not_estimated_has_no_deviation_and_stays",
+            "test_a_tick_is_a_block_of_one_sample",
+            "test_a_drive_is_turned_by_the_virtual_rotation_while_it_acts",
+            "test_warmth_reaches_the_effects_that_move_with_it",
+        )
+    ),
+    "controller": "control_pieces filter_pieces",
+    "experiment": "scan_pieces::test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for",
+    "flow": "model::test_flow_is_that_of_an_integrator"
+    " effects::test_jacobian_of_friction_is_that_of_an_integrator"
+    " effects::test_a_late_drive_is_the_recorded_one_moved effects::test_a_late_sense_path_shows_what_was"
+    " effects::test_a_late_sense_path_shows_what_a_spring_did_on_the_way"
+    " effects::test_a_large_effect_is_followed_beyond_what_its_coefficient_is_known_to",
     "foresight": "foresight",
-    "gain_matrix": "gain_matrix",
-    "generated.model": "model effects",
-    "generated.step": "blocks scan_pieces",
+    "gain_matrix": "gain_matrix::test_the_loop_has_the_frequencies_that_were_asked_for"
+    " gain_matrix::test_holds_are_in_it_and_no_faster_than_the_host gain_matrix::test_offsets_cause_no_force",
+    "generated.step": f"{_ORACLES} scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
     "gram": "filter_pieces",
-    "observer": "filter_pieces blocks",
-    "pattern": "pattern control_pieces",
-    "scan": "scan_pieces angle_sensitivity",
-    "scan_plain": "scan_pieces",
-    "sensing": "sensing",
-    "signals": "effects",
-    "simulation": "simulation",
-    "stationary": "control_pieces blocks",
+    "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles",
+    "pattern": "control_pieces filter_pieces",
+    "scan": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less"
+    " scan_pieces::test_the_course_is_kept_at_equal_distances"
+    " scan_pieces::test_an_impulse_leaves_at_the_end_what_the_matrix_exponential_says"
+    " scan_pieces::test_rows_and_pulls_are_products angle_sensitivity",
+    "scan_plain": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less",
+    "sensing": "sensing::test_derivatives_are_those_of_differences sensing::test_free_run_shows_what_scipy_computes",
+    "signals": " ".join(
+        f"effects::test_{name}"
+        for name in (
+            "a_drive_behind_a_lag_is_that_of_an_integrator",
+            "a_low_pass_is_the_filter_behind_the_mass",
+            "a_drive_integrated_with_a_leak_is_that_of_an_integrator",
+            "a_resonator_follows_its_equation",
+            "friction_is_followed_through_turning_points",
+        )
+    ),
+    "simulation": "simulation::test_a_driven_single_axis_with_effects_runs_as_an_independent_integrator_says"
+    " simulation::test_derivatives_are_those_of_differences",
+    "stationary": "control_pieces::test_the_ideal_orbit_is_held_by_the_holding_force"
+    " blocks::test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit",
 }
 
 

@@ -5,8 +5,10 @@ and so do functions that Numba compiles where they are taken from its cache.
 """
 
 import ast
+import copy
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 _TURNED: dict[type, type] = {
     ast.Lt: ast.Gt,
@@ -39,12 +41,17 @@ _COMPILED = ("njit", "compiled", "inlined")
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the line it is on, what stood there and what stands there now, and the whole module with it."""
+    """One change: the line it is on, what stood there and what stands there now; `make` writes the whole module."""
 
     line: int
     before: str
     after: str
-    source: str
+    make: Callable[[], str]
+
+    @property
+    def source(self) -> str:
+        """The whole module with it."""
+        return self.make()
 
     @property
     def words(self) -> str:
@@ -54,17 +61,28 @@ class Mutant:
 
 def mutants(source: str, *, compiled: bool = False) -> list[Mutant]:
     """Every change that can be made to a module, in the order of its lines; `compiled` functions as well, or not."""
-    count = len(list(_edits(ast.parse(source), compiled)))
+    tree = ast.parse(source)
     made = []
-    for number in range(count):
-        tree = ast.parse(source)
-        shown, edit = list(_edits(tree, compiled))[number]
-        before = ast.unparse(shown)
-        edit()
-        after = ast.unparse(shown)
-        if after != before:
-            made.append(Mutant(shown.lineno, before, after, ast.unparse(ast.fix_missing_locations(tree))))
+    for place, statement in enumerate(tree.body):
+        for number in range(len(list(_edits(_alone(statement), compiled)))):
+            changed = _alone(copy.deepcopy(statement))
+            shown, edit = list(_edits(changed, compiled))[number]
+            before = ast.unparse(shown)
+            edit()
+            after = ast.unparse(shown)
+            if after != before:
+                make = partial(_written, tree, place, changed.body[0])
+                made.append(Mutant(shown.lineno, before, after, make))
     return sorted(made, key=lambda mutant: mutant.line)
+
+
+def _alone(statement: ast.stmt) -> ast.Module:
+    return ast.Module([statement], [])
+
+
+def _written(tree: ast.Module, place: int, changed: ast.stmt) -> str:
+    body = [*tree.body[:place], changed, *tree.body[place + 1 :]]
+    return ast.unparse(ast.fix_missing_locations(ast.Module(body, [])))
 
 
 def _edits(tree: ast.Module, compiled: bool) -> Iterator[tuple[ast.stmt | ast.expr, Callable[[], None]]]:

@@ -26,7 +26,7 @@ class Named:
         if source.count(self.before) != 1:
             raise SystemExit(f"{self.module}: {self.before!r} stands there {source.count(self.before)} times, not once")
         line = source[: source.index(self.before)].count("\n") + 1
-        return Mutant(line, self.before, self.after, source.replace(self.before, self.after))
+        return Mutant(line, self.before, self.after, lambda: source.replace(self.before, self.after))
 
 
 _CERTAINTY = ("tests/estimator/test_certainty.py",)

@@ -38,9 +38,10 @@ def advance(
     correct(settings, active, constants, table, estimate, sample, work)
     memory.time += h
     remember_drive(settings, memory, sample.u)
+    nu, variance = work.innovation, work.variance
     for axis in range(settings.axes):
-        row.nu[axis] = work.innovation[axis]
-        row.s[axis] = work.variance[axis]
+        row.nu[axis] = nu[axis]
+        row.s[axis] = variance[axis]
     if settings.axes == 2:
         read_angle(settings, memory, x, h, row)
         if refer_angle(settings, memory):

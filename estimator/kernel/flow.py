@@ -83,17 +83,15 @@ def effect_forces(settings: Record, c: Floats, s: Floats, push: Push) -> None:
     """Sum of the effects' forces (axes,) at state s, drive and signals in push, and its derivatives (axes, states),
     (axes, constants).
     """
+    force, by_states, by_constants, drive, signals = push
     if settings.kinked == 1:
-        directions(settings, s, push.signals)
-    push.force[:] = 0.0
-    push.by_states[:] = 0.0
-    push.by_constants[:] = 0.0
+        directions(settings, s, signals)
+    force[:] = 0.0
+    by_states[:] = 0.0
+    by_constants[:] = 0.0
     for e in range(settings.effect_count):
         number, first, signal = settings.effects[e]
-        _effect_force(
-            number, settings.model, c, s, push.drive, push.signals, first, signal,
-            push.force, push.by_states, push.by_constants,
-        )  # fmt: skip
+        _effect_force(number, settings.model, c, s, drive, signals, first, signal, force, by_states, by_constants)
 
 
 @compiled
@@ -117,16 +115,17 @@ def by_velocity(settings: Record, by_states: Floats) -> bool:
 
 
 @inlined
-def kick(settings: Record, c: Floats, weight: float, columns: int, s: Floats, work: FlowWork) -> None:
+def kick(
+    settings: Record, c: Floats, weight: float, columns: int, s: Floats, b: Floats, out: Floats, push: Push
+) -> None:
     """Give the velocities in the columns of out the impulse weight × the effects' forces, sensitivities alike; s
-    (states,) is scratch.  columns is 1 or all of out's.
+    (states,) and b, of out's shape, are scratch.  columns is 1 or all of out's.
 
     A force that depends on the velocity changes during the impulse: it is taken from its middle.  There the velocities
     are v + ½ weight f, so that with f' = ∂f/∂v the derivatives of the whole are those in the middle, and ½ weight f'
     times those at the start.
     """
-    b, out, push = work.other, work.out, work.push
-    force, by_states, by_constants = push.force, push.by_states, push.by_constants
+    force, by_states, by_constants, _, _ = push
     states = out.shape[0]
     for i in range(states):
         s[i] = out[i, 0]
@@ -166,7 +165,7 @@ def push_two(first: int, weight: float, out: Floats, push: Push) -> None:
     """The velocities of two axes in out ← what weight × the forces in push, linear in its columns, leave of them; of
     the constants from `first` on.
     """
-    force, by_states, by_constants = push.force, push.by_states, push.by_constants
+    force, by_states, by_constants, _, _ = push
     columns = out.shape[1]
     own = by_constants.shape[1]
     vx = out[1, 0] + weight * force[0]
@@ -199,7 +198,7 @@ def push_two(first: int, weight: float, out: Floats, push: Push) -> None:
 @inlined
 def push_one(first: int, weight: float, out: Floats, push: Push) -> None:
     """The same of a single axis."""
-    force, by_states, by_constants = push.force, push.by_states, push.by_constants
+    force, by_states, by_constants, _, _ = push
     for j in range(1, out.shape[1]):
         pushed = by_states[0, 0] * out[0, j] + by_states[0, 1] * out[1, j]
         if j > 2:
@@ -232,7 +231,8 @@ def advance_columns(settings: Record, interval: Interval, c: Floats, columns: in
     """
     order = settings.order
     time, h, u = interval.time, interval.h, interval.u
-    term, out = work.term, work.out
+    term, other, out, push = work  # here and not in the loop: taking an array out of a tuple counts its references
+    drive, signals = push.drive, push.signals
     if settings.pushes == 0:
         taylor(settings.model, c, u, h, order, columns, term, out)
         return
@@ -245,9 +245,9 @@ def advance_columns(settings: Record, interval: Interval, c: Floats, columns: in
         taylor(settings.model, c, part, length * h, order, columns, term, out)
         at += length
         if stage < len(KICKS):
-            drive_at(u, at, work.push.drive)
-            line_values(settings, time + at * h, work.push.signals)
-            kick(settings, c, KICKS[stage] * h, columns, s, work)
+            drive_at(u, at, drive)
+            line_values(settings, time + at * h, signals)
+            kick(settings, c, KICKS[stage] * h, columns, s, other, out, push)
 
 
 @compiled

@@ -524,6 +524,7 @@ def predict_measurement(
     z, u, h = sample.z, sample.u, sample.h
     states = settings.states
     jacobian, full, predicted, push = work.jacobian, work.full, work.predicted, work.flow.push
+    nu, noise = work.innovation, work.noise
     full[:] = 0.0
     if senses_otherwise(settings):
         drive_at(u, 1.0, push.drive)
@@ -537,8 +538,8 @@ def predict_measurement(
     for channel in range(settings.axes):
         usable = np.isfinite(z[channel])
         measured = measured or usable
-        work.innovation[channel] = z[channel] - predicted[channel] if usable else 0.0
-        work.noise[channel] = settings.noise[channel]
+        nu[channel] = z[channel] - predicted[channel] if usable else 0.0
+        noise[channel] = settings.noise[channel]
         for j in range(states):
             jacobian[channel, j] = full[channel, j] if usable else 0.0
         for k in range(active.shape[0]):

@@ -167,6 +167,7 @@ def test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit() -> None:
     settings = ObserverSettings(gain=Gain.FADING, memory=0.05, process_noise=NOISE)
     one = Observer(TRUTH.device(), settings)
     a = one.arrays
+    a.settings["ignored"][0] = 0.5 * a.settings["noise"][0]
     total, weight = np.zeros((32, 32, 13, 2)), np.zeros((32, 32))
     gather_gains(a._replace(p=a.p.copy()), Course(5e-3, one.h, 12, 1), total, weight)
     assert weight.sum() == 1.0
@@ -174,7 +175,7 @@ def test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit() -> None:
     p = gained(one, 13)
     h = np.zeros((2, 13))
     h[0, [0, 4]] = h[1, [2, 5]] = 1.0
-    expected = np.linalg.solve(h @ p @ h.T + np.diag(a.settings["noise"][0]), h @ p).T
+    expected = np.linalg.solve(h @ p @ h.T + 1.5 * np.diag(a.settings["noise"][0]), h @ p).T
     np.testing.assert_allclose(total[i, j], expected, rtol=1e-6, atol=1e-9)
     theta = 5e-3 * one.h * 13
     assert i == round((0.5 * np.pi - theta) / np.pi * 32) % 32
@@ -189,7 +190,7 @@ def gained(one: Observer, steps: int) -> Array:
     p = a.p.copy()
     fade = float(a.settings["fade"][0])
     prior = a.prior
-    noise = np.diag(a.settings["noise"][0])
+    noise = 1.5 * np.diag(a.settings["noise"][0])
     measure = np.zeros((2, 13))
     measure[0, [0, 4]] = measure[1, [2, 5]] = 1.0
 

@@ -1,5 +1,7 @@
 """What the board must have done in a gap, beside a board and a gyro written out in the test."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -89,3 +91,21 @@ def test_a_board_that_is_armed_again_has_forgotten() -> None:
     foresight.arm()
     foresight.follow(50, np.full((10, 2), 1000, np.int32))
     assert not foresight.foresee(60, 5).any()
+
+
+@pytest.mark.parametrize("delay", [1, 5])
+def test_what_a_board_filters_is_this_sample_and_an_earlier_one(delay: int) -> None:
+    """A filter with all of its terms, row by row beside the board's law in NumPy."""
+    observer = Case().observer()
+    board = replace(luenberger(observer.h), c=(0.3, -0.2), delay=delay)
+    gain = 0.1 * np.arange(1.0, 9.0).reshape(2, 4)
+    foresight = Foresight(observer, board, LIMIT, (0, SEED))
+    foresight.tell(gain, np.array([3.0, -4.0]), 0)
+    codes = np.random.default_rng(2).integers(-2000, 2000, (40, 2)).astype(np.int32)
+    foresight.follow(0, codes)
+    other = Board(board, gain, np.array([3.0, -4.0]), observer.latency)
+    for row in codes:
+        expected = other.drive(row.astype(float))
+    drives = foresight.foresee(40, 1)
+    np.testing.assert_allclose(drives[0], expected, atol=0.5001)
+    assert np.abs(expected).max() > 100.0
