@@ -141,6 +141,7 @@ _KERNEL = {
     "block": " ".join(
         f"blocks::{name}"
         for name in (
+            "test_a_late_path_finds_the_drives_of_the_intervals_before",
             "test_every_few_samples_the_state_as_it_is_then",
             "test_what_is_not_estimated_has_no_deviation_and_stays",
             "test_a_tick_is_a_block_of_one_sample",
@@ -168,7 +169,8 @@ _KERNEL = {
     " scan_pieces::test_rows_and_pulls_are_products angle_sensitivity",
     "scan_plain": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less",
     "sensing": "sensing::test_derivatives_are_those_of_differences sensing::test_free_run_shows_what_scipy_computes",
-    "signals": " ".join(
+    "signals": "control_pieces "
+    + " ".join(
         f"effects::test_{name}"
         for name in (
             "a_drive_behind_a_lag_is_that_of_an_integrator",

@@ -255,3 +255,16 @@ def gained(one: Observer, steps: int) -> Array:
         rest = np.eye(13) - np.outer(k, np.eye(13)[entry])
         p = rest @ p @ rest.T + prior[entry - 4] * np.outer(k, k)
     return p
+
+
+@pytest.mark.parametrize("effects", [{}, {"drive_delay": {}}, {"sense_delay": {}}])
+def test_a_late_path_finds_the_drives_of_the_intervals_before(
+    record: tuple[Array, Array], effects: dict[str, dict[str, float]]
+) -> None:
+    """Newest first, after a block as after single samples; nothing is kept where no path is late."""
+    sense, drive = record
+    one = Observer(TRUTH.device(), ObserverSettings(effects=effects, memory=0.02))
+    one.run(sense[:5], drive[:5])
+    one.run(sense[5:6], drive[5:6])
+    kept = one.arrays.memory["past"][0, :6, :, 0] * one.scaling.drive
+    np.testing.assert_allclose(kept, drive[5::-1] if effects else np.zeros((6, 2)), rtol=1e-12)

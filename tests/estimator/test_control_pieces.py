@@ -7,12 +7,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from estimator.effects.declaration import Source
 from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.angle_error import correct_angle, note_gradient, recall_angle, refer_angle
 from estimator.kernel.controller import advance_queue, command, dither_force, holds, undo_effects
-from estimator.kernel.layout import OUTPUT, PHI_X, RATE
+from estimator.kernel.layout import MAX_SIGNALS, OUTPUT, PHI_X, RATE
 from estimator.kernel.observer import workspace
 from estimator.kernel.pattern import pattern
+from estimator.kernel.signals import directions
 from estimator.kernel.stationary import holding_force, orbit
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, ObserverSettings
@@ -363,3 +365,20 @@ def test_the_ideal_orbit_is_held_by_the_holding_force() -> None:
     assert math.sin(double + 2 * rotation * 7.0) == pytest.approx(0.0, abs=1e-12)
     assert energy == pytest.approx(0.5 * (1.0 + rotation**2), rel=1e-12)
     assert momentum == pytest.approx(0.0, abs=1e-15)
+
+
+def test_only_a_direction_turns_over_with_the_motion() -> None:
+    """Of signals beside one another, and of an axis that there is; each with its derivative by the velocity."""
+    made = observer()
+    settings = made.arrays.settings
+    kinds = [(Source.PARAMETER, 0), (Source.DIRECTION, 1), (Source.DIRECTION, 0), (Source.DIRECTION, 2)]
+    settings["signals"][0, :4] = [(source.value, axis, -1) for source, axis in kinds]
+    settings["signal_parameters"][0, :4, 0] = 7.0, 0.1, 0.2, 0.3
+    settings["signal_count"] = 4
+    values = np.full(2 * MAX_SIGNALS, 9.0)
+    directions(settings[0], np.array([0.5, 0.03, -0.4, -0.02]), values)
+    x, y = math.tanh(0.03 / 0.2), math.tanh(-0.02 / 0.1)
+    expected = np.full(2 * MAX_SIGNALS, 9.0)
+    expected[[1, 2]] = y, x
+    expected[[MAX_SIGNALS + 1, MAX_SIGNALS + 2]] = (1.0 - y * y) / 0.1, (1.0 - x * x) / 0.2
+    np.testing.assert_allclose(values, expected, rtol=1e-12)
