@@ -39,6 +39,12 @@ MOST_PARTS = 256.0
 """Of a step in which friction turns over: in v0, how near to rest that is; parts while the velocity moves by v0; and no
 more than that, for a v0 of next to nothing.
 """
+_TURNING_OVER = (
+    ForceKind.DRY_FRICTION,
+    ForceKind.DRY_FRICTION_ASYMMETRIC,
+    ForceKind.STRIBECK_FRICTION,
+    ForceKind.DRY_FRICTION_RADIAL,
+)
 STATES = 4 + MAX_INNER
 """Longest state vector: x, ẋ, y, ẏ and what the effects have of their own."""
 
@@ -158,16 +164,23 @@ def parts(
     """Into how many equal parts a step has to be cut for dry friction that turns over in it; 1 where none does."""
     most = 1.0
     for effect in hidden:
-        if effect.kind != ForceKind.DRY_FRICTION and effect.kind != ForceKind.DRY_FRICTION_ASYMMETRIC:
+        if effect.kind not in _TURNING_OVER:
             continue
+        radial = effect.kind == ForceKind.DRY_FRICTION_RADIAL
+        rest = effect.c[1 if radial else 2]
         rate_rad_s, slope_rad_s2 = rate.rate_at(piece, t_s)
         x, vx, y, vy = motion[0], motion[1], motion[2], motion[3]
         ax, ay = acceleration(plant, rate_rad_s, slope_rad_s2, push[0], push[1], x, vx, y, vy)
-        near = TURNOVER * effect.c[2]
+        near = TURNOVER * rest
+        if radial:
+            moved_by = h * math.hypot(ax, ay)
+            if math.hypot(vx + 0.5 * ax * h, vy + 0.5 * ay * h) < 0.5 * moved_by + near:
+                most = max(most, PARTS_PER_REST * moved_by / rest)
+            continue
         for friction, v, a in ((effect.c[0], vx, ax), (effect.c[1], vy, ay)):
             moved_by = abs(a * h)
             if friction != 0.0 and abs(v + 0.5 * a * h) < 0.5 * moved_by + near:
-                most = max(most, PARTS_PER_REST * moved_by / effect.c[2])
+                most = max(most, PARTS_PER_REST * moved_by / rest)
     return math.ceil(min(most, MOST_PARTS))
 
 

@@ -33,7 +33,22 @@ class ForceKind(IntEnum):
     PARAMETRIC_STIFFNESS = 16
     NONLINEAR_COUPLING = 17
     UNEQUAL_MASSES = 18
+    STRIBECK_FRICTION = 81
+    NONLINEAR_DAMPING_RADIAL = 82
+    DRAG_RADIAL = 83
+    CUBIC_DAMPING_RADIAL = 84
+    DRY_FRICTION_RADIAL = 85
+    DAMPING_ASYMMETRIC = 86
+    DRAG = 87
+    CUBIC_DAMPING = 88
 
+
+_ALONG_THE_MOTION = (
+    ForceKind.NONLINEAR_DAMPING_RADIAL,
+    ForceKind.DRAG_RADIAL,
+    ForceKind.CUBIC_DAMPING_RADIAL,
+    ForceKind.DRY_FRICTION_RADIAL,
+)
 
 _FRICTION = (*per_axis("f", "m/s²"), given("v0", "m/s"))
 
@@ -43,6 +58,20 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
     ForceKind.QUADRATIC_STIFFNESS: Declaration("-k2x x^2, -k2y y^2", per_axis("k2", "1/(m·s²)")),
     ForceKind.NONLINEAR_DAMPING: Declaration("-d3x x^2 x', -d3y y^2 y'", per_axis("d3", "1/(m²·s)")),
     ForceKind.DRY_FRICTION: Declaration("-fx tanh(x'/v0), -fy tanh(y'/v0)", _FRICTION),
+    ForceKind.STRIBECK_FRICTION: Declaration(
+        "-stx tanh(x'/v0) exp(-(x'/vs)^2), -sty (...): what friction at rest has beside that of motion",
+        (*per_axis("st", "m/s²"), given("v0", "m/s"), given("vs", "m/s")),
+    ),
+    ForceKind.NONLINEAR_DAMPING_RADIAL: Declaration("-d3r r^2 (x', y')", (Coefficient("d3r", "1/(m²·s)"),)),
+    ForceKind.DRAG: Declaration("-dqx |x'| x', -dqy |y'| y'", per_axis("dq", "1/m")),
+    ForceKind.DRAG_RADIAL: Declaration("-dqr |v| (x', y')", (Coefficient("dqr", "1/m"),)),
+    ForceKind.CUBIC_DAMPING: Declaration("-dcx x'^3, -dcy y'^3", per_axis("dc", "s/m²")),
+    ForceKind.CUBIC_DAMPING_RADIAL: Declaration("-dcr |v|^2 (x', y')", (Coefficient("dcr", "s/m²"),)),
+    ForceKind.DAMPING_ASYMMETRIC: Declaration("-dax |x'|, -day |y'|", per_axis("da", "1/s")),
+    ForceKind.DRY_FRICTION_RADIAL: Declaration(
+        "-fr (x', y') / sqrt(|v|^2 + v0^2): against the motion, whatever its direction",
+        (Coefficient("fr", "m/s²"), given("v0", "m/s")),
+    ),
     ForceKind.CONSTANT_FORCE: Declaration("+ax, +ay", per_axis("a", "m/s²")),
     ForceKind.BASE_VIBRATION: Declaration("+ax sin(2 pi f t + psi_x), +ay sin(...)", (*per_axis("a", "m/s²"), *LINE)),
     ForceKind.DRY_FRICTION_ASYMMETRIC: Declaration(
@@ -133,6 +162,23 @@ def force(
             tx, ty = math.tanh(vx / c[2]), math.tanh(vy / c[2])
             ax -= c[0] * (tx + c[3] * tx * tx)
             ay -= c[1] * (ty + c[4] * ty * ty)
+        elif kind == ForceKind.STRIBECK_FRICTION:
+            slipx, slipy = vx / c[3], vy / c[3]
+            ax -= c[0] * math.tanh(vx / c[2]) * math.exp(-slipx * slipx)
+            ay -= c[1] * math.tanh(vy / c[2]) * math.exp(-slipy * slipy)
+        elif kind == ForceKind.DRAG:
+            ax -= c[0] * abs(vx) * vx
+            ay -= c[1] * abs(vy) * vy
+        elif kind == ForceKind.CUBIC_DAMPING:
+            ax -= c[0] * vx * vx * vx
+            ay -= c[1] * vy * vy * vy
+        elif kind == ForceKind.DAMPING_ASYMMETRIC:
+            ax -= c[0] * abs(vx)
+            ay -= c[1] * abs(vy)
+        elif kind in _ALONG_THE_MOTION:
+            loss = _loss(kind, c, x * x + y * y, math.sqrt(vx * vx + vy * vy))
+            ax -= loss * vx
+            ay -= loss * vy
         elif kind == ForceKind.CONSTANT_FORCE:
             ax += c[0]
             ay += c[1]
@@ -188,6 +234,20 @@ def force(
             ds[at + 1] = 0.0
     ds[1] += ax
     ds[3] += ay
+
+
+@compiled
+def _loss(kind: int, c: NDArray[np.float64], r2: float, speed: float) -> float:
+    """Damping 1/s of a law in the plane, at the squared distance r2 from the centre and that speed."""
+    if kind == ForceKind.NONLINEAR_DAMPING_RADIAL:
+        rate: float = c[0] * r2
+    elif kind == ForceKind.DRAG_RADIAL:
+        rate = c[0] * speed
+    elif kind == ForceKind.CUBIC_DAMPING_RADIAL:
+        rate = c[0] * speed * speed
+    else:
+        rate = c[0] / math.hypot(speed, c[1])
+    return rate
 
 
 @compiled

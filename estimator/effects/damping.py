@@ -10,6 +10,10 @@ d3x, d3y, d3, fx, fy, fax, fay = sp.symbols("d3x d3y d3 fx fy fax fay")
 dax, day, dqx, dqy, dcx, dcy = sp.symbols("dax day dqx dqy dcx dcy")
 SMOOTHING = sp.Float(0.01)  # of A ω0: below this velocity asymmetric damping turns over smoothly
 directionx, directiony, v0 = sp.symbols("directionx directiony v0")
+stx, sty, vs, d3r, fr, dqr, dcr = sp.symbols("stx sty vs d3r fr dqr dcr")
+
+_RADIUS2 = x**2 + y**2
+_SPEED2 = vx**2 + vy**2
 
 _REST = (Parameter(v0, "v0", 1, -1, default=0.01),)  # about as slow, friction turns over
 _DIRECTIONS = (Signal(directionx, Source.DIRECTION, 0), Signal(directiony, Source.DIRECTION, 1))
@@ -103,4 +107,91 @@ DRY_FRICTION_ASYMMETRIC = Effect(
     look_alikes={"constant_force": "standing still"},
     signs=EVEN,
     search=Search.SPEEDS,
+)
+
+STRIBECK_FRICTION = Effect(
+    name="stribeck_friction",
+    number=36,
+    on_request=True,
+    title="Dry friction that falls with the speed",
+    coefficients=(
+        Coefficient(stx, "stx", 0.01, 1, -2, positive=True),
+        Coefficient(sty, "sty", 0.01, 1, -2, positive=True),
+    ),
+    parameters=(*_REST, Parameter(vs, "vs", 1, -1)),
+    signals=(*_DIRECTIONS, Signal(vs, Source.PARAMETER)),
+    force=(-stx * directionx * sp.exp(-((vx / vs) ** 2)), -sty * directiony * sp.exp(-((vy / vs) ** 2))),
+    source="what static friction has beside Coulomb's, f exp(−(v/vs)²); Stribeck 1902; Armstrong-Hélouvry, Dupont & "
+    "Canudas de Wit, Automatica 30(7), 1994",
+    signature="more force at creeping speed than at full",
+    undone=Undone.CANCEL,
+    look_alikes={"dry_friction": "steps of speed"},
+    signs=ODD,
+)
+
+NONLINEAR_DAMPING_RADIAL = Effect(
+    name="nonlinear_damping_radial",
+    number=37,
+    plane=True,
+    on_request=True,
+    title="Damping that grows with the distance from the centre",
+    coefficients=(Coefficient(d3r, "d3r", 0.01, -2, -1),),
+    force=(-d3r * _RADIUS2 * vx, -d3r * _RADIUS2 * vy),
+    source="Van der Pol term in the plane, r² v: squeeze film under a mass that both axes move",
+    signature="ring-down that is not exponential, as fast on a line as on a circle",
+    undone=Undone.CANCEL,
+    look_alikes={"nonlinear_damping": "orbits of different shape"},
+    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
+    kin=Kin.DAMPING,
+)
+
+DRAG_RADIAL = Effect(
+    name="drag_radial",
+    number=38,
+    plane=True,
+    on_request=True,
+    title="Drag against the motion, with the square of the speed",
+    coefficients=(Coefficient(dqr, "dqr", 0.01, -1, positive=True),),
+    force=(-dqr * sp.sqrt(_SPEED2 + SMOOTHING**2) * vx, -dqr * sp.sqrt(_SPEED2 + SMOOTHING**2) * vy),
+    source="turbulent drag of a body that moves in the plane, ½ ρ c A |v| v; Nayfeh & Mook 1979, ch. 3",
+    signature="ring-down faster than exponential at first",
+    undone=Undone.CANCEL,
+    look_alikes={"drag": "orbits of different shape", "cubic_damping_radial": "steps of amplitude"},
+    signs=ODD,
+    kin=Kin.DAMPING,
+)
+
+CUBIC_DAMPING_RADIAL = Effect(
+    name="cubic_damping_radial",
+    number=39,
+    plane=True,
+    on_request=True,
+    title="Damping against the motion, with the cube of the speed",
+    coefficients=(Coefficient(dcr, "dcr", 0.01, -2, 1),),
+    force=(-dcr * _SPEED2 * vx, -dcr * _SPEED2 * vy),
+    source="Rayleigh's damping term in the plane, |v|² v; Nayfeh & Mook 1979, ch. 3",
+    signature="ring-down faster than exponential at first",
+    undone=Undone.CANCEL,
+    look_alikes={"nonlinear_damping_radial": "forces off the resonance", "cubic_damping": "orbits of different shape"},
+    signs=ODD,
+    kin=Kin.DAMPING,
+)
+
+DRY_FRICTION_RADIAL = Effect(
+    name="dry_friction_radial",
+    number=40,
+    plane=True,
+    on_request=True,
+    title="Dry friction against the motion",
+    coefficients=(Coefficient(fr, "fr", 0.01, 1, -2, positive=True),),
+    parameters=_REST,
+    signals=(*_DIRECTIONS, Signal(v0, Source.PARAMETER)),  # directions: the flow stops where the mass turns
+    force=(-fr * vx / sp.sqrt(_SPEED2 + v0**2), -fr * vy / sp.sqrt(_SPEED2 + v0**2)),
+    source="Coulomb's law of a body that slides in the plane, v/|v|, |v| taken as √(v² + v0²)",
+    signature="ring-down that is linear in time and ends, on a circle as on a line",
+    undone=Undone.CANCEL,
+    look_alikes={"dry_friction": "orbits of different shape"},
+    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
+    search=Search.SPEEDS,
+    kin=Kin.DAMPING,
 )

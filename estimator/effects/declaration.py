@@ -129,7 +129,9 @@ class Effect:
     The rest is how a trace looks for it: `signs` of a residual that point at it, the most telling first; `search`,
     where its parameters come from; `kin`, who a scan cannot tell from it; `simpler`, the effect that it is where its
     threshold is passed by every drive or by none; `gain`, whether its coefficients are relative to a declared gain,
-    which has the other sign where they are below −1.  `number` is its place in the catalogue, by which a compiled
+    which has the other sign where they are below −1; `plane`, whether it is the radial form of another effect, which
+    is all that a single axis has of it; `on_request`, whether it is tried only where a problem asks for it, since how often
+    a trace that tries it names it wrongly was not measured.  `number` is its place in the catalogue, by which a compiled
     kernel knows it.
 
     An effect without coefficients is `declared_only`: what it does no record can tell from something else, so it is
@@ -156,6 +158,8 @@ class Effect:
     kin: Kin | None = None
     simpler: str = ""
     gain: bool = False
+    plane: bool = False
+    on_request: bool = False
 
     @property
     def declared_only(self) -> bool:
@@ -171,6 +175,8 @@ class Effect:
         """The effect on a device with that many axes, None where nothing of it is left."""
         if axes == 2:
             return self
+        if self.plane:
+            return None
         if self.delayed is not None:
             return replace(self, coefficients=self.coefficients[:1])
         absent = {y: 0, vy: 0, uy: 0}

@@ -7,6 +7,7 @@ from estimator.rate_sensor.declaration import Effect
 EFFECTS: tuple[Effect, ...] = (
     characteristic.SATURATION,
     characteristic.SOFT_SATURATION,
+    characteristic.FOLD_BACK,
     characteristic.CUBIC,
     characteristic.QUADRATIC,
     characteristic.SCALE_ASYMMETRY,
@@ -15,6 +16,7 @@ EFFECTS: tuple[Effect, ...] = (
     dynamics.LAG,
     dynamics.SECOND_ORDER,
     dynamics.DELAY,
+    dynamics.MOVING_MEAN,
     dynamics.REFERENCE_LAG,
     dynamics.REFERENCE_NOISE,
     surroundings.DRIFT,

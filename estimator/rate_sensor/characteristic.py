@@ -166,3 +166,25 @@ SOFT_SATURATION = Effect(
     undone="the curve is inverted up to its limits; beyond them the rate is not in the record",
     look_alikes={"saturation": "rates close to the limit", "cubic": "rates beyond the range"},
 )
+
+
+def _folded(volts: Array, c: Array, record: SensorRecord, declared: Range) -> Array:
+    low, high, slope = c
+    return np.asarray(volts - (1.0 + slope) * (np.maximum(volts - high, 0.0) - np.maximum(low - volts, 0.0)))
+
+
+FOLD_BACK = Effect(
+    name="fold_back",
+    title="An output that comes back beyond its limits",
+    equation="V → hi − s (V − hi) above hi, lo + s (lo − V) below lo",
+    coefficients=(Coefficient("lo", "V"), Coefficient("hi", "V"), Coefficient("s", "1")),
+    stage=Stage.LIMIT,
+    act=_folded,
+    starts=lambda record, declared: tuple(
+        (*limits, slope) for limits in _limits(record, declared) for slope in (0.2, 1.0)
+    ),
+    bounds=lambda record, declared: (*_limit_bounds(record, declared), (0.0, 3.0)),
+    source="overload of the demodulator or of the closed loop: the gain changes its sign; IEEE Std 1431, input limits",
+    undone="nothing: one voltage is that of two rates",
+    look_alikes={"saturation": "rates far beyond the limit", "cubic": "rates far beyond the limit"},
+)

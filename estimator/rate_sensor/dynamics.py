@@ -94,6 +94,36 @@ DELAY = Effect(
 )
 
 
+def moving_mean(rate: Array, window: float, step: float) -> Array:
+    """Mean of the rate over the last `window` seconds, the rate straight between its samples and at rest before."""
+    times = np.arange(len(rate)) * step
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])
+    if window < 1e-3 * step:
+        return rate
+    before = times - window
+    row = np.clip(np.floor(before / step).astype(int), 0, max(len(rate) - 2, 0))
+    into = np.maximum(before - row * step, 0.0)
+    slope = (rate[row + 1] - rate[row]) / step
+    then = np.where(before < 0.0, rate[0] * before, turned[row] + into * (rate[row] + 0.5 * slope * into))
+    return np.asarray((turned - then) / window)
+
+
+MOVING_MEAN = Effect(
+    name="moving_mean",
+    title="Moving mean",
+    equation="Ω → (1/T) ∫ Ω dt over the last T",
+    coefficients=(Coefficient("T", "s"),),
+    stage=Stage.RATE,
+    act=lambda rate, c, record, declared: moving_mean(rate, float(c[0]), _step(record)),
+    starts=lambda record, declared: ((3.0 * _step(record),), (15.0 * _step(record),)),
+    bounds=lambda record, declared: ((0.0, _LONGEST),),
+    source="digital output that averages: a comb filter of first order; Hogenauer 1981",
+    undone="nothing: its zeros take rates at multiples of 1/T out of the record",
+    needs="time",
+    look_alikes={"lag": "faster changes of the rate", "delay": "faster changes of the rate"},
+)
+
+
 def _lead(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Array:
     return np.asarray(rate + c[0] * np.gradient(rate, _step(record)))
 

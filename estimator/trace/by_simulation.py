@@ -64,7 +64,7 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     part = problem.part(slice(0, _SET.compared))
     choice, later = parts_of(part.record, skip)
     known = tuple(problem.effects)
-    model = FreeRunModel(part, choice, later, candidates(problem.device, problem.settings))
+    model = FreeRunModel(part, choice, later, candidates(problem.device, problem.settings, problem.asked))
     start = fitted(part, known, None, choice)
     chosen = choose(model, start, RULES, lambda done, most: progress("free runs", done, most))
     effects = chosen.fit.effects

@@ -4,7 +4,7 @@ Where the values come from, an effect's declaration says (`Search`): a frequency
 where it follows the drive, a threshold from how far drive and signal reach.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -45,14 +45,19 @@ def searched_by(name: str) -> Search | None:
     return None if effect is None else effect.search
 
 
-def watch_list(record: Record, device: Device, innovation: Array, deviation: Array) -> dict[str, Parameters]:
+def watch_list(
+    record: Record, device: Device, innovation: Array, deviation: Array, asked: Collection[str] = ()
+) -> dict[str, Parameters]:
     """Effects to watch, by name (with a label where there are several), each with its parameters in SI.
 
-    innovation, deviation (n, axes) V: of an observer that carries what is known so far.
+    innovation, deviation (n, axes) V: of an observer that carries what is known so far; asked: names of those wanted
+    that are tried on request only.
     """
     watched: dict[str, Parameters] = {}
     for effect in (*EFFECTS, *device.own):
         if effect.declared_only or effect.on(device.axes) is None or not _has_signals(effect.signals, record):
+            continue
+        if effect.on_request and effect.name not in asked:
             continue
         if effect.delayed is not None and not np.any(record.drive):
             continue
@@ -67,7 +72,7 @@ def watch_list(record: Record, device: Device, innovation: Array, deviation: Arr
         Search.MODES: _of_modes(record, device, whitened),
     }
     for search, found in values.items():
-        watched |= _watched_by(search, found, device)
+        watched |= _watched_by(search, found, device, asked)
     return watched | _of_own(device, record, watched)
 
 
@@ -75,9 +80,15 @@ def _labelled(shares: Sequence[float], of: float) -> Values:
     return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
 
 
-def _watched_by(search: Search, values: Values, device: Device) -> dict[str, Parameters]:
+def _watched_by(search: Search, values: Values, device: Device, asked: Collection[str]) -> dict[str, Parameters]:
     """All effects of the catalogue that are searched like that, each at all those values."""
-    effects = [effect for effect in EFFECTS if effect.search is search and effect.on(device.axes) is not None]
+    effects = [
+        effect
+        for effect in EFFECTS
+        if effect.search is search
+        and effect.on(device.axes) is not None
+        and (not effect.on_request or effect.name in asked)
+    ]
     pairs = [(effect, value) for effect in effects for value in values]
     if search is Search.LINES:  # a line after the other, as strong as they are
         pairs = [(effect, value) for value in values for effect in effects]

@@ -144,10 +144,15 @@ def parts_of(part: Record, skip: int) -> tuple[Rows, Rows]:
     return ~agreeing, agreeing
 
 
-def candidates(device: Device, settings: ObserverSettings) -> tuple[str, ...]:
-    """Effects that the device can have, that need nothing given (no frequency, no threshold) and can be run freely."""
+def candidates(device: Device, settings: ObserverSettings, asked: Collection[str] = ()) -> tuple[str, ...]:
+    """Effects that the device can have, that need nothing given (no frequency, no threshold) and can be run freely, of
+    those that are tried on request only the ones `asked` for.
+    """
     possible = []
-    for name in (effect.name for effect in (*EFFECTS, *device.own) if not effect.declared_only):
+    for effect in (*EFFECTS, *device.own):
+        name = effect.name
+        if effect.declared_only or (effect.on_request and name not in asked):
+            continue
         if name in settings.effects:
             continue
         try:

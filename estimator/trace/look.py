@@ -46,7 +46,7 @@ def look_at(problem: Problem, model: Fitted) -> Look:
     if scanned.settings.gain is not Gain.EKF:
         base = scan(scanned, {}, model.observer)
         left, deviation = base.innovation, base.deviation
-    everything = watch_list(problem.record, problem.device, left, deviation)
+    everything = watch_list(problem.record, problem.device, left, deviation, problem.asked)
     watched = fresh(everything, model.settings.effects, problem.span)
     seen = scan(scanned, watched, model.observer)
     return Look(watched, seen, evidence(seen))

@@ -14,13 +14,15 @@ Effects = Mapping[str, Mapping[str, float]]
 class Problem:
     """A record and the observer that is to follow it; `controller` None where no control was at work or none is known.
 
-    The effects that the observer carries are those of its settings.
+    The effects that the observer carries are those of its settings; `asked` are candidates that a trace tries only where
+    it is asked to (`Effect.on_request`).
     """
 
     record: Record
     device: Device
     settings: ObserverSettings
     controller: ControllerSettings | None = None
+    asked: tuple[str, ...] = ()
 
     @property
     def effects(self) -> Effects:

@@ -122,11 +122,67 @@ def _rubbing(v: float, asymmetry: float) -> float:
     return float(rub + asymmetry * rub**2)
 
 
+def _against(v: Floats, loss: float) -> tuple[float, float, list[float]]:
+    return -loss * float(v[0]), -loss * float(v[1]), []
+
+
 CASES: dict[str, tuple[dict[str, float], Law, int, float]] = {
     # effect: coefficients, its law, its states, tolerance (of A)
     "dry_friction_asymmetric": (
         {"fx": 2.0, "fy": 3.0, "v0": 0.02, "ax": 0.3, "ay": -0.2},
         lambda t, s, ux, uy, w, dw: (-2.0 * _rubbing(s[1], 0.3), -3.0 * _rubbing(s[3], -0.2), []),
+        0,
+        1e-8,
+    ),
+    "stribeck_friction": (
+        {"stx": 2.0, "sty": 3.0, "v0": 0.02, "vs": 0.1},
+        lambda t, s, ux, uy, w, dw: (
+            -2.0 * np.tanh(s[1] / 0.02) * np.exp(-((s[1] / 0.1) ** 2)),
+            -3.0 * np.tanh(s[3] / 0.02) * np.exp(-((s[3] / 0.1) ** 2)),
+            [],
+        ),
+        0,
+        1e-8,
+    ),
+    "damping_asymmetric": (
+        {"dax": 20.0, "day": -15.0},
+        lambda t, s, ux, uy, w, dw: (-20.0 * abs(s[1]), 15.0 * abs(s[3]), []),
+        0,
+        1e-6,  # no step of ours ends where the velocity turns
+    ),
+    "drag": (
+        {"dqx": 80.0, "dqy": 50.0},
+        lambda t, s, ux, uy, w, dw: (-80.0 * s[1] * abs(s[1]), -50.0 * s[3] * abs(s[3]), []),
+        0,
+        1e-8,
+    ),
+    "cubic_damping": (
+        {"dcx": 300.0, "dcy": 200.0},
+        lambda t, s, ux, uy, w, dw: (-300.0 * s[1] ** 3, -200.0 * s[3] ** 3, []),
+        0,
+        2e-10,
+    ),
+    "nonlinear_damping_radial": (
+        {"d3r": 1e10},
+        lambda t, s, ux, uy, w, dw: _against(s[[1, 3]], 1e10 * float(s[[0, 2]] @ s[[0, 2]])),
+        0,
+        2e-10,
+    ),
+    "drag_radial": (
+        {"dqr": 80.0},
+        lambda t, s, ux, uy, w, dw: _against(s[[1, 3]], 80.0 * float(np.linalg.norm(s[[1, 3]]))),
+        0,
+        1e-8,
+    ),
+    "cubic_damping_radial": (
+        {"dcr": 300.0},
+        lambda t, s, ux, uy, w, dw: _against(s[[1, 3]], 300.0 * float(s[[1, 3]] @ s[[1, 3]])),
+        0,
+        2e-10,
+    ),
+    "dry_friction_radial": (
+        {"fr": 2.0, "v0": 0.02},
+        lambda t, s, ux, uy, w, dw: _against(s[[1, 3]], 2.0 / float(np.sqrt(s[[1, 3]] @ s[[1, 3]] + 0.02**2))),
         0,
         1e-8,
     ),

@@ -3,6 +3,9 @@
 import pytest
 
 from device_emulator.effects.catalogue import DECLARATIONS
+from device_emulator.effects.drive import DriveKind
+from device_emulator.effects.force import ForceKind
+from device_emulator.effects.sense import SenseKind
 from estimator.effects.catalogue import EFFECTS
 
 OF_THE_EMULATOR = {kind.name.lower(): declaration for kind, declaration in DECLARATIONS.items()}
@@ -24,13 +27,18 @@ OTHERWISE = {
 """What a scenario states in other numbers than an observer estimates, and why."""
 
 ONLY_TRACED = {
-    "nothing emulated turns that way": {"damping_asymmetric", "drag", "cubic_damping"},
     "of the sense chain and the clock, in sections of their own": {"sense_low_pass", "sense_high_pass", "clock_rate"},
 }
 
 
 def test_an_effect_of_both_has_one_name() -> None:
     assert OF_TRACING.keys() - OF_THE_EMULATOR.keys() == set().union(*ONLY_TRACED.values())
+
+
+def test_no_two_effects_of_the_emulator_share_a_number() -> None:
+    """The kernels tell them by it, and a table keyed by two kinds of one number loses one."""
+    kinds = [*ForceKind, *DriveKind, *SenseKind]
+    assert len({int(kind) for kind in kinds}) == len(kinds)
 
 
 def test_what_is_stated_otherwise_is_in_both() -> None:

@@ -40,6 +40,23 @@ Law = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace], tuple[float,
 FORCES: dict[str, Law] = {
     "nonlinear_damping": lambda s, c, g: (-c.d3x * s.x**2 * s.vx, -c.d3y * s.y**2 * s.vy),
     "dry_friction": lambda s, c, g: (-c.fx * np.sign(s.vx), -c.fy * np.sign(s.vy)),
+    "stribeck_friction": lambda s, c, g: (
+        -c.stx * np.exp(-((s.vx / g.vs) ** 2)),
+        c.sty * np.exp(-((s.vy / g.vs) ** 2)),
+    ),
+    "nonlinear_damping_radial": lambda s, c, g: (
+        -c.d3r * (s.x**2 + s.y**2) * s.vx,
+        -c.d3r * (s.x**2 + s.y**2) * s.vy,
+    ),
+    "drag_radial": lambda s, c, g: (-c.dqr * np.hypot(s.vx, s.vy) * s.vx, -c.dqr * np.hypot(s.vx, s.vy) * s.vy),
+    "cubic_damping_radial": lambda s, c, g: (
+        -c.dcr * (s.vx**2 + s.vy**2) * s.vx,
+        -c.dcr * (s.vx**2 + s.vy**2) * s.vy,
+    ),
+    "dry_friction_radial": lambda s, c, g: (
+        -c.fr * s.vx / np.hypot(s.vx, s.vy),
+        -c.fr * s.vy / np.hypot(s.vx, s.vy),
+    ),
     "damping_asymmetric": lambda s, c, g: (-c.dax * abs(s.vx), -c.day * abs(s.vy)),
     "drag": lambda s, c, g: (-c.dqx * s.vx * abs(s.vx), -c.dqy * s.vy * abs(s.vy)),
     "cubic_damping": lambda s, c, g: (-c.dcx * s.vx**3, -c.dcy * s.vy**3),
@@ -111,7 +128,13 @@ SENSES: dict[str, Law] = {
 }
 
 # Where the drive or the displacement is beyond the threshold on x and within it on y, or the other way.
-GIVEN = {"limit": (250.0, 1, -2), "band": (250.0, 1, -2), "level": (1.7e-5, 1, 0), "v0": (1e-4, 1, -1)}
+GIVEN = {
+    "limit": (250.0, 1, -2),
+    "band": (250.0, 1, -2),
+    "level": (1.7e-5, 1, 0),
+    "v0": (1e-5, 1, -1),
+    "vs": (0.06, 1, -1),
+}
 GIVEN |= {"leak_x": (90.0, 0, -1), "leak_y": (130.0, 0, -1)}
 GIVEN |= {"delta": (0.02, 0, 0), "m": (0.25, 0, 0), "px": (1.0, 0, 0), "py": (0.0, 0, 0)}
 
@@ -155,7 +178,20 @@ def test_an_effect_is_its_law(effect, what):
     np.testing.assert_allclose(by_declaration(effect, what, c), expected, rtol=1e-6, atol=1e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", ["nonlinear_damping", "dry_friction", "drag", "cubic_damping"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "nonlinear_damping",
+        "dry_friction",
+        "drag",
+        "cubic_damping",
+        "stribeck_friction",
+        "nonlinear_damping_radial",
+        "dry_friction_radial",
+        "drag_radial",
+        "cubic_damping_radial",
+    ],
+)
 def test_a_damping_takes_energy_whichever_way_the_mass_moves(name):
     effect = next(e for e in EFFECTS if e.name == name)
     c = {k.name: k.plausible * A**k.length * OMEGA0**-k.time for k in effect.coefficients}

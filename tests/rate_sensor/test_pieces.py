@@ -76,6 +76,23 @@ def test_what_is_late_is_the_rate_of_before_and_a_reference_that_lags_is_led() -
     assert np.max(np.abs(first_order(RATE, 1e-5, STEP) - RATE)) > 1e-4
 
 
+def test_an_output_folds_back_at_its_limits() -> None:
+    volts = V0 + S * RATE
+    expected = [1.1 - 0.4 * (v - 1.1) if v > 1.1 else -0.7 + 0.4 * (-0.7 - v) if v < -0.7 else v for v in volts]
+    np.testing.assert_allclose(acted("fold_back", -0.7, 1.1, 0.4), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("samples", [0.4, 1.0, 3.0, 7.3])
+def test_a_moving_mean_is_that_of_a_rate_straight_between_its_samples(samples: float) -> None:
+    """By quadrature on a grid far finer than the samples; before the first, the sensor rests at its rate."""
+    fine = 500
+    window = samples * STEP
+    grid = (np.arange(int(samples * fine)) + 0.5) / int(samples * fine) * window
+    expected = [np.interp(t - grid, TIME, RATE).mean() for t in TIME]
+    np.testing.assert_allclose(acted("moving_mean", window), V0 + S * np.array(expected), atol=1e-6)
+    np.testing.assert_array_equal(acted("moving_mean", 0.0), V0 + S * RATE)
+
+
 @pytest.mark.parametrize("cut", [50.0, 100.0, 480.0, 499.0])
 def test_a_reference_is_read_below_its_frequency(cut: float) -> None:
     numerator, denominator = butter(2, min(cut / (0.5 / STEP), 0.99))
@@ -109,6 +126,7 @@ def test_searches_begin_within_bounds_that_are_those_of_a_sensor() -> None:
         "quadratic": fraction, "cubic": fraction, "scale_asymmetry": fraction,
         "dead_band": ((0.0, 2.0),), "hysteresis": ((0.0, 2.0),), "saturation": limits,
         "soft_saturation": (*limits, (2e-3, 0.6), (2e-3, 0.6)),
+        "fold_back": (*limits, (0.0, 3.0)), "moving_mean": ((0.0, 0.1),),
         "lag": ((0.0, 0.1),), "delay": ((0.0, 0.1),), "reference_lag": ((0.0, 0.1),),
         "second_order": ((5.0, 500.0), (0.05, 5.0)), "reference_noise": ((10.0, 490.0),),
         "drift": volts, "temperature_offset": volts, "temperature_scale": ((-0.1, 0.1),),
@@ -120,6 +138,8 @@ def test_searches_begin_within_bounds_that_are_those_of_a_sensor() -> None:
         "dead_band": ((0.04,), (0.4,)), "hysteresis": ((0.08,),),
         "saturation": ((low, high), (low + inside, high - inside)),
         "soft_saturation": ((low, high, 0.1, 0.1), (low, high, 0.1, 0.01), (low, high, 0.01, 0.1)),
+        "fold_back": tuple((*pair, s) for pair in ((low, high), (low + inside, high - inside)) for s in (0.2, 1.0)),
+        "moving_mean": ((0.003,), (0.015,)),
         "lag": ((0.002,), (0.01,)), "delay": ((0.0005,), (0.005,)), "reference_lag": ((0.001,),),
         "second_order": ((30.0, 0.7), (100.0, 0.7)), "reference_noise": ((100.0,), (200.0,)),
     }  # fmt: skip
@@ -139,7 +159,9 @@ def test_an_effect_needs_what_it_says() -> None:
     assert {effect.name for effect in EFFECTS if effect.needs == "temperature"} == {
         "temperature_offset", "temperature_scale"
     }  # fmt: skip
-    assert {effect.name for effect in EFFECTS if effect.stage is Stage.LIMIT} == {"saturation", "soft_saturation"}
+    assert {effect.name for effect in EFFECTS if effect.stage is Stage.LIMIT} == {
+        "saturation", "soft_saturation", "fold_back"
+    }  # fmt: skip
 
 
 # -- the fit ----------------------------------------------------------------------------------------------------------

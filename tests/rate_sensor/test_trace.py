@@ -128,6 +128,47 @@ def test_a_response_is_named_from_a_motion(name, system, coefficients):
     assert found.held_out_after.ratio == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
+def test_a_moving_mean_is_named_from_a_motion():
+    """The mean of twelve samples, made at eight times their rate."""
+    finely = 8
+    t = np.arange(int(4.0 / STEP) * finely) * STEP / finely
+    levels = np.random.default_rng(2).uniform(-0.8, 0.8, 40)[(t / 0.1).astype(int)]
+    fine = np.where(t < 0.1, 0.0, DECLARED.rate * (levels + 0.1 * np.sin(2 * math.pi * 15 * t)))
+    window = 12 * finely
+    mean = np.convolve(np.concatenate([np.zeros(window - 1), fine]), np.ones(window) / window, "valid")[::finely]
+    rate = fine[::finely]
+    volts = 0.05 + 2.0 * mean / DECLARED.rate + 1e-2 * np.random.default_rng(3).standard_normal(len(rate))
+    found = trace_sensor(SensorRecord(rate, volts, STEP), DECLARED, 1e-2, alternate_blocks(len(rate), 50))
+    assert found.effects[0].name == "moving_mean"
+    assert found.effects[0].coefficients["T"].value == pytest.approx(12 * STEP, rel=0.1)
+
+
+def test_a_hysteresis_is_named_from_a_table_that_goes_up_and_down():
+    up = np.linspace(-1.0, 1.0, 21)
+    fraction = np.concatenate([up, up[::-1]] * 4)
+    at, shown = fraction[0], []
+    for value in fraction:
+        at = min(max(at, value - 0.07), value + 0.07)
+        shown.append(at)
+    volts = 0.1 + 2.0 * np.array(shown) + 1e-4 * np.random.default_rng(5).standard_normal(len(fraction))
+    record = SensorRecord(fraction * DECLARED.rate, volts)
+    found = trace_sensor(record, DECLARED, 1e-4, np.arange(len(fraction)) < 126)
+    assert [effect.name for effect in found.effects] == ["hysteresis"]
+    assert found.effects[0].coefficients["w"].value == pytest.approx(0.07 * DECLARED.rate, rel=0.01)
+
+
+def test_an_output_that_folds_back_where_it_is_fitted_is_named():
+    def folded(f):
+        return np.where(np.abs(f) > 1.2, np.sign(f) * (2.4 - 0.7 * (2.0 * np.abs(f) - 2.4)), 2.0 * f)
+
+    record, fitting = table(folded)
+    found = trace_sensor(record, DECLARED, 1e-4, fitting)
+    assert [effect.name for effect in found.effects] == ["fold_back"]
+    assert found.effects[0].coefficients["s"].value == pytest.approx(0.7, abs=0.01)
+    assert found.effects[0].coefficients["hi"].value == pytest.approx(2.4, abs=0.01)
+
+
 def test_filters_are_those_of_lsim():
     t, rate = motion(0.5)
     for ours, system in (
