@@ -14,8 +14,8 @@ Effects = Mapping[str, Mapping[str, float]]
 class Problem:
     """A record and the observer that is to follow it; `controller` None where no control was at work or none is known.
 
-    The effects that the observer carries are those of its settings; `asked` are candidates that a trace tries only where
-    it is asked to (`Effect.on_request`).
+    The effects that the observer carries are those of its settings; `asked` are candidates that a trace tries only
+    where it is asked to (`Effect.on_request`).
     """
 
     record: Record

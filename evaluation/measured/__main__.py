@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -62,7 +63,8 @@ def main() -> int:
             what = ", ".join(row.effects) or "nothing to add"
             print(f"{row.record:<15} {row.split:<24} {row.before:>10.4g} → {row.after:<10.4g} {row.unit:<10} "
                   f"{row.verdict}: {what}", flush=True)  # fmt: skip
-        print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
+        outcome = replace(outcome, seconds=time.monotonic() - begin)
+        print(f"{name}: {outcome.seconds:.0f} s", file=sys.stderr)
         outcomes.append(outcome)
     keep(options.out, outcomes)
     if set(options.record or RECORDS) == set(RECORDS) and not absent:

@@ -39,12 +39,13 @@ class Panel:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Rows, paragraphs in Markdown, figures."""
+    """Rows, paragraphs in Markdown, figures; seconds: what it took on the wall, import included."""
 
     title: str
     rows: list[MeasuredRow]
     paragraphs: list[str]
     panels: list[Panel] = field(default_factory=list)
+    seconds: float = 0.0
 
 
 def rms(series: Array) -> float:

@@ -58,6 +58,20 @@ def test_everything_that_needs_nothing_given_is_watched_where_the_device_and_the
     assert not single & {"sense_gain", "nonreciprocal_stiffness", "sense_cross_coupling"}
 
 
+def test_what_is_tried_on_request_is_watched_where_it_is_asked_for() -> None:
+    radial = {effect.name for effect in EFFECTS if effect.plane}
+    assert radial == {"nonlinear_damping_radial", "drag_radial", "cubic_damping_radial", "dry_friction_radial"}
+    usual = watched(record())
+    assert not radial & {kind(name) for name in usual}
+    asked = watch_list(record(), GYRO, WHITE, np.ones((N, 2)), ("drag_radial", "dry_friction_radial"))
+    rest = {name: given for name, given in usual.items() if kind(name) == "dry_friction"}
+    assert {name: asked[name] for name in asked.keys() - usual.keys()} == {
+        "drag_radial": {},
+        **{name.replace("dry_friction", "dry_friction_radial"): given for name, given in rest.items()},
+    }
+    assert not any(effect.on(1) for effect in EFFECTS if effect.plane)
+
+
 def test_corners_and_speeds_of_rest_are_shares_of_the_vibration() -> None:
     found = watched(record())
     for label, share in ((1, 0.001), (2, 0.005), (3, 0.025)):

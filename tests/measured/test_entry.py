@@ -69,10 +69,11 @@ def test_the_page_holds_table_words_and_the_same_figure_each_time(tmp_path):
     panel = Panel("box", "Box", x, "time, s", [("before", x), ("after", x**2)], "mV")
     figures = []
     for _ in range(2):
-        write_page(tmp_path / "docs" / "page.md", [Outcome("Box", [ROW], ["Some words."], [panel])])
+        write_page(tmp_path / "docs" / "page.md", [Outcome("Box", [ROW, ROW], ["Some words."], [panel], 12.3)])
         figures.append((tmp_path / "docs" / "measured-box.svg").read_bytes())
     text = (tmp_path / "docs" / "page.md").read_text()
-    assert "| box | test | free-run RMSE, mV | 7 | 0.25 | explained | cubic_stiffness |" in text
+    assert "| box | test | free-run RMSE, mV | 7 | 0.25 | explained | cubic_stiffness | 12 |" in text
+    assert "| box | test | free-run RMSE, mV | 7 | 0.25 | explained | cubic_stiffness |  |" in text  # once a record
     assert "![Box](measured-box.svg)" in text
     assert figures[0] == figures[1]
     assert b"<svg" in figures[0]

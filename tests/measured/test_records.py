@@ -53,6 +53,20 @@ def test_the_friction_of_emps_is_named_from_its_forces(tmp_path):
 
 
 @pytest.mark.slow
+def test_emps_runs_freely_from_rest_with_the_friction_of_its_first_file(tmp_path):
+    """Published free runs of the second file: 2.64 mm to 96 mm; 7.75 mm of a linear model."""
+    captures = [imported(folder("emps") / name, tmp_path, "emps") for name in emps.FILES]
+    found, _, _ = emps.forces(*captures)
+    plain, full = emps.free_runs(found, captures[0])
+    assert full.physical
+    assert {effect.name for _, effect in full.observer.effects} == {
+        "constant_force", "dry_friction", "damping_asymmetric", "stribeck_friction"
+    }  # fmt: skip
+    assert full.rmse < plain.rmse
+    assert 1e3 * rms(full.error_on(record_of(captures[1]), 20)) < 3.4
+
+
+@pytest.mark.slow
 def test_two_masses_that_are_not_equal(tmp_path):
     outcome = free_decay.measure("coupled_masses", folder("coupled_masses"), tmp_path, quiet)
     (share,) = [row for row in outcome.rows if row.unit == "%"]
