@@ -29,7 +29,7 @@ from estimator.settings import Device, ObserverSettings
 OMEGA0 = 2 * np.pi * 200.0
 STATE = np.array([0.8, 0.1, -0.3, 0.7])
 DRIVE = np.array([[0.02, 0.01], [-0.03, 0.005]])
-KINKED = ("dry_friction", "dry_friction_asymmetric", "damping_asymmetric", "drag")
+KINKED = ("dry_friction", "dry_friction_asymmetric", "damping_asymmetric", "drag", "stribeck_friction")
 TIME = 3.7  # scaled, when the interval begins
 WARMTH = 4.0
 PAST = np.array([[0.05, -0.02], [0.015, 0.0]])  # of the interval before
@@ -42,6 +42,7 @@ GIVEN = {
     "leak_x": 0.01,
     "leak_y": 0.02,
     "v0": 0.02,
+    "vs": 0.8,
     "delta": 0.01,
     "m": 0.05,
     "px": 1.0,

@@ -71,7 +71,7 @@ def test_lines_are_seen_in_what_the_model_left_and_all_that_is_not_carried_is_sc
         scans.append((asked.settings.gain, set(asked.effects), set(watched), previous))
         return SimpleNamespace(innovation="seen", deviation="sure", of=watched)
 
-    def watch_list(record: Record, device: Device, innovation: Any, deviation: Any) -> Any:
+    def watch_list(record: Record, device: Device, innovation: Any, deviation: Any, asked: tuple[str, ...]) -> Any:
         asked_about.append((innovation, deviation))
         return {"drag": {}, "drive_gain": {}, "interference:1": {"omega": 5.0}}
 
