@@ -84,6 +84,7 @@ CLOCK = ("[faults]\nclock_skew = 0.01", {"clock_rate": {"delta": 1.0 / 1.01 - 1.
 MASSES = ('name = "unequal_masses"\nm = 0.1', {"unequal_masses": {"m": 0.1}})
 
 
+@pytest.mark.timeout(900)  # three runs with their scans: a minute on four quiet processors
 @pytest.mark.parametrize(
     ("effect", "declared", "gain"), [(*CLOCK, 10.0), (*MASSES, 10.0)], ids=["clock_rate", "unequal_masses"]
 )
