@@ -22,8 +22,6 @@ class Account:
         # The board counts from when it has the last drive to when it has the next: neither end sees the same time.
         self.suspicious_ns = round(1e9 * max(watchdog_ticks - 2 * block, 0.5 * watchdog_ticks) / rate_Hz)
         self._held_ticks = max(watchdog_ticks - 2 - latency, 1)
-        self._base = 0, 0, 0
-        self._refused = 0
         self.begin(None)
 
     def begin(self, status: Status | None) -> None:

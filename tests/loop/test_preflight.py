@@ -86,6 +86,11 @@ def test_a_latency_is_within_what_the_observer_can_queue() -> None:
         require_plausible(GOOD._replace(latency_ticks=latency), LINK)
 
 
+def test_a_board_that_there_cannot_be_is_not_suitable_though_it_agrees() -> None:
+    with pytest.raises(InputError, match=r"latency_ticks is 200, this host can queue"):
+        require_suitable(bench(), GOOD._replace(latency_ticks=200), LINK)
+
+
 def test_a_board_that_does_not_agree_with_the_bench_file_is_refused() -> None:
     assert "400" in refused(GOOD._replace(tick_rate_Hz=500.0))
 
@@ -266,6 +271,7 @@ def clock(far: Far, pace: float, *, since_s: float = 0.0, every: int = 1) -> Non
 def test_a_clock_that_keeps_time_is_a_clock(ends: tuple[Endpoint, Far], pace: float) -> None:
     clock(ends[1], pace, since_s=1e6)
     require_clock(ends[0])
+    assert not list(ends[0].exchanges)  # they are none of the run's
 
 
 @pytest.mark.parametrize("pace", [0.0, -1.0, 1e-3, 0.4, 2.0, 1000.0])

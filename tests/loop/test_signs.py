@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from estimator.observer import Observer
@@ -10,6 +11,7 @@ from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.opening import Opening
 from hil.loop.preflight import configure
 from hil.loop.run import run
+from hil.loop.signs import wrong_way
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
 from hil.wire import client
@@ -103,3 +105,20 @@ def test_a_run_says_it_first(tmp_path: Path, signs: tuple[int, ...], words: str)
     assert words in result.reasons[0]
     assert result.parts["safety"].outcome == "failed"
     assert board.state is State.SAFE
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_two_samples_are_looked_at_and_one_is_not(samples: int) -> None:
+    asked = []
+
+    def observer() -> Observer:
+        asked.append(samples)
+        raise NotImplementedError
+
+    bench, seen = gyro.bench(0.6), np.ones((samples, 2))
+    if samples == 1:
+        assert wrong_way(bench, observer, seen, seen) == ""
+    else:
+        with pytest.raises(NotImplementedError):
+            wrong_way(bench, observer, seen, seen)
+    assert len(asked) == samples - 1
