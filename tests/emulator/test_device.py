@@ -89,7 +89,9 @@ def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: IntEn
     """Each coefficient, moved alone, shows in the codes."""
     sizes = {
         "k3x": 1e13, "k3y": 1e13, "k3": 1e13, "k2x": 1e9, "k2y": 1e9, "d3x": 1e9, "d3y": 1e9,
-        "fx": 1.0, "fy": 1.0, "v0": 0.1, "gx": 0.1, "gy": 0.1, "hx": 0.1, "hy": 0.1, "mx": 0.1, "my": 0.1,
+        "fx": 1.0, "fy": 1.0, "fr": 1.0, "stx": 1.0, "sty": 1.0, "d3r": 1e9, "dqx": 100.0, "dqy": 100.0, "dqr": 100.0,
+        "dcx": 300.0, "dcy": 300.0, "dcr": 300.0, "dax": 30.0, "day": 30.0,
+        "v0": 0.1, "gx": 0.1, "gy": 0.1, "hx": 0.1, "hy": 0.1, "mx": 0.1, "my": 0.1,
         "ax": 1e-2, "ay": 1e-2, "frequency": 30.0, "phase_x": 1.0, "phase_y": 1.0,
         "tsx": 1e-4, "tsy": 1e-4, "tux": 1e-4, "tuy": 1e-4, "qx": 0.1, "qy": 0.1, "rx": 1e-3, "ry": 1e-3,
         "a2x": 1e3, "a2y": 1e3, "a3x": 1e7, "a3y": 1e7,

@@ -94,7 +94,7 @@ class Asked:
         monkeypatch.setattr(by_simulation, "choose", choose)
         monkeypatch.setattr(by_simulation, "fitted", fitted)
         monkeypatch.setattr(by_simulation, "promises_of", promises_of)
-        monkeypatch.setattr(by_simulation, "candidates", lambda device, settings: NAMES)
+        monkeypatch.setattr(by_simulation, "candidates", lambda device, settings, asked: NAMES)
         monkeypatch.setattr(by_simulation, "coefficient_names", lambda problem, name: {f"c_{name}"})
 
     def trace(self) -> Any:

@@ -26,6 +26,7 @@ PARAMETERS = {
     "drive_dead_band": {"band": 0.005e-4 * K},
     "interference": {"omega": 777.0},
     "base_vibration": {"omega": 777.0},
+    "stribeck_friction": {"vs": 0.8e-4 * OMEGA0},
 }
 WITHOUT_CHANNEL = ("temperature_stiffness", "temperature_damping", "temperature_offset")
 # Beside an offset nothing is left of it but what happens while a velocity turns, which three nodes a step do not see.
@@ -35,6 +36,9 @@ KINKED = (
     "dry_friction_asymmetric",
     "damping_asymmetric",
     "drag",
+    "drag_radial",
+    "dry_friction_radial",
+    "stribeck_friction",
 )  # three nodes a step see them coarsely
 
 DEVICE = Device(

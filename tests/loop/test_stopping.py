@@ -12,7 +12,7 @@ from hil.wire.serial_format import SERIAL
 from tests.loop.on_a_pty import Far, connected, rows, status
 
 TICK, RATE_HZ = 1000, 400.0
-PATIENCE_S = 0.4
+PATIENCE_S = 1.5  # a busy machine may leave the other end without a processor for half a second
 ZERO, DRIVEN = (0, 0), (30, 0)
 NOT_LATCHING = [SafeReason.NONE, SafeReason.WATCHDOG, SafeReason.LINK_LOST, 99]
 LATCHING = [SafeReason.HOST_REQUEST, SafeReason.INTERRUPTED, SafeReason.RESIDUAL]
