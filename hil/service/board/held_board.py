@@ -342,6 +342,8 @@ class HeldBoard:
         self._alarm = self._alarm or progress.alarm
         if progress.stage == "run" and before["state"] == "ARMED":
             self._change(state="RUNNING")
+        elif progress.stage == "run" and progress.done and before["state"] == "SAFE" and before["safe_tick"] is None:
+            self.armed()  # samples are answered, and the line that says so has not: it may lose what it has no room for
         if progress.stage not in _OF_THE_LOOP:
             self._interrupt = None
             self._loop_has_link = False
