@@ -44,6 +44,16 @@ def swing(s, p, ux, uy, rate_from, rate_to, h):
             s[i] += dt / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i])
 
 
+def free_motion(rate: float, kxx: float, kyy: float, kxy: float, dxx: float, dyy: float, dxy: float) -> Array:
+    """(4, 4): d/dt of (x, ẋ, y, ẏ) at a constant rate without force."""
+    return np.array([
+        [0, 1, 0, 0],
+        [rate**2 - kxx, -dxx, -kxy, 2 * rate - dxy],
+        [0, 0, 0, 1],
+        [-kxy, -dxy - 2 * rate, rate**2 - kyy, -dyy],
+    ])  # fmt: skip
+
+
 ANGLES = ("angle", "angle_pattern", "angle_plain", "angle_rate_integral", "energy_ratio", "quadrature_ratio")
 
 

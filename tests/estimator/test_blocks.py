@@ -14,7 +14,7 @@ from estimator.kernel.stationary import Course, gather_gains
 from estimator.observer import Observer
 from estimator.oracle.agreement import disagreement
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread, Variant
-from tests.estimator.gyro_loop import Array, Truth
+from tests.estimator.gyro_loop import Array, Truth, free_motion
 from tests.estimator.test_backends import free_record, single_axis
 
 TRUTH = Truth(force_noise=1e-5)
@@ -207,12 +207,7 @@ def gained(one: Observer, steps: int) -> Array:
         g[3] = [2 * rate * y - 2 * vx, 0, -y, -x, 0, -vy, -vx]
         return g
 
-    m = np.array([
-        [0, 1, 0, 0],
-        [rate**2 - kxx, -dxx, -kxy, 2 * rate - dxy],
-        [0, 0, 0, 1],
-        [-kxy, -dxy - 2 * rate, rate**2 - kyy, -dyy],
-    ])  # fmt: skip
+    m = free_motion(rate, kxx, kyy, kxy, dxx, dyy, dxy)
     nodes, weights = np.polynomial.legendre.leggauss(8)
     for step in range(steps):
         begin, middle = on_orbit(step * h), on_orbit((step + 0.5) * h)

@@ -1,6 +1,7 @@
 """The pieces of the control law and of the reported angle, each beside what it stands for, written out."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -293,17 +294,23 @@ def test_the_reference_instant_comes_once() -> None:
     assert found == [False, False, True, False, False]
 
 
+def known(random: np.random.Generator, n: int) -> tuple[Any, Array]:
+    """An observer's memory of an angle that depends on its state by a drawn gradient, and the covariance
+    (n + 1, n + 1) of state and angle together."""
+    root = random.standard_normal((n + 1, n + 1))
+    whole = root @ root.T
+    memory = observer().arrays.memory[0]
+    memory["gradient"] = random.standard_normal(4)
+    memory["angle_cross"][:n], memory["angle_variance"] = whole[:n, n], whole[n, n]
+    return memory, whole
+
+
 @pytest.mark.parametrize("channels", [1, 2])
 def test_a_correction_moves_what_is_known_of_the_angle(channels: int) -> None:
     """Joseph's form of state and angle together, the angle's row of the gain −g·K; any gain."""
     random = np.random.default_rng(2)
     n = 6
-    root = random.standard_normal((n + 1, n + 1))
-    whole = root @ root.T
-    made = observer()
-    memory = made.arrays.memory[0]
-    memory["gradient"] = random.standard_normal(4)
-    memory["angle_cross"][:n], memory["angle_variance"] = whole[:n, n], whole[n, n]
+    memory, whole = known(random, n)
     h, gain = np.zeros((2, n)), random.standard_normal((n, 2))
     h[:channels, [0, 4]] = random.standard_normal((channels, 2))
     noise = np.array([0.3, 0.7])
@@ -318,12 +325,7 @@ def test_a_correction_moves_what_is_known_of_the_angle(channels: int) -> None:
 def test_a_recalled_constant_moves_what_is_known_of_the_angle() -> None:
     random = np.random.default_rng(3)
     n, row, noise = 6, 5, 0.4
-    root = random.standard_normal((n + 1, n + 1))
-    whole = root @ root.T
-    made = observer()
-    memory = made.arrays.memory[0]
-    memory["gradient"] = random.standard_normal(4)
-    memory["angle_cross"][:n], memory["angle_variance"] = whole[:n, n], whole[n, n]
+    memory, whole = known(random, n)
     gain = random.standard_normal(n)
     recall_angle(memory, whole[:n, :n].copy(), row, gain, noise)
     k = np.concatenate([gain, [-memory["gradient"] @ gain[:4]]])

@@ -15,7 +15,7 @@ from estimator.kernel.scan import Block, Signatures, multiply_rows, pull, respon
 from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
 from estimator.observer import Observer
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
-from tests.estimator.gyro_loop import Array, Truth
+from tests.estimator.gyro_loop import Array, Truth, free_motion
 from tests.estimator.test_backends import free_record
 
 TRUTH = Truth(force_noise=1e-5)
@@ -158,12 +158,7 @@ def test_an_impulse_leaves_at_the_end_what_the_matrix_exponential_says() -> None
     one = made(SETTINGS)
     a = one.arrays
     rate, kxx, kyy, kxy, dxx, dyy, dxy = one.x[6:13]
-    m = np.array([
-        [0, 1, 0, 0],
-        [rate**2 - kxx, -dxx, -kxy, 2 * rate - dxy],
-        [0, 0, 0, 1],
-        [-kxy, -dxy - 2 * rate, rate**2 - kyy, -dyy],
-    ])  # fmt: skip
+    m = free_motion(rate, kxx, kyy, kxy, dxx, dyy, dxy)
     term, out = np.zeros((4, 12)), np.zeros((4, 12))
     found = responses(a.settings[0], one.x[4:], one.h, term, out)
     nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
