@@ -10,6 +10,7 @@ from estimator.errors import ModelError
 from estimator.side_by_side import interruptible, workers
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.pool.members import Member, Pool, held_out_by_default
+from hil.also import effects_asked
 from hil.bench import RateSensorBench, load_any_bench, override
 from hil.captured import drives_of, record_of
 from hil.compiler import require_compiler
@@ -35,13 +36,15 @@ def trace_pool_files(
     covariate: str | None,
     held_out: Sequence[str] = (),
     report: bool = True,
+    also: Sequence[str] = (),
     progress: Watcher,
 ) -> Traced:
     """Trace the records at `captures` together by the bench file; a new folder below `out` has the answer.
 
     covariate: a number that each record carries (`[covariates]` of its map) on which constants and coefficients may
-    depend; held_out: names of the records that only judge, by default a third of them.  Raises InputError for records
-    that cannot be traced together; nothing is left then.
+    depend; held_out: names of the records that only judge, by default a third of them; also: effects to try that
+    a trace tries on request only, as `hil.tracing.trace` has them.  Raises InputError for records that cannot be traced
+    together; nothing is left then.
     """
     require_compiler()
     workers()
@@ -62,7 +65,7 @@ def trace_pool_files(
         except ModelError as error:
             raise InputError(f"{place}: {error}") from None
         members.append(Member(each, numbers, _covariate(place, record, covariate)))
-    pool = Pool(tuple(members), device, observer_settings_of(bench), covariate)
+    pool = Pool(tuple(members), device, observer_settings_of(bench), covariate, effects_asked(also, device))
     judges = _judges(names, held_out) or held_out_by_default(pool)
     from estimator.trace.pool.trace import trace_pool
 

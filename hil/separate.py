@@ -1,7 +1,7 @@
 """The experiment that tells apart what one record could not: run on the connected board, traced, decided."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ def separate(
     out: Path,
     *,
     fraction: float | None,
+    also: Sequence[str] = (),
     before_run: Callable[[str], None],
     progress: Watcher,
 ) -> tuple[Separated, ...]:
@@ -61,7 +62,7 @@ def separate(
         )
         folder = run(changed, link, out, note=f"experiment: {words}", progress=progress).folder
         assert folder is not None  # only a dry run leaves none
-        traced = trace(RunFolder(folder).capture_path, changed, out, fraction=fraction, progress=progress)
+        traced = trace(RunFolder(folder).capture_path, changed, out, fraction=fraction, also=also, progress=progress)
         apart = tuple(pair for pair in pairs if not _alike(pair, traced.diagnosis))
         alike = tuple(pair for pair in pairs if _alike(pair, traced.diagnosis))
         done.append(Separated(words, folder, traced, apart, alike))

@@ -1,5 +1,6 @@
 """From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from estimator.side_by_side import interruptible, workers
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
+from hil.also import effects_asked
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
@@ -53,6 +55,7 @@ def trace_file(
     fraction: float | None,
     report: bool = True,
     force: bool | None = None,
+    also: Sequence[str] = (),
     progress: Watcher,
 ) -> Traced:
     """Trace `capture` by the bench file at `bench`, of an oscillator or of a rate sensor; see `trace`."""
@@ -60,9 +63,11 @@ def trace_file(
     if isinstance(declared, RateSensorBench):
         if fraction is not None:
             raise InputError("--fraction: the record of a rate sensor is split by its segments, or in alternate blocks")
+        if also:
+            raise InputError("--also: all effects of a rate sensor are tried anyway; leave it out")
         return _trace_sensor(capture, declared, bench, out, name or "trace", report=report)
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
-    return trace(capture, named, out, fraction=fraction, report=report, force=force, progress=progress)
+    return trace(capture, named, out, fraction=fraction, report=report, force=force, also=also, progress=progress)
 
 
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
@@ -74,6 +79,7 @@ def trace(
     fraction: float | None = None,
     report: bool = True,
     force: bool | None = None,
+    also: Sequence[str] = (),
     progress: Watcher,
 ) -> Traced:
     """Find what the model of `bench` lacks on the record at `capture`; a new folder below `out` has the answer,
@@ -81,8 +87,9 @@ def trace(
 
     Effects are chosen on the first `fraction` of the record and scored on the rest.  Without one, a record with a
     segment `train` and another that follows it is split as it says itself.  force: whether the missing force is
-    estimated without a name; None: where something is left and a page is drawn.  Raises InputError for a record that
-    cannot be traced, or that does not belong to the bench file; nothing is left then.
+    estimated without a name; None: where something is left and a page is drawn.  also: effects to try that a trace
+    tries on request only, names or several with commas between them.  Raises InputError for a record that cannot be
+    traced, or that does not belong to the bench file, and for effects that are none; nothing is left then.
     """
     require_compiler()
     workers()  # no number of them is told before minutes are spent
@@ -90,6 +97,7 @@ def trace(
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)
     device, settings = device_of(bench, captured.noise_gain), observer_settings_of(bench)
+    asked = effects_asked(also, device)
     record = record_of(captured, drives_of(captured, device))
     split = int(captured.tick[held_out] - captured.tick[0]) if captured.uniform else held_out
     try:
@@ -98,7 +106,7 @@ def trace(
         from estimator.trace.tracing import trace as search  # compiles: after what can be refused without it
 
         left = TimeLeft(FRACTION * len(record) / min(split, THRESHOLDS.choice.compared))
-        problem = Problem(record, device, settings, control_of(bench, captured))
+        problem = Problem(record, device, settings, control_of(bench, captured), asked)
 
         def told(stage: str, done: int, total: int) -> None:
             progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))

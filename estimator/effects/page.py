@@ -50,7 +50,7 @@ def _entry(effect: Effect) -> str:
     for name, separator in effect.look_alikes.items():
         lines.append(f"- looks like {name.replace('_', ' ')}; told apart: {separator}")
     if effect.on_request:
-        lines.append("- tried by a trace only where it is asked to (`estimator.trace.problem.Problem.asked`)")
+        lines.append(f"- tried by a trace only where it is asked to: `hil trace --also {effect.name}`")
     lines.append(f"- undone: {effect.undone.value}")
     lines.append(f"- source: {effect.source}")
     return "\n".join(lines) + "\n"

@@ -1,7 +1,8 @@
 """``hil trace``: from the residual of a record to the effect that the model lacks."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NamedTuple, NoReturn
 
 import typer
 
@@ -50,6 +51,14 @@ Force = Annotated[
         help="Estimate the missing force without a name.  [default: where something is left and a report is drawn]",
     ),
 ]
+Also = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--also",
+        metavar="NAME[,NAME]",
+        help="Effects of the catalogue to try that are tried on request only; repeatable.",
+    ),
+]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board for it; emulated ones need none.")]
 
 
@@ -69,6 +78,7 @@ def trace(
     arm: Arm = False,
     report: Report = True,
     force: Force = None,
+    also: Also = None,
     json: Json = False,
 ) -> None:
     """Find the effect that the model lacks.
@@ -90,6 +100,7 @@ def trace(
       hil trace silverbox.arrow --bench silverbox --json
       hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
       hil trace runs/first --bench s-undeclared --force
+      hil trace runs/first --bench s-undeclared --also drag_radial,cubic_damping_radial
     """
     from hil.bench import RateSensorBench, load_any_bench
     from hil.cli.files import capture_in, fresh
@@ -113,7 +124,8 @@ def trace(
         if live or force or fraction is not None:
             raise InputError("several records: they are held out whole, and there is no --live and no --force; leave "
                              "out these and --fraction")  # fmt: skip
-        _together([capture, *more], path, out, name, (covariate, hold_out or []), add, report=report, json=json)
+        among = _Among(covariate, tuple(hold_out or ()), tuple(also or ()))
+        _together([capture, *more], path, out, name, among, add, report=report, json=json)
     if covariate is not None or hold_out:
         raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
@@ -121,10 +133,11 @@ def trace(
 
     with watching("trace", whole=True) as watch:
         done = trace_file(
-            capture_in(capture), path, out, name=name, fraction=fraction, report=report, force=force, progress=watch
-        )
+            capture_in(capture), path, out, name=name, fraction=fraction, report=report, force=force, also=also or (),
+            progress=watch,
+        )  # fmt: skip
     if board is not None and not isinstance(declared, RateSensorBench):
-        done = _separated(done, declared, board, out, fraction)
+        done = _separated(done, declared, board, out, fraction, also or ())
     written = add is not None and _added(done.diagnosis, path, add)
     finish(done.folder, done.diagnosis, as_json=json, added=add if written else None)
 
@@ -151,19 +164,26 @@ def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
     return bool(written)
 
 
+class _Among(NamedTuple):
+    """Of several records: what varies from one to the next, who is held out, what is tried on request."""
+
+    covariate: str | None
+    hold_out: tuple[str, ...]
+    also: tuple[str, ...]
+
+
 def _together(
     captures: list[Path],
     bench: Path,
     out: Path,
     name: str | None,
-    among: tuple[str | None, list[str]],
+    among: _Among,
     add: Path | None,
     *,
     report: bool,
     json: bool,
 ) -> NoReturn:
-    """Trace several records, and leave; among them: what varies from one to the next, and who is held out."""
-    covariate, hold_out = among
+    """Trace several records, and leave."""
     from hil.cli.files import capture_in
     from hil.cli.progress import watching
     from hil.cli.show_diagnosis import finish
@@ -174,8 +194,8 @@ def _together(
         raise InputError("--add: of several records no bench file is written; copy what was found into [effects]")
     with watching("trace", whole=True) as watch:
         done = trace_pool_files(
-            [capture_in(each) for each in captures], bench, out, name=name, covariate=covariate, held_out=hold_out,
-            report=report, progress=watch,
+            [capture_in(each) for each in captures], bench, out, name=name, covariate=among.covariate,
+            held_out=among.hold_out, report=report, also=among.also, progress=watch,
         )  # fmt: skip
     finish(done.folder, done.diagnosis, as_json=json)
 
@@ -194,7 +214,9 @@ def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> s
     return url
 
 
-def _separated(done: "Traced", bench: "Bench", board: str, out: Path, fraction: float | None) -> "Traced":
+def _separated(
+    done: "Traced", bench: "Bench", board: str, out: Path, fraction: float | None, also: Sequence[str]
+) -> "Traced":
     """What the last experiment came to; what was there before, where none was to be made."""
     from hil.cli.progress import watching
     from hil.cli.show import say
@@ -210,6 +232,7 @@ def _separated(done: "Traced", bench: "Bench", board: str, out: Path, fraction: 
             board,
             out,
             fraction=fraction,
+            also=also,
             before_run=lambda words: say(f"experiment: {words}"),
             progress=watch,
         )

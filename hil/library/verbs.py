@@ -139,13 +139,14 @@ def trace(
     name: str | None = None,
     hold: Hold = "zoh",
     report: bool = True,
+    also: Sequence[str] = (),
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
 ) -> Trace:
     """Find the effect that the model lacks on a record; the answer is kept below `out`.
 
     bench: default that of a run.  fraction: share of the record that is fitted, the rest only judges.  hold: what the
-    drive of arrays does between samples.
+    drive of arrays does between samples.  also: effects to try that a trace tries on request only.
     """
     from hil.tracing import trace as trace_record
     from hil.tracing import trace_file
@@ -157,11 +158,13 @@ def trace(
                 raise InputError(f"{declared.device.name}: a rate sensor; give the path of its bench file")
             done = trace_file(
                 capture, find("bench", str(bench)), Path(out),
-                name=name, fraction=fraction, report=report, progress=progress,
+                name=name, fraction=fraction, report=report, also=also, progress=progress,
             )  # fmt: skip
         else:
             declared = declared.with_(loop={"name": name or f"{declared.loop.name}-trace"})
-            done = trace_record(capture, declared, Path(out), fraction=fraction, report=report, progress=progress)
+            done = trace_record(
+                capture, declared, Path(out), fraction=fraction, report=report, also=also, progress=progress
+            )
     return Trace(done.folder, done.diagnosis)
 
 

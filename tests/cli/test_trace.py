@@ -6,6 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.errors import ModelError
+from estimator.trace import tracing
+from estimator.trace.problem import Problem
 from hil.bench import load_bench
 from hil.examples import find
 from tests.cli.conftest import Hil
@@ -65,11 +68,33 @@ def test_what_is_asked_is_checked_first(hil: Hil, tmp_path: Path) -> None:
         (("--bench", "silverbox"), "a record of 2 axes"),
         (("--bench", "nowhere"), "no such bench file"),
         (("--bench", "s-slow", "--arm"), "belong to --live"),
+        (("--bench", "s-slow", "--also", "drag_radail"), "--also: no effect 'drag_radail'; did you mean drag_radial?"),
+        (("--bench", "s-slow", "--also", "drag_radial,clock_rate"), "--also: clock_rate: no record tells it"),
+        (("--bench", "s-slow", "--also", "stribeck_friction"), "searches for its vs; declare it as [effects.stribeck"),
+        (("--bench", "rate-table-crs03", "--also", "drag_radial"), "effects of a rate sensor are tried anyway"),
         (("--bench", "s-slow", "--live", "--link", "serial:/dev/null"), "needs --arm"),
     ):
         code, out, err = hil("trace", name, *arguments)
         assert (code, out) == (2, ""), err
         assert says in err
+        assert err.count("\n") == 1
+
+
+def test_effects_that_are_tried_on_request_are_asked_for_by_name(hil: Hil, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = imported(hil)
+
+    def asked(problem: Problem, **_: object) -> None:
+        raise ModelError(f"asked for {problem.asked}")
+
+    monkeypatch.setattr(tracing, "trace", asked)
+    for words, names in (
+        ((), "()"),
+        (("--also", "drag_radial, cubic_damping_radial"), "('drag_radial', 'cubic_damping_radial')"),
+        (("--also", "drag_radial", "--also", "dry_friction_radial"), "('drag_radial', 'dry_friction_radial')"),
+    ):
+        code, _, err = hil("trace", name, "--bench", "s-slow", *words)
+        assert code == 2
+        assert err == f"hil: {name}: asked for {names}\n"
 
 
 @pytest.mark.slow

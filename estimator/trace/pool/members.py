@@ -1,7 +1,7 @@
 """The records of a pool, and what their covariate is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,21 +24,24 @@ class Member:
 
 @dataclass(frozen=True)
 class Pool:
-    """Records of one device; `covariate` names what was other on each, None where nothing is said to have been."""
+    """Records of one device; `covariate` names what was other on each, None where nothing is said to have been;
+    `asked` are candidates that are tried only where they are asked for (`Effect.on_request`).
+    """
 
     members: tuple[Member, ...]
     device: Device
     settings: ObserverSettings
     covariate: str | None = None
+    asked: tuple[str, ...] = ()
 
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Each record by itself."""
-        return tuple(Problem(member.record, self.device, self.settings) for member in self.members)
+        return tuple(Problem(member.record, self.device, self.settings, asked=self.asked) for member in self.members)
 
     def of(self, members: Sequence[Member]) -> "Pool":
         """The same device with these records."""
-        return Pool(tuple(members), self.device, self.settings, self.covariate)
+        return replace(self, members=tuple(members))
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ def trace_pool(pool: Pool, held_out: Sequence[int], progress: Progress = lambda 
     choice, later, whole = _rows(fit)
     known = tuple(pool.settings.effects)
     begun = _started(fit, level, known, progress)
-    model = PooledModel(fit, choice, later, candidates(pool.device, pool.settings))
+    model = PooledModel(fit, choice, later, candidates(pool.device, pool.settings, pool.asked))
     first = fitted(fit, known, tuple(begun.slopes), begun, choice)
     chosen = choose(model, first, RULES, lambda done, most: progress("free runs", done, most))
     progress("refinement", 0, 2)
