@@ -28,8 +28,9 @@ install: $(WARM) $(PAGE)
 demo: $(WARM)
 	$(BIN)/hil demo
 
-# Files side by side, as many as there are processors; then what has to keep up with the wall clock, alone.
-BESIDE := -n auto --dist loadfile
+# Files side by side, as many as there are processors, the longest first (tests/conftest.py); then, alone, what has to
+# keep up with the wall clock.
+BESIDE := -n auto --dist loadfile --no-loadscope-reorder
 
 test: $(WARM) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "not realtime"

@@ -1,4 +1,4 @@
-"""Does the EKF know how wrong it is?  S-slow and S-classic, 400 seeds each, no fading, first guess drawn from P0.
+"""Does the EKF know how wrong it is?  S-slow and S-classic, 400 seeds each, no fading, initial values drawn from P0.
 
 At the end of each record: for each of the 13 states whether its 95 % interval holds the truth; the normalised
 estimation error squared (NEES) of all 13, whose mean over the records must lie in the 95 % band of χ²; the errors of
@@ -42,7 +42,7 @@ class End:
 
 
 def declared(name: str) -> tuple[Scenario, Bench]:
-    """Constant rate and white noise only; a bench whose noise is the emulator's, and whose P0 the first guess is
+    """Constant rate and white noise only; a bench whose noise is the emulator's, and whose P0 the initial values are
     drawn from.
     """
     scenario = scenario_of(name, rate={"kind": "constant", "rate_rad_s": RATE})
@@ -89,8 +89,8 @@ def true_start(scenario: Scenario) -> Floats:
     return np.concatenate([motion, offsets, [w, kxx, kyy, kxy, dxx, dyy, dxy]])
 
 
-def guessed(bench: Bench, truth: Floats, seed: int) -> Bench:
-    """The bench with a first guess drawn around the truth with the spread the bench declares."""
+def with_drawn_initial_values(bench: Bench, truth: Floats, seed: int) -> Bench:
+    """The bench with initial values drawn around the truth with the spread the bench declares."""
     observer = Observer(device_of(bench), observer_settings_of(bench))
     draw = truth + np.sqrt(np.diag(observer.covariance)) * np.random.default_rng(seed).standard_normal(13)
     mass = bench.device.mass_kg
@@ -136,7 +136,7 @@ def bound(run: ClosedLoop, bench: Bench, start: Floats) -> Floats:
 
 def end_of(scenario: Scenario, bench: Bench, start: Floats, seed: int) -> End:
     """One record."""
-    bench = guessed(bench, start, seed)
+    bench = with_drawn_initial_values(bench, start, seed)
     run = close_loop(scenario, bench, SAMPLES, seed=seed, every=SAMPLES)
     true = np.concatenate(
         [

@@ -1,7 +1,7 @@
 """The rate of S-classic at amplitude / noise = 20, beside the posterior Cramér–Rao bound of the same records.
 
 Chi & Chen (Sensors & Transducers 6, 2009) report 1e-2 rad/s at that ratio.  Three cases, each at a constant 5 rad/s:
-`s-classic` as it is, whose bench file lets the rate walk by 20 rad/s per √s; the same device with a rate that hardly
+`s-classic` as it is, whose bench file gives the rate a random walk of 20 rad/s per √s; the same with a rate that hardly
 moves and no forgetting; and `s-classic-constant`, the same but for stiffnesses that are trimmed.  The bound is the
 covariance recursion along the true trajectory with the bench file's own noises and no fading memory.
 """

@@ -36,7 +36,7 @@ SENSE = np.dtype(
         ("opamp_gain", "f8", 2),  # (Co1 + Co2 + Cp) / Cf
         ("leak_per_s", "f8", 2),  # 1 / (Rf Cf)
         ("drift_V_per_s", "f8", 2),
-        ("walk_V", "f8"),  # per sample
+        ("random_walk_V", "f8"),  # per sample
         ("noise_V", "f8"),
         ("flicker_poles", "i8"),
         ("flicker_V", "f8", MAX_FLICKER_POLES),  # rms of each
@@ -65,7 +65,7 @@ SENSE_STATE = np.dtype(
         ("leaked", "f8", 2),  # low-passed displacement that the high-pass takes away
         ("smooth", "f8", 2),  # output of the low-pass
         ("newest", "i8"),  # row of `history` written last
-        ("walk", "f8", 2),
+        ("random_walk", "f8", 2),
         ("flicker", "f8", (2, MAX_FLICKER_POLES)),
         ("shown", "i8", 2),  # code of the last row
     ],
@@ -97,7 +97,7 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
     c["opamp_gain"] = (2.0 * per_m * s.overlap_m + s.parasitic_F) / cf  # Co1 + Co2: twice the one at rest
     c["leak_per_s"] = 1.0 / (np.array(s.feedback_ohm) * cf)
     c["drift_V_per_s"] = s.drift_V_per_s
-    c["walk_V"] = s.random_walk_V_per_rts / math.sqrt(fs)
+    c["random_walk_V"] = s.random_walk_V_per_rts / math.sqrt(fs)
     c["noise_V"] = s.noise_V
     # 1/f noise of density F at 1 Hz: first-order processes a decade apart, each of variance F² ln 10, sum to
     # F²/f within 6 % from 1 mHz to a quarter of the sample rate. Sampling folds what lies above half the rate
@@ -207,7 +207,7 @@ def offset(sense: Any, state: Any, t_s: float, axis: int) -> float:
     """Φ in V at the time t_s."""
     left = math.exp(-sense.leak_per_s[axis] * t_s)
     phi: float = sense.mismatch_V[axis] * left + sense.opamp_V[axis] * (1.0 + sense.opamp_gain[axis] * left)
-    phi += sense.drift_V_per_s[axis] * t_s + state.walk[axis]
+    phi += sense.drift_V_per_s[axis] * t_s + state.random_walk[axis]
     for pole in range(sense.flicker_poles):
         phi += state.flicker[axis, pole]
     return phi
@@ -217,11 +217,11 @@ def offset(sense: Any, state: Any, t_s: float, axis: int) -> float:
 def wander(sense: Any, state: Any, normals: NDArray[np.float64], first: bool) -> None:
     """One sample of random walk and 1/f noise from standard normals, shape (2 + 2 poles,).
 
-    `first` starts them: the walk at zero, each 1/f process somewhere in its range.
+    `first` starts them: the random walk at zero, each 1/f process somewhere in its range.
     """
     for axis in range(2):
         if not first:
-            state.walk[axis] += sense.walk_V * normals[axis]
+            state.random_walk[axis] += sense.random_walk_V * normals[axis]
         for pole in range(sense.flicker_poles):
             normal = normals[2 + axis * sense.flicker_poles + pole]
             kept = sense.flicker_keep[pole] * state.flicker[axis, pole]

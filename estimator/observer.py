@@ -126,12 +126,12 @@ class Observer:
         self.estimated_index = np.concatenate([np.arange(self.states), self.states + self.active])
         if len(self.estimated_index) > MAX_ENTRIES:
             raise ModelError(f"{len(self.estimated_index)} states and constants at once; {MAX_ENTRIES} are supported")
-        spread, walk = self._spreads()
+        spread, random_walk = self._spreads()
         self.x = self._initial()
         n = self.states + len(self.active)
         self._p = np.diag(spread**2)
         self._c = self._p.copy()
-        self._intensity = walk[self.active] ** 2
+        self._intensity = random_walk[self.active] ** 2
         self._record = self._recorded(controller)
         self._start = self.x[self.states :][self.active]
         self.first_temperature: float | None = None
@@ -172,7 +172,7 @@ class Observer:
                 Quantity.DRIVE_GAIN: spread.drive_gain * scaling.drive_gain,
             }
         )
-        walk = self._per_constant(
+        random_walk = self._per_constant(
             {
                 Quantity.OFFSET: noise.offset,
                 Quantity.RATE: noise.rate,
@@ -186,7 +186,7 @@ class Observer:
         plausible = [coefficient.plausible for _, effect in self.effects for coefficient in effect.coefficients]
         constants = np.concatenate([constants / one, plausible])
         return np.concatenate([states, constants[self.active]]), np.concatenate(
-            [walk / one / root, np.zeros(len(plausible))]
+            [random_walk / one / root, np.zeros(len(plausible))]
         )
 
     def _initial(self) -> Array:
@@ -417,8 +417,8 @@ class Observer:
         return self.states + len(self.active) - sum(len(effect.coefficients) for _, effect in self.effects)
 
     @property
-    def walks(self) -> Array:
-        """Variance (k,) per scaled second by which each active constant moves as a random walk."""
+    def random_walk_intensity(self) -> Array:
+        """Intensity (k,) of the random walk of each active constant: the square of its density, per scaled second."""
         return np.array(self._intensity)
 
     @property

@@ -70,7 +70,7 @@ class _Noise(NamedTuple):
     """Of a step q (14, 14), of the rate in scaled time, the step h itself, of a sample (2,)."""
 
     q: Array
-    walk: float
+    rate: float
     h: float
     sample: Array
 
@@ -83,15 +83,15 @@ class Recursion:
         self._p = np.zeros((14, 14))
         self._p[np.ix_(observer.estimated_index, observer.estimated_index)] = observer.covariances[0]
         q = np.zeros((14, 14))
-        walks = np.zeros(9)
-        walks[observer.active] = observer.walks
-        q[4:13, 4:13] = np.diag(walks) * h
+        intensity = np.zeros(9)
+        intensity[observer.active] = observer.random_walk_intensity
+        q[4:13, 4:13] = np.diag(intensity) * h
         for axis in range(2):
             a, b = 2 * axis, 2 * axis + 1
             force = float(observer.force_noise[axis])
             q[a, a], q[a, b], q[b, a], q[b, b] = force * h**3 / 3, force * h**2 / 2, force * h**2 / 2, force * h
         q[6, 6] = 0.0
-        self._noise = _Noise(q, float(walks[2]), h, observer.sense_noise)
+        self._noise = _Noise(q, float(intensity[2]), h, observer.sense_noise)
         self._reference = math.ceil(observer.settings.reference * observer.device.sample_rate) - 1
         self._done = 0
 
@@ -124,7 +124,7 @@ def _recursion(
     states: Array,
 ) -> None:
     """The Riccati recursion over some samples, one measurement after the other; p (14, 14) goes on."""
-    q, walk, h, noise = variances
+    q, rate_intensity, h, noise = variances
     f = np.eye(14)
     f[13, 6] = h
     jump = np.zeros(14)  # what a unit jump of the rate does: Euler's acceleration, and φ from the middle of the step on
@@ -139,7 +139,7 @@ def _recursion(
         p[:, :] = f @ p @ f.T + q
         for i in range(14):
             for j in range(14):
-                p[i, j] += walk * h * jump[i] * jump[j]
+                p[i, j] += rate_intensity * h * jump[i] * jump[j]
         correction[:] = 0.0
         for axis in range(2):
             if seen[m, axis]:

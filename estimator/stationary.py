@@ -58,8 +58,8 @@ def unforeseen(observer: "Observer") -> Array:
 
     A relative uncertainty s of the stiffness is one of s/2 in the frequencies, and of s at two standard deviations: in
     a memory of the motion longer than 1/s (scaled time) the table would take the error's phase for another.  An
-    amplitude that walks with intensity q, seen with a variance r by samples h apart, is followed with bandwidth
-    √(q / 2 r h); a force of intensity f makes it walk with f/2.  So f = 4 s² r h gives the motion a memory of 1/s.
+    amplitude that is a random walk of intensity q, seen with variance r by samples h apart, is followed with bandwidth
+    √(q / 2 r h); a force of intensity f makes it one of f/2.  So f = 4 s² r h gives the motion a memory of 1/s.
     """
     settings = observer.arrays.settings
     variance = settings["noise"][0] + settings["ignored"][0]

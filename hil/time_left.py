@@ -47,10 +47,10 @@ class TimeLeft:
         if 0 < done <= total and now - self._began > _GROUND_S and (done == total or done > 1):
             rest = (total - done) * (now - self._stage_began) / max(done - 1, 1)
             compared, whole = _FOLLOWS[stage]
-            self._guess(now, rest + (compared + self._longer * whole) * (now - self._began + rest))
+            self._estimate(now, rest + (compared + self._longer * whole) * (now - self._began + rest))
         return self._said(now)
 
-    def _guess(self, now: float, left: float) -> None:
+    def _estimate(self, now: float, left: float) -> None:
         said = self._said(now)
         if said is None or left < said or left > _JUMP * said:
             self._end = now + left

@@ -2,7 +2,10 @@
 
 import os
 import signal
+from collections import defaultdict
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
 # The matrices here are 13 × 13: threads of the BLAS library only wait for each other, hundreds of times longer on a
@@ -16,3 +19,30 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # How long an example takes says how busy the machine is, not whether the code is right.
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
+
+
+_SLOW_S = 20.0
+_QUICK_S = 0.1
+
+
+@pytest.hookimpl(trylast=True)  # of what `-m` has left
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Where files run side by side, those that may take longest begin first, by the marks of their tests.
+
+    The last file to begin decides when all have ended, and xdist by itself begins with those of the most tests: a
+    single test of four minutes would come last.
+    """
+    if not hasattr(config, "workerinput"):
+        return
+    may_take: defaultdict[Path, float] = defaultdict(float)
+    for item in items:
+        may_take[item.path] += _may_take(item)
+    items.sort(key=lambda item: -may_take[item.path])
+
+
+def _may_take(item: pytest.Item) -> float:
+    """Seconds, roughly: a test that was given more time than usual says so itself."""
+    own = item.get_closest_marker("timeout")
+    if own is not None:
+        return float(own.args[0]) / 5.0
+    return _SLOW_S if item.get_closest_marker("slow") else _QUICK_S

@@ -147,7 +147,7 @@ class Filterpy:
         self._h, self._order = observer.h, int(record["order"])
         f.Q = np.zeros((13, 13))
         f.Q[np.arange(1, 4, 2), np.arange(1, 4, 2)] = record["force_noise"] * observer.h
-        f.Q[4:, 4:] = np.diag(observer.walks * observer.h)
+        f.Q[4:, 4:] = np.diag(observer.random_walk_intensity * observer.h)
         self._jacobian = np.zeros((2, 13))
         self._jacobian[0, [0, 4]] = self._jacobian[1, [2, 5]] = 1.0
         self._fade = float(record["fade"])

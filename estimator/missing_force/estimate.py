@@ -44,7 +44,7 @@ class _Stretch:
     first: int
     split: int
     force_noise: float
-    walk: float
+    rate_intensity: float
 
     @property
     def choice(self) -> slice:
@@ -74,8 +74,8 @@ def missing_force(problem: Problem, split: int) -> MissingForce:
     stretch = replace(stretch, linear=linear)
     points = _points(stretch, seen, slice(max(stretch.split - _CHOICE, 0), stretch.split))
     own = slice(rows.start - max(stretch.split - _CHOICE, 0), len(points.motion))
-    alone = constants_alone(points, stretch.force_noise, stretch.walk, own)
-    law = propose(points, stretch.force_noise, stretch.walk, own)
+    alone = constants_alone(points, stretch.force_noise, stretch.rate_intensity, own)
+    law = propose(points, stretch.force_noise, stretch.rate_intensity, own)
     whole = _points(stretch, seen, slice(0, len(linear.sense)))
     was, now = (_ratio(stretch, whole, one) for one in (alone, law))
     if not now < was:
@@ -113,7 +113,7 @@ def _stretch(problem: Problem, split: int) -> _Stretch:
         rate=np.zeros(len(z)),
     )
     names = list(observer.estimated)
-    walk = float(observer.walks[names.index("rate") - observer.states]) if "rate" in names else 0.0
+    intensity = observer.random_walk_intensity
     return _Stretch(
         observer=observer,
         linear=linear,
@@ -121,7 +121,7 @@ def _stretch(problem: Problem, split: int) -> _Stretch:
         first=first,
         split=split - first,
         force_noise=float(observer.force_noise[0]) + _LEAST_NOISE,
-        walk=walk,
+        rate_intensity=float(intensity[names.index("rate") - observer.states]) if "rate" in names else 0.0,
     )
 
 
@@ -132,7 +132,9 @@ def _turned(
     if linear.axes == 1:
         return linear
     pushed, sensed = known or (np.zeros_like(motion), np.zeros((len(motion), 2)))
-    found = follow(replace(linear, rate=np.zeros(len(motion))), motion, pushed, sensed, law.force_noise, stretch.walk)
+    found = follow(
+        replace(linear, rate=np.zeros(len(motion))), motion, pushed, sensed, law.force_noise, stretch.rate_intensity
+    )
     return replace(linear, rate=found.rate) if np.all(np.isfinite(found.rate)) else linear
 
 
@@ -161,7 +163,7 @@ def _ratio(stretch: _Stretch, points: Points, law: Law) -> float:
     linear = with_constants(points.linear, law)
     forgets = 1.0 / (2.0 * np.pi * _FOLLOWED)
     density = max(stretch.force_noise, 4.0 * float(np.mean(linear.noise**2)) * linear.step * forgets**2)
-    found = follow(linear, points.motion, *law.pushed(points), density, stretch.walk)
+    found = follow(linear, points.motion, *law.pushed(points), density, stretch.rate_intensity)
     there = np.all(np.isfinite(linear.sense), axis=1)
     there[: stretch.held_out.start] = False
     ratio = found.innovation[there] / found.deviation[there]

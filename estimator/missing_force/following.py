@@ -28,10 +28,12 @@ class Followed:
     likelihood: float
 
 
-def follow(linear: Linear, reference: Array, known: Array, sensed: Array, force_noise: float, walk: float) -> Followed:
+def follow(
+    linear: Linear, reference: Array, known: Array, sensed: Array, force_noise: float, rate_intensity: float
+) -> Followed:
     """Over the record; reference (n, states): the motion; known (n, states): what is known to push besides the drive;
-    sensed (n, axes): what is known to be sensed besides the position; force_noise: density of a white force; walk:
-    variance of the rate per unit of scaled time.
+    sensed (n, axes): what is known to be sensed besides the position; force_noise: density of a white force;
+    rate_intensity: variance by which the rate wanders per unit of scaled time.
     """
     axes, size = linear.axes, linear.states
     m = size + (axes == 2)
@@ -47,7 +49,7 @@ def follow(linear: Linear, reference: Array, known: Array, sensed: Array, force_
     rate = np.zeros(n)
     turning, expected = np.ascontiguousarray(linear.turning), np.ascontiguousarray(reference)
     _follow(
-        _Noise(linear.noise**2, noise, walk * linear.step),
+        _Noise(linear.noise**2, noise, rate_intensity * linear.step),
         _Course(np.ascontiguousarray(linear.transition), linear.by_rate, turning, added, z, expected),
         start, spread, innovation, variance, gain, rate,
     )  # fmt: skip
@@ -104,7 +106,7 @@ class _Noise(NamedTuple):
 
     seen: Array
     motion: Array
-    walk: float
+    rate: float
 
 
 class _Course(NamedTuple):
@@ -122,7 +124,7 @@ class _Course(NamedTuple):
 def _follow(  # type: ignore[no-untyped-def]
     variances, course, start, spread, innovation, variance, gain, rate
 ):
-    seen_noise, noise, walk = variances
+    seen_noise, noise, rate_variance = variances
     transition, by_rate, turning, added, sense, reference = course
     n, axes = sense.shape
     s = by_rate.shape[0]
@@ -144,13 +146,13 @@ def _follow(  # type: ignore[no-untyped-def]
                 x[i] += added[k, i]
             p = a @ p @ a.T + noise
             if m > s:
-                change = turning[k] - turning[k - 1]  # Euler: the rate that is known, and the walk of the rest
+                change = turning[k] - turning[k - 1]  # Euler: the rate that is known, and the random walk of the rest
                 x[1] += reference[k, 2] * change
                 x[3] -= reference[k, 0] * change
                 push[1], push[3], push[4] = reference[k, 2], -reference[k, 0], 1.0
                 for i in range(m):
                     for j in range(m):
-                        p[i, j] += walk * push[i] * push[j]
+                        p[i, j] += rate_variance * push[i] * push[j]
             for i in range(m):
                 for j in range(i):
                     p[i, j] = 0.5 * (p[i, j] + p[j, i])

@@ -250,14 +250,14 @@ def extent_of(points: Points, lines: tuple[float, ...] = (), modulations: tuple[
     )
 
 
-def propose(points: Points, force_noise: float, walk: float, rows: slice) -> Law:
+def propose(points: Points, force_noise: float, rate_intensity: float, rows: slice) -> Law:
     """The form of what is missing, chosen on `rows`; a law without terms where none is worth it."""
     linear, motion = points.linear, points.motion
     base = base_terms(linear.axes)
     own = tuple(base.values())
     nothing = np.zeros_like(motion), np.zeros((len(motion), linear.axes))
-    noise = noise_of(points, nothing, force_noise, walk, rows)
-    followed = follow(linear, motion, *nothing, noise, walk)
+    noise = noise_of(points, nothing, force_noise, rate_intensity, rows)
+    followed = follow(linear, motion, *nothing, noise, rate_intensity)
     lines, modulations = _waves(points, followed, own, rows)
     terms = library(linear.axes, extent_of(points, lines, modulations))
     columns = _columns(points, own, terms)
@@ -265,14 +265,14 @@ def propose(points: Points, force_noise: float, walk: float, rows: slice) -> Law
     law = _fitted(points, followed, base, (), rows, noise)
     for turn in range(_ROUNDS):
         if turn:
-            followed = follow(linear, motion, *nothing, noise, walk)
+            followed = follow(linear, motion, *nothing, noise, rate_intensity)
         sums = _sums(_asked(points, followed, columns, rows), terms)
         found = tuple(terms[i] for i in _best(sums, min(turn + 1, _MOST)))
         law = _fitted(points, followed, base, found, rows, noise)
         if not found or (turn > 1 and [term.name for term in found] == [term.name for term in chosen]):
             break
         chosen = found
-        noise = noise_of(points, law.pushed(points), noise, walk, rows, law)
+        noise = noise_of(points, law.pushed(points), noise, rate_intensity, rows, law)
     if any(_is_threshold(term) for term in law.terms):
         nearer = tuple(one for term in law.terms for one in _nearer(term))
         sums = _sums(_asked(points, followed, _columns(points, own, nearer), rows), nearer)
@@ -281,11 +281,11 @@ def propose(points: Points, force_noise: float, walk: float, rows: slice) -> Law
     return law
 
 
-def constants_alone(points: Points, force_noise: float, walk: float, rows: slice) -> Law:
+def constants_alone(points: Points, force_noise: float, rate_intensity: float, rows: slice) -> Law:
     """No terms: the constants that go with the base model."""
     nothing = np.zeros_like(points.motion), np.zeros((len(points.motion), points.linear.axes))
-    noise = noise_of(points, nothing, force_noise, walk, rows)
-    followed = follow(points.linear, points.motion, *nothing, noise, walk)
+    noise = noise_of(points, nothing, force_noise, rate_intensity, rows)
+    followed = follow(points.linear, points.motion, *nothing, noise, rate_intensity)
     return _fitted(points, followed, base_terms(points.linear.axes), (), rows, noise)
 
 
@@ -309,7 +309,12 @@ def _one_of_each(nearer: Sequence[Term], chosen: Sequence[Term]) -> list[list[in
 
 
 def noise_of(
-    points: Points, known: tuple[Array, Array], begin: float, walk: float, rows: slice, changed: Law | None = None
+    points: Points,
+    known: tuple[Array, Array],
+    begin: float,
+    rate_intensity: float,
+    rows: slice,
+    changed: Law | None = None,
 ) -> float:
     """Density of the white force with the largest likelihood, beside what is known to push and to be sensed."""
     part = slice(max(rows.stop - _COMPARED, rows.start), rows.stop)
@@ -317,7 +322,7 @@ def noise_of(
     short, (pushed, sensed) = part_of(linear, part), known
 
     def worth(density: float) -> float:
-        return follow(short, points.motion[part], pushed[part], sensed[part], density, walk).likelihood
+        return follow(short, points.motion[part], pushed[part], sensed[part], density, rate_intensity).likelihood
 
     best, reached = begin, worth(begin)
     for factor in (_NOISES, 1.0 / _NOISES):

@@ -39,7 +39,7 @@ class NumpyObserver(Observer):
         self._noise = np.diag((np.array(device.noise) / volts) ** 2)
         ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
         self._assumed = self._noise + np.diag((ignored / np.array(volts)) ** 2)
-        self._twin = self._fading or ignored > 0.0
+        self._carries_both = self._fading or ignored > 0.0
         force = settings.process_noise.force**2 / 2.0 / (device.amplitude**2 * self.scaling.omega0**3)
         self._force = np.full(device.axes, force)
         self._virtual = 0.0 if controller is None else controller.virtual_rotation / self.scaling.omega0
@@ -91,7 +91,7 @@ class NumpyObserver(Observer):
                 self._angle_cross[:] = 0.0
             angle_variance[m] = self._angle_variance
             states[m] = self.x
-            deviations[m, self.estimated_index] = np.sqrt(np.diag(self._c if self._twin else self._p))
+            deviations[m, self.estimated_index] = np.sqrt(np.diag(self._c if self._carries_both else self._p))
         index = np.arange(every - 1, n, every)
         angles = self._angles(predicted, states, u, h, began) if axes == 2 else np.zeros((7, n))
         return Estimates(
@@ -134,7 +134,7 @@ class NumpyObserver(Observer):
         seen = np.isfinite(z)
         jacobian = self._model.jacobian(self.x[: self.states], self.x[self.states :])[:, self.estimated_index]
         innovation = np.where(seen, z - self._measure(self.x), 0.0)
-        actual = self._c if self._twin else self._p
+        actual = self._c if self._carries_both else self._p
         predicted = jacobian @ actual @ jacobian.T
         variance = np.diag(self._noise) + np.where(seen, np.diag(predicted), 0.0)
         if not seen.any():

@@ -96,15 +96,15 @@ def _filtered(
     x[6] *= device.angular_gain
     sd = np.array([spread.stiffness] * 3 + [spread.damping * mean] * 3 + [spread.rate / omega0])
     p = np.diag(sd**2)
-    walk = np.zeros((7, 7))
-    walk[6, 6] = (settings.process_noise.rate / omega0) ** 2 * seconds
+    random_walk = np.zeros((7, 7))
+    random_walk[6, 6] = (settings.process_noise.rate / omega0) ** 2 * seconds
     noise = np.array(device.noise) / (np.abs(device.sense_gain) * device.amplitude)
     # Noise of the sense goes through φ̈ + φ, the resonance itself being known well enough for it.
     gain = float(np.sum(np.abs(functions[2] + functions[0]) ** 2)) / 2.0
     r = np.diag(np.repeat(noise**2 * gain, 2))
     told = np.zeros((len(moments), 7))
     for row, ((x0, x1, x2), (y0, y1, y2)) in enumerate(moments):
-        p = p + walk
+        p = p + random_walk
         if np.isfinite(x0 + y0):
             o = 0.0 * x0
             h = np.array([[x0, o, y0, -x1, o, -y1, 2.0 * y1], [o, y0, x0, o, -y1, -x1, -2.0 * x1]])

@@ -14,13 +14,13 @@ import numpy as np
 
 from estimator.rate_sensor.allan import AllanDeviation, Floats, Ints
 
-Term = Literal["quantisation", "white", "flicker", "walk", "ramp"]
+Term = Literal["quantisation", "white", "flicker", "rate random walk", "ramp"]
 
 TERMS: dict[Term, tuple[int, float]] = {
     "quantisation": (-2, 3.0),
     "white": (-1, 1.0),
     "flicker": (0, 2.0 * np.log(2.0) / np.pi),
-    "walk": (1, 1.0 / 3.0),
+    "rate random walk": (1, 1.0 / 3.0),
     "ramp": (2, 0.5),
 }
 """Power of τ in σ², and factor of the squared coefficient."""

@@ -1,4 +1,4 @@
-"""How surprising something is, in standard deviations, from logarithms of probabilities that no float could hold."""
+"""How unlikely by chance, in standard deviations, from logarithms of probabilities that no float could hold."""
 
 import math
 

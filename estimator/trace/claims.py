@@ -97,8 +97,8 @@ def _rate(problem: Problem, after: Examination, split: int) -> tuple[Constant, .
     if not np.any(np.isfinite(beyond)):
         return ()
     at = int(np.nanargmax(beyond))
-    walked = problem.settings.process_noise.rate**2 * problem.span
-    deviation = float(np.sqrt(problem.settings.spread.rate**2 + walked))
+    random_walk = problem.settings.process_noise.rate**2 * problem.span
+    deviation = float(np.sqrt(problem.settings.spread.rate**2 + random_walk))
     value, half = float(rate[at]), TWO_SIDED * float(sure[at])
     return (Constant("rate", value, value - half, value + half, initial, deviation),)
 
@@ -145,8 +145,8 @@ def _votes(problem: Problem, before: Examination, after: Examination, split: int
     errors = Errors(was, after.held_out.rate_error_rms, max(rate, was), draws)
     votes = [Vote("error of the rate", "rad/s", errors)]
     if before.held_out.angle_error_rms is not None and after.held_out.angle_error_rms is not None:
-        walk = noise * step * np.sqrt(len(later))
-        angle = float(np.sqrt(np.nanmean(estimates.angle_deviation[split:] ** 2) + walk**2))
+        random_walk = noise * step * np.sqrt(len(later))
+        angle = float(np.sqrt(np.nanmean(estimates.angle_deviation[split:] ** 2) + random_walk**2))
         errors = Errors(before.held_out.angle_error_rms, after.held_out.angle_error_rms, angle, 1.0)
         votes.append(Vote("error of the angle", "rad", errors))
     return tuple(votes)

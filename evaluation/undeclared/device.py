@@ -77,7 +77,7 @@ def draw_device(rng: np.random.Generator, *, crest: float, slow: bool) -> DrawnD
     rate = min(1.25e-3 * omega * math.exp(rng.uniform(math.log(0.5), math.log(2.0))), 35.0)
     off = 1.0 + _DECLARED_OFF * rng.uniform(-1.0, 1.0, 2)
     declared = (stiffness[0] * off[0], stiffness[1] * off[1], stiffness[2] + 0.002 * k * rng.standard_normal())
-    guess = rng.uniform(0.5, 1.5, 2)
+    misjudged = rng.uniform(0.5, 1.5, 2)
     return DrawnDevice(
         slow=near,
         crest=crest,
@@ -94,7 +94,7 @@ def draw_device(rng: np.random.Generator, *, crest: float, slow: bool) -> DrawnD
         rate_rad_s=rate,
         virtual_rotation_rad_s=2.4e-3 * omega * rng.uniform(0.8, 1.5),
         declared_stiffness=declared,
-        declared_damping=(damping[0] * guess[0], damping[1] * guess[1], 0.0),
+        declared_damping=(damping[0] * misjudged[0], damping[1] * misjudged[1], 0.0),
     )
 
 

@@ -260,17 +260,19 @@ class GrowingFile:
         self.header = scan.header
         self._path, self._dtypes, self._opening = path, scan.dtypes, scan.opening
         self._file = path.open("rb")
-        self._walk = _Passage(self._file, 0, self._file.read(scan.opening), _heads(path, scan.header["checksum"]), True)
+        self._passage = _Passage(
+            self._file, 0, self._file.read(scan.opening), _heads(path, scan.header["checksum"]), True
+        )
         self._taken = 0  # blocks
         self._rows = 0
         self.complete = False
 
     def news(self) -> Columns:
         """The rows that were written since this was last asked, none where no block was."""
-        self._walk.grown(os.fstat(self._file.fileno()).st_size)
+        self._passage.grown(os.fstat(self._file.fileno()).st_size)
         if self.complete:
             return self._part([], self._rows)
-        blocks, self.complete, damage = self._walk.blocks()
+        blocks, self.complete, damage = self._passage.blocks()
         if damage:
             raise InputError(f"{self._path}: {damage}; restore the file")
         new = blocks[self._taken :]

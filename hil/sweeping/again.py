@@ -15,7 +15,7 @@ from hil.records.runfolder import RunFolder
 from hil.report import write_report
 from hil.scoring import score
 from hil.sweeping.figures import schema
-from hil.sweeping.guess import with_drawn_guess
+from hil.sweeping.initial_values import with_drawn_initial_values
 from hil.sweeping.kept import read_rows
 from hil.sweeping.one_run import digest_of
 from hil.sweeping.plan import Plan, toml_of
@@ -41,8 +41,8 @@ def make_again(plan: Plan, number: int, out: Path, results: Path, *, progress: W
         place = Path(temporary)
         board, truth = place / "board.scenario.toml", place / "truth.arrow"
         write_text(board, toml_of(scenario, f"The board of run {number} of {plan.campaign.name}."))
-        if plan.campaign.each.guess:
-            bench = with_drawn_guess(bench, board, place)
+        if plan.campaign.each.drawn_initial:
+            bench = with_drawn_initial_values(bench, board, place)
         done = run_loop(bench, f"inproc:{board}", out, truth=truth, report=False, progress=progress)
         assert done.folder is not None
         score(done.folder, truth)

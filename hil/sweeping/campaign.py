@@ -113,8 +113,8 @@ def _sort(value: Any) -> str | None:
 class Each(Section):
     """What is looked at in each run beside its score."""
 
-    guess: bool = False
-    """the observer's first guess is drawn about the board's true state, with the spread that the bench declares:
+    drawn_initial: bool = False
+    """the observer's initial values are drawn about the board's true state, with the spread that the bench declares:
     without that its covariance, and with it NEES and coverage, have nothing to be true of"""
     bound: bool = False
     """the posterior Cramér–Rao bound of rate and pattern angle along the true trajectory: how well any estimator could

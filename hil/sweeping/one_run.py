@@ -70,10 +70,10 @@ def _row(task: Task, place: Path) -> Row:
     each = Each(**task.what["each"])
     scenario = place / "board.scenario.toml"
     scenario.write_text(task.what["scenario"], encoding="utf-8")
-    if each.guess:
-        from hil.sweeping.guess import with_drawn_guess
+    if each.drawn_initial:
+        from hil.sweeping.initial_values import with_drawn_initial_values
 
-        bench = with_drawn_guess(bench, scenario, place)
+        bench = with_drawn_initial_values(bench, scenario, place)
     made = _made(bench, scenario, place / "run", scan=each.scan)
     if made.truth is None:
         return made.row

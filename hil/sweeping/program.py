@@ -9,7 +9,7 @@ from pathlib import Path
 _PACKAGES = ("estimator", "device_emulator", "hil")
 _BESIDE = {"cli", "report", "library", "interchange", "doctor", "examples", "sweeping"}
 """Parts of `hil` that no figure of a run comes from …"""
-_OF_A_RUN = {"one_run.py", "bound.py", "guess.py", "turn.py"}
+_OF_A_RUN = {"one_run.py", "bound.py", "initial_values.py", "turn.py"}
 """… but for these files of theirs."""
 _UNDER = ("numpy", "numba", "scipy", "pyarrow")
 

@@ -39,7 +39,7 @@ def over_a_turn(estimates: Estimates, truth: Truth, window: Window, stiffness_pe
 
 def bias_over_a_turn(t_s: Floats, pattern_rad: Floats, error_rad: Floats) -> Turn | None:
     """From times, unwrapped pattern angles and errors of the angle (n,), by least squares of the error's growth over
-    short parts: an angle's error walks, so that its growths are independent where it is not itself.
+    short parts: an angle's error is much like a random walk, whose growths are independent and whose values are not.
     """
     if t_s.size < 2 * _CELLS or np.ptp(pattern_rad) < _TURN:
         return None

@@ -171,5 +171,5 @@ def test_links_of_adapters() -> None:
 
 
 def test_an_adapter_from_another_package(install: Install) -> None:
-    install("twin", "hil.boards.stim300:Stim300")
-    assert find_port("twin:/dev/ttyUSB3").path == "/dev/ttyUSB3"
+    install("other", "hil.boards.stim300:Stim300")
+    assert find_port("other:/dev/ttyUSB3").path == "/dev/ttyUSB3"

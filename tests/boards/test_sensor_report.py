@@ -78,10 +78,10 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil.report.numbering.inline_svg", lambda *_: '<svg role="img"></svg>')
 
 
-def noise(n: int, walks: tuple[float, ...] = (0.15, 0.3, 0.6), seed: int = 1) -> np.ndarray:
+def noise(n: int, densities: tuple[float, ...] = (0.15, 0.3, 0.6), seed: int = 1) -> np.ndarray:
     """White noise of three axes in °/s, of these angle random walks in °/√h."""
-    per_root_s = np.array(walks) / 60.0
-    return per_root_s * np.sqrt(RATE_HZ) * np.random.default_rng(seed).standard_normal((n, len(walks)))
+    per_root_s = np.array(densities) / 60.0
+    return per_root_s * np.sqrt(RATE_HZ) * np.random.default_rng(seed).standard_normal((n, len(densities)))
 
 
 def words(html: str) -> str:

@@ -149,15 +149,15 @@ def test_the_report_opens_alone_and_has_each_worst_run_with_its_command(swept: h
 
 
 @pytest.mark.slow
-def test_bound_guess_and_scan_of_a_run(swept: hil.Sweep) -> None:
-    each = {"bound": True, "guess": True}
+def test_bound_initial_values_and_scan_of_a_run(swept: hil.Sweep) -> None:
+    each = {"bound": True, "drawn_initial": True}
     fixed = small()["fixed"] | {"bench.observer.gain": "ekf"}
     made, scanned = plan(small(each=each, fixed=fixed)), plan(small(each=each | {"scan": True}, fixed=fixed))
     row, judged = (carry_out(one.task(0)).row for one in (made, scanned))
     assert judged["verdict"] in ("good", "failed")
     assert judged["angle_u_rad"] > 0.0
     assert row == {name: value for name, value in judged.items() if name in row}
-    assert row["record_sha256"] != swept.table["record_sha256"].to_pylist()[0]  # it began with another guess
+    assert row["record_sha256"] != swept.table["record_sha256"].to_pylist()[0]  # it began with other initial values
     for bound, sd in (("bound_rate_end_rad_s", "sd_rate_rad_s"),):
         assert row[bound] == pytest.approx(row[sd], rel=0.05)  # an EKF that has converged states the bound
     assert 0.0 < row["bound_pattern_end_rad"] < row["bound_pattern_rms_rad"]

@@ -26,12 +26,12 @@ def test_a_bias_of_two_harmonics_comes_out() -> None:
     assert turn.span == pytest.approx(span, rel=2e-3)
 
 
-def test_of_an_error_that_walks_little_is_taken_for_a_bias() -> None:
+def test_of_a_random_walk_little_is_taken_for_a_bias() -> None:
     t, theta = course(9.0, 1.5)
-    walk = 1e-3 * np.sqrt(t[1])
+    random_walk = 1e-3 * np.sqrt(t[1])
     spans = []
     for seed in range(40):
-        error = np.cumsum(walk * np.random.default_rng(seed).standard_normal(t.size))
+        error = np.cumsum(random_walk * np.random.default_rng(seed).standard_normal(t.size))
         turn = bias_over_a_turn(t, theta, error)
         assert turn is not None
         spans.append(turn.span)

@@ -262,11 +262,11 @@ def test_a_run_carries_it_says_what_it_compiled_and_keeps_it(tmp_path: Path) -> 
 @pytest.mark.slow
 def test_a_broken_package_stops_no_run_that_does_without(tmp_path: Path) -> None:
     dist_info(tmp_path / "site", "broken-thing", "mine", "broken_thing:MINE")
-    (tmp_path / "site" / "broken_thing.py").write_text("raise RuntimeError('no luck')\n")
+    (tmp_path / "site" / "broken_thing.py").write_text("raise RuntimeError('not here')\n")
     source = shortened(find("bench", "s-slow").read_text(encoding="utf-8"))
     (tmp_path / "plain.bench.toml").write_text(source, encoding="utf-8")
     (tmp_path / "named.bench.toml").write_text(f"{source}\n[effects.mine]\n", encoding="utf-8")
-    line = "effect 'mine' of package broken-thing 1.0.0: RuntimeError: no luck; mend or uninstall it"
+    line = "effect 'mine' of package broken-thing 1.0.0: RuntimeError: not here; mend or uninstall it"
     arguments = ("--link", "inproc:s-slow", "--json")
     without = hil_process(tmp_path, [tmp_path / "site"], "run", "plain.bench.toml", *arguments)
     assert without.returncode in (0, 1), without.stderr

@@ -55,7 +55,7 @@ def test_a_stage_that_goes_on_at_its_pace_is_counted_down_and_what_follows_is_on
     assert long[-1] == pytest.approx(4.0 * usual[-1])
 
 
-def test_a_guess_counts_down_between_reports_and_moves_up_for_a_reason_only() -> None:
+def test_an_estimate_counts_down_between_reports_and_moves_up_for_a_reason_only() -> None:
     clock = Clock()
     left = TimeLeft(clock=clock)
     clock.now += 10.0
@@ -85,7 +85,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_a_terminal_shows_the_guess_and_no_time_of_the_stage_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_shows_the_estimate_and_no_time_of_the_stage_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     written = Terminal()
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys, "stderr", written)

@@ -74,7 +74,7 @@ class Truth:
     force_quantum: float = 10.0 / 32768
     force_limit: float = 10.0
     latency: int = 1
-    # Motion one interval before the first sample, in A and Aω0: that is when an observer's initial guess holds.
+    # Motion one interval before the first sample, in A and Aω0: that is when an observer's initial values hold.
     start: tuple[float, float, float, float] = (math.cos(0.3), 0.0, math.sin(0.3), 0.0)
 
     @property
@@ -195,7 +195,7 @@ def close_loop(
 def observer_of(
     truth: Truth, settings: ObserverSettings, *, stiffness: float = 1.03, damping: float = 0.5, **control: object
 ) -> Observer:
-    """An observer with controller whose first guess is off by those factors."""
+    """An observer with controller whose initial values are off by those factors."""
     return Observer(truth.device(stiffness=stiffness, damping=damping), settings, truth.controller(**control))
 
 

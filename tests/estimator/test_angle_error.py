@@ -110,7 +110,7 @@ def test_an_angular_gain_divides_the_rotation_and_leaves_the_virtual_one_alone()
     record = close_loop(observer_of(TRUTH, SETTINGS, dither=0.3), TRUTH, SAMPLES, RATE)
     one = replayed(record, SETTINGS, dither=0.3)
     device = TRUTH.device(stiffness=1.03, damping=0.5, angular_gain=0.8)
-    # The walk and the spread of the rate are stated of the board's: the same pattern wants them larger.
+    # The random walk and the spread of the rate are stated of the board's: the same pattern wants them larger.
     settings = replace(SETTINGS, spread=replace(SETTINGS.spread, rate=SETTINGS.spread.rate / 0.8))
     other = Observer(device, settings, TRUTH.controller(dither=0.3)).run(record.sense, record.drive)
     for name in ("angle", "angle_deviation", "angle_forced", "angle_pattern", "angle_plain", "angle_rate_integral"):

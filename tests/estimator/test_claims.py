@@ -72,7 +72,7 @@ def strayed(rate: Array, sure: Array | float = 0.05, every: int = 1) -> tuple[Co
 
 @pytest.mark.parametrize(("most", "every"), [(3.0, 1), (-3.0, 1), (3.0, 5)])
 def test_the_rate_is_told_where_it_strays_farthest_on_the_part_held_out(most: float, every: int) -> None:
-    """From the guess of 0.1, beside a spread of 0.3 and a walk of 2 rad/s per root second over 0.25 s."""
+    """From the initial value 0.1, beside a spread of 0.3 and a random walk of 2 rad/s per root second over 0.25 s."""
     rate = np.full(N, 0.1)
     rate[SPLIT - 1], rate[799], rate[904] = 99.0, most, 0.5
     (one,) = strayed(rate, every=every)
@@ -157,7 +157,7 @@ def reference(noise: float) -> Array:
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_rate_and_angle_vote_beside_what_is_to_be_expected_of_them(noise: float) -> None:
-    """An alternating series says √2 of its size; what walks over n steps of h is √n h of it."""
+    """An alternating series says √2 of its size; a random walk over n steps of h is √n h of it."""
     asked = problem(rate=reference(noise))
     rate, angle = claims._votes(asked, seen(0.001, 0.3), seen(0.0005, 0.1), SPLIT)
     told = noise * math.sqrt(2.0)
@@ -166,8 +166,8 @@ def test_rate_and_angle_vote_beside_what_is_to_be_expected_of_them(noise: float)
     assert rate.errors.floor == pytest.approx(math.hypot(0.01, told), rel=1e-2)
     assert rate.errors.samples == pytest.approx((N - SPLIT) / RATE / 0.02)  # one draw a memory
     assert (angle.errors.before, angle.errors.after, angle.errors.samples) == (0.3, 0.1, 1.0)
-    walk = told / RATE * math.sqrt(N - SPLIT)
-    assert angle.errors.floor == pytest.approx(math.hypot(0.002, walk), rel=1e-2)
+    random_walk = told / RATE * math.sqrt(N - SPLIT)
+    assert angle.errors.floor == pytest.approx(math.hypot(0.002, random_walk), rel=1e-2)
 
 
 def test_what_is_to_be_expected_is_of_the_part_held_out_from_its_first_sample_on() -> None:

@@ -210,17 +210,17 @@ def test_estimates_of_coefficients_scatter_over_seeds_as_the_information_says() 
     everything = next(experiment for experiment in EXPERIMENTS if experiment.name == "all")
     watched = {name: {} for name in ("drive_gain", "sense_gain", "sense_delay", "cubic_stiffness")}
     clean = loop_record(everything, DEVICE, SETTINGS, latency=1, noise=0.0)
-    surprise, degrees, seeds = 0.0, 0, 25
+    chi_squared, degrees, seeds = 0.0, 0, 25
     for seed in range(seeds):
         noise = np.random.default_rng(seed).standard_normal(clean.sense.shape) * np.array(DEVICE.noise)
         seen = scan(Problem(replace(clean, sense=clean.sense + noise), DEVICE, SETTINGS), watched)
         normal, score = seen.normal.sum(axis=0), seen.score.sum(axis=0)
         for columns in seen.columns.values():
             block = normal[columns, columns]
-            surprise += float(score[columns] @ np.linalg.solve(block, score[columns]))
+            chi_squared += float(score[columns] @ np.linalg.solve(block, score[columns]))
             degrees += len(block)
     low, high = chi2.ppf([0.005, 0.995], degrees)
-    assert low * 0.85 < surprise < high * 1.15  # four effects of one record are not independent
+    assert low * 0.85 < chi_squared < high * 1.15  # four effects of one record are not independent
 
 
 def information(k: int, seed: int) -> tuple[Information, np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Does the observer know how wrong it is?  Covariances against errors, in Monte Carlo over noise and first guess."""
+"""Does the observer know how wrong it is?  Covariances against errors, in Monte Carlo over noise and initial values."""
 
 import copy
 from dataclasses import replace
@@ -28,7 +28,7 @@ def record() -> Record:
 
 
 def estimated(record: Record, settings: ObserverSettings, samples: int, seeds: int) -> list[Observer]:
-    """Observers after `samples` samples in fresh noise, each first guess drawn from the initial covariance."""
+    """Observers after `samples` samples in fresh noise, each with initial values drawn from the initial covariance."""
     prepared = Observer(TRUTH.device(), settings)
     deviation = np.sqrt(np.diag(prepared.covariance))
     truth = np.concatenate([START, CONSTANTS])
@@ -138,14 +138,14 @@ def test_fading_memory_does_not_wind_up_in_directions_that_nothing_excites(remem
     device = replace(truth.device(), damping=(1.0, 1.0, 0.0))
     settings = ObserverSettings(memory=0.05, spread=Spread(offset=0.01, rate=2.0, stiffness=0.02, damping=0.5))
     observer = Observer(device, settings)
-    guess, sd = observer.x[4:].copy(), np.sqrt(observer.arrays.spread)
+    initial, sd = observer.x[4:].copy(), np.sqrt(observer.arrays.spread)
     if not remembered:
         observer.arrays.prior[:] = 1e30
         observer.arrays.spread[:] = 1e30
     found = observer.run(sense, drive, every=100)
     constants = slice(4, None)
     deviation = found.deviation[:, constants] / np.abs(observer.factors[constants]) / sd
-    away = np.abs(found.state[:, constants] / observer.factors[constants] - guess) / sd
+    away = np.abs(found.state[:, constants] / observer.factors[constants] - initial) / sd
     kyy, dyy = 4, 7
     winding = np.sqrt(np.diag(observer.arrays.p)[4:]) / sd
     if remembered:

@@ -45,13 +45,13 @@ def test_what_is_declared_is_one_more_observation_of_the_constant() -> None:
     few = 2000
     drive = np.zeros((few, 1))
     sense = 0.004 + 1e-4 * NOISE[:few]
-    guess = Declared(0.00401, 3e-6)
-    fit = refine(OBSERVER, sense, drive, free=("phi_x",), known={"phi_x": guess})
+    initial = Declared(0.00401, 3e-6)
+    fit = refine(OBSERVER, sense, drive, free=("phi_x",), known={"phi_x": initial})
     volts = float(np.mean(sense))
     white = float(np.std(sense - fit.value("phi_x"))) / 1e-4  # the noise as it was, beside the declared one
     scale = max(white**2, 1.0)
-    data, prior = few / (1e-8 * scale), 1.0 / guess.deviation**2
-    expected = (data * volts + prior * guess.value) / (data + prior)
+    data, prior = few / (1e-8 * scale), 1.0 / initial.deviation**2
+    expected = (data * volts + prior * initial.value) / (data + prior)
     assert fit.value("phi_x") == pytest.approx(expected, abs=3e-7)
     assert at(fit, "phi_x")[1] == pytest.approx((data + prior) ** -0.5, rel=0.1)
     assert abs(expected - volts) > 3e-6
@@ -116,8 +116,8 @@ def test_beside_a_residual_that_is_no_noise_what_is_declared_counts_for_more() -
     it; by the number of samples and the declared noise alone it would move it as far as it can.
     """
     drive = slow(2e4)
-    walk = lfilter([1.0], [1.0, -0.99], np.random.default_rng(5).standard_normal((N, 1)), axis=0)
-    sense = record(drive, noise=NOISE + 40.0 * walk)
+    disturbance = lfilter([1.0], [1.0, -0.99], np.random.default_rng(5).standard_normal((N, 1)), axis=0)
+    sense = record(drive, noise=NOISE + 40.0 * disturbance)
     known = declared(OBSERVER)
     alone, fit = (refine(OBSERVER, sense, drive, known=one) for one in (None, known))
     off = [abs(one.value("kxx") - known["kxx"].value) / known["kxx"].deviation for one in (alone, fit)]

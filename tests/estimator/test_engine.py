@@ -232,43 +232,43 @@ def test_of_equals_the_simpler():
 
 
 class Overlap(Stub):
-    """guess is nearly nothing beside the two it stood for; `more` adds to whatever there is."""
+    """double is nearly nothing beside the two it stood for; `more` adds to whatever there is."""
 
     TOGETHER: ClassVar = {
         "": 0.0,
-        "guess": 50.0,
+        "double": 50.0,
         "truth": 45.0,
         "other": 25.0,
-        "guess other": 55.0,
-        "guess truth": 60.0,
+        "double other": 55.0,
+        "double truth": 60.0,
     }
 
     def likelihood(self, carried):
         known = " ".join(sorted(set(carried) - {"more"}))
-        return self.TOGETHER.get(known, 90.5 if "guess" in carried else 90.0) + (4.0 if "more" in carried else 0.0)
+        return self.TOGETHER.get(known, 90.5 if "double" in carried else 90.0) + (4.0 if "more" in carried else 0.0)
 
 
 def test_what_became_superfluous_is_taken_out_and_the_rest_say_what_they_would_lose():
-    effects = {"guess": Worth(0.0), "truth": Worth(0.0, price=20.0), "other": Worth(0.0)}
+    effects = {"double": Worth(0.0), "truth": Worth(0.0, price=20.0), "other": Worth(0.0)}
     family = Overlap(effects)
     found = pruned(family, choose(family, (), rules(most=4)))
-    assert names(found) == ["guess", "other", "truth"]
+    assert names(found) == ["double", "other", "truth"]
     assert found.gains == {"other": 90.0 - 45.0, "truth": 90.0 - 25.0}
     assert found.fit == ("other", "truth")
     # With as many as may be, and still something left, nothing is sure enough to take anything out.
     family = Overlap({**effects, "more": Worth(0.0)})
     full = pruned(family, choose(family, (), rules(most=3)))
     assert full.more
-    assert list(full.gains) == ["guess", "other", "truth"]
+    assert list(full.gains) == ["double", "other", "truth"]
 
 
 def test_of_two_that_stand_for_each_other_one_stays():
-    class Twins(Stub):
+    class Either(Stub):
         def likelihood(self, carried):
             return 10.0 if carried else 0.0
 
     both = Chosen((), (), {}, more=False, gains={"a": 10.0, "b": 5.0}, fit=("a", "b"))
-    one = pruned(Twins({"a": Worth(10.0), "b": Worth(10.0)}), both)
+    one = pruned(Either({"a": Worth(10.0), "b": Worth(10.0)}), both)
     assert one.fit == ("b",)
     assert one.gains == {"b": 5.0}
 

@@ -1,4 +1,4 @@
-"""The drive over gaps, guessed from the rows around: its error beside what is said of it, by SciPy and an observer."""
+"""The drive over gaps, estimated from the rows around: its error beside its stated one, by SciPy and an observer."""
 
 import math
 from dataclasses import replace
@@ -33,7 +33,7 @@ def drives_of(record: Record, known: np.ndarray) -> Drives:
 
 
 def holed(record: Record, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, Gaps]:
-    """Sense with gaps, the drive guessed in them, and the gaps."""
+    """Sense with gaps, the drive estimated in them, and the gaps."""
     drives, sense = drives_of(record, known), np.where(known[:, None], record.sense, np.nan)
     drive, gap = drives.fill(sense, np.where(known[:, None], record.drive, 99.0), known)
     last = np.flatnonzero(gap)

@@ -102,7 +102,7 @@ def both(name: str, controller: ControllerSettings | None = None) -> tuple[Obser
         theirs |= {p.name: next(iter(declared.parameters.values())).value for p in effect.parameters}
     ours = Observer(with_own(declared), ObserverSettings(effects={"mine": {**declared.start, **values}}), controller)
     built_in = Observer(device(), ObserverSettings(effects={name: theirs}), controller)
-    spread = [c.plausible for c in effect.coefficients]  # the same first guess of their size
+    spread = [c.plausible for c in effect.coefficients]  # initial values of the same size
     for row, plausible in enumerate(spread, start=13):
         for covariance in (ours.arrays.p, ours.arrays.c):
             covariance[row, row] = plausible**2

@@ -156,20 +156,22 @@ def test_a_first_pass_is_over_20_000_samples_or_a_third(samples: int, first: int
     assert len(fitting._opening(asked).record) == first
 
 
-@pytest.mark.parametrize(("variant", "effects", "twin"), [(Variant.FULL, {}, 1), (Variant.FULL, SETTINGS.effects, 0)])
+@pytest.mark.parametrize(
+    ("variant", "effects", "carries_both"), [(Variant.FULL, {}, 1), (Variant.FULL, SETTINGS.effects, 0)]
+)
 def test_one_covariance_is_carried_where_there_is_one(
-    passes: type[Counter], variant: Variant, effects: Any, twin: int
+    passes: type[Counter], variant: Variant, effects: Any, carries_both: int
 ) -> None:
     passes.moves = [0.0]
     fit(problem(variant=variant, effects=effects))
-    assert {one.carries_both for one in passes.made} == {twin}
+    assert {one.carries_both for one in passes.made} == {carries_both}
 
 
 # -- what is read from an observer ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("names", "walk", "spread", "steady"),
+    ("names", "random_walk", "spread", "steady"),
     [
         (("x", "rate"), 1.0, 0.5, True),  # by 0.4 over 0.16 s, and unknown by 0.5
         (("x", "rate"), 1.0, 0.4, False),
@@ -178,9 +180,9 @@ def test_one_covariance_is_carried_where_there_is_one(
     ],
 )
 def test_a_rate_that_moves_by_less_than_it_is_unknown_by_is_taken_on(
-    names: tuple[str, ...], walk: float, spread: float, *, steady: bool
+    names: tuple[str, ...], random_walk: float, spread: float, *, steady: bool
 ) -> None:
-    asked = problem(spread=Spread(rate=spread), process_noise=ProcessNoise(rate=walk))
+    asked = problem(spread=Spread(rate=spread), process_noise=ProcessNoise(rate=random_walk))
     observer: Any = SimpleNamespace(names=names, state=np.array([1.0, 0.75]))
     assert fitting._steady_rate(asked, observer) == ({"rate": 0.75} if steady else {})
 

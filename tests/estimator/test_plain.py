@@ -16,7 +16,7 @@ from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread, Var
 from tests.estimator.gyro_loop import Array, Record, Truth, troubled
 
 TRUTH = Truth(force_noise=1e-5)
-WALKING = ProcessNoise(force=1e-5, rate=0.1, offset=1e-5, stiffness=1e-4, damping=1e-2)
+RANDOM_WALKS = ProcessNoise(force=1e-5, rate=0.1, offset=1e-5, stiffness=1e-4, damping=1e-2)
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +38,8 @@ def general(observer: Observer) -> Observer:
 @pytest.mark.parametrize(
     "settings",
     [
-        ObserverSettings(process_noise=WALKING, memory=1.0),
-        ObserverSettings(process_noise=WALKING, memory=0.05, spread=Spread(stiffness=0.01)),
+        ObserverSettings(process_noise=RANDOM_WALKS, memory=1.0),
+        ObserverSettings(process_noise=RANDOM_WALKS, memory=0.05, spread=Spread(stiffness=0.01)),
         ObserverSettings(spread=Spread(offset=0.0, damping=0.0)),  # known exactly
     ],
 )
@@ -59,7 +59,7 @@ def test_the_numbers_of_the_general_kernels(record: Record, settings: ObserverSe
 
 def test_a_switch_has_the_general_kernels_do_it(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks and samples, and a scan asked for its quick kernel; the same to rounding, by another computation."""
-    device, settings = TRUTH.device(), ObserverSettings(process_noise=WALKING)
+    device, settings = TRUTH.device(), ObserverSettings(process_noise=RANDOM_WALKS)
     observer = Observer(device, settings, TRUTH.controller())
     monkeypatch.setenv("GYROHIL_KERNEL", "general")
     other = Observer(device, settings, TRUTH.controller())
@@ -83,7 +83,7 @@ def test_what_it_is_not_made_for() -> None:
 
 
 def test_covariances_stay_symmetric_and_positive(record: Record) -> None:
-    settings = ObserverSettings(process_noise=WALKING, memory=0.05)
+    settings = ObserverSettings(process_noise=RANDOM_WALKS, memory=0.05)
     observer = Observer(TRUTH.device(stiffness=1.005), settings, TRUTH.controller())
     for _ in range(50):
         observer.run(record.sense, record.drive, every=600)
@@ -95,7 +95,7 @@ def test_covariances_stay_symmetric_and_positive(record: Record) -> None:
 
 def test_a_block_is_its_samples(record: Record) -> None:
     """Sample by sample or in blocks: to the last bit the same."""
-    settings = ObserverSettings(process_noise=WALKING)
+    settings = ObserverSettings(process_noise=RANDOM_WALKS)
     one, other = (Observer(TRUTH.device(), settings, TRUTH.controller()) for _ in range(2))
     one.run(record.sense, record.drive, every=600)
     for m in range(600):

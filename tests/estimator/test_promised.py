@@ -261,7 +261,7 @@ def test_a_reference_votes_on_rate_and_angle() -> None:
     assert claims._votes(PROBLEM, before, after, SPLIT) == ()
 
 
-def test_a_rate_may_walk_as_far_as_is_declared() -> None:
+def test_a_rate_may_wander_as_far_as_is_declared() -> None:
     settings = ObserverSettings(spread=Spread(rate=0.3), process_noise=ProcessNoise(rate=0.8))
     rate = np.zeros(N)
     rate[100], rate[700] = 9.0, -5.0  # only the part held out counts

@@ -266,7 +266,7 @@ def test_gaps_are_no_findings() -> None:
 
 
 def test_what_follows_a_gap_is_not_held_against_the_model() -> None:
-    """Where the observer knows that it does not know, a large innovation is no surprise."""
+    """Where the observer knows that it does not know, a large innovation is expected."""
     n = 20000
     series, deviation = white(n, 2, 16), np.full((n, 2), NOISE)
     series[5000:5020] *= 100.0

@@ -13,20 +13,22 @@ from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spr
 from tests.estimator.gyro_loop import Record, Truth, close_loop
 
 TRUTH = Truth(offset=(8.9e-3, -8.9e-3))
-WALK = 1.0
+RANDOM_WALK = 1.0
 SETTINGS = ObserverSettings(
     gain=Gain.EKF,
     reference=1.0,
     spread=Spread(offset=8.9e-3, rate=1.0, stiffness=0.01, damping=0.3),
-    process_noise=ProcessNoise(force=1e-6, rate=WALK),
+    process_noise=ProcessNoise(force=1e-6, rate=RANDOM_WALK),
 )
 SAMPLES = 12_000
 
 
 def wandering(seed: int) -> tuple[Device, Record]:
-    """A closed loop on a device that the first guess is off of as far as it says, under a rate that walks."""
+    """A closed loop on a device whose initial values are as far off as declared, under a rate that is a random walk."""
     rng = np.random.default_rng([7, seed])
-    rates = rng.standard_normal() + np.cumsum(rng.standard_normal(SAMPLES + 1)) * WALK / math.sqrt(TRUTH.sample_rate)
+    rates = rng.standard_normal() + np.cumsum(rng.standard_normal(SAMPLES + 1)) * RANDOM_WALK / math.sqrt(
+        TRUTH.sample_rate
+    )
     k, d = TRUTH.parameters[:3], TRUTH.parameters[3:]
     device = replace(
         TRUTH.device(),

@@ -90,7 +90,7 @@ def test_a_noisy_record_gives_back_its_constants(sensed: Sensed, drive: Array) -
     seen = truth(drive, True)[sensed.value]
     noise = 1e-3 * float(np.std(seen))
     sense = (seen + np.random.default_rng(5).normal(0.0, noise, SAMPLES))[:, None]
-    sense[0] = np.nan  # no drive acts at the first sample: what it shows of an acceleration is anybody's guess
+    sense[0] = np.nan  # no drive acts at the first sample: what it shows of an acceleration is unknown
     settings = ObserverSettings(gain=Gain.EKF, effects={"cubic_stiffness": {}, "nonlinear_damping": {}})
     observer = Observer(device(sensed, noise, 1.01 * K, 1.2 * D), settings)
     start = observer.state.copy()

@@ -144,9 +144,15 @@ def test_ctrl_c_stops_all_pieces_where_they_next_ask(monkeypatch, nested):
 def test_ctrl_c_does_not_wait_for_one_long_call(monkeypatch):
     """A wait without the interpreter's lock stands for a kernel over a whole record."""
     monkeypatch.setenv(WORKERS, "1")
-    over, told = threading.Event(), threading.Event()
+    begun, over, told = threading.Event(), threading.Event(), threading.Event()
+
+    def press() -> None:
+        begun.wait(60.0)  # a piece that is abandoned before it begins is not begun at all
+        time.sleep(0.2)
+        os.kill(os.getpid(), signal.SIGINT)
 
     def piece() -> None:
+        begun.set()
         over.wait(60.0)  # in the caller's own thread a signal would end it: there it may not run
         try:
             stop_if_abandoned()
@@ -154,14 +160,14 @@ def test_ctrl_c_does_not_wait_for_one_long_call(monkeypatch):
             told.set()
             raise
 
-    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
+    presser = threading.Thread(target=press)
+    presser.start()
     with pytest.raises(KeyboardInterrupt):
         interruptible(piece)
     assert not told.is_set()
     over.set()
     assert told.wait(60.0)
-    timer.join()
+    presser.join()
 
 
 def test_what_is_interruptible_gives_its_result_or_its_error_and_has_all_workers(monkeypatch):

@@ -15,7 +15,7 @@ from estimator.settings import Gain, ObserverSettings, ProcessNoise, Variant
 from tests.estimator.gyro_loop import Array, Record, Truth, troubled
 
 TRUTH = Truth(force_noise=1e-5)
-WALKING = ProcessNoise(force=1e-5, rate=0.1, offset=1e-5, stiffness=1e-4, damping=1e-2)
+RANDOM_WALKS = ProcessNoise(force=1e-5, rate=0.1, offset=1e-5, stiffness=1e-4, damping=1e-2)
 SETS: dict[str, dict[str, dict[str, float]]] = {
     "forces that depend on the velocity": {"cubic_stiffness": {}, "nonlinear_damping": {}},
     "forces that do not, and drive": {"quadratic_stiffness": {}, "drive_gain": {}, "drive_misalignment": {}},
@@ -39,7 +39,7 @@ def record() -> Record:
 
 
 def observer(effects: dict[str, dict[str, float]], **settings: object) -> Observer:
-    given = ObserverSettings(process_noise=WALKING, memory=1.0, effects=effects, **settings)  # type: ignore[arg-type]
+    given = ObserverSettings(process_noise=RANDOM_WALKS, memory=1.0, effects=effects, **settings)  # type: ignore[arg-type]
     return Observer(TRUTH.device(stiffness=1.005), given, TRUTH.controller())
 
 

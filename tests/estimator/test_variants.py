@@ -17,7 +17,7 @@ SPREAD = Spread(offset=0.01)
 
 
 def of(variant: Variant, gain: Gain) -> tuple[Truth, Observer]:
-    """A board that the variant's assumptions hold for, and its observer with the first guess that they allow."""
+    """A board that the variant's assumptions hold for, and its observer with the initial values that they allow."""
     truth = NO_OFFSET if variant is Variant.GYRO else BOARD
     spread = replace(SPREAD, offset=0.0) if variant is Variant.GYRO else SPREAD
     settings = ObserverSettings(variant=variant, gain=gain, memory=0.1, spread=spread)
@@ -126,10 +126,10 @@ def test_initial_spread_is_in_si_whatever_the_gains_of_the_axes() -> None:
 
 
 def test_random_walks_are_in_si_whatever_the_gains_of_the_axes() -> None:
-    """After t seconds without a sample each variance has grown by the declared walk squared times t."""
+    """After t seconds without a sample each variance has grown by the declared random walk squared times t."""
     device = BOARD.device(sense_gain=(-890.0, 1780.0))
-    walk = ProcessNoise(rate=2.0, offset=0.003, stiffness=0.01, damping=0.5)
-    settings = ObserverSettings(gain=Gain.EKF, spread=SPREAD, process_noise=walk)
+    random_walk = ProcessNoise(rate=2.0, offset=0.003, stiffness=0.01, damping=0.5)
+    settings = ObserverSettings(gain=Gain.EKF, spread=SPREAD, process_noise=random_walk)
     observer = Observer(device, settings)
     before = np.diag(observer.covariance).copy()
     seconds = 0.05

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.consistency import declared, guessed, true_start
+from benchmarks.consistency import declared, true_start, with_drawn_initial_values
 from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.truth import TruthFile, truth_metadata
@@ -116,13 +116,13 @@ def test_without_a_word_about_it_there_are_ten_a_second() -> None:
 
 @pytest.mark.slow
 def test_run_folders_of_many_seeds_are_consistent(tmp_path: Path) -> None:
-    """First guess drawn from P0, the emulator's noise declared: one instant of each run, independent of all others."""
+    """Initial values from P0, the emulator's noise declared: one instant of each run, independent of all others."""
     scenario, bench = declared("s-slow")
     start, seeds = true_start(scenario), 80
     found = []
     for seed in range(seeds):
         own = override(
-            guessed(bench, start, seed),
+            with_drawn_initial_values(bench, start, seed),
             {"loop": {"duration_s": 0.75, "clock": "lockstep", "covariance_every": 3000, "estimate_every": 40}},
             "test",
         )

@@ -78,7 +78,7 @@ def test_late_answers_change_nothing_about_that(tmp_path: Path) -> None:
     assert_same(run, replayed(run.capture_path, declared, tmp_path / "runs"))
 
 
-def test_over_lost_samples_a_replay_can_only_guess_the_drive(tmp_path: Path) -> None:
+def test_over_lost_samples_a_replay_can_only_assume_the_drive(tmp_path: Path) -> None:
     """What the host had sent for them is not in the record.  It stays with the live run to within a few deviations."""
     link = HandPaced(board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED), lost=range(1000, 3900, 170))
     declared = gyro.bench(1.0, "paced")
@@ -112,7 +112,7 @@ def test_over_a_burst_the_drive_that_the_board_held_is_known(tmp_path: Path) -> 
     known = np.ones(len(off), bool)
     known[np.flatnonzero(samples.gap)] = False
     assert off[known].max() < 1e-9
-    # The interval that is guessed: mostly dither, 0.3 m/s² either way, in a drive of some m/s².
+    # The interval that is assumed: mostly dither, 0.3 m/s² either way, in a drive of some m/s².
     assert np.sqrt(np.mean(off[~known] ** 2)) < 0.5
     assert np.sqrt(np.mean(acted[~known] ** 2)) > 1.0
 

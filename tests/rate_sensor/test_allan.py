@@ -60,8 +60,8 @@ def test_quantisation_noise_falls_as_one_over_the_length():
 
 def test_a_random_walk_rises_as_the_root():
     """K per √s: σ(τ) = K √(τ/3), for clusters of m samples times √(1 + 1/(2 m²))."""
-    walk = np.cumsum(0.2 / np.sqrt(RATE_HZ) * np.random.default_rng(3).standard_normal(400_000))
-    found = curve(walk, [1, 4, 30, 200])
+    random_walk = np.cumsum(0.2 / np.sqrt(RATE_HZ) * np.random.default_rng(3).standard_normal(400_000))
+    found = curve(random_walk, [1, 4, 30, 200])
     expected = 0.2 * np.sqrt(found.tau_s / 3) * np.sqrt(1 + 0.5 / np.array([1, 4, 30, 200]) ** 2)
     assert found.deviation == pytest.approx(expected, rel=0.05)
 
@@ -151,10 +151,10 @@ def test_bias_instability_is_found_where_the_record_reaches_it():
 def test_the_other_terms_are_found():
     n = 200_000
     angle = 0.002 * np.random.default_rng(6).standard_normal(n + 1)
-    walk = np.cumsum(0.05 / np.sqrt(RATE_HZ) * np.random.default_rng(7).standard_normal(n))
-    found = read_noise(curve(np.diff(angle) * RATE_HZ + white(n, 8, 0.02) + walk))
+    random_walk = np.cumsum(0.05 / np.sqrt(RATE_HZ) * np.random.default_rng(7).standard_normal(n))
+    found = read_noise(curve(np.diff(angle) * RATE_HZ + white(n, 8, 0.02) + random_walk))
     assert found.readings["quantisation"].value == pytest.approx(0.002, rel=0.05)
-    assert found.readings["walk"].value == pytest.approx(0.05, rel=0.2)
+    assert found.readings["rate random walk"].value == pytest.approx(0.05, rel=0.2)
     assert found.bias_instability.low < np.inf
 
 

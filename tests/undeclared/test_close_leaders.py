@@ -1,4 +1,4 @@
-"""A record on which the linear scan ranks the truth eighth: its start upsets the guess, and five leaders hide it."""
+"""A record of which the linear scan ranks the truth eighth: its start upsets the estimates; five leaders hide it."""
 
 from pathlib import Path
 

@@ -89,7 +89,7 @@ def findings(found: Sequence[Finding], unit: str = "V") -> str:
         )
         for finding in found
     ]
-    caption = "Largest first; σ: how surprising, all the places looked at allowed for"
+    caption = "Largest first; σ: significance, with all the places looked at allowed for"
     return table(caption, ("in the residual", "rms", "σ", "points at"), rows, (1, 2)) if rows else ""
 
 

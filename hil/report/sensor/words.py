@@ -17,7 +17,7 @@ NAMES: dict[Term, tuple[str, str, float]] = {
     "quantisation": ("quantisation noise", "°", math.degrees(1.0)),
     "white": ("angle random walk", "°/√h", PER_ROOT_HOUR),
     "flicker": ("bias instability", "°/h", PER_HOUR),
-    "walk": ("rate random walk", "°/h/√h", PER_HOUR * 60.0),
+    "rate random walk": ("rate random walk", "°/h/√h", PER_HOUR * 60.0),
     "ramp": ("rate ramp", "°/h/h", PER_HOUR * 3600.0),
 }
 """Name, unit, and the unit in terms of rad and s."""

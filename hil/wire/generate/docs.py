@@ -213,9 +213,10 @@ unless |det A| ≤ {area:.4g} and {filter_radius:g} |tr A| ≤ {area:.4g} + det 
 numbers come one by one. With that, ± 16 for each and codes of 24 bits, |s| stays below 10¹⁵ (‖Aᵏ‖ ≤ ρᵏ + k ρᵏ⁻¹ ‖A‖
 for two rows), and with ± 2⁶⁰ for the numbers in DRIVE_GAINS nothing overflows single precision.
 
-d[m] is dither: ± DITHER_AMPLITUDE for ux and for uy by the next two bits of a shift register of 32 bits that starts
-from DITHER_SEED at ARM and steps twice at every tick after it, used or not: the bit shifted out at the low end is the
-sign (1: +), and where it is 1 the rest is combined with 0xA3000000 by exclusive or (a maximum-length sequence).
+d[m] is dither: + or − DITHER_AMPLITUDE, one sign for ux and one for uy. The signs come from a shift register of 32 bits
+that starts from DITHER_SEED at ARM. It steps twice at every tick after that, once for ux and once for uy, whether the
+dither is used or not. The bit shifted out at the low end is the sign (1: +). Where that bit is 1, the rest is combined
+with 0xA3000000 by exclusive or. The sequence has maximum length.
 
 Each SENSE names the matrix its last row's drive was computed with. The first DRIVE_GAINS makes an ARMED board
 RUNNING, when it comes. The watchdog counts ticks without DRIVE_GAINS, and a late one feeds it, as it is taken. A

@@ -85,5 +85,5 @@ def problem_of(position: Floats, drive: Floats, rate_Hz: float, noise: float, se
         noise=(noise * GAIN * LENGTH,) * axes,
         target_stiffness=OMEGA**2,
     )
-    walk = ProcessNoise(rate=0.01) if axes == 2 else ProcessNoise()
-    return Problem(record, device, ObserverSettings(memory=1.0, spread=Spread(rate=3.0), process_noise=walk))
+    random_walk = ProcessNoise(rate=0.01) if axes == 2 else ProcessNoise()
+    return Problem(record, device, ObserverSettings(memory=1.0, spread=Spread(rate=3.0), process_noise=random_walk))

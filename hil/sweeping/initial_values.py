@@ -1,8 +1,8 @@
-"""A first guess as far off the truth as the bench says that its first guesses are.
+"""Initial values of an observer, as far off the truth as its bench file declares.
 
-An observer can only be asked to know how wrong it is where its initial uncertainty is true.  So the guess is drawn
-about the true state of the board with the spread that the bench declares: the same as boards that scatter about one
-data sheet, and each of them with a truth that the campaign sets.
+An observer's covariance can be checked only where its initial uncertainty is true.  So the initial values are drawn
+about the true state of the board, with the spread that the bench declares.  That equals boards that scatter about one
+data sheet; here the campaign sets the truth of each.
 """
 
 from pathlib import Path
@@ -15,10 +15,10 @@ from hil.loop.tracks import column_of
 from hil.records.truth import Truth, read_truth
 
 _SAMPLES = 16
-_DRAW = 0x6775657373  # apart from the noise of the same seed
+_DRAW = 0x6775657373  # any fixed number: apart from the noise of the same seed
 
 
-def with_drawn_guess(bench: Bench, scenario: Path, place: Path) -> Bench:
+def with_drawn_initial_values(bench: Bench, scenario: Path, place: Path) -> Bench:
     """`bench` with [observer.initial] drawn by the run's seed; the board of `scenario` is started for a moment, in
     `place`, to know its truth.
 
@@ -28,7 +28,7 @@ def with_drawn_guess(bench: Bench, scenario: Path, place: Path) -> Bench:
     from hil.declared import device_of, observer_settings_of
 
     if bench.device.axes != 2:
-        raise InputError("[each] guess: needs a bench of two axes; leave it out")
+        raise InputError("[each] drawn_initial: needs a bench of two axes; leave it out")
     observer = Observer(device_of(bench), observer_settings_of(bench))
     mean = _just_before(_first_moment(bench, scenario, place), bench.device.sample_rate_Hz)
     spread = np.sqrt(np.diag(observer.covariance))
