@@ -12,6 +12,7 @@ from hil.doctor.capacity import Capacity, capacity
 from hil.doctor.finding import Finding
 from hil.emulation import is_emulated, served
 from hil.errors import InputError
+from hil.loop import line_workers
 from hil.wire.errors import WireError
 from hil.wire.messages import Capabilities
 
@@ -19,7 +20,7 @@ from hil.wire.messages import Capabilities
 def examine(link: str) -> tuple[list[Finding], dict[str, Any] | None]:
     """Findings about the link, and what was measured; None where nobody answered. Arms emulated boards only."""
     try:
-        with served(link) as there:
+        with served(link) as there, line_workers.ahead(there.url):  # as in a run
             said = subprocess.run(
                 [sys.executable, "-m", "hil.doctor.probe", there.url, *(["--stream"] if is_emulated(link) else [])],
                 stdout=subprocess.PIPE,

@@ -2,10 +2,12 @@
 
 import os
 import resource
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from hil.doctor.finding import Finding
+from hil.loop import line_workers
 
 AWAKE = Path("/dev/cpu_dma_latency")
 _LIMITS = "/etc/security/limits.d/gyrohil.conf"
@@ -14,6 +16,7 @@ _LIMITS = "/etc/security/limits.d/gyrohil.conf"
 def examine() -> Iterator[Finding]:
     """Findings, in the order of what they are worth."""
     yield scheduling()
+    yield carriers()
     yield memory()
     yield awake()
     yield processors()
@@ -27,6 +30,15 @@ def scheduling() -> Finding:
         return Finding("real-time scheduling", "good", "permitted")
     remedy = f"echo '@{_group()} - rtprio 50' | sudo tee -a {_LIMITS}, then log in again"
     return Finding("real-time scheduling", "missing", "not permitted: other programs make answers late", remedy)
+
+
+def carriers() -> Finding:
+    """Whether the kernel's workers that carry a serial line's bytes may be put ahead of ordinary processes."""
+    if line_workers.permitted():
+        return Finding("kernel's line workers", "good", "a run over a serial port or a pty puts them ahead")
+    told = "they carry a serial line's bytes at ordinary priority: other programs make answers late"
+    remedy = f"sudo {sys.executable} -m hil.loop.line_workers, in a terminal of its own while runs last"
+    return Finding("kernel's line workers", "missing", told, remedy)
 
 
 def memory() -> Finding:

@@ -14,12 +14,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
 from hil.errors import InputError
+from hil.loop import line_workers
 from hil.loop.stopping import bring_to_safe
 from hil.loop.stops import Safety, alarm_of
 from hil.loop.worker import Order
@@ -85,7 +86,8 @@ def supervise(
         control.close()
     assert worker.stdin is not None
     followed = _Followed(worker, progress, lambda: _confirm(order.link, bench, board))
-    with worker, _ctrl_c(followed.interrupt):
+    in_time = nullcontext() if bench.loop.clock == "lockstep" else line_workers.ahead(order.link)
+    with in_time, worker, _ctrl_c(followed.interrupt):
         with suppress(BrokenPipeError):  # it died before it read its order
             worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
             worker.stdin.flush()

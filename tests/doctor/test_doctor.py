@@ -37,7 +37,7 @@ def test_every_finding_is_a_line_and_what_is_missing_has_a_cure(monkeypatch: pyt
     monkeypatch.setattr("hil.wire.framing.COBS_IN_C", False)
     monkeypatch.setattr("estimator.kernel.compiled.is_warm", lambda: False)
     found = list(machine.examine())
-    assert len(found) == 6
+    assert len(found) == 7
     for finding in found:
         assert finding.state == "missing"
         assert finding.remedy
@@ -51,8 +51,9 @@ def test_a_fit_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
     monkeypatch.setattr(os, "getloadavg", lambda: (0.2, 0.2, 0.2))
     monkeypatch.setattr("hil.wire.framing.COBS_IN_C", True)
+    monkeypatch.setattr("hil.loop.line_workers.line_workers", lambda: [os.getpid()])
     monkeypatch.setattr("estimator.kernel.compiled.is_warm", lambda: True)
-    assert [finding.state for finding in machine.examine()] == ["good"] * 6
+    assert [finding.state for finding in machine.examine()] == ["good"] * 7
 
 
 def test_a_port_without_permission_and_a_slow_adapter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
