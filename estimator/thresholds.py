@@ -371,6 +371,16 @@ class RateSensor:
 
 
 @dataclass(frozen=True)
+class RingDownEnvelope:
+    """The amplitude of a ring-down."""
+
+    fewest: int = _set(40, "samples", "A start, the damping and three laws, each from eight.")
+    block: int = _set(4, "samples", "Blocks of so many are fitted, agree and judge by turns.")
+    most: int = _set(3, "terms", "Powers of one amplitude: more than three of them are told apart by none.")
+    followed: float = _set(3.0, "nepers", "So far below the lowest reading a motion is followed: it has ended then.")
+
+
+@dataclass(frozen=True)
 class Thresholds:
     """All of them, by what they are for."""
 
@@ -394,6 +404,7 @@ class Thresholds:
     floor: Floor = field(default_factory=Floor)
     spectrum: Spectrum = field(default_factory=Spectrum)
     rate_sensor: RateSensor = field(default_factory=RateSensor)
+    envelope: RingDownEnvelope = field(default_factory=RingDownEnvelope)
 
 
 class Threshold(NamedTuple):

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from estimator import settings
+from estimator.envelope.record import Resonator
 from estimator.gain_matrix import BoardFilter, luenberger, pair
 from estimator.uncertainty import Calibration
 from hil.bench import Bench
@@ -20,7 +21,27 @@ from hil.wire.spec import SPEC
 def device_of(bench: Bench, noise_gain: float = 1.0) -> settings.Device:
     """The declared device per unit mass, with the effects beside the catalogue that it can have; noise_gain: what a
     filter that its record passed left of the noise.
+
+    Raises InputError for one of which only the envelope is sensed: no observer follows an amplitude.
     """
+    if bench.device.sense.is_envelope:
+        raise InputError(
+            f'{bench.device.name}: [device.sense] senses = "envelope" is an amplitude without its waveform, which only '
+            "hil trace can judge; give the bench file of a record of the motion"
+        )
+    return _declared(bench, noise_gain)
+
+
+def resonator_of(bench: Bench) -> Resonator:
+    """The declared device of which the envelope of a ring-down was recorded."""
+    device, spread = bench.device, bench.observer.initial_sd
+    damping = device.damping_per_s[0]
+    return Resonator(
+        _declared(bench, 1.0), (damping, spread.damping * damping), 0.5 * spread.stiffness, device.sense.noise_V
+    )
+
+
+def _declared(bench: Bench, noise_gain: float) -> settings.Device:
     device = bench.device
     axes, order = device.axes, device.sense.order
     omega0 = math.sqrt(bench.target_stiffness_per_s2)

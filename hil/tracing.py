@@ -19,6 +19,7 @@ from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
 from hil.declared import device_of, observer_settings_of
+from hil.envelope import trace_ring_down
 from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
@@ -91,6 +92,8 @@ def trace(
     tries on request only, names or several with commas between them.  Raises InputError for a record that cannot be
     traced, or that does not belong to the bench file, and for effects that are none; nothing is left then.
     """
+    if bench.device.sense.is_envelope:
+        return _trace_envelope(capture, bench, out, fraction=fraction, report=report, force=force)
     require_compiler()
     workers()  # no number of them is told before minutes are spent
     captured = read_capture(capture)
@@ -200,6 +203,31 @@ def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path
 
         assert captured.rate_rad_s is not None  # or it could not have been traced
         write_sensor_report(folder, found, diagnosis, captured.rate_rad_s)
+    return Traced(folder, diagnosis)
+
+
+def _trace_envelope(
+    capture: Path, bench: Bench, out: Path, *, fraction: float | None, report: bool, force: bool | None
+) -> Traced:
+    """The same of a ring-down whose amplitude was recorded: a law of damping."""
+    if force:
+        raise InputError(f"{capture}: an envelope, which shows no force at an instant; leave out --force")
+    captured = read_capture(capture)
+    require_fit(captured, bench, capture)
+    split = None
+    if fraction is not None or "train" in captured.segments:
+        captured, split = parts_of(captured, fraction)
+    envelope, found = trace_ring_down(capture, captured, bench, split)
+    unit = bench.device.sense.unit
+    diagnosis = to_model(
+        found, record=called(capture), bench=bench.device.name, sense_unit=unit, prepared=captured.prepared
+    )
+    folder = new_folder(out, bench)
+    save_diagnosis(folder / "diagnosis.json", diagnosis)
+    if report:
+        from hil.report.diagnosis.envelope import write_envelope_report
+
+        write_envelope_report(folder, envelope, found, diagnosis)
     return Traced(folder, diagnosis)
 
 

@@ -15,6 +15,7 @@ STIFFNESS = (2.0 * np.pi * RESONANCE_HZ) ** 2
 DAMPING = 3.0
 CUBIC = 6.0e8  # 1/(m²·s²): 2 to 4 % of the spring at the amplitudes below
 AMPLITUDE_M = 1e-3
+DRAG = 20.0  # 1/m: at that amplitude a third of what the damping takes
 
 
 @dataclass(frozen=True)
@@ -68,3 +69,19 @@ def moved(
     x, v = solved.y
     a = np.array([slope(at, state)[1] for at, state in zip(t, solved.y.T, strict=True)])
     return Moved(t, x, v, a)
+
+
+def amplitude_of(drag: float, seconds: float, start: float) -> tuple[Array, Array]:
+    """Times and amplitude [m] of the linear spring's ring-down against damping and `drag` |v| v, where it turns."""
+
+    def slope(t: float, state: Array) -> list[float]:
+        x, v = state
+        return [v, -STIFFNESS * x - DAMPING * v - drag * abs(v) * v]
+
+    def turns(t: float, state: Array) -> float:
+        return float(state[1])
+
+    solved = solve_ivp(slope, (0.0, seconds), (start, 0.0), "DOP853", events=turns, rtol=1e-10, atol=1e-15)
+    times, size = solved.t_events[0], np.abs(solved.y_events[0][:, 0])
+    once = np.concatenate([[True], np.diff(times) > 0.25 / RESONANCE_HZ])
+    return times[once], size[once]

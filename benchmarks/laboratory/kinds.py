@@ -4,8 +4,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from benchmarks.laboratory.beam import AMPLITUDE_M, CUBIC, DAMPING, RATE_HZ, STIFFNESS, Array, Moved, Tones, moved
+from benchmarks.laboratory.beam import (
+    AMPLITUDE_M,
+    CUBIC,
+    DAMPING,
+    DRAG,
+    RATE_HZ,
+    STIFFNESS,
+    Array,
+    Moved,
+    Tones,
+    amplitude_of,
+    moved,
+)
 
 SECONDS = 12.0
 NOISE = 2e-3  # of the rms of what is sensed
@@ -138,6 +151,21 @@ def filtered(rng: np.random.Generator) -> Kind:
     )
 
 
+def envelope(rng: np.random.Generator) -> Kind:
+    """A ring-down as a laboratory's instrument keeps it: the level in dB of 1 µm, fifty times a second."""
+    times, size = amplitude_of(DRAG, 3.1, 2.0 * AMPLITUDE_M)
+    t = np.arange(0.0, 3.0, 0.02)
+    seen = 20.0 * np.log10(1e6 * np.exp(CubicSpline(times, np.log(size))(t))) + rng.normal(0.0, 0.05, len(t))
+    return Kind(
+        "envelope",
+        {"t": t, "sensor": seen},
+        _map('vx = { column = "sensor", unit = "dB" }', hold="zoh"),
+        {"gain_V_per_m": 1e6, "senses": "envelope", "unit": "dB", "noise_V": 0.05},
+        50.0,
+        {"dqx": DRAG},
+    )
+
+
 KINDS: tuple[Callable[[np.random.Generator], Kind], ...] = (
     velocity,
     acceleration,
@@ -147,6 +175,7 @@ KINDS: tuple[Callable[[np.random.Generator], Kind], ...] = (
     base_of(2),
     absolute,
     filtered,
+    envelope,
 )
 
 

@@ -21,6 +21,15 @@ def declared(observer: Observer) -> dict[str, Declared]:
     }
 
 
+def unsettled(observer: Observer) -> tuple[str, ...]:
+    """What a free run may change of all that the observer estimates: not what the bench file declares exactly, a known
+    drive gain.  An offset is fitted anyhow: every sensor has one, and few bench files say so.
+    """
+    exact = {name for name, one in declared(observer).items() if one.deviation == 0.0}
+    offsets = {constant.name for constant in observer.model.sense_constants}
+    return tuple(name for name in observer.estimated if name not in exact or name in offsets)
+
+
 def undetermined(fit: Refined) -> tuple[str, ...]:
     """A sentence on the constants of which the record says less than the bench file, and on what it says of them
     together; nothing where it says more of each.

@@ -134,12 +134,13 @@ class Dissent(Enum):
 @dataclass(frozen=True)
 class Rules:
     """most: effects that are taken at most; dissent; signs: whether a coefficient that is declared positive may not be
-    negative beyond doubt.
+    negative beyond doubt; anew: whether one that was is tried again in the next round, beside what was taken.
     """
 
     most: int
     dissent: Dissent
     signs: bool = True
+    anew: bool = False
 
 
 @dataclass(frozen=True)
@@ -276,8 +277,10 @@ def _carried(
                 verdicts[name] = Outcome.IMPOSSIBLE, found
                 barred[name] = found
             elif rules.signs and (wrong := unphysical(model.coefficients(found))):
-                barred[name] = f"fits only with a negative {wrong}, which would be something else"
-                verdicts[name] = Outcome.UNPHYSICAL, barred[name]
+                why = f"fits only with a negative {wrong}, which would be something else"
+                verdicts[name] = Outcome.UNPHYSICAL, why
+                if not rules.anew:
+                    barred[name] = why
             else:
                 verdicts[name] = Outcome.BEATEN, "another explains more for its price"
                 fits[name] = found

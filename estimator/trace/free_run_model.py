@@ -24,7 +24,7 @@ from estimator.side_by_side import side_by_side
 from estimator.simulation import simulate
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended
-from estimator.trace.determined import declared
+from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.problem import Problem
 
@@ -129,9 +129,11 @@ def fitted(problem: Problem, effects: tuple[str, ...], current: Refined | None, 
     start = _carried_over(observer, current)
     if not np.any(record.drive):
         start = _followed(observer, record, start, current is None)
+    free = unsettled(observer)
     refined = refine(
-        observer, record.sense, record.drive, start=start, step=record.step, rows=rows, known=declared(observer)
-    )
+        observer, record.sense, record.drive, start=start, free=free, step=record.step, rows=rows,
+        known=declared(observer),
+    )  # fmt: skip
     return FreeRun(effects, observer, refined)
 
 
@@ -246,8 +248,9 @@ def _followed(observer: Observer, record: Record, start: Array, afresh: bool) ->
                 observer, beginning.sense, beginning.drive, start=start, free=motion, step=beginning.step
             ).state
         start = refine(
-            observer, beginning.sense, beginning.drive, start=start, step=beginning.step, runs=_SET.on_the_way
-        ).state
+            observer, beginning.sense, beginning.drive, start=start, free=unsettled(observer), step=beginning.step,
+            runs=_SET.on_the_way,
+        ).state  # fmt: skip
         length *= _SET.longer
     return start
 

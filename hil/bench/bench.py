@@ -59,7 +59,7 @@ class Bench(Section):
         if streamed and axes != 2:
             raise ValueError(f'[loop] mode: "gain" needs axes = 2, not {axes}; use "force"')
         least, what = (3 * self.loop.block, "three blocks") if streamed else (2, "two samples")
-        if self.link.watchdog_s * self.device.sample_rate_Hz < least:
+        if self.link.watchdog_s * self.device.sample_rate_Hz < least and not self.device.sense.is_envelope:
             raise ValueError(f"[link] watchdog_s: shorter than {what} ({least / self.device.sample_rate_Hz:g} s)")
         if self.target_stiffness_per_s2 == 0:
             raise ValueError(

@@ -13,9 +13,10 @@ class Sense(Section):
     """The sense chain: voltage per displacement, offset and noise."""
 
     gain_V_per_m: Numbers
-    """volts per metre at the sense output, signed; one number, or one per axis; per m/s or m/s² as `senses` says"""
-    senses: Literal["displacement", "velocity", "acceleration"] = "displacement"
-    """what the channel shows (other than displacement: axes = 1)"""
+    """volts per metre at the sense output, signed; one number, or one per axis; per m/s or m/s² as `senses` says; of an
+    envelope in dB, how many of what 0 dB is"""
+    senses: Literal["displacement", "velocity", "acceleration", "envelope"] = "displacement"
+    """what the channel shows (other than displacement: axes = 1); envelope: the amplitude of a ring-down"""
     unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
     """what a volt of this table is, where the sensor has its own unit: px, µstrain, mm, mm/s, g; as in its record"""
     noise_V: Positive
@@ -26,7 +27,17 @@ class Sense(Section):
     @property
     def order(self) -> int:
         """How often the displacement is differentiated to give what the channel shows."""
-        return ("displacement", "velocity", "acceleration").index(self.senses)
+        return {"velocity": 1, "acceleration": 2}.get(self.senses, 0)
+
+    @property
+    def is_envelope(self) -> bool:
+        """Whether the amplitude is shown, and no waveform."""
+        return self.senses == "envelope"
+
+    @property
+    def is_in_decibels(self) -> bool:
+        """Whether that is a logarithm."""
+        return self.is_envelope and self.unit == "dB"
 
 
 class Drive(Section):
@@ -98,7 +109,9 @@ class Device(Section):
             raise ValueError("stiffness_N_per_m: must not be negative; 0 is a mass on no spring")
         if not self.drive.gain_known and self.axes != 1:
             raise ValueError("[device.drive] gain_known: a drive gain is estimated for axes = 1 only; set it to true")
-        if self.sample_rate_Hz < 4 * self.resonance_Hz:
+        if self.sense.is_envelope and min(self.sense.gain_V_per_m) < 0:
+            raise ValueError("[device.sense] gain_V_per_m: negative, but an amplitude has no sign; leave it out")
+        if not self.sense.is_envelope and self.sample_rate_Hz < 4 * self.resonance_Hz:
             raise ValueError(
                 f"sample_rate_Hz: {self.sample_rate_Hz:g} gives fewer than 4 samples per cycle "
                 f"of {self.resonance_Hz:.4g} Hz"

@@ -40,6 +40,8 @@ def _device(bench: "Bench") -> Iterator[str]:
         yield f"[device] amplitude_m: {device.amplitude_m:g} m is beyond {LARGEST_M:g}; the unit is metres"
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
     volts = device.amplitude_m * max(abs(gain) for gain in device.sense_gains_V_per_m) * omega0**device.sense.order
+    if device.sense.is_in_decibels:
+        volts = device.sense.noise_V  # a noise in dB has no ratio to an amplitude
     if volts > LARGEST_V and device.sense.unit == "V":
         yield f"[device.sense] gain_V_per_m: the amplitude would be {volts:.3g} V; the unit is volts per metre"
     if not LEAST_SNR <= volts / device.sense.noise_V <= GREATEST_SNR:

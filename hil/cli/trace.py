@@ -116,9 +116,13 @@ def trace(
         fresh(add, replace=replace)
     if isinstance(declared, RateSensorBench) and (add is not None or live):
         raise InputError(f"{path}: a rate sensor, which no observer runs on; leave out --add and --live")
+    envelope = not isinstance(declared, RateSensorBench) and declared.device.sense.is_envelope
+    if envelope and (add is not None or live or more):
+        raise InputError(f"{path}: an envelope, which is traced by itself and run by no observer; leave out --add, "
+                         "--live and further records")  # fmt: skip
     if (arm or link is not None) and not live:
         raise InputError("--link and --arm belong to --live; give it, or leave them out")
-    if not isinstance(declared, RateSensorBench):
+    if not isinstance(declared, RateSensorBench) and not envelope:
         prepare(declared)
     if more:
         if live or force or fraction is not None:

@@ -58,7 +58,7 @@ class Band:
         edges = [edge for edge in (self.low_Hz, self.high_Hz) if edge is not None]
         if edges:
             kind = "bandpass" if len(edges) == 2 else "highpass" if self.low_Hz is not None else "lowpass"
-            sections = butter(self.order, edges, kind, fs=self.rate_Hz, output="sos")
+            sections = butter(self.order, edges if len(edges) == 2 else edges[0], kind, fs=self.rate_Hz, output="sos")
             values = sosfiltfilt(sections, values, padlen=min(len(values) - 1, 3 * self._span()))
         if self.decimate > 1:
             taps = self._taps()

@@ -105,6 +105,33 @@ file. Needs even time, and no drive that is held. Keep the third harmonic in the
 looked for: two modes of one record are imported twice, each with its own band.
 """
 
+_ENVELOPE = """
+## An amplitude instead of a waveform
+
+A ring-down is often kept as its amplitude over time, in dB of the instrument's reference. That is a channel in a unit
+of its own, and the bench file says what it is:
+
+```toml
+# reed.map.toml
+hold = "zoh"
+[columns]
+t_s = { column = "time", unit = "ms" }
+vx = { column = "level", unit = "dB" }
+```
+
+```toml
+# reed.bench.toml
+[device.sense]
+senses = "envelope"
+unit = "dB"            # or that of the amplitude itself: mm, V
+gain_V_per_m = 1e6     # how many of what 0 dB is, for a metre
+noise_V = 0.05         # of a sample, in dB
+```
+
+`sample_rate_Hz` is that of the amplitude, and may be far below the resonance. `hil trace` names the law of damping;
+frequencies stay as declared, and no filter, drive or second axis goes with it ([how](../decisions/envelope.md)).
+"""
+
 _SEGMENTS = """
 Rows [first, one past the last], counted from 0 among those that `where` keeps, before any filter; within `rows`, where
 that is given. `train` and a segment that begins where it ends split the record for `hil trace`; the others are names.
@@ -137,7 +164,7 @@ def page() -> str:
     for order, what in enumerate(NAMES):
         units = ", ".join(f"`{unit}`" for unit, motion in MOTIONS.items() if motion.order == order)
         parts.append(f"| {units} | {what} |\n")
-    parts += [_BASE, "\n## [filter]\n\n", _keys(Filter), _FILTER, "\n## [segments]\n", _SEGMENTS, _ERRORS]
+    parts += [_BASE, "\n## [filter]\n\n", _keys(Filter), _FILTER, "\n## [segments]\n", _SEGMENTS, _ENVELOPE, _ERRORS]
     return "".join(parts)
 
 

@@ -9,11 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from estimator.observer import Observer
+from estimator.record import Record
 from estimator.refinement import Declared, refine
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.simulation import simulate
 from estimator.trace import determined
-from estimator.trace.determined import declared, undetermined
+from estimator.trace.determined import declared, undetermined, unsettled
+from estimator.trace.free_run_model import fitted
+from estimator.trace.problem import Problem
 
 RATE = 600.0
 DEVICE = Device(
@@ -34,6 +37,20 @@ def record(drive, noise=NOISE, **values):
 
 def slow(size: float = 2e2, frequency_Hz: float = 0.7):
     return size * np.sin(2.0 * math.pi * frequency_Hz * np.arange(N) / RATE)[:, None]
+
+
+def test_what_is_declared_exactly_is_not_fitted_but_an_offset_is() -> None:
+    """A free decay says nothing of a drive gain that is known: fitted all the same, it ran to 10¹⁶."""
+    sure = Observer(DEVICE, ObserverSettings(spread=Spread(drive_gain=0.0, offset=0.0)))
+    assert unsettled(sure) == ("x", "vx", "phi_x", "kxx", "dxx")
+    assert unsettled(OBSERVER) == OBSERVER.estimated
+    decay = record(np.zeros((N, 1)), x=0.1, drive_gain_x=1.0)
+    settings = ObserverSettings(spread=Spread(stiffness=0.05, damping=0.5, drive_gain=0.0, offset=0.01))
+    problem = Problem(Record(decay, np.zeros((N, 1, 1)), np.full(N, 1.0 / RATE)), DEVICE, settings)
+    fit = fitted(problem, (), None, slice(0, N)).fit
+    assert "drive_gain_x" not in fit.free
+    assert fit.value("drive_gain_x") == 1.0
+    assert fit.value("kxx") == pytest.approx(TRUE["kxx"], rel=1e-5)
 
 
 def at(fit, name):

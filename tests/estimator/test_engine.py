@@ -284,6 +284,23 @@ def test_a_wrong_sign_beyond_doubt_bars_a_candidate_where_signs_are_asked_for(di
     assert names(chosen({"drives": Worth(50.0, low=-3.0, high=-0.1, positive=False)}, rules(dissent))) == ["drives"]
 
 
+def test_a_wrong_sign_may_be_asked_for_again_beside_what_was_taken():
+    """Drag bends a ring-down one way and friction the other: alone it has the wrong sign, beside friction the right."""
+
+    class Bent(Stub):
+        def coefficients(self, fit):
+            sign = 1.0 if "friction" in fit else -1.0
+            known = {"drag": Estimate(sign, sign - 0.5, sign + 0.5, True), "friction": Estimate(1.0, 0.5, 1.5, True)}
+            return {name: {f"{name}_c": known[name]} for name in fit}
+
+    effects = {"drag": Worth(50.0), "friction": Worth(20.0)}
+    assert names(choose(Bent(effects), (), rules())) == ["friction"]
+    found = choose(Bent(effects), (), rules(anew=True))
+    assert names(found) == ["friction", "drag"]
+    assert found.barred == {}
+    assert outcomes(found.rounds[0])["drag"] is Outcome.UNPHYSICAL
+
+
 def test_the_sign_is_asked_of_all_that_a_model_carries():
     right, wrong = Estimate(1.0, 0.5, 1.5, True), Estimate(-1.0, -1.5, -0.5, True)
     assert unphysical({"old": {"fx": wrong}, "new": {"k3x": right}}) == "fx"

@@ -273,7 +273,7 @@ def test_a_free_run_is_fitted_to_ever_longer_beginnings(monkeypatch: pytest.Monk
     for one, other in zip(refines.asked, refines.asked[1:], strict=False):  # each begins where the last one ended
         np.testing.assert_allclose(other["state"], one["state"] + 1.0)
     assert [asked.get("runs") for asked in refines.asked[-4:]] == [12, 12, 12, None]
-    assert all("free" not in asked for asked in refines.asked[-4:])
+    assert all(asked["free"] == scratch.estimated for asked in refines.asked[-4:])
 
 
 def test_a_pass_that_diverged_tells_no_constants(monkeypatch: pytest.MonkeyPatch) -> None:

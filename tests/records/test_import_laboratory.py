@@ -65,6 +65,19 @@ def test_a_sensor_that_stands_beside_the_base_sees_it_too(bring):
     np.testing.assert_allclose(capture.sense_V[20:-20, 0], 1e3 * beside[20:-20], atol=1e-3)
 
 
+@pytest.mark.parametrize(("key", "kind", "passed"), [("low_Hz", "highpass", 200.0), ("high_Hz", "lowpass", 2.0)])
+def test_a_filter_may_have_one_edge(bring, key, kind, passed):
+    """The one tone by the filter's own response, the other gone."""
+    tones = np.sin(2 * np.pi * 2.0 * TIME), np.sin(2 * np.pi * 200.0 * TIME)
+    text = mapped('vx = { column = "e", unit = "px" }', hold="zoh") + f"[filter]\n{key} = 30.0\n"
+    capture = bring({"e": tones[0] + tones[1]}, text)
+    start = round(capture.t_s[0] * RATE)
+    sections = butter(4, 30.0, kind, fs=RATE, output="sos")
+    gain = abs(freqz_sos(sections, [passed], fs=RATE)[1][0]) ** 2
+    expected = gain * np.sin(2 * np.pi * passed * TIME)[start : start + len(capture)]
+    np.testing.assert_allclose(capture.sense_V[:, 0], expected, atol=1e-3)
+
+
 def test_a_filter_has_no_delay_and_its_own_noise(bring):
     """Amplitude by the filter's own response, squared since it runs twice; the noise by counting."""
     inside, outside = np.sin(2 * np.pi * 20 * TIME), np.sin(2 * np.pi * 200 * TIME) + 3.0

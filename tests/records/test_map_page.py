@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from hil.bench.device import Sense
 from hil.interchange.mapping import Columns, Filter, RecordMap, Source
 from hil.interchange.page import page
 
@@ -25,8 +26,11 @@ def test_every_key_stands_on_it_with_its_meaning(model):
     assert "| None |" not in page()
 
 
-def test_its_example_is_a_map():
-    (example,) = re.findall(r"```toml\n(.*?)```", page(), re.DOTALL)
-    mapping = RecordMap.model_validate(tomllib.loads(example))
+def test_its_examples_are_maps_and_what_a_bench_file_says_beside_one():
+    beam, reed, declared = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page(), re.DOTALL))
+    mapping = RecordMap.model_validate(beam)
     assert mapping.sense_unit == "px"
     assert mapping.band(1000.0).rate_after_Hz == 250.0
+    sense = Sense.model_validate(declared["device"]["sense"])
+    assert sense.is_in_decibels
+    assert RecordMap.model_validate(reed).sense_unit == sense.unit

@@ -19,7 +19,7 @@ from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import simulate
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.certainty import TWO_SIDED
-from estimator.trace.determined import declared
+from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate
 from estimator.trace.pool.members import Level, Pool, Rows
 
@@ -122,7 +122,7 @@ def fitted(
     initial = dict(zip(names, observer.state[own:].tolist(), strict=True))
     shared = {name: start.shared.get(name, initial[name]) for name in names}
     begun = {name: start.slopes.get(name, 0.0) for name in slopes}
-    free = [name for name in names if name in observer.estimated]
+    free = [name for name in names if name in unsettled(observer)]
     size = scales(observer)
     by_name = dict(zip(observer.names, size.tolist(), strict=True))
     unknowns = np.concatenate([np.tile(size[:own], records), [by_name[n] for n in (*free, *slopes)]])

@@ -15,6 +15,7 @@ from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended
+from estimator.trace.determined import unsettled
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.free_run_model import Promise, Promises
 from estimator.trace.pool.fit import PooledRun, columns_of, fitted, observer_of, own_names, simulated
@@ -47,7 +48,7 @@ class PooledModel:
         """Effects that are not carried, and what may depend on the covariate of what is."""
         open_names = [name for name in self.names if name not in current.effects]
         if self.pool.covariate is not None:
-            free = [name for name in current.shared if name in current.observer.estimated]
+            free = [name for name in current.shared if name in unsettled(current.observer)]
             open_names += [dependence(name, self.pool.covariate) for name in free if name not in current.slopes]
         return [name for name in open_names if name not in barred]
 
@@ -69,7 +70,7 @@ class PooledModel:
         pool, wide = self.pool, observer_of(self.pool, (*current.effects, *effects))
         own, records = len(own_names(wide)), len(pool.members)
         places = {name: wide.names.index(name) for name in current.shared}
-        carried = [places[name] for name in current.shared if name in current.observer.estimated]
+        carried = [places[name] for name in current.shared if name in unsettled(current.observer)]
         tilts = [places[name] for name in current.slopes]
         basis_rows, residual_rows, wide_rows, z_rows = [], [], [], []
         for number, member in enumerate(pool.members):

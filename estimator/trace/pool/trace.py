@@ -30,6 +30,7 @@ from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.by_simulation import RULES
+from estimator.trace.determined import unsettled
 from estimator.trace.engine import Chosen, Estimate, choose, leaves_the_rest, why_not
 from estimator.trace.free_run import judged
 from estimator.trace.free_run_model import Promises, candidates, parts_of
@@ -115,7 +116,7 @@ def _started(pool: Pool, level: Level, known: tuple[str, ...], progress: Progres
     if pool.covariate is not None:
         z = np.array([level.scaled(member.covariate) for member in pool.members])
         for name in names:
-            line = _line(z, alone, name) if name in observer.estimated else None
+            line = _line(z, alone, name) if name in unsettled(observer) else None
             if line is not None:
                 shared[name], slopes[name] = line
     begins = np.array([fit.state[: len(own)] for fit in alone])
