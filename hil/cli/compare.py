@@ -46,11 +46,11 @@ def compare(
 ) -> None:
     """Compare all methods on one record.
 
-    The observers of 7, 11 and 13 states with each gain; what came before them: the rate estimated and integrated, the
-    formula of the pattern angle on the raw signals, the control law without sense errors, Park–Horowitz, and
-    Friedland–Hutton; last the posterior Cramér–Rao bound. Errors of angle, rate and parameters, uncertainties, when a
-    method settled or diverged, what a sample costs. Writes comparison.json and report.html. Exit code 0: compared; 1:
-    the bench file's own observer diverged on the record.
+    Methods: the observers of 7, 11 and 13 states with each gain; the prior art (the rate estimated and integrated, the
+    formula of the pattern angle on the raw signals, the control law without sense errors, Park–Horowitz,
+    Friedland–Hutton); last the posterior Cramér–Rao bound. The table has errors of angle, rate and parameters,
+    uncertainties, when a method settled or diverged, and what a sample costs. Writes comparison.json and report.html.
+    Exit code 0: compared; 1: the bench file's own observer diverged on the record.
     Errors need a reference: the truth of an emulated board, or the rate channel of the record.
 
     Examples:

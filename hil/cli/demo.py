@@ -29,8 +29,8 @@ def demo(
     With --gain-mode the board is S-modern at 5 kHz, too fast for an answer to every sample: the host observes blocks
     of samples and sends the board the matrix to close the loop with. That is one run, and nothing is hidden in it.
 
-    Exit code: 0 when the last run's verdict is good, 1 when it is not, be it only that this machine was too busy, which
-    is told as the machine's part of the verdict and says nothing about the model.
+    Exit code 0: the last run's verdict is good; 1: it is not. A machine that is too busy is a reason as well: it stands
+    in the machine's part of the verdict and says nothing about the model.
 
     Examples:
 

@@ -38,7 +38,7 @@ More = Annotated[
 ]
 Covariate = Annotated[
     str | None,
-    typer.Option("--covariate", help="What was other on each of several records, and coefficients may depend on."),
+    typer.Option("--covariate", help="Number of each of several records that coefficients may depend on."),
 ]
 HoldOut = Annotated[
     list[str] | None,
@@ -83,13 +83,13 @@ def trace(
 ) -> None:
     """Find the effect that the model lacks.
 
-    Looks at what the observer of a bench file leaves of a record, tries the effects of the catalogue, and those that
-    the bench file or a package declares, on one part of it, and judges them on the other, which the choice never saw.
-    Several records are traced together, each beginning by itself, and judged by whole records that nothing was fitted
-    to. Writes diagnosis.json and report.html. Exit code 0: nothing is missing, or what is missing has been found; 1:
-    something is missing, and nothing accounts for all of it.
-    Where something is left, the force that is missing is estimated without a name: drawn in the report, written as
-    force.arrow (hil export makes CSV of it), and put into a form.
+    Runs the observer of the bench file over the record and looks at what it leaves. Tries the effects of the catalogue,
+    and those that the bench file or a package declares, on one part of the record, and judges them on the rest. Several
+    records are traced together; each has a start of its own, and whole records are kept to judge by. Writes
+    diagnosis.json and report.html. Exit code 0: nothing is missing, or what is missing has been found; 1: something is
+    missing, and nothing accounts for all of it.
+    Where something is left, the missing force is estimated without a name: the report draws it and proposes a form,
+    force.arrow has it sample by sample (hil export makes CSV of it).
 
     Examples:
 

@@ -5,9 +5,6 @@ from typing import Any, NamedTuple
 
 from hil.wire.can_format import ROOM
 
-LATE = 0.01
-"""Share of late answers that force mode is allowed: the 99th percentile has to fit."""
-
 CORE = 0.5
 """Share of one core that gain mode may take: the rest of it is for what a shared machine does now and then."""
 

@@ -75,9 +75,6 @@ AT_END = {
 
 ALL = IDENTITY | FIGURES | AT_END
 
-WALL = ("seconds", "host", "pid")
-"""Measured on the wall: another time, another machine, others."""
-
 
 def schema(campaign: Campaign) -> "pyarrow.Schema":
     """Of the results: identity, the varied keys, figures; meanings in the metadata of the columns."""

@@ -15,8 +15,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -293,16 +293,6 @@ class Jobs:
 
     def _forget(self, name: str) -> None:
         shutil.rmtree(self._jobs.pop(name).place, ignore_errors=True)
-
-
-@contextmanager
-def jobs_of(folder: Path, out: Path, **given: Any) -> Iterator[Jobs]:
-    """The jobs for the length of the block; at its end all of them have ended."""
-    jobs = Jobs(folder, out, **given)
-    try:
-        yield jobs
-    finally:
-        jobs.close()
 
 
 def _found(place: Path) -> _Job | None:
