@@ -116,10 +116,16 @@ that is not a repetition is judged in this order:
 A frame that is refused changes nothing but the counts: no register, no drive, no state, and it does not feed the
 watchdog.
 
-**Registers.** A write is judged in this order: UNKNOWN_REGISTER; READ_ONLY; OUT_OF_RANGE for what is not a number,
-beyond the range, a WATCHDOG_TICKS of more than {watchdog_s:g} s, or a fraction for a register of whole numbers
-(nothing is rounded); BAD_STATE; NOT_SUPPORTED for a CLOCK_MODE the board cannot keep, or a BLOCK it has no memory
-for. A register gives back the very double that was written. All keep their values in every state; only a start of
+**Registers.** A write is judged in this order:
+
+1. UNKNOWN_REGISTER;
+2. READ_ONLY;
+3. OUT_OF_RANGE: not a number, beyond the range, a WATCHDOG_TICKS of more than {watchdog_s:g} s, or a fraction for a
+   register of whole numbers (nothing is rounded);
+4. BAD_STATE;
+5. NOT_SUPPORTED: a CLOCK_MODE that the board cannot keep, or a BLOCK that it has no memory for.
+
+A register gives back the very double that was written. All keep their values in every state; only a start of
 the board brings the defaults back.
 
 **Clock modes.** A board keeps at least one of the three, and starts in one it keeps. LOCKSTEP and PACED are kept by
