@@ -119,6 +119,7 @@ def leave_by_forgetting(live: hil.Live) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     "leave",
     [
@@ -162,6 +163,7 @@ THEN = {
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize("how", THEN)
 def test_every_end_of_the_process_brings_the_board_to_safe(board: str, tmp_path: Path, how: str) -> None:
     bench = bench_file(tmp_path / "test.bench.toml", unhurried_bench(LONG_S))
