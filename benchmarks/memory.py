@@ -72,7 +72,7 @@ def measured(say: Say, place: Path, *arguments: str) -> list[Row]:
 def family(process: int) -> list[int]:
     """A process and all below it."""
     found = [process]
-    for member in found:  # which grows as it is walked
+    for member in found:  # which grows meanwhile
         try:
             found += map(int, Path(f"/proc/{member}/task/{member}/children").read_text().split())
         except OSError:

@@ -21,7 +21,7 @@ settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
 
 
-_SLOW_S = 20.0
+_SLOW_S = 4.0
 _QUICK_S = 0.1
 
 

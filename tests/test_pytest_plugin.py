@@ -50,7 +50,7 @@ def test_options_keys_and_markers_are_explained(pytester: pytest.Pytester) -> No
 
 
 @pytest.mark.slow
-def test_without_a_bench_file_the_cure_is_named(pytester: pytest.Pytester) -> None:
+def test_without_a_bench_file_the_remedy_is_named(pytester: pytest.Pytester) -> None:
     result = run(pytester, "def test(bench): pass")
     result.assert_outcomes(errors=1)
     assert "give --hil-bench FILE, or hil_bench in pytest's ini file" in result.stdout.str()

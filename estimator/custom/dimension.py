@@ -34,7 +34,7 @@ def require_unit(
             continue
         target = found or (unit if unit in targets else first)
         if unit != target:
-            raise ModelError(_cure(term, unit, target, targets[target], known, coefficients))
+            raise ModelError(_remedy(term, unit, target, targets[target], known, coefficients))
         found = unit
     return found or first
 
@@ -95,7 +95,7 @@ def _plain(function: str, argument: Node, unit: Unit, known: Mapping[str, Unit],
     )
 
 
-def _cure(
+def _remedy(
     term: Node, unit: Unit, target: Unit, what: str, known: Mapping[str, Unit], coefficients: Collection[str]
 ) -> str:
     """Where a term is off: which unit the coefficient in it should have."""

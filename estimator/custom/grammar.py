@@ -21,7 +21,7 @@ LARGEST_EXPONENT = 12
 LARGEST_DEGREE = 24
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "sqrt", "sign", "abs")
 
-_CURES = {
+_REMEDIES = {
     "^": "write ** for a power",
     "|": "write v for the speed, r for the radius, abs(…) for any other",
     "=": "give the right-hand side only",
@@ -96,7 +96,7 @@ def parsed(text: str) -> Node:
         raise ModelError("empty; give a law such as -k5 * x * r**4, or leave the key out")
     for place, character in enumerate(text):
         if not _ALLOWED.match(character):
-            raise ModelError(f"{_shown(character)} at character {place + 1}; {_cure(character)}")
+            raise ModelError(f"{_shown(character)} at character {place + 1}; {_remedy(character)}")
     flat = " ".join(text.split())
     try:
         with warnings.catch_warnings():
@@ -307,9 +307,9 @@ def _told(node: Node) -> str:
             return f"{function}({_told(argument)})"
 
 
-def _cure(character: str) -> str:
-    if character in _CURES:
-        return _CURES[character]
+def _remedy(character: str) -> str:
+    if character in _REMEDIES:
+        return _REMEDIES[character]
     if character.isalpha():  # one that looks like a letter of ASCII is none
         return f"that is {unicodedata.name(character, 'no letter of ASCII')}; type the letters a to z"
     return "a law has numbers, names, + - * / ** and parentheses only"

@@ -38,13 +38,13 @@ def open_serial(path: str, baud: int = DEFAULT_BAUD) -> SerialLink:
         # An inter-byte timeout of 0 sets VMIN = 1: reading nothing then means hang-up, and only that.
         port = serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
     except (OSError, ValueError, OverflowError) as error:
-        raise LinkError(f"serial:{path}: {_cure(path, error)}") from None
+        raise LinkError(f"serial:{path}: {_remedy(path, error)}") from None
     with suppress(OSError, ValueError):  # a pty, and many a driver, has no such setting
         port.set_low_latency_mode(True)
     return SerialLink(port, path)
 
 
-def _cure(path: str, error: Exception) -> str:
+def _remedy(path: str, error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number in (errno.EAGAIN, errno.EBUSY):
         return "the port is in use by another program; close it there, or name another port"

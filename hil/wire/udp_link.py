@@ -236,11 +236,11 @@ def _bound(name: str, local: str, address: Address, group: str | None) -> socket
             wire.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
     except OSError as error:
         wire.close()
-        raise LinkError(f"{name}: {_cure(error, local, address[1])}") from None
+        raise LinkError(f"{name}: {_remedy(error, local, address[1])}") from None
     return wire
 
 
-def _cure(error: OSError, local: str, port: int) -> str:
+def _remedy(error: OSError, local: str, port: int) -> str:
     if error.errno in (errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL):
         return f"no network interface has the address {local}; see `ip address`"
     if error.errno == errno.EADDRINUSE:

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Request, expect
 from tests.browser.bench_page import BOARD, LOCKSTEP, BenchPage, Scheme
 from tests.service.serving import Serving
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow  # of boards in lockstep: no machine is too busy for them
 
 AXE = Path(sys.prefix) / "node/node_modules/axe-core/axe.min.js"
 SIZES = {1440: 900, 820: 1180, 390: 844}

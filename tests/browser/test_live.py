@@ -14,7 +14,8 @@ from hil.examples import find
 from tests.browser.bench_page import BOARD, LOCKSTEP, PATIENT, BenchPage
 from tests.service.serving import Serving
 
-pytestmark = pytest.mark.realtime
+_BY_THE_CLOCK = pytest.mark.realtime
+_IN_LOCKSTEP = pytest.mark.slow  # no machine is too busy for it
 
 RATE_RAD_S = math.radians(90.0)  # of the scenario, for its first ten seconds
 
@@ -36,6 +37,7 @@ def picture(page: BenchPage, canvas: str) -> str:
     return shown
 
 
+@_IN_LOCKSTEP
 def test_pattern_and_angle_move_and_agree_with_the_board(page: BenchPage) -> None:
     page.connect(BOARD, LOCKSTEP)  # no browser beside it, however busy the machine, makes an answer late
     assert page.api("GET", "/api/board")["run"] is None, "connecting arms nothing"
@@ -62,6 +64,7 @@ def test_pattern_and_angle_move_and_agree_with_the_board(page: BenchPage) -> Non
     page.disconnect_if_connected()
 
 
+@_IN_LOCKSTEP
 def test_settings_act_on_the_loop_that_runs_and_stop_ends_it(page: BenchPage) -> None:
     page.connect(BOARD, LOCKSTEP)
     page.start(600.0)
@@ -92,6 +95,7 @@ def test_settings_act_on_the_loop_that_runs_and_stop_ends_it(page: BenchPage) ->
     page.disconnect_if_connected()
 
 
+@_BY_THE_CLOCK
 @pytest.mark.parametrize("where", ["in a field", "in the dialog", "on another view"])
 def test_escape_is_safe_wherever_one_is(page: BenchPage, where: str) -> None:
     page.connect_unless_connected(BOARD, PATIENT)
@@ -110,6 +114,7 @@ def test_escape_is_safe_wherever_one_is(page: BenchPage, where: str) -> None:
     page.settled()
 
 
+@_BY_THE_CLOCK
 def test_the_bench_of_a_connected_board_is_chosen_on_every_page(browser: Browser, service: Serving) -> None:
     with BenchPage.opened(browser, service) as first:
         first.disconnect_if_connected()
@@ -124,6 +129,7 @@ def test_the_bench_of_a_connected_board_is_chosen_on_every_page(browser: Browser
         first.disconnect_if_connected()
 
 
+@_BY_THE_CLOCK
 def test_saying_no_arms_nothing(page: BenchPage) -> None:
     page.connect_unless_connected(BOARD, PATIENT)
     page.page.get_by_role("button", name="Arm and start").click()
@@ -136,6 +142,7 @@ def test_saying_no_arms_nothing(page: BenchPage) -> None:
     expect(page.state).to_have_text("SAFE")
 
 
+@_BY_THE_CLOCK
 def test_the_scope_holds_zooms_to_single_samples_and_measures(page: BenchPage) -> None:
     page.connect_unless_connected(BOARD, PATIENT)
     page.start(600.0)
@@ -168,6 +175,7 @@ def test_the_scope_holds_zooms_to_single_samples_and_measures(page: BenchPage) -
     page.settled()
 
 
+@_BY_THE_CLOCK
 def test_a_lost_board_is_told_within_a_second_and_found_again(browser: Browser, service: Serving) -> None:
     with emulator(find("scenario", "s-slow")) as board, BenchPage.opened(browser, service) as page:
         page.disconnect_if_connected()
@@ -182,6 +190,7 @@ def test_a_lost_board_is_told_within_a_second_and_found_again(browser: Browser, 
         page.disconnect_if_connected()
 
 
+@_BY_THE_CLOCK
 def test_a_lost_service_is_told_within_a_second_and_found_again(browser: Browser, service: Serving) -> None:
     with BenchPage.opened(browser, service) as page:
         try:

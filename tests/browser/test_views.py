@@ -12,6 +12,8 @@ import hil
 from tests.browser.bench_page import BenchPage
 from tests.service.serving import Serving, serving
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:

@@ -19,7 +19,7 @@ from hil.records.capture import read_capture
 from hil.records.truth import read_truth
 from tests.cli.conftest import WAIT_S, Start, finished
 
-pytestmark = [pytest.mark.slow, pytest.mark.realtime]  # whole processes
+pytestmark = pytest.mark.slow  # whole processes
 
 
 def line_of(process: "subprocess.Popen[str]", stream: str) -> str:
@@ -42,7 +42,6 @@ def children_of(parent: int) -> list[int]:
     return [int(word) for word in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 
 
-@pytest.mark.slow
 def test_two_terminals(start: Start, short_bench: str) -> None:
     board = start("emulate", "s-slow", "--json")
     url = json.loads(line_of(board, "stdout"))["ready"]
@@ -53,7 +52,6 @@ def test_two_terminals(start: Start, short_bench: str) -> None:
     assert finished(board)[0] == 0  # its lockstep host has hung up
 
 
-@pytest.mark.slow
 def test_busy_port_is_one_line(start: Start, short_bench: str) -> None:
     board = start("emulate", "s-slow")
     url = line_of(board, "stdout").removeprefix("ready ")
@@ -66,7 +64,6 @@ def test_busy_port_is_one_line(start: Start, short_bench: str) -> None:
     assert finished(host)[0] == 130
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_run_goes_safe_and_closes_its_record(start: Start, tmp_path: Path, number: signal.Signals) -> None:
     host = start("run", "s-slow", "--truth", "truth.arrow")
@@ -105,7 +102,7 @@ def test_emulator_that_dies_in_use_is_the_error() -> None:
         use_it()
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.timeout(1200)  # two runs, each in real time, and a trace, which takes what the machine has left
 def test_demo_goes_the_whole_circle_in_real_time(start: Start, tmp_path: Path) -> None:
     code, out, err = finished(start("demo", "--duration", "10", "--name", "short", "--json"), wait_s=8 * WAIT_S)
@@ -145,7 +142,7 @@ def busy(processes: int) -> Iterator[None]:
             process.wait()
 
 
-@pytest.mark.slow
+@pytest.mark.realtime  # it takes all of the machine
 @pytest.mark.timeout(1200)
 def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path: Path) -> None:
     """Before and after come first, and hold; what the machine missed is the machine's part and nobody else's."""

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+pytestmark = pytest.mark.slow
+
 RATE, K, D, K3, NOISE_UM = 400.0, (2 * np.pi * 20.0) ** 2, 3.0, 6.0e8, 2.0
 
 BENCH = f"""

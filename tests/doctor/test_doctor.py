@@ -24,7 +24,7 @@ PROBED: dict[str, Any] = {
 }
 
 
-def test_every_finding_is_a_line_and_what_is_missing_has_a_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_finding_is_a_line_and_what_is_missing_has_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError
 

@@ -37,7 +37,7 @@ def test_a_law_is_named_with_its_coefficient(name):
     (effect,) = found.effects
     assert effect.name == CLASS.get(name, name)
     assert found.held_out_after.ratio < 1.1 < 3.0 < found.held_out_before.ratio
-    if name == "cubic_damping":  # told as its twin, with what it is otherwise
+    if name == "cubic_damping":  # told as its look-alike, with what it is otherwise
         (said,) = found.undetermined
         assert f"cubic_damping with dcx = {size:.2g}"[:26] in said
         assert {pair.other for pair in found.confusable} >= {"cubic_damping"}

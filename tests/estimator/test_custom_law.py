@@ -201,7 +201,7 @@ def test_more_than_arithmetic_is_refused(text: str) -> None:
     assert ";" in refusal(text)  # what is wrong; what to do
 
 
-def test_the_line_names_place_and_cure() -> None:
+def test_the_line_names_place_and_remedy() -> None:
     assert refusal("x + 'a'") == "''' at character 5; a law has numbers, names, + - * / ** and parentheses only"
     assert refusal("-k * х").startswith("'х' at character 6; that is CYRILLIC SMALL LETTER HA")
     assert refusal("k * x^3") == "'^' at character 6; write ** for a power"

@@ -71,7 +71,7 @@ def test_a_covariance_goes_along_with_the_flow(n: int, states: int, factor: floa
 
 
 def test_process_noise_is_that_of_a_white_force_and_of_random_walks() -> None:
-    """Per axis, filterpy's white acceleration; a walking constant adds its variance, and a walking rate what its jumps
+    """Per axis, filterpy's white acceleration; a random walk adds its variance, and that of the rate what its jumps
     do to the velocities, Ω̇ r: with a jump of 1, ẋ gains y and ẏ loses x.
     """
     made = observer(process_noise=ProcessNoise(force=1e-3, rate=0.1, offset=1e-5, stiffness=1e-4, damping=1e-2))

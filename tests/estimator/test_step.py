@@ -137,6 +137,7 @@ def test_a_copy_finds_the_step_again(record: Record, special: Observer) -> None:
     assert other.has_step
 
 
+@pytest.mark.slow
 def test_who_did_not_ask_for_it_has_the_general_kernels(record: Record, special: Observer) -> None:
     """Though it is in the cache: figures do not depend on what somebody compiled before."""
     one = observer(dict(special.settings.effects))

@@ -38,6 +38,7 @@ def together(blocks: list, record: str, name: str) -> np.ndarray:
     return np.concatenate([getattr(block, record)[name] for block in blocks])
 
 
+@pytest.mark.slow
 def test_blocks_are_the_record_in_order_none_twice_and_none_left_out(tmp_path: Path) -> None:
     live = hil.open("s-slow", link="inproc:s-slow", clock="lockstep", duration_s=10.0, out=tmp_path)
     blocks = list(live.stream())
@@ -119,7 +120,6 @@ def leave_by_forgetting(live: hil.Live) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
 @pytest.mark.parametrize(
     "leave",
     [
@@ -163,7 +163,6 @@ THEN = {
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
 @pytest.mark.parametrize("how", THEN)
 def test_every_end_of_the_process_brings_the_board_to_safe(board: str, tmp_path: Path, how: str) -> None:
     bench = bench_file(tmp_path / "test.bench.toml", unhurried_bench(LONG_S))

@@ -48,7 +48,7 @@ class Host:
 
     def __exit__(self, *_: object) -> None:
         family = [self.process.pid] if alive(self.process.pid) else []
-        for member in family:  # which grows as it is walked
+        for member in family:  # which grows meanwhile
             family += children(member)
         for member in family:
             os.kill(member, signal.SIGKILL)

@@ -11,7 +11,7 @@ from hil.loop.run import run
 from hil.records.result import Result
 from hil.scoring import score
 
-pytestmark = pytest.mark.slow  # whole runs
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]  # whole runs, of which no page is looked at
 
 
 def scored(

@@ -113,7 +113,7 @@ def gaps(run: RunFolder) -> list[tuple[int, int]]:
     return list(zip(first.tolist(), (capture.tick[after] - first).tolist(), strict=True))
 
 
-def surprise_after(run: RunFolder, gap: int) -> float:
+def innovation_after(run: RunFolder, gap: int) -> float:
     """Innovation over its deviation at the first sample after a gap, the worse of both axes."""
     innovation = run.innovation
     assert innovation is not None
@@ -134,7 +134,7 @@ def test_a_burst_of_lost_samples_is_bridged(tmp_path: Path) -> None:
     run, host, device = paced(tmp_path, lost=range(1000, 1050))
     assert gaps(run) == [(1000, 50)]
     assert (host["lost"], host["rearmed"], device["held"]) == (50, 0, 50)
-    assert surprise_after(run, 1000) < 4.0  # the drive that the board held all the while was taken into account
+    assert innovation_after(run, 1000) < 4.0  # the drive that the board held all the while was taken into account
 
 
 def test_after_a_long_silence_the_motion_is_found_anew(tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ def gaps(run: RunFolder) -> list[tuple[int, int]]:
     return [(int(tick[k]) + 1, int(tick[k + 1] - tick[k]) - 1) for k in jumps]
 
 
-def surprise_after(run: RunFolder, gap: tuple[int, int], within: int = 40) -> float:
+def innovation_after(run: RunFolder, gap: tuple[int, int], within: int = 40) -> float:
     """Largest innovation after a gap, in units of the noise (89 µV)."""
     assert run.innovation is not None
     first = gap[0] + gap[1]
@@ -170,7 +170,7 @@ def test_lost_blocks_are_counted_marked_and_bridged(tmp_path: Path) -> None:
     assert gaps(run) == [(2000, 40), (2600, 20), (3000, 20)]
     assert counters["lost"] == 80
     assert counters["rearmed"] == 0
-    assert all(surprise_after(run, gap) < 4.5 for gap in gaps(run))
+    assert all(innovation_after(run, gap) < 4.5 for gap in gaps(run))
     assert np.abs(angle_errors(run, truth, 0.45)).max() < ANGLE_RAD
 
 

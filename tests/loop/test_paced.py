@@ -22,7 +22,7 @@ from tests.loop.closed import angle_errors
 from tests.loop.gyro import WATCHDOG_TICKS
 from tests.loop.processes import Host, alive, children, safe_reason, stopped, until
 
-pytestmark = [pytest.mark.slow, pytest.mark.realtime]
+pytestmark = pytest.mark.slow
 
 Ticks = NDArray[np.int64]
 
@@ -49,6 +49,7 @@ def driven(truth: Truth, rate_rad_s: float = 0.1) -> Ticks:
     return np.asarray(truth.tick[:-1][(np.abs(kick[:, [1, 3]]) > FORCE_MPS2 * step_s).any(axis=1)])
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("victim", ["loop", "host"])
 def test_killed(tmp_path: Path, victim: str) -> None:
     """kill -9: the board lets go within its watchdog, the record is whole up to there, and life goes on."""
@@ -84,6 +85,7 @@ def test_killed(tmp_path: Path, victim: str) -> None:
     assert first.tick[-1] < second.tick[0] <= force[-1]  # the board goes on counting, and is driven again
 
 
+@pytest.mark.realtime
 def test_stopped_for_less_than_the_watchdog(tmp_path: Path) -> None:
     """The board holds its drive; the answers that come too late are counted, and the loop goes on."""
     truth = tmp_path / "truth.arrow"
@@ -105,6 +107,7 @@ def test_stopped_for_less_than_the_watchdog(tmp_path: Path) -> None:
     assert np.abs(angle_errors(folder, truth, 4.0)).max() < ANGLE_RAD
 
 
+@pytest.mark.realtime
 def test_stopped_for_longer_than_the_watchdog(tmp_path: Path) -> None:
     """The board goes SAFE, the host finds out, arms it again and counts that, and the loop goes on."""
     truth = tmp_path / "truth.arrow"

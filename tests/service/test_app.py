@@ -52,6 +52,7 @@ def test_programs_of_the_same_user_find_it_while_it_lasts(tmp_path: Path) -> Non
     assert not found.exists()
 
 
+@pytest.mark.slow
 def test_it_ends_well_on_both_signals(tmp_path: Path) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         with serving(tmp_path / "runs") as running:

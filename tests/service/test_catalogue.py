@@ -463,6 +463,7 @@ def test_two_runs_side_by_side(source: Path, runs: Path, catalogue: Catalogue) -
     assert not compare(catalogue, first.name, second.name)["same_record"]
 
 
+@pytest.mark.slow
 def test_compared_as_the_library_compares(source: Path, runs: Path, catalogue: Catalogue) -> None:
     first = Path(shutil.copytree(source, runs / "20250101-000000-a"))
     second = real_run(runs, name="other", seconds=1.25)

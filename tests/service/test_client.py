@@ -31,6 +31,7 @@ def hil_says(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=200, env=environment)
 
 
+@pytest.mark.slow
 def test_a_run_by_the_names_of_the_library(bench: Serving) -> None:
     with hil.client.connect(folder=bench.folder) as service:
         run = service.run("unhurried", link="inproc:unhurried", duration_s=12.0, note="from afar")

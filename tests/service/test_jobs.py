@@ -72,6 +72,7 @@ def ended(watched: Watched, asked: Any) -> dict[str, Any]:
     return watched.until(watched.ask(asked), "done", "failed", "cancelled")
 
 
+@pytest.mark.slow
 def test_run_trace_and_replay_one_after_another(watched: Watched) -> None:
     row = ended(watched, AskedRun(kind="run", bench="short", note="from a job", score=True))
     assert (row["state"], row["error"], row["by"]) == ("done", None, "tester")
@@ -90,6 +91,7 @@ def test_run_trace_and_replay_one_after_another(watched: Watched) -> None:
     assert hil.load(watched.runs / again["result"]["run"]).result.samples == result.samples
 
 
+@pytest.mark.slow
 def test_a_trace_says_what_it_found(watched: Watched, source: Path) -> None:
     (watched.runs / source.name).symlink_to(source)
     row = ended(watched, AskedTrace(kind="trace", run=source.name))

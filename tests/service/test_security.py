@@ -139,6 +139,7 @@ def test_read_only(tmp_path: Path) -> None:
         assert running.ask("POST", "/api/ticket", json={"path": "/api/runs/x"}).status_code == 403
 
 
+@pytest.mark.slow
 def test_listening_elsewhere_needs_tls_or_consent(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hil", "serve", "--port", "0", "--folder", str(tmp_path / "runs"), "--listen"]
     for address in ("0.0.0.0", "192.0.2.1", "::", "nowhere"):
@@ -152,6 +153,7 @@ def test_listening_elsewhere_needs_tls_or_consent(tmp_path: Path) -> None:
         assert answer.status_code == 200
 
 
+@pytest.mark.slow
 def test_over_tls_requests_and_the_live_connection(tmp_path: Path) -> None:
     certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
     subprocess.run(

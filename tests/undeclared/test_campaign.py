@@ -79,7 +79,6 @@ def test_its_judgements_are_those_of_its_records(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
 @pytest.mark.timeout(900)
 def test_killed_twice_it_comes_to_the_same(tmp_path: Path) -> None:
     """`kill -9` of the whole of it, among the first records and then among the rest."""
