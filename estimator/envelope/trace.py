@@ -80,11 +80,11 @@ def trace_envelope(envelope: Envelope, resonator: Resonator, fitting: Rows) -> D
             None,
             is_open=verdict.is_open,
         ),
-        undetermined=tuple(_as_another(term, estimates[term.name], every) for term in named if _alike(term, every)),
+        undetermined=tuple(_as_another(term, estimates[term.name], every) for term in named if _same_laws(term, every)),
     )
 
 
-def _alike(term: Term, every: tuple[Term, ...]) -> tuple[Term, ...]:
+def _same_laws(term: Term, every: tuple[Term, ...]) -> tuple[Term, ...]:
     """The laws that do the same to an amplitude."""
     return tuple(
         other
@@ -99,7 +99,7 @@ def _alike(term: Term, every: tuple[Term, ...]) -> tuple[Term, ...]:
 def _as_another(term: Term, estimates: Mapping[str, Estimate], every: tuple[Term, ...]) -> str:
     """What else a law may be, with the coefficient that it then has."""
     said = []
-    for other in _alike(term, every):
+    for other in _same_laws(term, every):
         assert term.law is not None and other.law is not None  # noqa: PT018 - look-alikes are laws
         factor = term.law.size * other.factor / (other.law.size * term.factor)
         one = estimates[term.symbol]
