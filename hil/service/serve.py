@@ -68,7 +68,7 @@ def serve(where: Where, begun: Callable[[Begun], None]) -> None:
     """Serve until SIGTERM or Ctrl-C. Raises InputError where that cannot be."""
     _require_secure(where)
     service, given = _service(where)
-    sock = _socket(where)
+    sock = listening_socket(where)
     scheme = "https" if where.certificate else "http"
     host, port = sock.getsockname()[:2]
     host = socket.gethostname() if ipaddress.ip_address(host).is_unspecified else host
@@ -166,9 +166,12 @@ def _service(where: Where) -> tuple[Service, dict[str, str]]:
     return Service(where.folder, hosts, tokens, audit), given
 
 
-def _socket(where: Where) -> socket.socket:
+def listening_socket(where: Where) -> socket.socket:
+    """Bound to where the service is to listen. Raises InputError where that cannot be."""
     host = where.listen or "127.0.0.1"
-    sock = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # The protocol by its name: asyncio sends what is small at once (TCP_NODELAY) only where it reads it there.
+    sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         sock.bind((host, where.port))

@@ -37,9 +37,7 @@ class Viewers:
         except (RuntimeError, OSError, ValueError) as error:
             raise InputError(f"--foxglove {port}: {error}; give another port, 0 for any that is free") from None
         # All of them before anybody connects: one that is opened while a viewer connects may not be told to it.
-        self._channels = {
-            topic: foxglove.Channel(topic, schema=_SCHEMA, context=self._context) for topic in _TOPICS
-        }
+        self._channels = {topic: foxglove.Channel(topic, schema=_SCHEMA, context=self._context) for topic in _TOPICS}
 
     @property
     def port(self) -> int:

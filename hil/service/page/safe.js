@@ -26,10 +26,11 @@ export function watchSafe(live) {
     });
 
   const press = async () => {
+    const asked = overLive(); // before anything is drawn
     button.dataset.sent = "yes";
     setTimeout(() => delete button.dataset.sent, 600);
     try {
-      const said = /** @type {Said} */ ((await overLive()) ?? (await send("POST", "/api/board/safe")));
+      const said = /** @type {Said} */ ((await asked) ?? (await send("POST", "/api/board/safe")));
       if (said.confirmed === false) notice(said.words || "the board has not said SAFE yet", { remedy: "if it still drives, cut the supply", tone: "bad" });
     } catch (error) {
       const { message, remedy = "" } = /** @type {import("./api.js").Refusal} */ (error);
