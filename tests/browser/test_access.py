@@ -1,26 +1,17 @@
 """For everybody: by keyboard alone, with a screen reader, on a laptop and a phone, in light and in dark; offline."""
 
-import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Request, expect
 
+from tests.browser.axe import violations
 from tests.browser.bench_page import BOARD, LOCKSTEP, BenchPage, Scheme
 from tests.service.serving import Serving
 
 pytestmark = pytest.mark.slow  # of boards in lockstep: no machine is too busy for them
 
-AXE = Path(sys.prefix) / "node/node_modules/axe-core/axe.min.js"
 SIZES = {1440: 900, 820: 1180, 390: 844}
-
-
-def violations(page: BenchPage) -> list[str]:
-    """What axe-core has against the page as it is now."""
-    page.page.evaluate(AXE.read_text())
-    found: dict[str, Any] = page.page.evaluate("axe.run(document, {resultTypes: ['violations']})")
-    return [f"{one['id']}: {node['html'][:160]}" for one in found["violations"] for node in one["nodes"]]
 
 
 def test_a_run_in_every_size_and_in_light_and_dark(browser: Browser, service: Serving, pictures: Path) -> None:
@@ -37,7 +28,7 @@ def test_a_run_in_every_size_and_in_light_and_dark(browser: Browser, service: Se
         first.page.keyboard.press("Escape")
         first.idle()
         expect(first.page.locator("#circle")).to_be_visible()
-        assert violations(first) == []
+        assert violations(first.page) == []
         first.page.screenshot(path=pictures / "after-the-run.png", full_page=True)
         assert {address for address in asked if not address.startswith(service.url)} == set()
 
@@ -56,7 +47,7 @@ def _looked_at(
         page.page.screenshot(path=pictures / f"live-{width}-{scheme}.png", full_page=True)
         overflow = page.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         assert overflow == 0, "the page scrolls sideways"
-        return violations(page)
+        return violations(page.page)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -72,7 +63,7 @@ def test_no_view_has_a_violation(
             page.page.goto(f"{service.url}#/{view}")
             page.page.wait_for_load_state("networkidle")
             page.page.wait_for_timeout(200)
-            found[view] = violations(page)
+            found[view] = violations(page.page)
             page.page.screenshot(
                 path=pictures / f"{view.split('/')[0]}{'-one' if '/' in view else ''}-{width}-{scheme}.png"
             )
@@ -101,6 +92,7 @@ def test_a_board_is_connected_armed_and_stopped_by_keyboard_alone(browser: Brows
         keys.press("Enter")
         expect(page.page.get_by_role("dialog")).to_be_visible()
         expect(page.page.locator("#consent-no")).to_be_focused()
+        assert violations(page.page) == []
         keys.press("Tab")
         expect(page.page.locator("#consent-yes")).to_be_focused()
         keys.press("Enter")

@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 import hil
+from tests.browser.axe import violations
 from tests.browser.bench_page import BenchPage
 from tests.service.serving import Serving, serving
 
@@ -94,6 +95,7 @@ def test_two_runs_stand_side_by_side(runs: BenchPage) -> None:
     told = runs.api("GET", "/api/compare", params=dict(zip("ab", compared(page.url), strict=True)))
     expect(page.locator("#view-compare table").first.locator("tbody tr")).to_have_count(len(told["figures"]))
     expect(page.locator("#view-compare .overlay canvas").first).to_be_visible()
+    assert violations(page) == []
 
 
 def compared(address: str) -> list[str]:

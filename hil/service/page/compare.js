@@ -59,7 +59,7 @@ export class Compare {
       make("div", { class: "wide", tabIndex: 0, role: "region", "aria-label": "Figures of both" },
         make("table", {}, make("thead", {}, make("tr", {}, ...["figure", "first", "second", "difference"].map((title, i) => make("th", { scope: "col", class: i ? "n" : "" }, title)))), make("tbody", {}, ...rows))),
       overlays,
-      keys.length > 0 && make("h3", {}, "Bench files apart"),
+      keys.length > 0 && make("h2", {}, "Bench files apart"),
       keys.length > 0 && make("div", { class: "wide", tabIndex: 0, role: "region", "aria-label": "Keys of the bench files that differ" },
         make("table", {}, make("thead", {}, make("tr", {}, ...["key", "first", "second"].map((title) => make("th", { scope: "col" }, title)))), make("tbody", {}, ...keys))),
     );
@@ -82,7 +82,7 @@ export class Compare {
   /** @param {HTMLElement} host @param {string} a @param {string} b @param {string} name @param {string} unit */
   async overlay(host, a, b, name, unit) {
     const place = make("div", { class: "chart overlay" });
-    host.append(make("section", { "aria-label": name }, make("h3", {}, name), place));
+    host.append(make("section", { "aria-label": name }, make("h2", {}, name), place));
     try {
       const frames = (await Promise.all([a, b].map((id) => getBytes(`/api/runs/${encodeURIComponent(id)}/series${query({ channels: name, points: POINTS })}`)))).map(decode);
       const size = Math.max(...frames.flatMap((frame) => [...frame.channels[0].max, ...frame.channels[0].min].map(Math.abs).filter(Number.isFinite)), 0);
