@@ -1,0 +1,5 @@
+"""Whether coefficients scatter from repeat to repeat as their intervals say."""
+
+from benchmarks.repeats.rows import rows
+
+__all__ = ["rows"]
