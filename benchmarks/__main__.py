@@ -45,7 +45,7 @@ BENCHMARKS = {
     "stream": "gain mode over a pty in real time: 100, 250 kS/s, and as fast as it goes",
     "clock": "offset and skew of a board's clock, found in real time over a pty",
     "laboratory": "emulated records as laboratories have them: velocity, g, µstrain, moving bases, filters, pools",
-    "repeats": "coefficients from repeats: the share of 95 %% intervals that agree; a quarter of an hour",
+    "repeats": "coefficients from repeats: the share of 95 % intervals that agree; a quarter of an hour",
     "catalogue": "a catalogue of 10^5 runs: read from the folders, listed, filtered, sorted, compared",
     "series": "windows of a long record: opened, zoomed, memory; SERIES_ROWS=N for another length",
     "stream_parts": "what a streamed row costs the host, part by part",

@@ -12,7 +12,7 @@ from benchmarks.repeats.agreement import Repeated
 from hil.records.diagnosis import Coefficient, Diagnosis
 
 SEED = 23
-REPEATS = 20
+REPEATS = 12
 
 Answer = tuple[int, str, dict[str, tuple[float, float, float] | None]]
 """Kind, its name, and by coefficient value, half width and truth, None where it was not named."""

@@ -1,6 +1,6 @@
 """Coefficients from repeats: how many of their 95 % intervals agree.
 
-Emulated records with known truth, twenty of each kind, traced as files; and parts of measured records, each beside the
+Emulated records with known truth, twelve of each kind, traced as files; and parts of measured records, each beside the
 others.  The answers are kept in runs/repeats.
 """
 
