@@ -22,6 +22,7 @@ from estimator.kernel.layout import (
     MAX_ENTRIES,
     MAX_LATENCY,
     MAX_SIGNALS,
+    MAX_SLIPS,
     MEMORY,
     OUTPUT,
     SETTINGS,
@@ -218,7 +219,9 @@ class Observer:
                 if given[p.name] <= p.above:
                     raise ModelError(f"effect {effect.name}: {p.name} is above {p.above:g}, not {given[p.name]:g}")
             nominal |= {name: given[key] for key, name in bare.items() if key in given}
-        return np.asarray([nominal.get(name, 0.0) for name in self.names] / self.factors)
+        coefficients = [coefficient for _, effect in self.effects for coefficient in effect.coefficients]
+        begun = {c.name: c.start * self.scaling.coefficient(c) for c in coefficients}
+        return np.asarray([nominal.get(name, begun.get(name, 0.0)) for name in self.names] / self.factors)
 
     def _recorded(self, controller: ControllerSettings | None) -> NDArray[np.void]:
         scaling, device, settings = self.scaling, self.device, self.settings
@@ -271,6 +274,8 @@ class Observer:
         for _, effect in self.effects:
             if effect.delayed is not None or any(s.source in _OF_DISPLACEMENT for s in effect.signals):
                 raise ModelError(f"effect {effect.name} is known of a sensed displacement only; leave it out")
+            if effect.slips and Sensed.ACCELERATION in device.sensed:
+                raise ModelError(f"effect {effect.name} is known of a displacement or a velocity only; leave it out")
 
     def _enlist(self, record: NDArray[np.void]) -> None:
         """The effects, what they depend on, and which path they delay."""
@@ -296,9 +301,16 @@ class Observer:
                 one = signal.symbol if signal.source is Source.PARAMETER else signal.behind
                 own = [scaled[one]] if one in scaled else list(scaled.values())[:2]
                 record["signal_parameters"][0, signals, : len(own)] = own
+                if signal.source is Source.SLIP and signal.axis < self.device.axes and index < self.carried:
+                    slips = int(record["slip_count"][0])
+                    if slips == MAX_SLIPS:
+                        raise ModelError(f"more than {MAX_SLIPS} springs that slip; leave one of them out")
+                    record["slips"][0, slips] = signals, signal.axis, behind
+                    record["slip_count"] = slips + 1
                 signals += 1
             first += len(effect.coefficients)
-            if index < self.carried and any(signal.source is Source.DIRECTION for signal in effect.signals):
+            kinked = any(signal.source in (Source.DIRECTION, Source.SLIP) for signal in effect.signals)
+            if index < self.carried and kinked:
                 record["kinked"] = 1
             record["pushes"] += index < self.carried and any(force != 0 for force in effect.force)
         record["effect_count"] = self.carried

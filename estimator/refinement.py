@@ -98,6 +98,7 @@ def refine(
     noise = np.asarray(observer.device.noise)
     weight = np.broadcast_to(1.0 / noise, sense.shape)[chosen]
     scale = scales(observer)[index]
+    least = least_values(observer)[index] / scale
     cache: dict[bytes, tuple[Array, Array]] = {}
 
     def run(scaled: Array) -> tuple[Array, Array]:
@@ -127,7 +128,7 @@ def refine(
     sure = np.array([one.deviation for one in given.values()]) / np.abs(scale[at])
 
     def solved(begin: Array, worth: float) -> Array:
-        return least_squares_beside(run, begin, at, first, sure / worth, tolerance=1e-10, runs=runs)
+        return least_squares_beside(run, begin, at, first, sure / worth, tolerance=1e-10, runs=runs, least=least)
 
     solution, worth = solved(origin, 1.0), 1.0
     if given and (worth := worth_of(run(solution)[0])) > 1.0:
@@ -153,9 +154,10 @@ def least_squares_beside(
     *,
     tolerance: float,
     runs: int,
+    least: Array | float = -np.inf,
 ) -> Array:
-    """Unknowns (k,) that leave least of `rows`, residuals (n,) and their Jacobian (n, k), and of what is known
-    beforehand: of the unknowns at `places`, that they are `known` within standard deviations `sure`.
+    """Unknowns (k,), none below `least`, that leave least of `rows`, residuals (n,) and their Jacobian (n, k), and
+    of what is known beforehand: of the unknowns at `places`, that they are `known` within standard deviations `sure`.
     """
     told = np.zeros((len(places), len(begin)))
     told[np.arange(len(places)), places] = 1.0 / sure
@@ -169,6 +171,7 @@ def least_squares_beside(
             xtol=tolerance,
             gtol=1e-2 * tolerance,
             max_nfev=runs,
+            bounds=(least, np.inf),
         ).x
     )
 
@@ -184,6 +187,16 @@ def scales(observer: Observer) -> Array:
     spread = observer.initial_deviations
     factors[observer.estimated_index] *= np.where(spread > 0.0, spread, 1.0)
     return np.asarray(factors)
+
+
+def least_values(observer: Observer) -> Array:
+    """SI values (states + constants,) below which no fit goes, −∞ where it may: a length that must not vanish."""
+    least = np.full(len(observer.names), -np.inf)
+    for _, effect in observer.effects:
+        for coefficient in effect.coefficients:
+            place = observer.names.index(coefficient.name)
+            least[place] = coefficient.least * observer.factors[place]
+    return least
 
 
 def covariance_of(jacobian: Array, residual: Array, told: Array, worth: float) -> Array:

@@ -62,6 +62,9 @@ class Candidates:
     least_damping_ratio: float = _set(1e-4, "ζ", "A response that tells less is narrower than its own bins.")
     most_damping_ratio: float = _set(0.3, "ζ", "A response that tells more has no peak.")
     beside_peak: int = _set(8, "bins to either side", "So many bins of the response belong to the peak of one mode.")
+    rings: int = _set(2, "lines", "Other modes that ring show once the strongest are carried.")
+    ring_bins: int = _set(8, "bins for one of the record", "What dies away within a few cycles has a top of few bins.")
+    ring_apart: float = _set(0.1, "of the resonance", "Nearer to it, or to a multiple of it, is what it leaves itself.")
     reweighted: int = _set(5, "rounds", "The denominator's weights change no more after that.")
     saturation: tuple[float, ...] = _set(
         (0.04, 0.12, 0.3, 0.55, 0.75, 0.92), "of the largest drive", "From one to the next, a climb reaches the limit."

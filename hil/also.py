@@ -27,6 +27,8 @@ def _tried(name: str, device: Device) -> str:
         raise InputError(f"--also: {name}: no record tells it; {declared}")
     if effect.on(device.axes) is None:
         raise InputError(f"--also: {name}: needs two axes, and the device has one; leave it out")
+    if effect.runs_freely and device.axes == 2:
+        raise InputError(f"--also: {name}: traced on a single axis only; {declared}")
     searched = effect.search is not None and device.axes == 2
     given = [p.name for p in effect.parameters if p.default is None and not p.tried]
     if given and not searched:

@@ -93,6 +93,8 @@ def trace(
     traced, or that does not belong to the bench file, and for effects that are none; nothing is left then.
     """
     if bench.device.sense.is_envelope:
+        if also:
+            raise InputError("--also: all laws of an envelope are tried anyway; leave it out")
         return _trace_envelope(capture, bench, out, fraction=fraction, report=report, force=force)
     require_compiler()
     workers()  # no number of them is told before minutes are spent

@@ -51,7 +51,7 @@ def diagnosed(kind: Kind, work: Path) -> tuple[Diagnosis, float]:
 
 def pooled(kind: PoolKind, work: Path) -> tuple[Diagnosis, float]:
     """The files written, imported and traced together; the noise of a sample."""
-    folder = work / kind.name.replace(" ", "-")
+    folder = work / kind.name.replace(" ", "-").replace(",", "")
     folder.mkdir()
     bench, captures = folder / "beam.bench.toml", []
     bench.write_text(bench_text(kind.rate_Hz, kind.sense), encoding="utf-8")
@@ -68,6 +68,7 @@ def pooled(kind: PoolKind, work: Path) -> tuple[Diagnosis, float]:
         name=folder.name,
         covariate=kind.covariate,
         held_out=kind.held_out,
+        also=kind.also,
         report=False,
         progress=lambda _: None,
     )

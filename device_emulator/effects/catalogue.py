@@ -90,6 +90,7 @@ def slew_mps3(effects: Iterable[HiddenEffect]) -> tuple[float, float]:
 def resonance_Hz(effects: Iterable[HiddenEffect]) -> float:
     """The highest resonance among the effects' own, 0 without any."""
     own = [effect.coefficients["frequency"] for effect in effects if effect.kind == SenseKind.PARASITIC_MODE]
+    own += [effect.coefficients["wm"] / (2.0 * math.pi) for effect in effects if effect.kind == SenseKind.FREE_MODE]
     own += [
         math.sqrt(effect.coefficients["s"]) / (2.0 * math.pi)
         for effect in effects

@@ -229,6 +229,11 @@ def force(
             ds[at + 1] = c[2] * ux - 2.0 * c[1] * w * s[at + 1] - w * w * s[at]
             ds[at + 2] = s[at + 3]
             ds[at + 3] = c[3] * uy - 2.0 * c[1] * w * s[at + 3] - w * w * s[at + 2]
+        elif kind == SenseKind.FREE_MODE:
+            for axis in range(2):
+                own = at + 2 * axis
+                ds[own] = s[own + 1]
+                ds[own + 1] = -c[1] * s[own + 1] - (c[0] * c[0] + 0.25 * c[1] * c[1]) * s[own]
         elif kind == SenseKind.TELEGRAPH_OFFSET:
             ds[at] = 0.0
             ds[at + 1] = 0.0

@@ -27,7 +27,10 @@ class SenseKind(IntEnum):
     TELEGRAPH_OFFSET = 63
     SENSE_CLIPPING = 64
     MISSING_CODES = 65
+    FREE_MODE = 66
 
+
+_RINGING = tuple(Coefficient(name, "V") for name in ("cmx", "smx", "cmy", "smy"))
 
 DECLARATIONS: dict[IntEnum, Declaration] = {
     SenseKind.SENSE_GAIN: Declaration("x -> (1 + gx) x, y -> (1 + gy) y", per_axis("g", "1")),
@@ -52,6 +55,11 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
         "V + a s, s = 1 or -1, changing at random `rate` times a second",
         (*per_axis("a", "V"), given("rate", "1/s")),
         states=2,
+    ),
+    SenseKind.FREE_MODE: Declaration(
+        "V + p, p'' + dm p' + (wm^2 + dm^2/4) p = 0 from p = cm, p' = wm sm - dm cm / 2 on; an axis each",
+        (given("wm", "1/s"), Coefficient("dm", "1/s"), *_RINGING),
+        states=4,
     ),
     SenseKind.SENSE_CLIPPING: Declaration(
         "V -> clip(V, -limit_x, limit_x), before noise and converter", limits("limit_", "V")
@@ -125,6 +133,9 @@ def voltage(
         elif kind == SenseKind.TELEGRAPH_OFFSET:
             vx += c[0] * motion[effect.at]
             vy += c[1] * motion[effect.at + 1]
+        elif kind == SenseKind.FREE_MODE:
+            vx += motion[effect.at]
+            vy += motion[effect.at + 2]
     return vx, vy
 
 
@@ -150,7 +161,7 @@ def shown(effects: NDArray[Any], code: int) -> int:
 
 @compiled
 def flip(effects: NDArray[Any], seed: int, tick: int, ts_s: float, motion: NDArray[np.float64]) -> None:
-    """Throw the dice of random telegraphs for one sample; they start at 1.
+    """Throw the dice of random telegraphs for one sample; they start at 1, modes that ring where they are told to.
 
     Whether one flips is hashed from seed and tick (splitmix64), so that they leave the noise as it is.
     """
@@ -161,6 +172,11 @@ def flip(effects: NDArray[Any], seed: int, tick: int, ts_s: float, motion: NDArr
                     motion[effect.at + axis] = 1.0
                 elif _uniform(seed, 2 * tick + axis) < -0.5 * math.expm1(-2.0 * effect.c[2] * ts_s):
                     motion[effect.at + axis] *= -1.0
+        elif effect.kind == SenseKind.FREE_MODE and tick == 0:
+            for axis in range(2):
+                beside, turned = effect.c[2 + 2 * axis], effect.c[3 + 2 * axis]
+                motion[effect.at + 2 * axis] = beside
+                motion[effect.at + 2 * axis + 1] = effect.c[0] * turned - 0.5 * effect.c[1] * beside
 
 
 @compiled

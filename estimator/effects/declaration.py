@@ -42,6 +42,7 @@ class Source(Enum):
     LAG = 8  # drive of an axis behind a first-order lag, its time constant the coefficient `behind`
     WANE = 9  # exp(−t/T) from the first sample on, T the coefficient `behind`
     TIME = 10  # since the first sample
+    SLIP = 11  # z of ż = ẋ against z, ẋ (1 − |z|/reach) along it, of an axis; reach the coefficient `behind`
 
 
 class Delayed(Enum):
@@ -99,7 +100,8 @@ class Coefficient:
     length, time, kelvin, volt: powers of metre, second, kelvin and volt in its SI unit, per unit mass, a scaled unit of
     voltage being that of the amplitude on x; plausible: its largest likely size in scaled units (amplitude 1, ω0 1),
     the standard deviation with which it enters an observer; positive: a negative value would be no such effect
-    (friction that drives).
+    (friction that drives); start: in scaled units, where an observer begins that is not told;
+    least: in scaled units, no fit goes below that; own: of where a record begins, so that each record has its own.
     """
 
     symbol: sp.Symbol
@@ -110,6 +112,14 @@ class Coefficient:
     kelvin: int = 0
     positive: bool = False
     volt: int = 0
+    start: float = 0.0
+    least: float = -math.inf
+    own: bool = False
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether it says how the effect is, and not how large."""
+        return self.start != 0.0
 
     @property
     def unit(self) -> str:
@@ -162,6 +172,16 @@ class Effect:
     on_request: bool = False
 
     @property
+    def slips(self) -> bool:
+        """Whether its force depends on the way that the mass came."""
+        return any(signal.source is Source.SLIP for signal in self.signals)
+
+    @property
+    def runs_freely(self) -> bool:
+        """Whether a search names it by free runs only: it depends on the way, or on where a record begins."""
+        return self.slips or any(coefficient.own for coefficient in self.coefficients)
+
+    @property
     def declared_only(self) -> bool:
         """Whether nothing of it could be estimated from a record."""
         return not self.coefficients
@@ -182,11 +202,12 @@ class Effect:
         absent = {y: 0, vy: 0, uy: 0}
         force = sp.sympify(self.force[0]).subs(absent)
         sense = sp.sympify(self.sense[0] if self.alone is None else self.alone).subs(absent)
-        left = tuple(c for c in self.coefficients if c.symbol in force.free_symbols | sense.free_symbols)
+        asked = force.free_symbols | sense.free_symbols
+        asked |= {signal.behind for signal in self.signals if signal.symbol in asked}
+        left = tuple(c for c in self.coefficients if c.symbol in asked)
         if not left:
             return None
         zero = sp.Integer(0)
-        asked = force.free_symbols | sense.free_symbols
         signals = self.signals if self.alone is None else tuple(s for s in self.signals if s.symbol in asked)
         return replace(self, coefficients=left, force=(force, zero), sense=(sense, zero), signals=signals)
 
@@ -207,10 +228,10 @@ def clipped(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
 
 def can_be_specialised(effects: Sequence[Effect]) -> bool:
     """Whether two axes with these effects have a step of their own (`estimator.kernel.generate.step`): no path that is
-    late, no force that turns over with the direction of motion.
+    late, no force that turns over with the direction of motion or depends on the way.
     """
     late = any(effect.delayed is not None for effect in effects)
-    kinked = any(signal.source is Source.DIRECTION for effect in effects for signal in effect.signals)
+    kinked = any(signal.source in (Source.DIRECTION, Source.SLIP) for effect in effects for signal in effect.signals)
     return not late and not kinked
 
 

@@ -22,6 +22,8 @@ _SIGNALS = {
     Source.DECAY: "exp(−leak_{axis} t) from the first sample on",
     Source.LAG: "u{axis} behind a first-order lag of {behind}",
     Source.WANE: "exp(−t/{behind}) from the first sample on",
+    Source.TIME: "time since the first sample",
+    Source.SLIP: "z of ż = v{axis} while z and v{axis} differ in sign, else v{axis} (1 − |z|/{behind}); 0 at first",
 }
 
 

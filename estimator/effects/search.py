@@ -43,6 +43,7 @@ class Search(Enum):
     LIMITS = "shares of the largest drive"
     BANDS = "shares of the rms drive"
     LEVELS = "shares of the largest displacement that is sensed"
+    RINGS = "the lines that a free run leaves: the first two coefficients, a frequency and how fast it dies away"
     MODES = "where the residual follows the drive: a frequency, and the damping ratio seen there"
 
 

@@ -10,6 +10,7 @@ from estimator.model.oscillator import b, d, k
 gy, ey, ex, a2x, a2y, a3x, a3y, fdx, fdy = sp.symbols("gy ey ex a2x a2y a3x a3y fdx fdy")
 tlx, tly, hpx, hpy, clx, cly, level = sp.symbols("tlx tly hpx hpy clx cly level")
 odx, ody, wane_x, wane_y, leak_x, leak_y = sp.symbols("odx ody wane_x wane_y leak_x leak_y")
+time, wm, dm, cmx, smx, cmy, smy = sp.symbols("time wm dm cmx smx cmy smy")
 rx, ry, px, py, omega, zeta = sp.symbols("rx ry px py omega_p zeta_p")
 ux_behind_x, uy_behind_x, ux_behind_y, uy_behind_y = sp.symbols("ux_behind_x uy_behind_x ux_behind_y uy_behind_y")
 olx, oly, start_x, start_y = sp.symbols("olx oly start_x start_y")
@@ -222,4 +223,31 @@ PARASITIC_MODE = Effect(
     look_alikes={"interference": "its phase follows the drive"},
     signs=(Sign.LINE_ELSEWHERE, Sign.DRIVE),
     search=Search.MODES,
+)
+
+FREE_MODE = Effect(
+    name="free_mode",
+    number=42,
+    on_request=True,
+    title="Another mode that rings freely",
+    coefficients=(
+        Coefficient(wm, "wm", 1e-3, 0, -1, positive=True, start=3.0, least=0.01),
+        Coefficient(dm, "dm", 1e-3, 0, -1, positive=True, start=0.01),
+        Coefficient(cmx, "cmx", 0.1, volt=1, own=True),
+        Coefficient(smx, "smx", 0.1, volt=1, own=True),
+        Coefficient(cmy, "cmy", 0.1, volt=1, own=True),
+        Coefficient(smy, "smy", 0.1, volt=1, own=True),
+    ),
+    signals=(Signal(time, Source.TIME),),
+    sense=(
+        sp.exp(-dm * time / 2) * (cmx * sp.cos(wm * time) + smx * sp.sin(wm * time)),
+        sp.exp(-dm * time / 2) * (cmy * sp.cos(wm * time) + smy * sp.sin(wm * time)),
+    ),
+    source="p̈ + dm ṗ + (wm² + dm²/4) p = 0, a mode beside the one that is modelled; displacement, velocity and "
+    "acceleration of it are all of that form; Ewins, Modal Testing, 2000",
+    signature="another line that dies away at a rate of its own",
+    undone=Undone.MAP,
+    look_alikes={"interference": "a longer record: a line does not die away", "parasitic_mode": "a drive"},
+    signs=(Sign.LINE_ELSEWHERE,),
+    search=Search.RINGS,
 )

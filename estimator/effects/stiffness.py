@@ -2,11 +2,12 @@
 
 import sympy as sp
 
-from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
 from estimator.effects.search import EVEN, LINEAR, ODD, Sign
 from estimator.model.gyro import x, y
 
 k3x, k3y, k3, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k2x k2y kn ax ay")
+khx, khy, reach, slipx, slipy = sp.symbols("khx khy reach slipx slipy")
 
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
@@ -70,4 +71,24 @@ CONSTANT_FORCE = Effect(
     undone=Undone.CANCEL,
     look_alikes={"sense offset": "nothing on one bench; tilt it"},
     signs=(Sign.LINE_0,),
+)
+
+HYSTERETIC_STIFFNESS = Effect(
+    name="hysteretic_stiffness",
+    number=41,
+    on_request=True,
+    title="A spring that slips: hysteresis",
+    coefficients=(
+        Coefficient(khx, "khx", 0.02, 0, -2, positive=True),
+        Coefficient(khy, "khy", 0.02, 0, -2, positive=True),
+        Coefficient(reach, "reach", 0.2, 1, positive=True, start=0.2, least=0.01),
+    ),
+    signals=(Signal(slipx, Source.SLIP, 0, reach), Signal(slipy, Source.SLIP, 1, reach)),
+    force=(-khx * slipx, -khy * slipy),
+    source="Bouc 1967; Wen, J. Eng. Mech. Div. ASCE 102(EM2), 1976, with exponent 1 and β = γ; its first loading is "
+    "that of Dahl, Aerospace Corp. TOR-0158(3107-18)-1, 1968, kh the rest stiffness and kh reach the Coulomb force",
+    signature="a loss a cycle, and a stiffness, that fall with the amplitude and hardly depend on the frequency",
+    undone=Undone.CANCEL,
+    look_alikes={"dry_friction": "amplitudes near the reach", "nonlinear_damping": "steps of amplitude"},
+    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
 )

@@ -13,7 +13,7 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.lanes import put, take
-from estimator.kernel.layout import MAX_DELAY, Floats, Record
+from estimator.kernel.layout import MAX_DELAY, MAX_SIGNALS, Floats, Record
 from estimator.kernel.signals import directions, line_values, turns_over
 from estimator.kernel.structures import FlowWork, Interval, Push
 
@@ -83,9 +83,12 @@ def effect_forces(settings: Record, c: Floats, s: Floats, push: Push) -> None:
     """Sum of the effects' forces (axes,) at state s, drive and signals in push, and its derivatives (axes, states),
     (axes, constants).
     """
-    force, by_states, by_constants, drive, signals = push
+    force, by_states, by_constants, drive, signals, _ = push
     if settings.kinked == 1:
         directions(settings, s, signals)
+    for k in range(settings.slip_count):
+        signals[settings.slips[k, 0]] = push.slips[k, 0]
+        signals[MAX_SIGNALS + settings.slips[k, 0]] = 0.0
     force[:] = 0.0
     by_states[:] = 0.0
     by_constants[:] = 0.0
@@ -125,12 +128,14 @@ def kick(
     are v + ½ weight f, so that with f' = ∂f/∂v the derivatives of the whole are those in the middle, and ½ weight f'
     times those at the start.
     """
-    force, by_states, by_constants, _, _ = push
+    force, by_states, by_constants, _, _, _ = push
     states = out.shape[0]
+    moves = False
     for i in range(states):
         s[i] = out[i, 0]
     effect_forces(settings, c, s, push)
     if by_velocity(settings, by_states):
+        moves = True
         half = 0.5 * weight
         first = settings.sense_constants
         flowing = columns - 1 - states
@@ -151,6 +156,8 @@ def kick(
                     by_states[axis, i] += slope * b[0, i] + other * b[across, i]
                 for j in range(flowing):
                     by_constants[axis, first + j] += slope * b[0, states + j] + other * b[across, states + j]
+    if columns > 1 and settings.slip_count > 0:
+        push_slips(settings, weight, moves, columns, out, push)
     if columns == 1:
         for axis in range(settings.axes):
             out[2 * axis + 1, 0] += weight * force[axis]
@@ -160,12 +167,90 @@ def kick(
         push_one(settings.sense_constants, weight, out, push)
 
 
+@compiled
+def push_slips(settings: Record, weight: float, moves: bool, columns: int, out: Floats, push: Push) -> None:
+    """Add to the sensitivities of the velocities in out what weight × the forces make of those of the signals that
+    depend on the way; moves: whether the forces depend on the velocity, and were taken from the middle of the impulse.
+    """
+    for k in range(settings.slip_count):
+        row = 2 * settings.slips[k, 1] + 1
+        share = weight * push.signals[MAX_SIGNALS + settings.slips[k, 0]]
+        if moves:
+            share *= 1.0 + 0.5 * weight * push.by_states[settings.slips[k, 1], row]
+        for j in range(1, columns):
+            out[row, j] += share * push.slips[k, j]
+
+
+@compiled
+def slid(z: float, way: float, reach: float) -> tuple[float, float, float, float]:
+    """A slip z, counted along the motion, after a way along it (back where that is negative), and its derivatives by
+    z, by the way and by the reach.
+
+    Against the motion it moves as the mass does, along it by 1 − z/reach of that: exactly, whatever the speed was.
+    """
+    if way >= 0.0:
+        if z + way <= 0.0:
+            return z + way, 1.0, 1.0, 0.0
+        straight = max(-z, 0.0)
+        z += straight
+        way -= straight
+    elif z <= 0.0:
+        return z + way, 1.0, 1.0, 0.0
+    elif z < reach:
+        left = (reach - z) / reach
+        back = reach * math.log(left)
+        if way < back:
+            return way - back, 1.0 / left, 1.0, -(math.log(left) + (1.0 - left) / left)
+    fade = math.exp(-way / reach)
+    rest = (reach - z) * fade
+    return reach - rest, fade, rest / reach, 1.0 - fade - rest * way / reach**2
+
+
+@compiled
+def slide(
+    settings: Record, c: Floats, h: float, columns: int, before: Floats, out: Floats, slips: Floats
+) -> None:
+    """Carry the signals that depend on the way, and their sensitivities, from the motion in the columns of before to
+    that in out, h later; where the mass turns in between, to there first.
+    """
+    states = out.shape[0]
+    for k in range(settings.slip_count):
+        row = 2 * settings.slips[k, 1]
+        constant = settings.slips[k, 2]
+        reach = c[constant]
+        if not reach > 0.0:
+            slips[k, :] = 0.0
+            continue
+        first, last = before[row + 1, 0], out[row + 1, 0]
+        turn = 1.0
+        there = out[row, 0]
+        if first * last < 0.0:
+            turn = first / (first - last)
+            there = before[row, 0] + 0.5 * first * turn * h
+        own = 1 + states + constant - settings.sense_constants
+        for piece in range(1 if turn == 1.0 else 2):
+            if piece == 0:
+                forth = first if turn < 1.0 else first + last
+                way, begin, end = there - before[row, 0], 0.0, turn
+            else:
+                forth = last
+                way, begin, end = out[row, 0] - there, turn, 1.0
+            sign = 1.0 if forth > 0.0 else -1.0
+            z, by_z, by_way, by_reach = slid(sign * slips[k, 0], sign * way, reach)
+            slips[k, 0] = sign * z
+            for j in range(1, columns):
+                moved = (end - begin) * (out[row, j] - before[row, j])
+                slips[k, j] = by_z * slips[k, j] + by_way * moved
+            if columns > 1:
+                slips[k, own] += sign * by_reach
+
+
 @inlined
 def push_two(first: int, weight: float, out: Floats, push: Push) -> None:
     """The velocities of two axes in out ← what weight × the forces in push, linear in its columns, leave of them; of
     the constants from `first` on.
     """
-    force, by_states, by_constants, _, _ = push
+    force, by_states, by_constants, _, _, _ = push
     columns = out.shape[1]
     own = by_constants.shape[1]
     vx = out[1, 0] + weight * force[0]
@@ -198,7 +283,7 @@ def push_two(first: int, weight: float, out: Floats, push: Push) -> None:
 @inlined
 def push_one(first: int, weight: float, out: Floats, push: Push) -> None:
     """The same of a single axis."""
-    force, by_states, by_constants, _, _ = push
+    force, by_states, by_constants, _, _, _ = push
     for j in range(1, out.shape[1]):
         pushed = by_states[0, 0] * out[0, j] + by_states[0, 1] * out[1, j]
         if j > 2:
@@ -242,7 +327,11 @@ def advance_columns(settings: Record, interval: Interval, c: Floats, columns: in
     for stage in range(len(DRIFTS)):
         length = DRIFTS[stage]
         part = u if held else part_of(u, at, length)
+        if settings.slip_count > 0:
+            other[:] = out
         taylor(settings.model, c, part, length * h, order, columns, term, out)
+        if settings.slip_count > 0:
+            slide(settings, c, length * h, columns, other, out, push.slips)
         at += length
         if stage < len(KICKS):
             drive_at(u, at, drive)
@@ -285,7 +374,7 @@ def insert_sorted(values: Floats, count: int, value: float) -> int:
 @compiled
 def turnovers(settings: Record, interval: Interval, c: Floats, work: FlowWork, cuts: Floats) -> int:
     """cuts ← where in the interval, in order, the motion in out[:, 0] enters, crosses and leaves what friction turns
-    over in; returns how many there are.
+    over in, and turns where a force depends on the way; returns how many there are.
 
     Of the motion without effects: it is where to cut, and not what acts.
     """
@@ -313,6 +402,14 @@ def turnovers(settings: Record, interval: Interval, c: Floats, work: FlowWork, c
                 ends_slopes(settings, c, u, end, work, slopes)
                 sloped = True
             at = passing(before, slopes[0, row] * h, after, slopes[1, row] * h)
+            count = insert_sorted(cuts, count, at)
+    for k in range(settings.slip_count):
+        row = 2 * settings.slips[k, 1] + 1
+        if out[row, 0] * end[row, 0] < 0.0:
+            if not sloped:
+                ends_slopes(settings, c, u, end, work, slopes)
+                sloped = True
+            at = passing(out[row, 0], slopes[0, row] * h, end[row, 0], slopes[1, row] * h)
             count = insert_sorted(cuts, count, at)
     return count
 
@@ -452,6 +549,8 @@ def flow(
         out[i, 0] = s[i]
         if columns > 1:
             out[i, 1 + i] = 1.0
+    for k in range(settings.slip_count):
+        work.push.slips[k, 1:] = 0.0
     if settings.drive_delay >= 0:
         flow_late(settings, interval, past, c, columns, work)
     else:
@@ -475,6 +574,9 @@ def sensed_before(
             out[i, j] = 0.0
         out[i, 0] = s[i]
         out[i, 1 + i] = 1.0
+    slips = work.push.slips
+    kept = slips[:, 0].copy()
+    slips[:, 1:] = 0.0
     left = min(c[settings.sense_delay + axis] / h, MAX_DELAY - 1.0)
     if not np.isfinite(left):
         left = 0.0
@@ -490,4 +592,5 @@ def sensed_before(
         left -= length
         back += 1
         if not left > 0.0:
+            slips[:, 0] = kept
             return

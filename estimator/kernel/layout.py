@@ -17,6 +17,7 @@ MAX_LATENCY = 15
 MAX_AXES = 2
 MAX_EFFECTS = 64  # carried and watched
 MAX_SIGNALS = 96
+MAX_SLIPS = 4  # signals that depend on the way
 MAX_DEGREE = 8  # terms of a drive polynomial that are kept for a delay
 MAX_DELAY = 8  # samples
 MAX_ENTRIES = 4 + 9 + 2 * MAX_EFFECTS  # of the state vector of a two-axis gyro
@@ -42,10 +43,12 @@ SETTINGS = np.dtype(
         ),  # number of each, index of its first coefficient among the constants, of its first signal
         ("candidate_count", "i8"),  # effects behind those that are watched and not carried
         ("pushes", "i8"),  # effects among them that are forces
-        ("kinked", "i8"),  # a force depends on the direction of motion
+        ("kinked", "i8"),  # a force depends on the direction of motion, or on the way
         ("signal_count", "i8"),
         ("signals", "i8", (MAX_SIGNALS, 3)),  # source of each, its axis, index of its coefficient among the constants
         ("signal_parameters", "f8", (MAX_SIGNALS, 2)),  # a constant's value in the first
+        ("slip_count", "i8"),
+        ("slips", "i8", (MAX_SLIPS, 3)),  # signals that depend on the way: their number, axis, index of the reach
         ("sense_delay", "i8"),  # index of its first coefficient among the constants, −1 without
         ("drive_delay", "i8"),
         ("watched_sense_delay", "i8"),  # the same of effects that are watched and not carried

@@ -15,7 +15,7 @@ from estimator.kernel.angle_error import correct_angle, move_angle, predict_angl
 from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.flow import drive_at, flow, sensed_before
 from estimator.kernel.lanes import lane, put, put_columns, take
-from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, Floats, Ints, Record
+from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, MAX_SLIPS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import advance_signals, signal_values
@@ -421,14 +421,15 @@ def narrowed(wide: Floats, p: Floats) -> None:
 
 
 @compiled
-def pushless(states: int, constants: int) -> Push:
-    """A `Push` of nothing yet."""
+def pushless(states: int, constants: int, columns: int) -> Push:
+    """A `Push` of nothing yet, in a flow of so many columns."""
     return Push(
         force=np.zeros(2),
         by_states=np.zeros((2, states)),
         by_constants=np.zeros((2, constants)),
         drive=np.zeros(2),
         signals=np.zeros(2 * MAX_SIGNALS),
+        slips=np.zeros((MAX_SLIPS, columns)),
     )
 
 
@@ -448,7 +449,7 @@ def workspace(settings: Record, n: int, total: int) -> Workspace:
             term=np.zeros((states, columns)),
             other=np.zeros((states, columns)),
             out=np.zeros((states, columns)),
-            push=pushless(states, constants),
+            push=pushless(states, constants, columns),
         ),
         transition=np.zeros((n, states)),
         rows=np.zeros((2 * states, width)),
@@ -475,7 +476,12 @@ def predict_state(
     out, g = work.flow.out, work.transition
     signal_values(settings, memory, memory.time, work.flow.push.signals)
     interval = Interval(memory.time, h, u)
+    slips = work.flow.push.slips
+    for k in range(settings.slip_count):
+        slips[k, 0] = memory.signals[settings.slips[k, 0], 0]
     flow(settings, interval, memory.past, x[states:], x[:states], out.shape[1], work.flow)
+    for k in range(settings.slip_count):
+        memory.signals[settings.slips[k, 0], 0] = slips[k, 0]
     for i in range(states):
         x[i] = out[i, 0]
         for j in range(states):

@@ -3,8 +3,8 @@
 import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
-from estimator.kernel.flow import flow, part_of
-from estimator.kernel.layout import MAX_DEGREE, MAX_DELAY, Floats, Record
+from estimator.kernel.flow import advance, part_of
+from estimator.kernel.layout import Floats, Record
 from estimator.kernel.observer import pushless
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import line_values
@@ -54,7 +54,8 @@ def free_run(
     """Run from x = [state at the first sample, constants] under u (n, axes, degree + 1) over the steps h (n,).
 
     Each step is taken in `parts` equal parts: the flow's impulses are exact in the limit of many.  sensed (n, axes);
-    with `sensitive` also sensitivity (n, axes, states + constants), the derivative by x, else 0 rows of it.
+    with `sensitive` also sensitivity (n, axes, states + constants), the derivative by x, else 0 rows of it.  The
+    columns of the flow are carried from step to step as they are: they begin as the derivatives by the first state.
     """
     settings = settings_record[0]
     states = settings.states
@@ -62,9 +63,8 @@ def free_run(
     total = x.shape[0]
     columns = 1 + states + settings.flow_constants if sensitive else 1
     out = np.zeros((states, columns))
-    push = pushless(states, total - states)
+    push = pushless(states, total - states, columns)
     work = FlowWork(np.zeros((states, columns)), np.zeros((states, columns)), out, push)
-    past = np.zeros((MAX_DELAY + 1, 2, MAX_DEGREE))
     signals = push.signals
     time = 0.0
     for i in range(settings.signal_count):
@@ -76,29 +76,18 @@ def free_run(
     by_constants = np.zeros((2, total - states))
     s = x[:states].copy()
     c = x[states:]
-    by_x = np.zeros((states, total))
-    moved = np.zeros((states, total))
     for i in range(states):
-        by_x[i, i] = 1.0
+        out[i, 0] = s[i]
+        if sensitive:
+            out[i, 1 + i] = 1.0
     for m in range(sensed.shape[0]):
         if m > 0:
             for part in range(parts):
                 piece = u[m] if parts == 1 else part_of(u[m], part / parts, 1.0 / parts)
-                flow(settings, Interval(time, h[m] / parts, piece), past, c, s, columns, work)
+                advance(settings, Interval(time, h[m] / parts, piece), c, columns, work)
                 time += h[m] / parts
-                for i in range(states):
-                    s[i] = out[i, 0]
-                if sensitive:
-                    for i in range(states):
-                        for j in range(total):
-                            value = 0.0
-                            for k in range(states):
-                                value += out[i, 1 + k] * by_x[k, j]
-                            constant = j - states - sense_constants
-                            if constant >= 0:
-                                value += out[i, 1 + states + constant]
-                            moved[i, j] = value
-                    by_x[:] = moved
+            for i in range(states):
+                s[i] = out[i, 0]
         for axis in range(settings.axes):
             drive[axis] = u[m, axis].sum()  # at the end of the interval
         predicted[:] = 0.0
@@ -115,6 +104,8 @@ def free_run(
             if sensitive:
                 for j in range(total):
                     value = by_constants[axis, j - states] if j >= states else 0.0
-                    for k in range(states):
-                        value += by_states[axis, k] * by_x[k, j]
+                    column = 1 + j if j < states else 1 + j - sense_constants
+                    if j < states or j >= states + sense_constants:
+                        for k in range(states):
+                            value += by_states[axis, k] * out[k, column]
                     sensitivity[m, axis, j] = value

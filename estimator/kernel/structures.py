@@ -82,6 +82,9 @@ class Interval(NamedTuple):
 class Push(NamedTuple):
     """Sum of the effects' forces (axes,) with its derivatives by_states (axes, states) and by_constants (axes,
     constants); what they depend on: drive (axes,) and signals (2 MAX_SIGNALS,), values and derivatives by the velocity.
+
+    slips (MAX_SLIPS, columns): signals that depend on the way, in the columns of the flow; their place in the second
+    half of signals has the derivative of the force by them.
     """
 
     force: Floats
@@ -89,6 +92,7 @@ class Push(NamedTuple):
     by_constants: Floats
     drive: Floats
     signals: Floats
+    slips: Floats
 
 
 class FlowWork(NamedTuple):

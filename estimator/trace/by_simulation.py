@@ -25,6 +25,7 @@ from estimator.trace.free_run_model import (
 )
 from estimator.trace.probability import Account, of_rounds
 from estimator.trace.problem import Problem
+from estimator.trace.rings import begun
 
 _SET = THRESHOLDS.free_runs
 
@@ -64,8 +65,10 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     part = problem.part(slice(0, _SET.compared))
     choice, later = parts_of(part.record, skip)
     known = tuple(problem.effects)
-    model = FreeRunModel(part, choice, later, candidates(problem.device, problem.settings, problem.asked))
     start = fitted(part, known, None, choice)
+    part = replace(part, begun=begun(part.device, part.asked, [start.fit.residual]))
+    names = (*candidates(part.device, part.settings, part.asked), *(name for name in part.begun if name not in known))
+    model = FreeRunModel(part, choice, later, names)
     chosen = choose(model, start, RULES, lambda done, most: progress("free runs", done, most))
     effects = chosen.fit.effects
     rejected = dict(chosen.barred)

@@ -57,6 +57,8 @@ def watch_list(
     for effect in (*EFFECTS, *device.own):
         if effect.declared_only or effect.on(device.axes) is None or not _has_signals(effect.signals, record):
             continue
+        if effect.runs_freely:
+            continue  # an observer is corrected on its way, and a record begins once
         if effect.on_request and effect.name not in asked:
             continue
         if effect.delayed is not None and not np.any(record.drive):

@@ -36,12 +36,15 @@ class Score:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A coefficient with its 95 % interval, SI; positive: whether it is declared to be."""
+    """A coefficient with its 95 % interval, SI; positive: whether it is declared to be; shape: whether it says how the
+    effect is and not how large.
+    """
 
     value: float
     low: float
     high: float
     positive: bool = False
+    shape: bool = False
 
 
 class Outcome(Enum):

@@ -188,7 +188,9 @@ def free_run_error(observer: Observer, fit: Refined, record: Record, first: int)
     """Residual (n, axes) V of a free run on another record; its first outputs set the state and are NaN."""
     state = fit.state.copy()
     state[: observer.states] = 0.0
-    motion = observer.names[: observer.states]
+    own = [c.name for _, effect in observer.effects for c in effect.coefficients if c.own]
+    motion = (*observer.names[: observer.states], *own)
+    state[[observer.names.index(name) for name in own]] = 0.0
     beginning = record.part(slice(0, first))
     state = refine(observer, beginning.sense, beginning.drive, start=state, free=motion, step=beginning.step).state
     residual = record.sense - simulate(observer, state, record.drive, step=record.step).sensed
@@ -212,7 +214,7 @@ def _rmse(fit: Refined) -> float:
 
 def _coefficients(name: str, found: SimulationTrace, device: Device) -> dict[str, float]:
     _, effect = effect_for(name, device.axes, device.own)
-    return {c.name: found.after.value(c.name) for c in effect.coefficients}
+    return {c.name.partition(":")[0]: found.after.value(c.name) for c in effect.coefficients}
 
 
 def _examined(problem: Problem, fit: Refined, split: int) -> Examination:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.effects.catalogue import EFFECTS
+from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.record import Record
@@ -26,7 +27,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended
 from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate, Score, Trial
-from estimator.trace.problem import Problem
+from estimator.trace.problem import Effects, Problem
 
 _SET = THRESHOLDS.free_runs
 
@@ -114,7 +115,8 @@ def estimates_of(observer: Observer, fit: Refined) -> Mapping[str, Mapping[str, 
     """The coefficients of all that a free run carries, with their intervals."""
     return {
         effect.name: {
-            c.name: Estimate(fit.value(c.name), *fit.interval(c.name), c.positive) for c in effect.coefficients
+            c.name: Estimate(fit.value(c.name), *fit.interval(c.name), c.positive, c.is_shape)
+            for c in effect.coefficients
         }
         for _, effect in observer.effects
     }
@@ -125,7 +127,7 @@ def fitted(problem: Problem, effects: tuple[str, ...], current: Refined | None, 
 
     Raises ModelError where no free run stays within bounds.
     """
-    observer, record = _observer(problem.device, problem.settings, effects), problem.record
+    observer, record = _observer(problem, effects), problem.record
     start = _carried_over(observer, current)
     if not np.any(record.drive):
         start = _followed(observer, record, start, current is None)
@@ -155,10 +157,12 @@ def candidates(device: Device, settings: ObserverSettings, asked: Collection[str
         name = effect.name
         if effect.declared_only or (effect.on_request and name not in asked):
             continue
+        if effect.search is Search.RINGS:
+            continue  # a line is looked for first
         if name in settings.effects:
             continue
         try:
-            observer = _observer(device, settings, (name,))
+            observer = _carrying(device, settings, {name: {}})
             simulate(observer, observer.state, np.zeros((2, device.axes)))
         except ModelError:
             continue
@@ -178,7 +182,7 @@ def promises_of(
 
     shown: a candidate that the record is known to show, however little of its signature is its own.
     """
-    observer, record = _observer(part.device, part.settings, (*taken, *left)), part.record
+    observer, record = _observer(part, (*taken, *left)), part.record
     state = _carried_over(observer, current)
     simulation = simulate(observer, state, record.drive, step=record.step, sensitive=True)
     valid = np.isfinite(record.sense[choice])
@@ -209,12 +213,17 @@ def promises_of(
 
 def coefficient_names(problem: Problem, name: str) -> set[str]:
     """Names of the coefficients of one effect in the state of a free run."""
-    alone = _observer(problem.device, problem.settings, (name,))
+    alone = _observer(problem, (name,))
     return {c.name for _, effect in alone.effects for c in effect.coefficients}
 
 
-def _observer(device: Device, settings: ObserverSettings, effects: tuple[str, ...]) -> Observer:
-    carried = {name: dict(settings.effects.get(name, {})) for name in effects}
+def _observer(problem: Problem, effects: Sequence[str]) -> Observer:
+    given = {**problem.begun, **problem.settings.effects}
+    return _carrying(problem.device, problem.settings, {name: given.get(name, {}) for name in effects})
+
+
+def _carrying(device: Device, settings: ObserverSettings, effects: Effects) -> Observer:
+    carried = {name: dict(given) for name, given in effects.items()}
     return Observer(device, replace(settings, gain=Gain.EKF, effects=carried))
 
 

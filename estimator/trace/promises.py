@@ -284,7 +284,8 @@ def _is_polarity(gain: Estimate) -> bool:
 
 def may_be_nothing(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
     """Why an effect with these coefficients may as well be absent, None where it is there."""
-    if not coefficients or any(one.low > 0.0 or one.high < 0.0 for one in coefficients.values()):
+    sizes = [one for one in coefficients.values() if not one.shape]
+    if not sizes or any(one.low > 0.0 or one.high < 0.0 for one in sizes):
         return None
     return f"{_plain(name)} may as well be nothing: the 95 % intervals of its coefficients hold zero"
 

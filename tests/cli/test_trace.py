@@ -71,6 +71,7 @@ def test_what_is_asked_is_checked_first(hil: Hil, tmp_path: Path) -> None:
         (("--bench", "s-slow", "--also", "drag_radail"), "--also: no effect 'drag_radail'; did you mean drag_radial?"),
         (("--bench", "s-slow", "--also", "drag_radial,clock_rate"), "--also: clock_rate: no record tells it"),
         (("--bench", "s-slow", "--also", "stribeck_friction"), "searches for its vs; declare it as [effects.stribeck"),
+        (("--bench", "s-slow", "--also", "hysteretic_stiffness"), "hysteretic_stiffness: traced on a single axis only"),
         (("--bench", "rate-table-crs03", "--also", "drag_radial"), "effects of a rate sensor are tried anyway"),
         (("--bench", "s-slow", "--live", "--link", "serial:/dev/null"), "needs --arm"),
     ):

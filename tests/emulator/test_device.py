@@ -100,6 +100,7 @@ def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: IntEn
         "vs": 1e-3, "s": 6e6, "depth": 0.1, "phase": 1.0, "c": 1e13, "limit_x": 0.04, "limit_y": 0.04,
         "width_x": 0.4, "width_y": 0.4, "slew_x": 2e3, "slew_y": 2e3, "ex": 0.1, "ey": 0.1, "zeta": 0.1,
         "rate": 400.0, "every": 10_000.0, "width": 3000.0, "m": 0.2, "px": 1.0, "py": 1.0,
+        "wm": 3e3, "dm": 100.0, "cmx": 0.01, "smx": 0.01, "cmy": 0.01, "smy": 0.01,
     }  # fmt: skip
     where = {
         "truth": {"position_m": [1e-4, 1e-4]},

@@ -172,6 +172,17 @@ def test_interference() -> None:
     np.testing.assert_allclose(volts(what, codes), expected, rtol=0, atol=LSB)
 
 
+def test_a_mode_that_rings_is_a_phasor_that_dies_away() -> None:
+    begins = {"cmx": 0.01, "smx": 0.004, "cmy": 0.0, "smy": -0.02}
+    mode = {"name": "free_mode", "wm": 2 * np.pi * 310.0, "dm": 40.0, **begins}
+    what = scenario({"truth": {"position_m": [0, 0]}, "effect": [mode]})
+    codes = record(what, undriven(200)).codes
+    turned = np.exp((2j * np.pi * 310.0 - 20.0) * np.arange(200) * TS)
+    expected = np.column_stack([((0.01 - 0.004j) * turned).real, (0.02j * turned).real])
+    np.testing.assert_allclose(volts(what, codes), expected, rtol=0, atol=2 * LSB)
+    assert np.max(np.abs(expected)) > 1000 * LSB
+
+
 def test_quantisation_and_clipping() -> None:
     what = scenario(IDEAL, {"sense": {"adc_bits": 8, "adc_full_scale_V": 0.05}})
     codes, truth, device = record(what, undriven(40))

@@ -17,7 +17,7 @@ from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.page import page
 from estimator.errors import ModelError
 from estimator.kernel.flow import flow
-from estimator.kernel.layout import MAX_SIGNALS
+from estimator.kernel.layout import MAX_SIGNALS, MAX_SLIPS
 from estimator.kernel.observer import predict_measurement, workspace
 from estimator.kernel.signals import advance_signals, signal_values
 from estimator.kernel.structures import FlowWork, Interval, Push, Sample
@@ -48,7 +48,7 @@ GIVEN = {
     "px": 1.0,
     "py": 0.0,
 }
-FORCES = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.force)]
+FORCES = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.force) and not effect.slips]
 SENSED = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.sense)]
 SMOOTH = [name for name in FORCES if name not in KINKED]
 
@@ -105,6 +105,8 @@ def signal(source: Signal, axis_parameters: list[float], t: float, s: Array) -> 
             return WARMTH
         case Source.DIRECTION:
             return float(np.tanh(s[2 * source.axis + 1] / GIVEN["v0"]))
+        case Source.TIME:
+            return t
         case Source.DECAY:
             return float(np.exp(-axis_parameters[source.axis] * t))
     return 0.3  # what memory holds
@@ -134,7 +136,10 @@ def values(effect: Effect, what: str) -> Callable[..., Array]:
 def step(observer: Observer, s: Array, c: Array) -> Array:
     """[state | ∂/∂s | ∂/∂(flow constants, coefficients)] after one sample."""
     columns = 1 + 4 + int(observer.arrays.settings["flow_constants"][0])
-    push = Push(np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS))
+    slips = np.zeros((MAX_SLIPS, columns))
+    push = Push(
+        np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS), slips
+    )
     work = FlowWork(*(np.zeros((4, columns)) for _ in range(3)), push)
     call_flow(observer.arrays.settings, observer.arrays.memory, c, s, DRIVE, observer.h, columns, work)
     return work.out

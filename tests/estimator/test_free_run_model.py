@@ -38,7 +38,8 @@ def found(free: tuple[str, ...], residual: Array, **values: float) -> Refined:
 
 def effect(name: str, *symbols: str) -> tuple[int, Any]:
     return 0, SimpleNamespace(
-        name=name, coefficients=[SimpleNamespace(name=symbol, positive=symbol == "fx") for symbol in symbols]
+        name=name,
+        coefficients=[SimpleNamespace(name=symbol, positive=symbol == "fx", is_shape=False) for symbol in symbols],
     )
 
 
@@ -61,7 +62,7 @@ class Played:
         self.sensed = rng.standard_normal((samples, 1)) + 0.3 * self.sensitivity[:, :, 4]
         self.asked: dict[str, Any] = {}
 
-        def observer(device: Device, settings: ObserverSettings, effects: tuple[str, ...]) -> Any:
+        def observer(problem: Problem, effects: tuple[str, ...]) -> Any:
             self.asked["effects"] = effects
             return SimpleNamespace(names=NAMES, effects=EFFECTS, state=np.zeros(len(NAMES)))
 

@@ -30,6 +30,7 @@ LAGGED = {"ux_behind_x": 280.0, "uy_behind_x": -170.0, "ux_behind_y": 260.0, "uy
 SIGNALS |= {name: (value, 1, -2) for name, value in LAGGED.items()}
 SUMMED = {"ux_over_x": 0.062, "uy_over_x": -0.041, "ux_over_y": 0.057, "uy_over_y": -0.045}
 SIGNALS |= {name: (value, 1, -1) for name, value in SUMMED.items()}
+SIGNALS |= {"slipx": (1.3e-5, 1, 0), "slipy": (-0.7e-5, 1, 0), "time": (3e-4, 0, 1)}
 SIGNALS |= {"start_x": (0.02, 0, 0), "start_y": (0.03, 0, 0)}
 """By symbol: value in SI, powers of metre and second. K; displacement of a mode; drive behind a lag, drive summed over
 time.
@@ -65,6 +66,7 @@ FORCES: dict[str, Law] = {
     "cubic_isotropic": lambda s, c, g: (-c.k3 * s.x * (s.x**2 + s.y**2), -c.k3 * s.y * (s.x**2 + s.y**2)),
     "quadratic_stiffness": lambda s, c, g: (-c.k2x * s.x**2, -c.k2y * s.y**2),
     "nonreciprocal_stiffness": lambda s, c, g: (-c.kn * s.y, c.kn * s.x),
+    "hysteretic_stiffness": lambda s, c, g: (-c.khx * 1.3e-5, c.khy * 0.7e-5),
     "constant_force": lambda s, c, g: (c.ax, c.ay),
     "drive_gain": lambda s, c, g: (c.hx * s.ux, c.hy * s.uy),
     "drive_misalignment": lambda s, c, g: (c.mx * s.uy, c.my * s.ux),
@@ -121,6 +123,10 @@ SENSES: dict[str, Law] = {
         + c.odx * 0.4,
         -c.hpy / g.leak_y * settled(1 / g.leak_y, s, g.leak_y * SUMMED["ux_over_y"], g.leak_y * SUMMED["uy_over_y"])[2]
         + c.ody * 0.3,
+    ),
+    # A phasor that turns and dies away, 0.3 ms after the first sample; V of an amplitude.
+    "free_mode": lambda s, c, g: tuple(
+        A * ((a - 1j * b) * np.exp((1j * c.wm - 0.5 * c.dm) * 3e-4)).real for a, b in ((c.cmx, c.smx), (c.cmy, c.smy))
     ),
     "parasitic_mode": lambda s, c, g: (c.rx * 4e-6, c.ry * 5e-6),
     "interference": lambda s, c, g: (c.lcx * 0.6 - c.lsx * 0.8, c.lcy * 0.6 - c.lsy * 0.8),

@@ -311,7 +311,8 @@ _EFFECT_ARGUMENTS = "c, s, u, w, first, signal, value, by_states, by_constants"
 
 def _additions(model: Model, effect: Effect, what: str) -> list[tuple[str, int, int, sp.Expr]]:
     """What an effect adds to force or sense, where it is not zero: to `value` of an axis, to `by_states` of an axis and
-    a state, to `by_constants` of an axis and a constant, to `by_own` of an axis and one of its coefficients.
+    a state, to `by_constants` of an axis and a constant, to `by_own` of an axis and one of its coefficients, to
+    `by_signal` of one of its signals that depends on the way of that axis.
     """
     states = [state.symbol for state in model.states]
     constants = [constant.symbol for constant in model.constants]
@@ -328,6 +329,11 @@ def _additions(model: Model, effect: Effect, what: str) -> list[tuple[str, int, 
                 ("by_states", axis, 2 * signal.axis + 1, sp.diff(expression, signal.symbol) * _slope(signal))
                 for signal in effect.signals
                 if signal.source is Source.DIRECTION and signal.axis < model.axes
+            ]
+            found += [
+                ("by_signal", axis, j, sp.diff(expression, signal.symbol))
+                for j, signal in enumerate(effect.signals)
+                if signal.source is Source.SLIP and signal.axis == axis
             ]
     return [(kind, axis, j, sp.sympify(e)) for kind, axis, j, e in found if e != 0]
 
@@ -360,6 +366,7 @@ _PLACES = {
     "by_states": "by_states[{axis}, {j}]",
     "by_own": "by_constants[{axis}, first + {j}]",
     "by_constants": "by_constants[{axis}, {j}]",
+    "by_signal": f"w[{MAX_SIGNALS} + signal + {{j}}]",
 }
 _SOURCES = {
     "constants": "c[{i}]",
@@ -401,6 +408,7 @@ _OWN_PLACES = {
     "by_states": "_by_states[{axis} * _states_row + {j}]",
     "by_own": "_by_constants[{axis} * _constants_row + _first + {j}]",
     "by_constants": "_by_constants[{axis} * _constants_row + {j}]",
+    "by_signal": f"_w[{MAX_SIGNALS} + _signal + {{j}}]",
 }
 _OWN_SOURCES = {
     "constants": "_c[{i}]",

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.record import Record
-from estimator.refinement import Declared, covariance_of, least_squares_beside, refine, scales, worth_of
+from estimator.refinement import Declared, covariance_of, least_squares_beside, least_values, refine, scales, worth_of
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.side_by_side import stop_if_abandoned
@@ -49,7 +49,13 @@ class PooledRun:
 
     def state(self, record: int, z: float) -> Array:
         """The state vector with which that record is run."""
-        return np.concatenate([self.own[record], self.constants(z)])
+        return state_of(self.observer, self.own[record], self.constants(z))
+
+    def own_of(self, names: Sequence[str], initial: Mapping[str, float]) -> Array:
+        """What each record has by itself of these names (records, names); initial: of those that were not carried."""
+        places = {name: place for place, name in enumerate(own_names(self.observer))}
+        columns = [self.own[:, places[n]] if n in places else np.full(len(self.own), initial[n]) for n in names]
+        return np.stack(columns, axis=1)
 
     def constants(self, z: float) -> Array:
         """What is shared at a scaled covariate, in the observer's order."""
@@ -78,13 +84,29 @@ def slope_name(name: str) -> str:
 
 def observer_of(pool: Pool, effects: Sequence[str]) -> Observer:
     """An observer that carries these effects, as the bench has it else."""
-    carried = {name: dict(pool.settings.effects.get(name, {})) for name in effects}
+    given = {**pool.begun, **pool.settings.effects}
+    carried = {name: dict(given.get(name, {})) for name in effects}
     return Observer(pool.device, replace(pool.settings, gain=Gain.EKF, effects=carried))
 
 
 def own_names(observer: Observer) -> tuple[str, ...]:
-    """What each record has by itself: the motion at its start, the offsets of its channels."""
-    return observer.names[: observer.states + len(observer.model.sense_constants)]
+    """What each record has by itself: the motion at its start, the offsets of its channels, and what an effect has of
+    where a record begins.
+    """
+    begins = (c.name for _, effect in observer.effects for c in effect.coefficients if c.own)
+    return (*observer.names[: observer.states + len(observer.model.sense_constants)], *begins)
+
+
+def shared_names(observer: Observer) -> tuple[str, ...]:
+    """The others: constants and coefficients of the device."""
+    own = own_names(observer)
+    return tuple(name for name in observer.names if name not in own)
+
+
+def state_of(observer: Observer, own: Array, shared: Array) -> Array:
+    """The state vector in the observer's order, from values in the order of `own_names` and of `shared_names`."""
+    by_name = dict(zip((*own_names(observer), *shared_names(observer)), (*own, *shared), strict=True))
+    return np.array([by_name[name] for name in observer.names])
 
 
 def simulated(run: PooledRun, record: Record, state: Array, *, sensitive: bool = False) -> tuple[Array, Array]:
@@ -117,21 +139,27 @@ def fitted(
     Raises ModelError where the free run of a record leaves all bounds.
     """
     observer = observer_of(pool, effects)
-    own, records, level = len(own_names(observer)), len(pool.members), start.level
-    names = observer.names[own:]
-    initial = dict(zip(names, observer.state[own:].tolist(), strict=True))
+    mine, records, level = own_names(observer), len(pool.members), start.level
+    own, names = len(mine), shared_names(observer)
+    initial = dict(zip(observer.names, observer.state.tolist(), strict=True))
+    begins = start.own_of(mine, initial)
     shared = {name: start.shared.get(name, initial[name]) for name in names}
     begun = {name: start.slopes.get(name, 0.0) for name in slopes}
     free = [name for name in names if name in unsettled(observer)]
     size = scales(observer)
     by_name = dict(zip(observer.names, size.tolist(), strict=True))
-    unknowns = np.concatenate([np.tile(size[:own], records), [by_name[n] for n in (*free, *slopes)]])
+    apart, common = [by_name[name] for name in mine], [by_name[name] for name in (*free, *slopes)]
+    unknowns = np.concatenate([np.tile(apart, records), common])
     at_free = [observer.names.index(name) for name in free]
+    at_own = [observer.names.index(name) for name in mine]
     at_slopes = [observer.names.index(name) for name in slopes]
     z = [level.scaled(member.covariate) for member in pool.members]
     noise = np.array(pool.device.noise)
     chosen = [mask[:, None] & np.isfinite(m.record.sense) for mask, m in zip(rows.masks, pool.members, strict=True)]
     known = {name: one for name, one in declared(observer).items() if name in free and one.deviation > 0.0}
+    bound = dict(zip(observer.names, least_values(observer).tolist(), strict=True))
+    lowest = [*np.full(own * records, -np.inf), *(bound[name] for name in free), *np.full(len(slopes), -np.inf)]
+    least = np.array(lowest) / unknowns
     places = np.array([own * records + free.index(name) for name in known], dtype=np.int64)
     middle = np.array([one.value for one in known.values()]) / unknowns[places]
     sure = np.array([one.deviation for one in known.values()]) / np.abs(unknowns[places])
@@ -140,8 +168,8 @@ def fitted(
         values = theta * unknowns
         now = shared | dict(zip(free, values[own * records :], strict=False))
         tilted = dict(zip(slopes, values[own * records + len(free) :], strict=True))
-        mine = values[: own * records].reshape(records, own)
-        return PooledRun(effects, observer, level, mine, now, tilted, {}, (), known)
+        each = values[: own * records].reshape(records, own)
+        return PooledRun(effects, observer, level, each, now, tilted, {}, (), known)
 
     cache: dict[bytes, tuple[Array, Array]] = {}
 
@@ -163,7 +191,7 @@ def fitted(
                 residuals.append(np.full(len(weight), _OUT_OF_BOUNDS))
                 jacobians.append(np.zeros((len(weight), len(theta))))
                 continue
-            derivative = sensitivity[keep][:, [*range(own), *at_free]]
+            derivative = sensitivity[keep][:, [*at_own, *at_free]]
             tilts = [own + free.index(observer.names[at]) for at in at_slopes]
             residuals.append((sensed - member.record.sense)[keep] * weight)
             columns = columns_of(own, number, records, z[number], derivative, tilts)
@@ -171,13 +199,15 @@ def fitted(
         cache[key] = np.concatenate(residuals), np.vstack(jacobians)
         return cache[key]
 
-    origin = np.concatenate([start.own.ravel(), [shared[name] for name in free], list(begun.values())]) / unknowns
+    origin = np.concatenate([begins.ravel(), [shared[name] for name in free], list(begun.values())]) / unknowns
     rows_of(origin)
 
     runs, tolerance = (_MOST_RUNS, 1e-9) if in_earnest else (_SET.on_the_way, 1e-5)
 
     def solved(begin: Array, worth: float) -> Array:
-        return least_squares_beside(rows_of, begin, places, middle, sure / worth, tolerance=tolerance, runs=runs)
+        return least_squares_beside(
+            rows_of, begin, places, middle, sure / worth, tolerance=tolerance, runs=runs, least=least
+        )
 
     theta = solved(origin, 1.0)
     worth = worth_of(rows_of(theta)[0])
@@ -202,8 +232,8 @@ def error_on(run: PooledRun, pool: Pool) -> tuple[Array, ...]:
     and is NaN.  Of the offset is known what those of the fitted records were.
     """
     observer, own = run.observer, own_names(run.observer)
-    offsets = own[observer.states :]
-    before = run.own[:, observer.states :]
+    sensed = slice(observer.states, observer.states + len(observer.model.sense_constants))
+    offsets, before = own[sensed], run.own[:, sensed]
     known = {
         name: Declared(float(np.mean(column)), max(float(np.std(column)), 0.1 * pool.device.noise[0]))
         for name, column in zip(offsets, before.T, strict=True)
@@ -211,8 +241,8 @@ def error_on(run: PooledRun, pool: Pool) -> tuple[Array, ...]:
     errors = []
     for member in pool.members:
         record = member.record
-        start = np.concatenate([np.zeros(len(own)), run.constants(run.level.scaled(member.covariate))])
-        start[observer.states : len(own)] = np.mean(before, axis=0)
+        start = state_of(observer, np.zeros(len(own)), run.constants(run.level.scaled(member.covariate)))
+        start[sensed] = np.mean(before, axis=0)
         first = max(_SET.scored_from, len(record) // _BEGINNING)
         begun = record.part(slice(0, first))
         free = [name for name in own if name in observer.estimated]

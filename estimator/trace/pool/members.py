@@ -1,7 +1,7 @@
 """The records of a pool, and what their covariate is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
-from estimator.trace.problem import Problem
+from estimator.trace.problem import Effects, Problem
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class Member:
 @dataclass(frozen=True)
 class Pool:
     """Records of one device; `covariate` names what was other on each, None where nothing is said to have been;
-    `asked` are candidates that are tried only where they are asked for (`Effect.on_request`).
+    `asked` are candidates that are tried only where they are asked for (`Effect.on_request`), `begun` those for which a
+    line was looked for, with where they begin.
     """
 
     members: tuple[Member, ...]
@@ -33,6 +34,7 @@ class Pool:
     settings: ObserverSettings
     covariate: str | None = None
     asked: tuple[str, ...] = ()
+    begun: Effects = field(default_factory=dict)
 
     @property
     def problems(self) -> tuple[Problem, ...]:

@@ -68,11 +68,12 @@ class PooledModel:
         """
         effects = [name for name in left if constant_of(name) is None]
         pool, wide = self.pool, observer_of(self.pool, (*current.effects, *effects))
-        own, records = len(own_names(wide)), len(pool.members)
+        mine_at = [wide.names.index(name) for name in own_names(current.observer)]
+        own, records = len(mine_at), len(pool.members)
         places = {name: wide.names.index(name) for name in current.shared}
         carried = [places[name] for name in current.shared if name in unsettled(current.observer)]
         tilts = [places[name] for name in current.slopes]
-        basis_rows, residual_rows, wide_rows, z_rows = [], [], [], []
+        basis_rows, residual_rows, wide_rows, z_rows, of_rows = [], [], [], [], []
         for number, member in enumerate(pool.members):
             z = current.level.scaled(member.covariate)
             state = wide.state.copy()
@@ -85,14 +86,16 @@ class PooledModel:
             sensed, sensitivity = simulated(run, member.record, state, sensitive=True)
             keep = self.choice.masks[number][:, None] & np.isfinite(member.record.sense)
             mine = sensitivity[keep]
-            narrowed = mine[:, [*range(own), *carried]]
+            narrowed = mine[:, [*mine_at, *carried]]
             at = [own + carried.index(place) for place in tilts]
             basis_rows.append(columns_of(own, number, records, z, narrowed, at))
             residual_rows.append((member.record.sense - sensed)[keep])
             wide_rows.append(mine)
             z_rows.append(np.full(len(mine), z))
+            of_rows.append(np.full(len(mine), number))
         derivative, residual = np.vstack(basis_rows), np.concatenate(residual_rows)
         everything, z_all = np.vstack(wide_rows), np.concatenate(z_rows)
+        each = np.concatenate(of_rows)[:, None] == np.arange(records)
         sizes = np.linalg.norm(derivative, axis=0)
         basis = np.linalg.qr(derivative / np.where(sizes > 0.0, sizes, 1.0))[0]
         residual = residual - basis @ (basis.T @ residual)
@@ -104,7 +107,9 @@ class PooledModel:
                 columns = (z_all * everything[:, places[constant]])[:, None]
             else:
                 effect = next(effect for _, effect in wide.effects if effect.name == name)
-                columns = everything[:, [wide.names.index(c.name) for c in effect.coefficients]]
+                parts = [everything[:, [wide.names.index(c.name)]] for c in effect.coefficients]
+                mixed = zip(effect.coefficients, parts, strict=True)
+                columns = np.hstack([part * each if c.own else part for c, part in mixed])
             found[name] = _promise(columns, basis, residual, power, samples, len(left), known=name == shown)
         return found
 
@@ -148,8 +153,9 @@ def estimates_of(fit: PooledRun, covariate: str | None) -> dict[str, dict[str, E
     """Coefficients of each effect, where the covariate is at its mean, and each slope in the covariate's unit."""
     found = {
         effect.name: {
-            c.name: Estimate(one.value, one.low, one.high, c.positive)
+            c.name: Estimate(one.value, one.low, one.high, c.positive, c.is_shape)
             for c in effect.coefficients
+            if not c.own
             for one in [fit.estimate(c.name)]
         }
         for _, effect in fit.observer.effects

@@ -36,12 +36,13 @@ from estimator.trace.free_run import judged
 from estimator.trace.free_run_model import Promises, candidates, parts_of
 from estimator.trace.free_run_model import fitted as fitted_alone
 from estimator.trace.nameless import Innovations, contest
-from estimator.trace.pool.fit import PooledRun, error_on, fitted, observer_of, own_names
+from estimator.trace.pool.fit import PooledRun, error_on, fitted, observer_of, own_names, shared_names
 from estimator.trace.pool.members import Level, Pool, Rows
 from estimator.trace.pool.model import PooledModel, constant_of, estimates_of, gain_of
 from estimator.trace.probability import of_rounds, stated
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
+from estimator.trace.rings import begun as rings_begun
 
 _SET = THRESHOLDS.free_runs
 FEWEST = 2
@@ -78,8 +79,10 @@ def trace_pool(pool: Pool, held_out: Sequence[int], progress: Progress = lambda 
     choice, later, whole = _rows(fit)
     known = tuple(pool.settings.effects)
     begun = _started(fit, level, known, progress)
-    model = PooledModel(fit, choice, later, candidates(pool.device, pool.settings, pool.asked))
     first = fitted(fit, known, tuple(begun.slopes), begun, choice)
+    fit = replace(fit, begun=rings_begun(pool.device, pool.asked, first.residual))
+    names = (*candidates(pool.device, pool.settings, pool.asked), *(name for name in fit.begun if name not in known))
+    model = PooledModel(fit, choice, later, names)
     chosen = choose(model, first, RULES, lambda done, most: progress("free runs", done, most))
     progress("refinement", 0, 2)
     models = _refined(fit, known, begun, chosen, whole)
@@ -110,7 +113,7 @@ def _started(pool: Pool, level: Level, known: tuple[str, ...], progress: Progres
     each = zip(pool.members, pool.problems, strict=True)
     alone = side_by_side([partial(_alone, member.name, one, known) for member, one in each])
     progress("records by themselves", len(alone), len(pool.members))
-    names = observer.names[len(own) :]
+    names = shared_names(observer)
     shared = {name: float(np.median([fit.value(name) for fit in alone])) for name in names}
     slopes = {}
     if pool.covariate is not None:
@@ -119,7 +122,7 @@ def _started(pool: Pool, level: Level, known: tuple[str, ...], progress: Progres
             line = _line(z, alone, name) if name in unsettled(observer) else None
             if line is not None:
                 shared[name], slopes[name] = line
-    begins = np.array([fit.state[: len(own)] for fit in alone])
+    begins = np.array([[fit.value(name) for name in own] for fit in alone])
     return PooledRun(known, observer, level, begins, shared, slopes, {}, (), {})
 
 
@@ -276,7 +279,9 @@ def _found(name: str, models: _Models, pool: Pool) -> Found:
         name=name,
         title=effect.title,
         equation=equations(effect),
-        coefficients={c.name: Interval(*_three(run.estimate(c.name)), c.unit) for c in effect.coefficients},
+        coefficients={
+            c.name: Interval(*_three(run.estimate(c.name)), c.unit) for c in effect.coefficients if not c.own
+        },
         evidence=models.evidence[name],
         undone=effect.undone.value,
     )
@@ -307,9 +312,11 @@ def _alike(model: PooledModel, run: PooledRun, named: tuple[str, ...]) -> tuple[
         observer = observer_of(model.pool, others)
         shared = {each: value for each, value in run.shared.items() if each not in own}
         slopes = {each: value for each, value in run.slopes.items() if each not in own}
-        reduced = replace(run, effects=others, observer=observer, shared=shared, slopes=slopes)
+        apart = run.own_of(own_names(observer), {})
+        reduced = replace(run, effects=others, observer=observer, own=apart, shared=shared, slopes=slopes)
         left = [each for each in model.names if each not in others]
-        look = model.promised(reduced, left, shown=name, held={each: run.shared[each] for each in own})
+        held = {each: run.shared[each] for each in own if each in run.shared}
+        look = model.promised(reduced, left, shown=name, held=held)
         mine = look[name].signature
         for other in left:
             theirs = look[other].signature

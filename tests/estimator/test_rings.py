@@ -1,0 +1,152 @@
+"""A second mode that rings by itself: where its search begins, and several decays of two modes in one trace."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.laboratory.pools import two_modes
+from benchmarks.laboratory.rows import figures, pooled
+from estimator.diagnosis import Diagnosis, Verdict
+from estimator.effects.catalogue import EFFECTS
+from estimator.effects.search import Search
+from estimator.record import Record
+from estimator.scaling import Array
+from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
+from estimator.trace.free_run_model import candidates
+from estimator.trace.pool.members import Member, Pool
+from estimator.trace.pool.trace import trace_pool
+from estimator.trace.problem import Problem
+from estimator.trace.rings import begun, rings
+from estimator.trace.tracing import trace
+
+RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0
+K, D, NOISE = ITSELF**2, 3.0, 1e-4
+WM, DM = 2.0 * np.pi * 33.0, 5.0
+(NAME,) = (effect.name for effect in EFFECTS if effect.search is Search.RINGS)
+T = np.arange(SAMPLES) / RATE
+
+
+def decaying(omega: float, decay: float, phase: float) -> Array:
+    return np.asarray(np.exp(-0.5 * decay * T) * np.cos(omega * T + phase))
+
+
+def noisy(seed: int, *lines: tuple[float, float, float, float]) -> Array:
+    """A residual (n, 1): sizes, frequencies rad/s, rates of decay 1/s, phases."""
+    noise = 0.01 * np.random.default_rng(seed).standard_normal(SAMPLES)
+    return (noise + sum(size * decaying(*line) for size, *line in lines))[:, None]
+
+
+def test_lines_are_found_with_how_fast_they_die_away() -> None:
+    first, second = (1.0, WM, DM, 0.3), (0.4, 2.6 * ITSELF, 12.0, -1.0)
+    found = rings([noisy(1, first, second), noisy(2, (0.6, WM, DM, 2.0), second)], RATE, ITSELF)
+    assert len(found) == 2
+    for (omega, decay), (_, true, rate, _) in zip(found, (first, second), strict=True):
+        assert abs(omega - true) < 0.5 * rate  # so near, least squares find it
+        assert 0.3 * rate < decay < 3.0 * rate
+
+
+def test_what_the_mode_that_is_modelled_leaves_is_no_other() -> None:
+    itself, third = (5.0, 1.02 * ITSELF, DM, 0.0), (3.0, 3.0 * ITSELF, 3.0 * DM, 0.0)
+    ((omega, _), *_) = rings([noisy(1, itself, third, (0.2, WM, DM, 1.0))], RATE, ITSELF)
+    assert omega == pytest.approx(WM, rel=0.02)
+
+
+def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
+    gain = ITSELF if sensed is Sensed.VELOCITY else 1.0
+    return Device(
+        sample_rate=RATE, stiffness=(1.004 * K,), damping=(1.2 * D,), amplitude=1e-3, sense_gain=(gain,),
+        noise=(NOISE,), sensed=(sensed,),
+    )  # fmt: skip
+
+
+def test_it_is_searched_for_only_where_it_is_asked_for_and_beside_a_line() -> None:
+    residual = [noisy(1, (1.0, WM, DM, 0.3))]
+    assert begun(device(), (), residual) == {}
+    found = begun(device(), (NAME,), residual)
+    assert list(found) == [NAME, f"{NAME}:2"]
+    assert list(found[NAME]) == ["wm", "dm"]
+    assert NAME not in candidates(device(), ObserverSettings(), (NAME,))  # a line is looked for first
+
+
+def decay(rng: np.random.Generator, ringing: bool) -> Record:
+    """A linear decay, V of velocity, and another mode beside it, each from where this record begins."""
+    omega = math.sqrt(K - 0.25 * D * D)
+    first = rng.uniform(0.5, 1.5) * 1e-3 * K / omega * np.exp(-0.5 * D * T) * np.sin(omega * T)
+    second = rng.uniform(0.01, 0.03) * decaying(WM, DM, rng.uniform(0.0, 6.0)) if ringing else 0.0
+    seen = -first + second + rng.normal(0.0, NOISE, SAMPLES)
+    return Record(seen[:, None], np.zeros((SAMPLES, 1, 1)), np.full(SAMPLES, 1.0 / RATE))
+
+
+SETTINGS = ObserverSettings(gain=Gain.EKF, spread=Spread(offset=NOISE, drive_gain=0.0, stiffness=0.02, damping=1.0))
+
+
+ALONE = replace(SETTINGS, spread=replace(SETTINGS.spread, drive_gain=0.1))
+
+
+def together(*asked: str, ringing: bool = True) -> Diagnosis:
+    rng = np.random.default_rng(3)
+    members = tuple(Member(f"ring {number}", decay(rng, ringing)) for number in range(4))
+    return trace_pool(Pool(members, device(), SETTINGS, asked=asked), (1,))
+
+
+def inside(found: Diagnosis) -> None:
+    (mode,) = found.effects
+    assert mode.name == NAME
+    for symbol, true in (("wm", WM), ("dm", DM)):
+        one = mode.coefficients[symbol]
+        half = 0.5 * (one.high - one.low)
+        assert half < 0.01 * true
+        assert abs(one.value - true) < 1.5 * half, symbol
+
+
+def test_decays_share_its_frequency_and_damping_and_begin_each_as_it_does() -> None:
+    found = together(NAME)
+    assert found.verdict is Verdict.EXPLAINED
+    inside(found)
+    assert set(found.effects[0].coefficients) == {"wm", "dm"}
+    assert found.held_out_after.ratio == pytest.approx(1.0, abs=0.15)
+    assert found.held_out_before.ratio > 10.0
+
+
+def test_nobody_asks_and_it_stays_unexplained() -> None:
+    found = together()
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+    assert NAME not in [effect.name for effect in found.effects]
+
+
+def test_one_mode_alone_needs_no_other() -> None:
+    found = together(NAME, ringing=False)
+    assert (found.verdict, found.effects) == (Verdict.ADEQUATE, ())
+
+
+def test_one_decay_tells_it_too_and_foretells_the_part_held_out() -> None:
+    """Which begins at another phase of both modes."""
+    problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE, asked=(NAME,))
+    found = trace(problem, split=round(0.6 * SAMPLES))
+    assert found.verdict is Verdict.EXPLAINED
+    inside(found)
+
+
+def test_a_displacement_shows_it_in_the_same_form() -> None:
+    record = decay(np.random.default_rng(5), True)
+    seen = replace(record, sense=record.sense / ITSELF)
+    shows = replace(device(Sensed.DISPLACEMENT), noise=(NOISE / ITSELF,))
+    inside(trace(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_twelve_decays_seen_by_a_vibrometer_tell_the_laws_of_both_modes(tmp_path: Path) -> None:
+    kind = two_modes(np.random.default_rng((11, 10)))
+    said, noise = pooled(kind, tmp_path)
+    assert said.verdict == "explained"
+    assert {effect.name for effect in said.effects} == {"cubic_stiffness", "drag", NAME}
+    assert said.sense_unit == "mm/s"
+    *off, held_out = figures(kind.name, said, kind.truth, noise)
+    assert len(off) == 4
+    assert all(one.value < 1.5 for one in off)
+    assert held_out.ratio is not None
+    assert held_out.ratio < 1.05
