@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from estimator.effects.declaration import Source
 from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.angle_error import correct_angle, note_gradient, recall_angle, refer_angle
-from estimator.kernel.controller import advance_queue, command, dither_force, holds, undo_effects
+from estimator.kernel.controller import advance_queue, command, control_law, dither_force, holds, undo_effects
 from estimator.kernel.layout import MAX_SIGNALS, OUTPUT, PHI_X, RATE
 from estimator.kernel.observer import workspace
 from estimator.kernel.pattern import pattern
@@ -66,6 +66,26 @@ def test_holds_are_proportional_and_bounded(size: float, fastest: float) -> None
     assert hold == pytest.approx(min(0.02, fastest) * error, rel=1e-12)
     ratio = np.clip(momentum / max(energy, 0.5e-3), -1.0, 1.0)
     assert square == pytest.approx(-min(0.005, fastest) * ratio, rel=1e-12)
+
+
+def test_holds_act_in_the_frame_in_which_the_pattern_rests() -> None:
+    """Damping along the velocity that is seen there, a force across the position: with the board's rate and the virtual
+    rotation, beside formula (9) alone, which is the law with both holds off.
+    """
+    s, c = 1.2 * np.array([0.9, 0.1, 0.2, 0.3]), np.zeros(9)
+    c[RATE], virtual = 0.03, 0.05
+    force = {}
+    for gains in ((0.0, 0.0), (0.02, 0.0), (0.0, 0.005)):
+        made = observer(energy_gain=gains[0], quadrature_gain=gains[1], virtual_rotation=virtual * TRUTH.omega0)
+        settings, memory = made.arrays.settings[0], made.arrays.memory[0]
+        force[gains] = np.zeros(2)
+        control_law(settings, memory, s, c, force[gains])
+        hold, square = holds(settings, memory, s, c[RATE], c[RATE] + virtual, np.inf)
+        velocity = np.array([s[1] - (c[RATE] + virtual) * s[2], s[3] + (c[RATE] + virtual) * s[0]])
+        across = np.array([-s[2], s[0]])
+        added = force[gains] - force[0.0, 0.0]
+        np.testing.assert_allclose(added, hold * velocity + square * across, rtol=0.0, atol=1e-15)
+        assert (hold != 0.0, square != 0.0) == (gains[0] > 0.0, gains[1] > 0.0)
 
 
 def test_holds_follow_a_modulated_amplitude_and_a_stiffer_target() -> None:
