@@ -145,6 +145,7 @@ _KERNEL = {
             "test_every_few_samples_the_state_as_it_is_then",
             "test_what_is_not_estimated_has_no_deviation_and_stays",
             "test_a_tick_is_a_block_of_one_sample",
+            "test_a_tick_answers_with_the_command_for_its_sample",
             "test_a_drive_is_turned_by_the_virtual_rotation_while_it_acts",
             "test_warmth_reaches_the_effects_that_move_with_it",
         )

@@ -10,6 +10,8 @@ import pytest
 from scipy.linalg import expm
 
 from estimator.backend import make_observer
+from estimator.kernel.controller import command
+from estimator.kernel.observer import workspace
 from estimator.kernel.stationary import Course, gather_gains
 from estimator.observer import Observer
 from estimator.oracle.agreement import disagreement
@@ -120,6 +122,24 @@ def test_a_tick_is_a_block_of_one_sample(record: tuple[Array, Array], general: i
         assert one.newest["angle"] == pytest.approx(found.angle[m], abs=1e-9)
         assert one.newest["angle_variance"] == pytest.approx(found.angle_deviation[m] ** 2, rel=1e-7, abs=1e-20)
     np.testing.assert_allclose(one.covariances, other.covariances, rtol=1e-7, atol=1e-14)
+
+
+@pytest.mark.parametrize("general", [0, 1])
+def test_a_tick_answers_with_the_command_for_its_sample(record: tuple[Array, Array], general: int) -> None:
+    """As the control law gives it for a state that another observer comes to, which is told to drive afterwards."""
+    one, other = (Observer(TRUTH.device(), settings_of(Variant.FULL, Gain.FADING), TRUTH.controller()) for _ in "ab")
+    for made in (one, other):
+        made.arrays.settings["general"] = general
+    other.enable_control(False)
+    codes = np.rint(record[0][0] / one.sense_quantum)
+    answer = one.tick(*codes, 0.0, 0.0)
+    assert other.tick(*codes, 0.0, 0.0) == (0, 0)
+    np.testing.assert_array_equal(one.x, other.x)
+    other.enable_control(True)
+    settings, memory, expected = other.arrays.settings[0], other.arrays.memory[0], np.zeros(2)
+    command(settings, memory, other.x, workspace(settings, 13, 13), expected)
+    assert answer == tuple(expected.astype(int))
+    assert all(answer)
 
 
 @pytest.mark.parametrize("general", [0, 1])
