@@ -193,6 +193,33 @@ def test_a_command_is_the_law_at_the_middle_of_its_interval(latency: int) -> Non
     assert not memory["queue"].any()
 
 
+def test_a_command_looks_ahead_by_the_delay_of_its_own_drive() -> None:
+    """Half a sample and what the drive of that axis is late by, each axis its own; nothing is under way."""
+    made = Observer(
+        TRUTH.device(stiffness=1.0),
+        ObserverSettings(effects={"drive_delay": {}}),
+        TRUTH.controller(latency=0, energy_gain=0.0, quadrature_gain=0.0),
+    )
+    settings, memory, h, virtual = made.arrays.settings[0], made.arrays.memory[0], made.h, 5e-3
+    late = np.array([0.3, 0.8]) * h
+    made.x[4:] = 0.0
+    names = list(made.model.names)
+    made.x[names.index("kxx")] = made.x[names.index("kyy")] = 1.0
+    made.x[:4] = 0.8, -0.1, 0.3, 0.5
+    made.x[13:15] = late
+    target = np.zeros((4, 4))
+    target[0, 1] = target[2, 3] = 1.0
+    target[1, 0] = target[3, 2] = -1.0 + virtual**2
+    target[1, 3], target[3, 1] = 2.0 * virtual, -2.0 * virtual
+    ahead = [expm(target * (0.5 * h + one)) @ made.x[:4] for one in late]
+    wanted = 2.0 * virtual * np.array([ahead[0][3], -ahead[1][1]])
+    codes = np.zeros(2)
+    command(settings, memory, made.x, workspace(settings, 13, len(made.x)), codes)
+    hold = math.sin(0.5 * h) / (0.5 * h)
+    np.testing.assert_allclose(codes, wanted / hold / float(settings["quantum"]), atol=0.5001)
+    assert np.all(np.abs(codes) > 20)
+
+
 def test_commands_are_limited_dithered_and_never_nan() -> None:
     made = Observer(
         TRUTH.device(stiffness=1.1),
@@ -264,6 +291,19 @@ def test_an_ellipse_has_its_quadrature() -> None:
     made.retarget(1.44, 1.0)
     read_angle(made.arrays.settings[0], made.arrays.memory[0], made.x, 0.1, row[0])
     assert row[0]["quadrature_ratio"] == pytest.approx(2.0 * 1.2 * 0.9 * 0.2 / (1.44 * 0.81 + 0.04), rel=1e-12)
+
+
+def test_the_angle_as_printed_is_that_of_the_long_axis() -> None:
+    """(11) without any rotation: of an ellipse, at the end of its long axis, where it moves across."""
+    made = observer(virtual_rotation=0.0)
+    settings, memory, row = made.arrays.settings[0], made.arrays.memory[0], np.zeros(1, OUTPUT)
+    made.x[4:] = 0.0
+    for angle in (0.3, 0.5):
+        along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+        made.x[[0, 2]], made.x[[1, 3]] = 0.9 * along, 0.2 * across
+        read_angle(settings, memory, made.x, made.h, row[0])
+    assert row[0]["angle_plain"] == pytest.approx(0.3 - 0.5, abs=1e-12)
+    assert row[0]["angle_pattern"] == pytest.approx(0.3 - 0.5, abs=1e-12)
 
 
 def test_what_forces_turned_the_pattern_by_is_what_the_rate_did_not() -> None:
