@@ -294,16 +294,17 @@ def test_an_ellipse_has_its_quadrature() -> None:
 
 
 def test_the_angle_as_printed_is_that_of_the_long_axis() -> None:
-    """(11) without any rotation: of an ellipse, at the end of its long axis, where it moves across."""
+    """(11) without any rotation: of a line at rest at its end, and of an ellipse at any of its points."""
     made = observer(virtual_rotation=0.0)
     settings, memory, row = made.arrays.settings[0], made.arrays.memory[0], np.zeros(1, OUTPUT)
     made.x[4:] = 0.0
-    for angle in (0.3, 0.5):
+    for angle, minor, phase in ((0.3, 0.0, 0.0), (0.5, 0.2, 0.7), (0.4, 0.3, 2.0)):
         along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
-        made.x[[0, 2]], made.x[[1, 3]] = 0.9 * along, 0.2 * across
+        made.x[[0, 2]] = 0.9 * math.cos(phase) * along + minor * math.sin(phase) * across
+        made.x[[1, 3]] = -0.9 * math.sin(phase) * along + minor * math.cos(phase) * across
         read_angle(settings, memory, made.x, made.h, row[0])
-    assert row[0]["angle_plain"] == pytest.approx(0.3 - 0.5, abs=1e-12)
-    assert row[0]["angle_pattern"] == pytest.approx(0.3 - 0.5, abs=1e-12)
+        assert row[0]["angle_plain"] == pytest.approx(0.3 - angle, abs=1e-12)
+        assert row[0]["angle_pattern"] == pytest.approx(0.3 - angle, abs=1e-12)
 
 
 def test_what_forces_turned_the_pattern_by_is_what_the_rate_did_not() -> None:
