@@ -41,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     records = Records(orders, options.folder, options.samples, making, tracing, options.keep)
     try:
-        rows = carried_out(records, options.jobs, say)
+        jobs = None if options.scheduler else options.jobs
+        rows = carried_out(records, jobs, say, scheduler=options.scheduler)
         if tracing:
             judged = judgements(records, rows)
             summary = summarise(judged)
@@ -68,6 +69,9 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--draw", type=int, default=DRAW, help=f"another number, other records (default {DRAW})")
     parser.add_argument("--only", default="", help="only records whose name contains this")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
+    parser.add_argument(
+        "--scheduler", help="of a Dask cluster that does it instead, tcp://HOST:8786; all its workers see --folder"
+    )
     parser.add_argument("--samples", type=int, default=SAMPLES, help=f"of each record (default {SAMPLES})")
     parser.add_argument("--folder", type=Path, default=FOLDER, help=f"of the records (default {FOLDER})")
     parser.add_argument("--keep", action="store_true", help="keep answers of an estimator that has changed since")

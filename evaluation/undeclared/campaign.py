@@ -102,7 +102,7 @@ class Records:
         order = self.orders[number]
         what = {
             "category": order.category, "effects": list(order.effects), "number": order.number, "draw": order.draw,
-            "folder": str(self.folder), "samples": self.samples, "make": self.making, "trace": self.tracing,
+            "folder": str(self.folder.absolute()), "samples": self.samples, "make": self.making, "trace": self.tracing,
             "keep": self.keep,
         }  # fmt: skip
         return Task(number, carrying.__name__, what, scratch)
@@ -121,9 +121,13 @@ class Records:
         }  # fmt: skip
 
 
-def carried_out(records: Records, workers: int, progress: Watcher) -> list[Row]:
-    """The rows of all records, made as far as they are not there.  Raises as `hil.sweeping.sweep.sweep` does."""
-    sweep(records, records.results, workers=workers, progress=progress)
+def carried_out(
+    records: Records, workers: int | None, progress: Watcher, *, scheduler: str | None = None
+) -> list[Row]:
+    """The rows of all records, made as far as they are not there, by so many processes here or on the Dask cluster of
+    `scheduler`, whose workers have the folder of the records too.  Raises as `hil.sweeping.sweep.sweep` does.
+    """
+    sweep(records, records.results, workers=workers, scheduler=scheduler, progress=progress)
     rows: list[Row] = read_rows(records.results, records.schema).to_pylist()
     lost = [row["name"] for row in rows if row["record_sha256"] is None]
     if lost:

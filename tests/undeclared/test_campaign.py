@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from distributed import Client
 
 from evaluation.undeclared.__main__ import main
 from evaluation.undeclared.campaign import Records, carried_out, judgements
@@ -19,6 +20,7 @@ from evaluation.undeclared.record import make
 from evaluation.undeclared.summary import summarise
 from hil.errors import InputError
 from hil.sweeping.tasks import Task
+from tests.campaigns.clusters import Cluster, free_port
 from tests.campaigns.conftest import bytes_in
 
 SAMPLES = 6_000
@@ -105,6 +107,38 @@ def test_killed_twice_it_comes_to_the_same(tmp_path: Path) -> None:
     assert sorted(runs) == list(range(len(population(6, 2))))  # none twice
 
 
+@pytest.mark.slow
+def test_a_cluster_comes_to_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two workers of a Dask scheduler, each its own process: records, rows and answers to the last byte those of one
+    process here; the workers began elsewhere, so a folder that is given by a relative path is still the same one.
+    """
+    orders = [*ORDERS, Order("clean", (), 1, draw=2), Order("double", ("drive_gain", "cubic_stiffness"), 2, draw=2)]
+    alone = Records(orders, tmp_path / "alone", SAMPLES, rows_per_file=3)
+    carried_out(alone, 1, silent)
+    cluster = Cluster(tmp_path)
+    cluster.start_scheduler()
+    try:
+        cluster.start_worker()
+        cluster.start_worker()
+        with Client(cluster.address, timeout=60.0, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60.0)
+        monkeypatch.chdir(tmp_path)
+        spread = Records(orders, Path("spread"), SAMPLES, rows_per_file=3)
+        carried_out(spread, None, silent, scheduler=cluster.address)
+    finally:
+        cluster.end()
+    assert alone.results.name == spread.results.name
+    results = bytes_in(alone.results)
+    assert len(results) >= 2
+    assert bytes_in(spread.results) == results
+    for order in orders:
+        one, other = (folder / order.name / "capture.arrow" for folder in (alone.folder, spread.folder))
+        assert one.read_bytes() == other.read_bytes(), order.name
+    wall = [json.loads(line) for line in (spread.results / "wall.jsonl").read_text().splitlines()]
+    assert sorted(one["run"] for one in wall) == list(range(len(orders)))
+    assert len({one["pid"] for one in wall}) == 2
+
+
 def lines(folder: Path) -> int:
     """Rows in the journal of the campaign below a folder."""
     return sum(len(journal.read_text().splitlines()) for journal in folder.glob("campaigns/*/journal.jsonl"))
@@ -120,6 +154,14 @@ def test_a_record_of_another_draw_in_its_place_is_one_line(tmp_path: Path, capsy
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.startswith(f"evaluation.undeclared: {tmp_path / order.name / 'truth.json'}: of another draw or length")
     assert "give another --folder" in told
+
+
+def test_no_scheduler_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hil.sweeping.cluster._CONNECT_S", 0.5)
+    assert main(command(tmp_path, "--scheduler", f"tcp://127.0.0.1:{free_port()}")) == 2
+    assert "no scheduler answers there; start one with `dask scheduler`" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_no_record_to_evaluate_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
