@@ -193,9 +193,22 @@ def fitted(
     told = np.zeros(len(solution))
     told[1] = (worth / sure[0]) ** 2
     size = np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)
-    covariance = covariance_of(jacobian / size, residual, told / size**2, worth) / np.outer(size, size)
+    covariance = _no_surer_than_white(jacobian / size, residual, told / size**2, worth) / np.outer(size, size)
     values, derivative = shown(envelope, resonator, carried, solution)
     return EnvelopeFit(carried, solution, covariance, envelope.shown - values, derivative)
+
+
+def _no_surer_than_white(jacobian: Array, residual: Array, told: Array, worth: float) -> Array:
+    """Covariance that allows for a residual that is not white, and for no less than a white one of its size.
+
+    A law is as slow as the record is long: what is left of a short record has nothing of so low frequencies any more,
+    and its spectrum there says too little.
+    """
+    coloured = covariance_of(jacobian, residual, told, worth)
+    variance = float(residual @ residual) / max(len(residual) - jacobian.shape[1], 1)
+    white = np.linalg.pinv(jacobian.T @ jacobian / variance + np.diag(told) / worth**2, hermitian=True)
+    wider = np.sqrt(np.maximum(np.diagonal(white) / np.diagonal(coloured), 1.0))
+    return np.asarray(coloured * np.outer(wider, wider))
 
 
 def _beginning(envelope: Envelope, resonator: Resonator, rows: Rows) -> Array:
