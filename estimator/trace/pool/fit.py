@@ -209,7 +209,25 @@ def fitted(
             rows_of, begin, places, middle, sure / worth, tolerance=tolerance, runs=runs, least=least
         )
 
-    theta = solved(origin, 1.0)
+    # Of an effect with a shape that is new, first how large it is, the rest held: until that is known nothing tells
+    # where the shape should go.
+    new = [effect for _, effect in observer.effects if effect.name not in start.effects]
+    sizes = [c for effect in new if any(c.is_shape for c in effect.coefficients) for c in effect.coefficients]
+    sizes = [c for c in sizes if not c.is_shape]
+    open_to = [own * record + mine.index(c.name) for c in sizes if c.own for record in range(records)]
+    open_to += [own * records + free.index(c.name) for c in sizes if not c.own]
+
+    def sized(theta: Array) -> tuple[Array, Array]:
+        residuals, whole = rows_of(theta)
+        jacobian = np.zeros_like(whole)
+        jacobian[:, open_to] = whole[:, open_to]
+        return residuals, jacobian
+
+    begin = origin
+    if open_to:
+        none = places[:0], middle[:0], sure[:0]
+        begin = least_squares_beside(sized, origin, *none, tolerance=1e-5, runs=_SET.on_the_way)
+    theta = solved(begin, 1.0)
     worth = worth_of(rows_of(theta)[0])
     if worth > 1.0 and in_earnest:
         theta = solved(theta, worth)
