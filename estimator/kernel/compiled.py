@@ -2,7 +2,7 @@
 
 Numba notices a change in a function's own file but not in the functions it calls, and the generated module depends on
 the declarations.  So generated source and compiled code live in one folder named after the hash of every file that
-decides them: a change anywhere starts a fresh folder, a hit needs no SymPy.
+decides them.  A change anywhere starts a fresh folder; a hit compiles nothing.
 """
 
 import hashlib
