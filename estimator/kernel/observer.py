@@ -119,7 +119,7 @@ def propagate_two(p: Floats, g: Floats, scratch: Floats) -> None:
 def add_process_noise(
     p: Floats, settings: Record, h: float, s: Floats, active: Ints, intensity: Floats, jump: Floats
 ) -> None:
-    """Force noise on the velocities, random walks on the constants; that of the rate moves the velocities, too (Ω̇ r)."""
+    """Force noise on the velocities, random walks on the constants; the rate's moves the velocities, too (Ω̇ r)."""
     states = settings.states
     for axis in range(settings.axes):
         q = settings.force_noise[axis]

@@ -54,8 +54,8 @@ def permitted() -> bool:
 
 @contextmanager
 def ahead(link: str) -> Iterator[None]:
-    """Keep the workers ahead while the block runs, where `link` needs them and the system permits it; then give those
-    back their priority that had an ordinary one before.
+    """Keep the workers ahead while the block runs, where `link` needs them and the system permits it; then give them
+    back their ordinary priority, those too that a host which was killed has left ahead.
     """
     if not carries_by_workers(link):
         yield
@@ -71,22 +71,21 @@ def ahead(link: str) -> Iterator[None]:
 
 
 def _keep_ahead(ended: threading.Event) -> None:
-    raised: set[int] = set()
     try:
         while True:
             for pid in line_workers():
                 with suppress(ProcessLookupError):
                     if os.sched_getscheduler(pid) == os.SCHED_OTHER:
                         os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
-                        raised.add(pid)
             if ended.wait(_LOOK_S):
                 return
     except PermissionError:  # `hil doctor` tells it, and the remedy
         return
     finally:
-        for pid in raised.intersection(line_workers()):
+        for pid in line_workers():  # another run that goes on puts them ahead again with its next look
             with suppress(OSError):
-                os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
+                if os.sched_getparam(pid).sched_priority == PRIORITY:
+                    os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _threads_of_the_kernel() -> Iterator[int]:

@@ -54,6 +54,13 @@ def none_ahead() -> bool:
     return set(priorities().values()) == {ORDINARY}
 
 
+@pytest.fixture(autouse=True)
+def nobody_left_them_ahead() -> None:
+    """Tests that kill hosts do."""
+    with line_workers.ahead(SERIAL):
+        pass
+
+
 @may_set
 def test_they_are_ahead_while_it_lasts_and_then_as_before() -> None:
     assert becomes(none_ahead)
@@ -90,6 +97,17 @@ def test_a_process_of_its_own_does_it_until_it_is_ended(number: int) -> None:
         assert becomes(all_ahead)
         process.send_signal(number)
         assert process.wait(10.0) == 0
+    assert becomes(none_ahead)
+
+
+@may_set
+def test_a_host_that_is_killed_leaves_them_ahead_and_the_next_run_gives_them_back() -> None:
+    with subprocess.Popen([sys.executable, "-m", "hil.loop.line_workers"]) as process:
+        assert becomes(all_ahead)
+        process.kill()
+    assert AHEAD in priorities().values()
+    with line_workers.ahead(SERIAL):
+        pass
     assert becomes(none_ahead)
 
 
