@@ -18,7 +18,7 @@ from evaluation.undeclared.device import bench_table, draw_device, scenario_tabl
 from evaluation.undeclared.effects import EFFECTS, Hidden
 from evaluation.undeclared.judging import Judgement, judge
 from evaluation.undeclared.population import Order
-from evaluation.undeclared.record import Drawn, keep
+from evaluation.undeclared.record import Drawn, keep, recorded
 from evaluation.undeclared.tracing import trace_all
 from hil.bench import Bench
 from hil.strict_toml import parse_table
@@ -73,7 +73,8 @@ def made(folder: Path, say: Say) -> list[Path]:
         if os.environ.get("CALM_ONLY", "") not in order.name:
             continue
         if not (place / "truth.json").exists():
-            keep(draw(order), order, place, SAMPLES)
+            drawn = draw(order)
+            keep(drawn, recorded(drawn, order, SAMPLES), order, place)
             say(f"{order.name}: recorded")
         places.append(place)
     return places

@@ -35,6 +35,7 @@ from hil.records.stream import BlockWriter
 from hil.strict_toml import parse_table
 
 SAMPLES = 60_000
+_ATTEMPTS = 20
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,9 @@ class Drawn:
     excited: bool
 
 
-def draw(order: Order, samples: int) -> Drawn:
-    """The device of `order`, for a record of so many samples."""
-    rng = np.random.default_rng(order.seed)
+def draw(order: Order, samples: int, attempt: int = 0) -> Drawn:
+    """The device of `order`, for a record of so many samples; another one for each attempt."""
+    rng = np.random.default_rng([order.seed, attempt] if attempt else order.seed)
     drawables = [EFFECTS[name] for name in order.effects]
     excited = order.category not in ("calm", "still")
     thermal = any(drawable.slow for drawable in drawables)
@@ -76,13 +77,19 @@ def draw(order: Order, samples: int) -> Drawn:
 
 
 def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
-    """Record `order` below `folder` unless it is there already; returns its folder.  Raises InputError where another
-    record of that name is there.
+    """Record `order` below `folder` unless it is there already; returns its folder.  A device whose board flags
+    samples as clipped is drawn again: its record is one to be refused, which says nothing of the tracer.  Raises
+    InputError where another record of that name is there, or no device that is drawn stays within its converter.
     """
     place = folder / order.name
     if (place / "truth.json").exists():
         return made_of(order, folder, samples)
-    return keep(draw(order, samples), order, place, samples)
+    for attempt in range(_ATTEMPTS):
+        drawn = draw(order, samples, attempt)
+        loop = recorded(drawn, order, samples)
+        if not _clipped(loop):
+            return keep(drawn, loop, order, place, attempt)
+    raise InputError(f"{place}: {_ATTEMPTS} devices were drawn, and each passes its converter's range")
 
 
 def made_of(order: Order, folder: Path, samples: int) -> Path:
@@ -99,15 +106,18 @@ def made_of(order: Order, folder: Path, samples: int) -> Path:
     return file.parent
 
 
-def keep(drawn: Drawn, order: Order, place: Path, samples: int) -> Path:
-    """Close the loop around what was drawn, and write its files into `place`, which it returns."""
-    scenario, bench, table = drawn.scenario, drawn.bench, drawn.table
-    loop = close_loop(scenario, bench, samples, seed=order.seed, every=1000)
+def recorded(drawn: Drawn, order: Order, samples: int) -> ClosedLoop:
+    """The loop closed around what was drawn."""
+    return close_loop(drawn.scenario, drawn.bench, samples, seed=order.seed, every=1000)
+
+
+def keep(drawn: Drawn, loop: ClosedLoop, order: Order, place: Path, attempt: int = 0) -> Path:
+    """Write the files of what was drawn, at the attempt of that number, into `place`, which it returns."""
     place.mkdir(parents=True, exist_ok=True)
-    write_capture(place / "capture.arrow", loop, scenario, table.get("temperature"))
-    write_text(place / "bench.toml", template(values_of(bench), "The data sheet."))
+    write_capture(place / "capture.arrow", loop, drawn.scenario, drawn.table.get("temperature"))
+    write_text(place / "bench.toml", template(values_of(drawn.bench), "The data sheet."))
     # Last: a record without it is made again.
-    write_text(place / "truth.json", json.dumps(_truth(order, drawn, loop), indent=1))
+    write_text(place / "truth.json", json.dumps(_truth(order, drawn, loop, attempt), indent=1))
     return place
 
 
@@ -138,7 +148,11 @@ def write_capture(path: Path, loop: ClosedLoop, scenario: Scenario, temperature:
         writer.push(rows)
 
 
-def _truth(order: Order, drawn: Drawn, loop: ClosedLoop) -> dict[str, Any]:
+def _clipped(loop: ClosedLoop) -> int:
+    return int(np.count_nonzero(loop.capture[:, 5] & 2))
+
+
+def _truth(order: Order, drawn: Drawn, loop: ClosedLoop, attempt: int) -> dict[str, Any]:
     device, hidden, table, scenario, excited = drawn.device, drawn.hidden, drawn.table, drawn.scenario, drawn.excited
     lsb = 2.0 * scenario.sense.adc_full_scale_V / 2**scenario.sense.adc_bits
     noise = math.hypot(scenario.sense.noise_V, lsb / math.sqrt(12.0))
@@ -161,7 +175,8 @@ def _truth(order: Order, drawn: Drawn, loop: ClosedLoop) -> dict[str, Any]:
         "noise_quantisation_V": lsb / math.sqrt(12.0),
         # Of the observer in the loop, which did not know the effect, over the second half.
         "innovation_ratio": rms(innovation[np.isfinite(innovation)]) / noise if innovation.size else None,
-        "rows_clipped": int(np.count_nonzero(flags & 2)),
+        "drawn_before": attempt,  # devices that passed their converter's range
+        "rows_clipped": _clipped(loop),
         "rows_saturated": int(np.count_nonzero(flags & 4)),
         "device": {
             "frequency_Hz": device.frequency_Hz,
