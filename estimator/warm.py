@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from estimator.compiling import CONTROLLER, DEVICE, compile_side_by_side
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.foresight import rehearse
@@ -14,29 +15,20 @@ from estimator.gain_matrix import luenberger
 from estimator.kernel.compiled import is_warm, mark_warm
 from estimator.observer import Observer
 from estimator.record import Record
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.settings import Device, Gain, ObserverSettings
 from estimator.simulation import simulate
 from estimator.trace.problem import Problem
 from estimator.trace.scan import PARTS, scan
-
-_CONTROLLER = ControllerSettings(latency=1, force_quantum=1e-3, force_limit=10.0, sense_quantum=1e-5)
 
 
 def compile_all() -> None:
     """Call each kernel once with the types of a run: every model and gain, a sample, a block, a free run, a matrix."""
     sense = np.zeros((2, 2))
     for axes in (1, 2):
-        device = Device(
-            sample_rate=4000.0,
-            stiffness=(1.6e6, 1.6e6, 0.0) if axes == 2 else (1.6e6,),
-            damping=(1.0, 1.0, 0.0) if axes == 2 else (1.0,),
-            amplitude=1e-4,
-            sense_gain=(-890.0,) * axes,
-            noise=(1e-4,) * axes,
-        )
+        device = DEVICE if axes == 2 else Device(4000.0, (1.6e6,), (1.0,), 1e-4, (-890.0,), (1e-4,))
         for gain in Gain if axes == 2 else (Gain.EKF, Gain.FADING):
             settings = ObserverSettings(gain=gain, memory=0.01)
-            observer = Observer(device, settings, _CONTROLLER if axes == 2 else None)
+            observer = Observer(device, settings, CONTROLLER if axes == 2 else None)
             observer.run(sense[:, :axes], sense[:, :axes], truth=np.zeros((2, len(observer.x))))
             simulate(observer, observer.state, sense[:, :axes], sensitive=True)
             if axes == 2:
@@ -51,7 +43,7 @@ def watch(device: Device, settings: ObserverSettings) -> None:
     record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1.0 / device.sample_rate))
     if settings.gain is not Gain.STATIONARY:
         for vector in (False, True):
-            scan(Problem(record, device, settings, _CONTROLLER), {"drive_gain": {}}, vector=vector)
+            scan(Problem(record, device, settings, CONTROLLER), {"drive_gain": {}}, vector=vector)
 
 
 def compile_step(effects: list[str]) -> None:
@@ -60,8 +52,7 @@ def compile_step(effects: list[str]) -> None:
         name: {parameter.name: 1.0 for parameter in effect_for(name, 2)[1].parameters if parameter.default is None}
         for name in effects
     }
-    device = Device(4000.0, (1.6e6, 1.6e6, 0.0), (1.0, 1.0, 0.0), 1e-4, (-890.0, -890.0), (1e-4, 1e-4))
-    observer = Observer(device, ObserverSettings(effects=given), _CONTROLLER)
+    observer = Observer(DEVICE, ObserverSettings(effects=given), CONTROLLER)
     if not observer.may_have_step:
         raise ModelError(f"there is no step for {', '.join(effects)}: a path is late, or a force turns over")
     observer.compile_step()
@@ -73,6 +64,7 @@ def main() -> None:
     known = is_warm()
     if not known:
         print("compiling the kernels, once for this version … ", end="", flush=True)
+        compile_side_by_side()
         compile_all()
         mark_warm()
     print(f"kernels {'are warm' if known else 'compiled'}: {time.perf_counter() - begin:.1f} s")

@@ -3,9 +3,15 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
 
+import numba
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
+from estimator import compiling
 from estimator.kernel.compiled import is_warm
 
 FIRST_USE = """
@@ -38,12 +44,56 @@ def python(*arguments: str, **environment: str) -> str:
     return done.stdout
 
 
+@pytest.fixture(scope="module")
+def warmed() -> str:
+    """What warming says, where nothing may be left to compile."""
+    return python("-m", "estimator.warm")
+
+
 @pytest.mark.slow
-def test_a_process_after_warming_compiles_nothing() -> None:
-    warmed = python("-m", "estimator.warm")
+def test_a_process_after_warming_compiles_nothing(warmed: str) -> None:
     assert "kernels" in warmed
     assert is_warm()
     assert warmed.count("\n") == 1
     log = python("-c", FIRST_USE, NUMBA_DEBUG_CACHE="1")
     assert "data loaded from" in log
     assert "saved to" not in log
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["predict", "correct", "effect_forces", "command", "plain"])
+@pytest.mark.usefixtures("warmed")
+def test_a_piece_is_what_the_kernels_call(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled for other types than theirs, it would stand in the cache beside it, of use to nobody."""
+    compiled: list[tuple[Any, tuple[Any, ...]]] = []
+    monkeypatch.setattr(compiling, "_for_types_of", lambda kernel, *given: compiled.append((kernel, given)))
+    compiling.PIECES[name].compile()
+    ((kernel, given),) = compiled
+    (key,) = kernel._cache._cache_file._load_index()
+    assert key[0] == tuple(map(numba.typeof, given))
+
+
+def test_pieces_wait_for_pieces_only() -> None:
+    """Each for some that begin before it, so that none waits for ever."""
+    names = list(compiling.PIECES)
+    for number, piece in enumerate(compiling.PIECES.values()):
+        assert set(piece.calls) <= set(names[:number])
+
+
+def test_an_index_that_many_add_to_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "kernel_cache", lambda: tmp_path)
+
+    def save(key: int) -> None:
+        compiling._saved_alone(IndexDataCacheFile(str(tmp_path), "kernel", "stamp"), key, f"code of {key}")
+
+    keys = range(200)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(save, keys))
+    kept = IndexDataCacheFile(str(tmp_path), "kernel", "stamp")
+    assert [kept.load(key) for key in keys] == [f"code of {key}" for key in keys]
+
+
+def test_one_processor_compiles_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr(compiling, "ProcessPoolExecutor", None)
+    compiling.compile_side_by_side()
