@@ -28,14 +28,23 @@ install: $(WARM) $(PAGE)
 demo: $(WARM)
 	$(BIN)/hil demo
 
-# Files side by side, as many as there are processors, the longest first (tests/conftest.py); then, alone, what has to
-# keep up with the wall clock.
-BESIDE := -n auto --dist loadfile --no-loadscope-reorder
+# Files side by side, as many as there are processors, the longest first (tests/conftest.py). Then what has to keep up
+# with the wall clock, which mostly waits: two files at a time, unless a file needs the machine to itself
+# (tests/by_the_clock.py), and beside them the tests on CAN, in which a machine of one processor takes one.
+BY_FILE := --dist loadfile --no-loadscope-reorder
+BESIDE := -n auto $(BY_FILE)
+VCAN_LOG := .venv/vcan.log
+
+# Bytecode is kept, whatever the environment says, but not between the sources: without it pytest compiles every file of
+# tests in each of its processes, and each process that a test starts all of the bench.
+test quick coverage: export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
+test quick coverage: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(WARM) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "not realtime"
-	$(BIN)/python -m pytest -m realtime
-	$(BIN)/python -m tests.vcan --quiet
+	@$(BIN)/python -m tests.vcan --quiet > $(VCAN_LOG) 2>&1 & vcan=$$!; trap "kill $$vcan" INT TERM; \
+	  $(BIN)/python -m pytest -n 2 $(BY_FILE) -m realtime; by_the_clock=$$?; \
+	  wait $$vcan; vcan=$$?; cat $(VCAN_LOG); exit $$((by_the_clock || vcan))
 
 coverage: $(WARM) $(PAGE)
 	$(BIN)/python -m pytest --cov --cov-report=term

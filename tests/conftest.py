@@ -3,10 +3,13 @@
 import os
 import signal
 from collections import defaultdict
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from tests.by_the_clock import Floor
 
 # The matrices here are 13 × 13: threads of the BLAS library only wait for each other, hundreds of times longer on a
 # busy machine.
@@ -23,6 +26,7 @@ settings.load_profile("any machine")
 
 _SLOW_S = 4.0
 _QUICK_S = 0.1
+_FLOOR = pytest.StashKey[Floor]()
 
 
 @pytest.hookimpl(trylast=True)  # of what `-m` has left
@@ -34,6 +38,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     if not hasattr(config, "workerinput"):
         return
+    config.stash[_FLOOR] = floor = Floor(config.workerinput["testrunuid"])
+    floor.note(items)
     may_take: defaultdict[Path, float] = defaultdict(float)
     for item in items:
         may_take[item.path] += _may_take(item)
@@ -46,3 +52,18 @@ def _may_take(item: pytest.Item) -> float:
     if own is not None:
         return float(own.args[0]) / 5.0
     return _SLOW_S if item.get_closest_marker("slow") else _QUICK_S
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # before the time of a test begins
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
+    """A file of tests by the clock waits for its turn."""
+    floor = item.config.stash.get(_FLOOR, None)
+    if floor is None:
+        return (yield)
+    if item.get_closest_marker("realtime"):
+        floor.enter(item.path)
+    try:
+        return (yield)
+    finally:
+        if nextitem is None or nextitem.path != item.path:
+            floor.leave()

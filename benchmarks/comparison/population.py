@@ -115,7 +115,7 @@ def _truth(run: ClosedLoop, bench: Bench) -> Truth:
     header = {
         "stiffness_per_s2": named[:3], "damping_per_s": named[3:], "sample_rate_Hz": bench.device.sample_rate_Hz,
     }  # fmt: skip
-    return Truth(columns, header)
+    return Truth(columns, header, complete=True)
 
 
 def _scenario_text(drawn: dict[str, Any]) -> str:

@@ -6,19 +6,20 @@ see no difference: volts, drive in its unit, seconds. Row m carries the sense va
 value at t_m.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, between, part_of, pieces_of, read_blocks, rows_of
+from hil.records.blocks import Columns, read_blocks
 from hil.records.layout import BENCH, TICK, Column, Layout, block_rows_for
+from hil.records.table import Table
 from hil.records.units import unit_of
 
 Floats = npt.NDArray[np.float64]
@@ -43,30 +44,10 @@ class RowFlag(IntFlag):
 
 
 @dataclass(frozen=True)
-class Capture:
-    """One record. `complete` is False when it was interrupted (its end marker is missing), `sealed` when it is from
-    before there were checksums.
+class Capture(Table):
+    """One record. `sealed` is False when it is from before there were checksums."""
 
-    Its columns are read when asked for: what is large is gone through in `pieces`.
-    """
-
-    columns: Columns
-    header: Mapping[str, Any]
-    complete: bool
     sealed: bool = True
-
-    def __len__(self) -> int:
-        return rows_of(self.columns)
-
-    @property
-    def axes(self) -> int:
-        """Number of sense axes, 1 or 2; 0 for a sensor that puts out rates (`hil.records.rates`)."""
-        return int(self.header["axes"])
-
-    @property
-    def tick_rate_Hz(self) -> float:
-        """Samples per second; for a non-uniform record the mean."""
-        return float(self.header["tick_rate_Hz"])
 
     @property
     def uniform(self) -> bool:
@@ -115,11 +96,6 @@ class Capture:
         """Named parts of the record as row ranges [start, stop), e.g. train and test."""
         return {name: (start, stop) for name, (start, stop) in self.header.get("segments", {}).items()}
 
-    @property
-    def tick(self) -> npt.NDArray[np.int64]:
-        """Sample counter (n,), unwrapped to 64 bits."""
-        return self.columns["tick"]
-
     @cached_property
     def t_s(self) -> Floats:
         """Time of each row (n,) in seconds of bench time."""
@@ -165,32 +141,16 @@ class Capture:
         """Temperature (n,), when the record has one."""
         return self.columns.get("temp_C")
 
-    def part(self, start: int, stop: int) -> "Capture":
-        """Rows [start, stop) as a capture of their own; ticks and times stay as they are, segments go."""
-        header = {key: value for key, value in self.header.items() if key != "segments"}
-        return Capture(part_of(self.columns, start, stop), header, self.complete, self.sealed)
-
-    def pieces(self) -> Iterator["Capture"]:
-        """The record in parts that memory always has room for, one after another."""
-        for start, columns in pieces_of(self.columns):
-            yield self.part(start, start + rows_of(columns))
-
-    def between(self, first_tick: int, last_tick: int) -> "Capture":
-        """The rows of ticks first_tick … last_tick as a capture of their own."""
-        return Capture(between(self.columns, first_tick, last_tick), self.header, self.complete, self.sealed)
-
-    @property
-    def ends(self) -> tuple[int, int]:
-        """First and last tick of a capture that is not empty."""
-        last = len(self) - 1
-        return int(self.part(0, 1).tick[0]), int(self.part(last, last + 1).tick[0])
-
-    def segment(self, name: str) -> "Capture":
+    def segment(self, name: str) -> Self:
         """The part called `name`. Raises InputError with the names there are."""
         if name not in self.segments:
             known = ", ".join(self.segments) or "none"
             raise InputError(f"segment {name!r}: not in this capture; it has: {known}")
         return self.part(*self.segments[name])
+
+    def _of(self, columns: Columns) -> Self:
+        """Some of its rows; its segments are rows of the whole."""
+        return replace(self, columns=columns, header={k: v for k, v in self.header.items() if k != "segments"})
 
     def _pick(self, prefix: str) -> str | None:
         return next((name for name in self.columns if name.startswith(prefix)), None)

@@ -4,18 +4,14 @@ Host times are on the monotonic clock, received by the kernel's stamp where the 
 own clock, `tick` the board's when it answered.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from hil.records.blocks import read_blocks
 from hil.records.clock_fit import ClockFit, ClockUnknownError, fit_clock
 from hil.records.layout import BOARD, HOST, TICK, Column, Layout
+from hil.records.table import Table
 
 _BLOCK_ROWS = 64
 
@@ -32,17 +28,8 @@ def clock_layout(*, tick_rate_Hz: float) -> Layout:
 
 
 @dataclass(frozen=True)
-class ClockRecord:
-    """The exchanges of a run, read."""
-
-    columns: Mapping[str, npt.NDArray[Any]]
-    header: Mapping[str, Any]
-    complete: bool
-
-    @property
-    def tick(self) -> npt.NDArray[np.int64]:
-        """The board's tick in each answer (n,)."""
-        return self.columns["tick"]
+class ClockRecord(Table):
+    """The exchanges of a run, read; `tick` is the board's in each answer."""
 
     @cached_property
     def fit(self) -> ClockFit | None:

@@ -3,18 +3,19 @@
 With it and a truth the normalised estimation error squared of a run can be computed from its folder alone.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, between, pieces_of, read_blocks, rows_of
+from hil.records.blocks import pieces_of, read_blocks
 from hil.records.layout import TICK, Column, Layout, block_rows_for
+from hil.records.table import Table
 
 Floats = npt.NDArray[np.float64]
 
@@ -50,24 +51,13 @@ def packed(covariance: Floats) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Covariance:
+class Covariance(Table):
     """Covariance of a run, read; its rows are at ticks that the estimates have too."""
 
-    columns: Columns
-    header: Mapping[str, Any]
-    complete: bool
-
-    def __len__(self) -> int:
-        return rows_of(self.columns)
-
-    def pieces(self) -> Iterator["Covariance"]:
+    def pieces(self) -> Iterator[Self]:
         """The record in parts that memory always has room for, one after another."""
         for _, columns in pieces_of(self.columns, _PIECE_ROWS):
-            yield Covariance(columns, self.header, self.complete)
-
-    def between(self, first_tick: int, last_tick: int) -> "Covariance":
-        """The rows of ticks first_tick … last_tick."""
-        return Covariance(between(self.columns, first_tick, last_tick), self.header, self.complete)
+            yield self._of(columns)
 
     @property
     def entries(self) -> tuple[str, ...]:
@@ -78,11 +68,6 @@ class Covariance:
     def units(self) -> tuple[str, ...]:
         """SI unit of each entry."""
         return tuple(self.header["units"])
-
-    @property
-    def tick(self) -> npt.NDArray[np.int64]:
-        """Sample counter (n,) of the rows."""
-        return self.columns["tick"]
 
     @cached_property
     def matrices(self) -> Floats:

@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from estimator import diagnosis as traced
 from estimator.thresholds import THRESHOLDS, values
-from hil.errors import InputError
-from hil.records.atomic import read_json, write_text
+from hil.records import json_file
 
 
 class _Model(BaseModel):
@@ -264,19 +263,12 @@ def to_model(
 
 def save_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
     """Write diagnosis.json, whole or not at all."""
-    write_text(path, diagnosis.model_dump_json(indent=2, by_alias=True) + "\n")
+    json_file.save(path, diagnosis, by_alias=True)
 
 
 def load_diagnosis(path: Path) -> Diagnosis:
     """Read diagnosis.json. Raises InputError naming the file and the key that is wrong."""
-    try:
-        return Diagnosis.model_validate_json(read_json(path))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a diagnosis that hil trace wrote") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the whole file"
-        raise InputError(f"{path}: {key}: {first['msg']}; trace the record anew") from None
+    return json_file.load(path, Diagnosis, give="a diagnosis that hil trace wrote", anew="trace the record anew")
 
 
 def _effect(found: traced.Found) -> Effect:

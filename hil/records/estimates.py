@@ -1,6 +1,6 @@
 """`estimates.arrow`: the observer's state with its standard deviations, and the angle, every few samples."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, read_blocks, rows_of
+from hil.records.blocks import read_blocks
 from hil.records.layout import TICK, Column, Layout, block_rows_for
+from hil.records.table import Table
 from hil.records.units import unit_of
 
 Floats = npt.NDArray[np.float64]
@@ -61,32 +62,8 @@ def estimates_layout(
 
 
 @dataclass(frozen=True)
-class Estimates:
+class Estimates(Table):
     """Estimates of a run, read. Which states there are depends on the model: see `states`."""
-
-    columns: Columns
-    header: Mapping[str, Any]
-    complete: bool
-
-    def __len__(self) -> int:
-        return rows_of(self.columns)
-
-    def part(self, start: int, stop: int) -> "Estimates":
-        """Rows [start, stop)."""
-        return Estimates(part_of(self.columns, start, stop), self.header, self.complete)
-
-    def pieces(self) -> Iterator["Estimates"]:
-        """The record in parts that memory always has room for, one after another."""
-        for _, columns in pieces_of(self.columns):
-            yield Estimates(columns, self.header, self.complete)
-
-    def between(self, first_tick: int, last_tick: int) -> "Estimates":
-        """The rows of ticks first_tick … last_tick."""
-        return Estimates(between(self.columns, first_tick, last_tick), self.header, self.complete)
-
-    def since(self, t_s: float) -> "Estimates":
-        """The part from that bench time on."""
-        return self.between(first_tick_since(t_s, self.tick_rate_Hz), LAST_TICK)
 
     @property
     def ends_s(self) -> tuple[float, float]:
@@ -103,21 +80,6 @@ class Estimates:
     def states(self) -> tuple[str, ...]:
         """Names of the state columns, with their units, e.g. `kxx_per_s2`."""
         return tuple(self.header["states"])
-
-    @property
-    def tick(self) -> npt.NDArray[np.int64]:
-        """Sample counter (n,) of the rows."""
-        return self.columns["tick"]
-
-    @property
-    def tick_rate_Hz(self) -> float:
-        """Ticks per second of bench time."""
-        return float(self.header["tick_rate_Hz"])
-
-    @cached_property
-    def t_s(self) -> Floats:
-        """Bench time (n,) in seconds."""
-        return self.tick / self.tick_rate_Hz
 
     @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:

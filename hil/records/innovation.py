@@ -1,16 +1,15 @@
 """`innovation.arrow`: measured minus predicted voltage at every sample, and how large it should have been."""
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, read_blocks, rows_of
+from hil.records.blocks import read_blocks
 from hil.records.layout import TICK, Column, Layout, block_rows_for
+from hil.records.table import Table
 
 _AXES = ("x", "y")
 
@@ -28,49 +27,8 @@ def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
 
 
 @dataclass(frozen=True)
-class Innovation:
+class Innovation(Table):
     """Innovation of a run, read."""
-
-    columns: Columns
-    header: Mapping[str, Any]
-    complete: bool
-
-    def __len__(self) -> int:
-        return rows_of(self.columns)
-
-    def part(self, start: int, stop: int) -> "Innovation":
-        """Rows [start, stop)."""
-        return Innovation(part_of(self.columns, start, stop), self.header, self.complete)
-
-    def pieces(self) -> Iterator["Innovation"]:
-        """The record in parts that memory always has room for, one after another."""
-        for _, columns in pieces_of(self.columns):
-            yield Innovation(columns, self.header, self.complete)
-
-    @property
-    def axes(self) -> int:
-        """Number of sense axes."""
-        return int(self.header["axes"])
-
-    @property
-    def tick_rate_Hz(self) -> float:
-        """Samples per second of bench time."""
-        return float(self.header["tick_rate_Hz"])
-
-    @property
-    def tick(self) -> npt.NDArray[np.int64]:
-        """Sample counter (n,)."""
-        return self.columns["tick"]
-
-    @cached_property
-    def t_s(self) -> npt.NDArray[np.float64]:
-        """Bench time (n,) in seconds."""
-        return self.tick / self.tick_rate_Hz
-
-    def since(self, t_s: float) -> "Innovation":
-        """The part from that bench time on."""
-        first = first_tick_since(t_s, self.tick_rate_Hz)
-        return Innovation(between(self.columns, first, LAST_TICK), self.header, self.complete)
 
     @cached_property
     def nu_V(self) -> npt.NDArray[np.float64]:

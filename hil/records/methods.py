@@ -4,10 +4,10 @@ docs/reference/comparison.schema.json."""
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from hil.errors import InputError
-from hil.records.atomic import read_json, write_text
+from hil.records import json_file
 
 MethodKind = Literal["observer", "traced", "prior art", "bound"]
 
@@ -82,16 +82,9 @@ class Methods(_Model):
 
 def save_methods(path: Path, methods: Methods) -> None:
     """Write comparison.json, whole or not at all."""
-    write_text(path, methods.model_dump_json(indent=2) + "\n")
+    json_file.save(path, methods)
 
 
 def load_methods(path: Path) -> Methods:
     """Read comparison.json. Raises InputError naming the file and the key that is wrong."""
-    try:
-        return Methods.model_validate_json(read_json(path))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give the folder of a comparison") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the whole file"
-        raise InputError(f"{path}: {key}: {first['msg']}; compare again to write it anew") from None
+    return json_file.load(path, Methods, give="the folder of a comparison", anew="compare again to write it anew")

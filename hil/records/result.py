@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hil.errors import InputError
-from hil.records.atomic import read_json, write_text
+from hil.records import json_file
 
 
 class _Model(BaseModel):
@@ -370,16 +369,9 @@ class Result(_Model):
 
 def save_result(path: Path, result: Result) -> None:
     """Write result.json, whole or not at all."""
-    write_text(path, result.model_dump_json(indent=2) + "\n")
+    json_file.save(path, result)
 
 
 def load_result(path: Path) -> Result:
     """Read result.json. Raises InputError naming the file and the key that is wrong."""
-    try:
-        return Result.model_validate_json(read_json(path))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give the folder of a run") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the whole file"
-        raise InputError(f"{path}: {key}: {first['msg']}; replay the capture to write it anew") from None
+    return json_file.load(path, Result, give="the folder of a run", anew="replay the capture to write it anew")

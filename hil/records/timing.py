@@ -7,18 +7,19 @@ it by the fastest arrivals, and by the board's own word where it has given its t
 that leaves the wire more: what has been sampled by then was sampled no later.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import Columns, part_of, pieces_of, read_blocks, rows_of
+from hil.records.blocks import part_of, read_blocks
 from hil.records.clock import ClockRecord
 from hil.records.layout import BENCH, HOST, TICK, Column, Layout, block_rows_for
+from hil.records.table import Table
 
 _PARTS = 10
 _FAR = 1000
@@ -50,29 +51,8 @@ def ledger_layout(*, tick_rate_Hz: float, block: int, deadline_us: float | None 
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(Table):
     """Wall times of a run, read."""
-
-    columns: Columns
-    header: Mapping[str, Any]
-    complete: bool
-
-    def __len__(self) -> int:
-        return rows_of(self.columns)
-
-    def part(self, start: int, stop: int) -> "Timing":
-        """Rows [start, stop)."""
-        return Timing(part_of(self.columns, start, stop), self.header, self.complete)
-
-    def pieces(self) -> Iterator["Timing"]:
-        """The record in parts that memory always has room for, one after another."""
-        for _, columns in pieces_of(self.columns):
-            yield Timing(columns, self.header, self.complete)
-
-    @property
-    def tick(self) -> npt.NDArray[np.int64]:
-        """Sample counter (n,)."""
-        return self.columns["tick"]
 
     def spread(self, rows: int, stretches: int) -> "Timing":
         """So many rows at most, in stretches spread over the record; all of them where there are no more."""

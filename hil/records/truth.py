@@ -1,6 +1,6 @@
 """The truth an emulated board wrote about itself. Opened by the score only, after the run."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, between, pieces_of, read_blocks
+from hil.records.blocks import read_blocks
 from hil.records.estimates import Estimates
+from hil.records.table import Table
 
 Floats = npt.NDArray[np.float64]
 
@@ -19,19 +20,11 @@ _REQUIRED = ("tick", "x_m", "vx_mps", "phi_x_V", "rate_rad_s", "angle_rad")
 
 
 @dataclass(frozen=True)
-class Truth:
+class Truth(Table):
     """True state at sampling instants: columns (n,) named as in the estimates, and `angle_rad` = ∫Ω dt."""
-
-    columns: Columns
-    header: Mapping[str, Any]
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
         return self.columns[name]
-
-    @property
-    def tick(self) -> npt.NDArray[np.int64]:
-        """Sample counter (n,)."""
-        return self.columns["tick"]
 
     @property
     def constants(self) -> dict[str, float]:
@@ -44,15 +37,6 @@ class Truth:
     def codes(self) -> tuple[str, ...]:
         """Columns of codes as sent, by which a truth is known to be that of a run; none in old files."""
         return tuple(name for name in _CODES if name in self.columns)
-
-    def between(self, first_tick: int, last_tick: int) -> "Truth":
-        """The part of these ticks."""
-        return Truth(between(self.columns, first_tick, last_tick), self.header)
-
-    def pieces(self) -> Iterator["Truth"]:
-        """The truth in parts that memory always has room for, one after another."""
-        for _, columns in pieces_of(self.columns):
-            yield Truth(columns, self.header)
 
     def beside(self, estimates: Estimates) -> Iterator[tuple[int, Estimates, "Truth"]]:
         """Both in parts of the same stretch of ticks, neither large, with the first row of the estimates' part."""
@@ -78,4 +62,4 @@ def read_truth(path: Path) -> Truth:
     missing += [key for key in ("stiffness_per_s2", "damping_per_s", "sample_rate_Hz") if key not in blocks.header]
     if missing:
         raise InputError(f"{path}: a truth file without {', '.join(missing)}; have the emulator write it again")
-    return Truth(blocks.columns, blocks.header)
+    return Truth(blocks.columns, blocks.header, blocks.complete)

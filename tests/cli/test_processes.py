@@ -142,7 +142,7 @@ def busy(processes: int) -> Iterator[None]:
             process.wait()
 
 
-@pytest.mark.realtime  # it takes all of the machine
+@pytest.mark.realtime(alone=True)  # it takes all of the machine
 @pytest.mark.timeout(1200)
 def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path: Path) -> None:
     """Before and after come first, and hold; what the machine missed is the machine's part and nobody else's."""

@@ -19,3 +19,13 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
         pass
 
     monkeypatch.setattr("hil.report.write_report", written)
+
+
+@pytest.fixture
+def no_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the scan that closes a run, where nobody asks whether the model is complete."""
+
+    def scanned(*_: object) -> None:
+        pass
+
+    monkeypatch.setattr("hil.closing_scan.scan_run", scanned)

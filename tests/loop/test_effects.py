@@ -80,10 +80,12 @@ def test_the_bench_as_run_keeps_its_effects(tmp_path: Path) -> None:
     assert load_bench(done.folder / "bench.toml").effects.named == {"sense_gain": {"gy": 0.01}}
 
 
+NOBODY_ASKS = pytest.mark.usefixtures("no_scan")  # whether the model is complete
 CLOCK = ("[faults]\nclock_skew = 0.01", {"clock_rate": {"delta": 1.0 / 1.01 - 1.0}})
 MASSES = ('name = "unequal_masses"\nm = 0.1', {"unequal_masses": {"m": 0.1}})
 
 
+@NOBODY_ASKS
 @pytest.mark.timeout(900)  # three runs with their scans: a minute on four quiet processors
 @pytest.mark.parametrize(
     ("effect", "declared", "gain"), [(*CLOCK, 10.0), (*MASSES, 10.0)], ids=["clock_rate", "unequal_masses"]
@@ -107,6 +109,7 @@ def test_what_no_record_can_tell_is_undone_once_it_is_declared(
     assert carried.innovation_rms < 1.05 * carried.noise_floor
 
 
+@NOBODY_ASKS
 def test_with_the_clock_declared_the_stiffness_is_per_second_of_true_time(tmp_path: Path) -> None:
     kxx = scored(tmp_path, *CLOCK).parameters["kxx"]
     assert kxx.truth is not None
@@ -116,13 +119,14 @@ def test_with_the_clock_declared_the_stiffness_is_per_second_of_true_time(tmp_pa
 POLARITIES = [(channel, px, py) for channel in ("drive", "sense") for px, py in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))]
 
 
+@NOBODY_ASKS
 @pytest.mark.parametrize("mode", ["force", "gain"])
 @pytest.mark.parametrize(("channel", "px", "py"), POLARITIES)
 def test_a_channel_that_is_turned_round_is_no_matter_once_it_is_declared(
     tmp_path: Path, channel: str, px: float, py: float, mode: str
 ) -> None:
     hidden = f'name = "{channel}_polarity"\npx = {px}\npy = {py}'
-    loop = {"mode": mode, **({"block": 20, "estimate_every": 20} if mode == "gain" else {})}
+    loop = {"duration_s": 12.0, "settle_s": 6.0, "mode": mode, **({"block": 20, "estimate_every": 20} if mode == "gain" else {})}
     done = scored(tmp_path, hidden, {f"{channel}_polarity": {"px": px, "py": py}}, loop=loop)
     assert done.angle_error_rms_rad is not None
     assert done.angle_error_rms_rad < 5e-3  # noise alone leaves 2 to 3 mrad
@@ -131,6 +135,7 @@ def test_a_channel_that_is_turned_round_is_no_matter_once_it_is_declared(
     assert done.innovation_rms < 1.05 * done.noise_floor
 
 
+@NOBODY_ASKS
 @pytest.mark.parametrize("channel", ["drive", "sense"])
 def test_a_polarity_that_is_declared_of_the_wrong_axis_loses_the_loop(tmp_path: Path, channel: str) -> None:
     hidden = f'name = "{channel}_polarity"\npx = 1.0'
@@ -138,6 +143,7 @@ def test_a_polarity_that_is_declared_of_the_wrong_axis_loses_the_loop(tmp_path: 
     assert done.angle_error_rms_rad is None or done.angle_error_rms_rad > 0.3
 
 
+@NOBODY_ASKS
 def test_the_sign_of_the_gain_of_an_axis_is_the_polarity_of_its_sense(tmp_path: Path) -> None:
     hidden = 'name = "sense_polarity"\npy = 1.0'
     gains = {"device": {"sense": {"gain_V_per_m": [-885.42, 885.42], "noise_V": 9e-5, "offset_sd_V": 0.02}}}

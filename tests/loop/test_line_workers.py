@@ -17,7 +17,7 @@ import pytest
 
 from hil.loop import line_workers
 
-pytestmark = pytest.mark.realtime  # the machine's workers are there once, and runs in real time have them, too
+pytestmark = pytest.mark.realtime(alone=True)  # the machine's workers are there once, and other runs have them, too
 
 ORDINARY, AHEAD = (os.SCHED_OTHER, 0), (os.SCHED_FIFO, 1)
 SERIAL = "serial:/dev/pts/0"

@@ -175,7 +175,7 @@ def test_time_without_a_processor_is_what_the_kernel_says():
             other.kill()
 
 
-@pytest.mark.realtime
+@pytest.mark.realtime(alone=True)  # it keeps a processor from all others
 def test_a_recorder_that_was_killed_and_has_no_processor_to_die_on_is_told():
     """docs/safety.md, host 9: within a second. A real-time process holds the processor for half of one."""
     place = min(os.sched_getaffinity(0))

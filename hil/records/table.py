@@ -1,0 +1,73 @@
+"""What the records of a run have in common: rows at ticks, in named columns, and what their file says of them."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, rows_of
+
+
+@dataclass(frozen=True)
+class Table:
+    """A record, read. `complete` is False when it was interrupted (its end marker is missing).
+
+    Its columns are read when asked for: what is large is gone through in `pieces`.
+    """
+
+    columns: Columns
+    header: Mapping[str, Any]
+    complete: bool
+
+    def __len__(self) -> int:
+        return rows_of(self.columns)
+
+    @property
+    def axes(self) -> int:
+        """Number of sense axes, 1 or 2; 0 for a sensor that puts out rates (`hil.records.rates`)."""
+        return int(self.header["axes"])
+
+    @property
+    def tick_rate_Hz(self) -> float:
+        """Ticks per second of bench time; for a record that is not uniform their mean."""
+        return float(self.header["tick_rate_Hz"])
+
+    @property
+    def tick(self) -> npt.NDArray[np.int64]:
+        """Sample counter (n,), unwrapped to 64 bits."""
+        return self.columns["tick"]
+
+    @cached_property
+    def t_s(self) -> npt.NDArray[np.float64]:
+        """Bench time (n,) in seconds."""
+        return self.tick / self.tick_rate_Hz
+
+    def part(self, start: int, stop: int) -> Self:
+        """Rows [start, stop); ticks and times stay as they are."""
+        return self._of(part_of(self.columns, start, stop))
+
+    def pieces(self) -> Iterator[Self]:
+        """The record in parts that memory always has room for, one after another."""
+        for _, columns in pieces_of(self.columns):
+            yield self._of(columns)
+
+    def between(self, first_tick: int, last_tick: int) -> Self:
+        """The rows of ticks first_tick … last_tick."""
+        return self._of(between(self.columns, first_tick, last_tick))
+
+    def since(self, t_s: float) -> Self:
+        """The part from that bench time on."""
+        return self.between(first_tick_since(t_s, self.tick_rate_Hz), LAST_TICK)
+
+    @property
+    def ends(self) -> tuple[int, int]:
+        """First and last tick of a record that is not empty."""
+        last = len(self) - 1
+        return int(self.part(0, 1).tick[0]), int(self.part(last, last + 1).tick[0])
+
+    def _of(self, columns: Columns) -> Self:
+        """Some of its rows."""
+        return replace(self, columns=columns)
