@@ -159,10 +159,11 @@ def _gain_mode() -> None:
     foresight.foresee(1, 1)
 
 
-def _scan(*, vector: bool) -> None:
+def watch(gain: Gain, *, vector: bool) -> None:
+    """The scan of a record, as it closes a run and as tracing begins, by one of its kernels."""
     rows = 2 * PARTS
     record = Record(np.zeros((rows, 2)), np.zeros((rows, 2, 1)), np.full(rows, 1.0 / DEVICE.sample_rate))
-    settings = ObserverSettings(gain=Gain.FADING, memory=0.01)
+    settings = ObserverSettings(gain=gain, memory=0.01)
     scan(Problem(record, DEVICE, settings, CONTROLLER), {"drive_gain": {}}, vector=vector)
 
 
@@ -189,11 +190,11 @@ PIECES = {
     "effect_forces": Piece(_effect_forces),
     "gain mode": Piece(_gain_mode),
     "correct": Piece(_correct, ("effect_forces",)),
-    "scan": Piece(partial(_scan, vector=False), ("predict", "correct")),
+    "scan": Piece(partial(watch, Gain.FADING, vector=False), ("predict", "correct")),
     "command": Piece(_command, ("effect_forces",)),
     "plain": Piece(_plain),
     "observe": Piece(_observe, ("predict", "correct", "plain")),
-    "quick scan": Piece(partial(_scan, vector=True)),
+    "quick scan": Piece(partial(watch, Gain.FADING, vector=True)),
     "simulate": Piece(_simulate, ("predict", "correct")),
     "stationary": Piece(_stationary, ("predict", "correct")),
     "tick": Piece(_tick, ("observe", "command")),

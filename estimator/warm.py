@@ -7,18 +7,15 @@ import time
 
 import numpy as np
 
-from estimator.compiling import CONTROLLER, DEVICE, compile_side_by_side
+from estimator.compiling import CONTROLLER, DEVICE, compile_side_by_side, watch
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.foresight import rehearse
 from estimator.gain_matrix import luenberger
 from estimator.kernel.compiled import is_warm, mark_warm
 from estimator.observer import Observer
-from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.simulation import simulate
-from estimator.trace.problem import Problem
-from estimator.trace.scan import PARTS, scan
 
 
 def compile_all() -> None:
@@ -33,17 +30,9 @@ def compile_all() -> None:
             simulate(observer, observer.state, sense[:, :axes], sensitive=True)
             if axes == 2:
                 observer.tick(0.0, 0.0, 0.0, 0.0)
-                watch(device, settings)
+                for vector in (False, True) if gain is not Gain.STATIONARY else ():
+                    watch(gain, vector=vector)
                 rehearse(observer, luenberger(observer.h))
-
-
-def watch(device: Device, settings: ObserverSettings) -> None:
-    """The scan of a record, as it closes a run and as tracing begins, by both of its kernels."""
-    samples = 2 * PARTS
-    record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.full(samples, 1.0 / device.sample_rate))
-    if settings.gain is not Gain.STATIONARY:
-        for vector in (False, True):
-            scan(Problem(record, device, settings, CONTROLLER), {"drive_gain": {}}, vector=vector)
 
 
 def compile_step(effects: list[str]) -> None:

@@ -97,6 +97,11 @@ class Decoder:
         """Runs dropped for any reason."""
         return self.cobs_errors + self.short + self.crc_errors + self.oversize
 
+    @property
+    def pending(self) -> int:
+        """Bytes held back for want of a delimiter, at most MAX_ENCODED."""
+        return len(self._rest)
+
     def feed(self, data: bytes) -> list[Frame]:
         """The intact frames that `data` completes, in order."""
         return [Frame._make((*HEADER.unpack_from(body), body[HEADER.size : -CRC_SIZE])) for body in self._bodies(data)]

@@ -9,20 +9,26 @@ from typing import Any
 
 import pytest
 
+from tests.cli.conftest import Hil
 from tests.cli.diverged import KINDS, write_diverged_run
 from tests.loop.gyro import bench, bench_file
 
 pytestmark = pytest.mark.slow
 
 
-def hil(place: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """`hil` as a process in which a warning is an error."""
+def no_fault(err: str) -> None:
+    """Nothing of what is said to people is one."""
+    for word in ("Traceback", "Warning", "fault of hil"):
+        assert word not in err, err
+
+
+def process(place: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """`hil` as a process in which a warning is an error, as it is in this one."""
     done = subprocess.run(
         [sys.executable, "-m", "hil", *arguments], cwd=place, env=os.environ | {"PYTHONWARNINGS": "error"},
         capture_output=True, text=True, timeout=280, check=False,
     )  # fmt: skip
-    for word in ("Traceback", "Warning", "fault of hil"):
-        assert word not in done.stderr, done.stderr
+    no_fault(done.stderr)
     return done
 
 
@@ -46,11 +52,12 @@ def place(kind: str, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_score(place: Path, kind: str) -> None:
+def test_score(hil: Hil, place: Path, kind: str) -> None:
     for more in ([], ["--json"]):
-        done = hil(place, "score", "run", "--truth", "run-truth.arrow", *more)
-        assert done.returncode in (0, 1), done.stderr
-    result = strict(done.stdout)
+        code, out, err = hil("score", "run", "--truth", "run-truth.arrow", *more)
+        assert code in (0, 1), err
+        no_fault(err)
+    result = strict(out)
     assert strict((place / "run" / "result.json").read_text(encoding="utf-8")) == result
     assert result["parameters"] == {} or kind == "huge"
     page = (place / "run" / "report.html").read_text(encoding="utf-8")
@@ -59,10 +66,12 @@ def test_score(place: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("more", [["check", "run"], ["export", "run", "-o", "out.csv"]], ids=lambda more: more[0])
-def test_check_and_export(place: Path, more: list[str]) -> None:
-    done = hil(place, *more, "--json")
-    assert done.returncode == 0, done.stderr
-    strict(done.stdout)
+@pytest.mark.usefixtures("place")
+def test_check_and_export(hil: Hil, more: list[str]) -> None:
+    code, out, err = hil(*more, "--json")
+    assert code == 0, err
+    no_fault(err)
+    strict(out)
 
 
 DIVERGES = {
@@ -80,17 +89,17 @@ DIVERGES = {
 def test_run_replay_and_trace(tmp_path: Path) -> None:
     bench_file(tmp_path / "sick.bench.toml", bench(2.0, **DIVERGES))
     link = ["--link", "inproc:s-slow", "--out", "runs", "--json"]
-    done = hil(tmp_path, "run", "sick.bench.toml", *link)
+    done = process(tmp_path, "run", "sick.bench.toml", *link)
     assert done.returncode == 1, done.stderr
     result = strict(done.stdout)
     assert result["verdict"] == "interrupted"
     assert "residual_safe" in result["reasons"][0]
     (folder,) = (tmp_path / "runs").iterdir()
     assert (folder / "report.html").exists()
-    done = hil(tmp_path, "replay", str(folder), "--bench", "sick.bench.toml", "--json", "--out", "again")
+    done = process(tmp_path, "replay", str(folder), "--bench", "sick.bench.toml", "--json", "--out", "again")
     assert done.returncode in (0, 1), done.stderr  # what there is of it ends before scoring starts
     strict(done.stdout)
-    done = hil(tmp_path, "trace", str(folder), "--bench", "sick.bench.toml", "--json", "--out", "traced")
+    done = process(tmp_path, "trace", str(folder), "--bench", "sick.bench.toml", "--json", "--out", "traced")
     assert (done.returncode, done.stdout) == (2, "")
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("hil: ")]
     assert "the observer diverges on this record; correct [device]" in line

@@ -1,5 +1,6 @@
 """`hil trace` of several records: files, maps, a bench file and the command as a user has them."""
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -7,6 +8,9 @@ import sys
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+
+from hil import cli
+from tests.cli.test_errors import refused
 
 pytestmark = pytest.mark.slow
 
@@ -56,9 +60,21 @@ def bench(tmp_path_factory):
             '[columns]\nvx = { column = "laser", unit = "µm" }\n',
             encoding="utf-8",
         )
-        done = hil(folder, "import", f"load-{number}.csv", "--map", f"load-{number}.map.toml")
-        assert done.returncode == 0, done.stderr
+        with contextlib.chdir(folder):
+            assert cli.execute(["import", f"load-{number}.csv", "--map", f"load-{number}.map.toml"]) == 0
     return folder
+
+
+@pytest.fixture
+def answer(bench, monkeypatch, capfd):
+    """`answer("verb", …)` in the folder: exit code, standard output, standard error, without a process for it."""
+    monkeypatch.chdir(bench)
+
+    def call(*words):
+        code = cli.execute(list(words))
+        return code, *capfd.readouterr()
+
+    return call
 
 
 def hil(folder, *words):
@@ -100,16 +116,12 @@ def test_four_loads_in_one_trace(bench):
         ([*RECORDS[:2]], "1 records to fit and 1 to judge"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_line(bench, words, says):
-    done = hil(bench, "trace", *words, "--bench", "beam.bench.toml")
-    assert done.returncode == 2
-    assert says in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_what_cannot_be_is_told_in_a_line(answer, words, says):
+    assert says in refused(answer("trace", *words, "--bench", "beam.bench.toml"))
 
 
-def test_a_record_in_another_unit_is_refused(bench):
+def test_a_record_in_another_unit_is_refused(bench, answer):
     text = BENCH.replace('unit = "µm"', 'unit = "px"')
     (bench / "px.bench.toml").write_text(text, encoding="utf-8")
-    done = hil(bench, "trace", RECORDS[0], "--bench", "px.bench.toml")
-    assert done.returncode == 2
-    assert "sensed in µm, but [device.sense] unit = 'px'" in done.stderr
+    line = refused(answer("trace", RECORDS[0], "--bench", "px.bench.toml"))
+    assert "sensed in µm, but [device.sense] unit = 'px'" in line

@@ -126,7 +126,8 @@ def test_a_channel_that_is_turned_round_is_no_matter_once_it_is_declared(
     tmp_path: Path, channel: str, px: float, py: float, mode: str
 ) -> None:
     hidden = f'name = "{channel}_polarity"\npx = {px}\npy = {py}'
-    loop = {"duration_s": 12.0, "settle_s": 6.0, "mode": mode, **({"block": 20, "estimate_every": 20} if mode == "gain" else {})}
+    loop: dict[str, Any] = {"duration_s": 12.0, "settle_s": 6.0, "mode": mode}
+    loop |= {"block": 20, "estimate_every": 20} if mode == "gain" else {}
     done = scored(tmp_path, hidden, {f"{channel}_polarity": {"px": px, "py": py}}, loop=loop)
     assert done.angle_error_rms_rad is not None
     assert done.angle_error_rms_rad < 5e-3  # noise alone leaves 2 to 3 mrad
