@@ -89,16 +89,20 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
             for axis in (0, 1)
         ]
         name = f"form_{len(written) + 1}"
+        turns = any("sign(" in law for law in along)
         text = write_custom(
             text,
             name,
             () if term.sensed else along,
             {symbols[label]: (_rounded(one), one.unit) for label, one in term.coefficients.items()},
             sensed=along if term.sensed else (),
-            parameters={symbol: (one.value or 0.0, one.unit) for symbol, one in term.inside.items()},
+            parameters={} if turns else {symbol: (one.value or 0.0, one.unit) for symbol, one in term.inside.items()},
             title=f"{'Sensed' if term.sensed else 'Force'} of the form {term.form}",
             remark=f"a form, no cause; traced in {record}",
         )
+        if turns:  # the number inside is that at which a direction turns over, which the grammar has as v_rest
+            (rest,) = term.inside.values()
+            text += f"\n[effects.{name}]\nv_rest = {toml_value(rest.value or 0.0)}\n"
         written.append(name)
     if written:
         text, expected = _with_board(text, tomllib.loads(text), source, target)

@@ -17,8 +17,10 @@ from estimator.missing_force.laws import laws
 from estimator.missing_force.library import Term
 from estimator.missing_force.linear import Linear, scaled_constants
 from estimator.missing_force.points import Points, points_of
+from estimator.missing_force.readings import Readings, readings_of
 from estimator.missing_force.result import Form, FormTerm, MissingForce
 from estimator.missing_force.smoother import Smoothed, chosen, euler, smooth
+from estimator.missing_force.switching import Levels, levels_of
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Sensed
@@ -36,7 +38,9 @@ _SETTLED = 30.0  # cycles at the beginning that say nothing of the form
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """The part of a record that is looked at."""
+    """The part of a record that is looked at; in `linear` readings that say less than they seem are lost, in `sense`
+    (n, axes) they are there.
+    """
 
     observer: Observer
     linear: Linear
@@ -45,6 +49,8 @@ class _Stretch:
     split: int
     force_noise: float
     rate_intensity: float
+    sense: Array
+    readings: Readings
 
     @property
     def choice(self) -> slice:
@@ -65,18 +71,17 @@ def missing_force(problem: Problem, split: int) -> MissingForce:
     Of a long record the 120,000 samples before the split and the 80,000 behind it are looked at.  Raises ModelError
     where a channel shows no displacement, the samples are not evenly spaced, or no filter follows the record.
     """
-    stretch = _stretch(problem, split)
-    linear, rows = stretch.linear, stretch.choice
-    latent = chosen(linear, None, stretch.force_noise, rows=rows)
-    seen = smooth(linear, latent, None, stretch.force_noise)
-    linear = _turned(linear, seen.motion, Law((), (), np.zeros((0, 0)), {}, 0.0 * linear.offset, 0.0, 1e-6), stretch)
-    seen = smooth(linear, latent, euler(linear, seen.motion), stretch.force_noise)
-    stretch = replace(stretch, linear=linear)
+    stretch, latent, seen = _followed(_stretch(problem, split))
+    levels = levels_of(stretch.linear, latent, euler(stretch.linear, seen.motion), stretch.force_noise)
+    if any(levels.flips):
+        # Constants and motion anew without them: a filter takes a step of the offset for a force, and a fit for both.
+        stretch, latent, seen = _followed(_stretch(problem, split, levels))
+    rows = stretch.choice
     points = _points(stretch, seen, slice(max(stretch.split - _CHOICE, 0), stretch.split))
     own = slice(rows.start - max(stretch.split - _CHOICE, 0), len(points.motion))
     alone = constants_alone(points, stretch.force_noise, stretch.rate_intensity, own)
     law = propose(points, stretch.force_noise, stretch.rate_intensity, own)
-    whole = _points(stretch, seen, slice(0, len(linear.sense)))
+    whole = _points(stretch, seen, slice(0, len(stretch.linear.sense)))
     was, now = (_ratio(stretch, whole, one) for one in (alone, law))
     if not now < was:
         law, now = alone, was
@@ -85,7 +90,21 @@ def missing_force(problem: Problem, split: int) -> MissingForce:
     return _seen(stretch, drawn, after, law, was, now)
 
 
-def _stretch(problem: Problem, split: int) -> _Stretch:
+def _followed(stretch: _Stretch) -> tuple[_Stretch, Latent, Smoothed]:
+    """With the rate as the record has it, the latent force, and what both make of the motion."""
+    linear = stretch.linear
+    latent = chosen(linear, None, stretch.force_noise, rows=stretch.choice)
+    seen = smooth(linear, latent, None, stretch.force_noise)
+    linear = _turned(linear, seen.motion, Law((), (), np.zeros((0, 0)), {}, 0.0 * linear.offset, 0.0, 1e-6), stretch)
+    return (
+        replace(stretch, linear=linear),
+        latent,
+        smooth(linear, latent, euler(linear, seen.motion), stretch.force_noise),
+    )
+
+
+def _stretch(problem: Problem, split: int, levels: Levels | None = None) -> _Stretch:
+    """What is looked at, with levels of the readings where they are known."""
     record = problem.record
     first, last = max(split - _BEFORE, 0), min(split + _AFTER, len(record))
     record = record.part(slice(first, last))
@@ -94,7 +113,13 @@ def _stretch(problem: Problem, split: int) -> _Stretch:
         raise ModelError("a channel shows no displacement")
     if not len(step) or float(np.ptp(step)) > _UNEVEN * float(np.mean(step)):
         raise ModelError("the samples are not evenly spaced")
-    fitted = fit(problem.part(slice(first, split)).carrying({}))
+    volts = readings_of(record.sense[: split - first], np.array(problem.device.noise))
+    hidden = volts.hide(record.sense, np.array(problem.device.noise))
+    levels = levels or Levels(np.zeros_like(record.sense), np.zeros(problem.device.axes), (0,) * problem.device.axes)
+    shifted = levels.half * levels.path
+    unit = Observer(problem.device, problem.settings).volts
+    clear = np.where(hidden[:, None], np.nan, record.sense - shifted * unit)
+    fitted = fit(problem.on(replace(record, sense=clear).part(slice(0, split - first))).carrying({}))
     found = constants_of(fitted.observer)
     observer = Observer(problem.device, fitted.settings)
     if not all(np.isfinite(value) for value in found.values()):
@@ -104,7 +129,7 @@ def _stretch(problem: Problem, split: int) -> _Stretch:
     z, u, h, _ = observer.scaled(record.sense, record.drive, record.step, None)
     axes = problem.device.axes
     linear = Linear(
-        sense=z,
+        sense=np.where(hidden[:, None], np.nan, z - shifted),
         drive=u,
         step=float(np.mean(h[1:])),
         noise=np.array(problem.device.noise) / np.abs(observer.volts),
@@ -122,6 +147,8 @@ def _stretch(problem: Problem, split: int) -> _Stretch:
         split=split - first,
         force_noise=float(observer.force_noise[0]) + _LEAST_NOISE,
         rate_intensity=float(intensity[names.index("rate") - observer.states]) if "rate" in names else 0.0,
+        sense=z,
+        readings=replace(volts.scaled(unit), levels=levels.path, flips=levels.flips),
     )
 
 
@@ -141,7 +168,9 @@ def _turned(
 def _points(stretch: _Stretch, seen: Smoothed, rows: slice) -> Points:
     warm = stretch.temperature
     temperature = None if warm is None else warm[rows] - warm[0]
-    return points_of(part_of(stretch.linear, rows), seen.motion[rows], seen.force[rows], temperature, rows.start)
+    linear = replace(part_of(stretch.linear, rows), sense=stretch.sense[rows])
+    readings = stretch.readings.part(rows)
+    return points_of(linear, seen.motion[rows], seen.force[rows], temperature, readings, rows.start)
 
 
 def _smoothed(stretch: _Stretch, points: Points, law: Law, begin: Latent, *, pushes: bool) -> Smoothed:

@@ -7,12 +7,14 @@ force leaves is taken by a white force in the filter, its size by likelihood, an
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 import sympy as sp
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from estimator.missing_force import library as terms_of
 from estimator.missing_force.following import Followed, follow, signatures
@@ -25,8 +27,18 @@ from estimator.scaling import Array
 _MOST = 4  # terms
 _ROUNDS = 5
 _VISIBLE = 1e-4  # of a column that must stand beside the constants
-_WORTH = 0.02  # of all that is explained, what each term must add
-_AGAIN = (0.55, 0.65, 0.75, 0.85, 0.92, 1.08, 1.17, 1.3, 1.5, 1.8)  # × a threshold, the second time
+_SHOWN = 1e-6  # of a term's largest column, below which another one is nothing
+_WORTH = 0.02  # of all that is explained, what each term must add, …
+_MUCH = 0.3  # … or of what is left without it
+_WIDE = (0.1, 0.18, 0.3, 0.45, 0.6, 0.75, 0.87, 1.0, 1.15, 1.35, 1.7, 2.3, 3.5)  # × a number inside a term
+_NARROW = (0.8, 0.9, 1.0, 1.1, 1.25)  # × the same, once it was searched
+_RAIL = (0.99, 0.995, 1.0, 1.005, 1.01)  # × a rail
+_RESOLVED = (-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 1.0)  # + so many half cycles over the record, of a frequency
+_RESOLVED_NEARER = (-0.1, 0.0, 0.1)
+_TURNS = 3
+_NEAR = 0.01  # of a number inside, that is no other one
+_CLOSE = 2e-3  # of the bracket
+_MOST_TRIED = 16
 _NOISES = 10.0  # by what the white force is changed
 _BLOCKS = 40
 _COMPARED = 10_000  # samples by which the white force is chosen
@@ -83,7 +95,8 @@ def base_terms(axes: int) -> dict[str, Term]:
 class _Sums:
     """Products of columns and innovations over their deviations, without the constants of the base model.
 
-    where: columns of each term; normal (c, c), cross (c,), power; samples: independent ones; numbers: of all.
+    where: columns of each term; normal (c, c), cross (c,), power; samples: independent ones, of so many that
+    were counted.
     """
 
     terms: tuple[Term, ...]
@@ -93,17 +106,25 @@ class _Sums:
     power: float
     seen: tuple[bool, ...]
     samples: float
+    counted: int
 
     def left(self, chosen: Sequence[int]) -> float:
-        """Power that a set of terms leaves."""
+        """Power that a set of terms leaves; all of it where a coefficient has a sign that its term cannot have."""
         if not chosen:
             return self.power
         index = np.concatenate([np.arange(self.where[i].start, self.where[i].stop) for i in chosen])
         matrix, right = self.normal[np.ix_(index, index)], self.cross[index]
         size = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
         scaled = matrix / np.outer(size, size) + 1e-9 * np.eye(len(size))
-        explained = float((right / size) @ np.linalg.solve(scaled, right / size))
-        return max(self.power - explained, 1e-9 * self.power)
+        found = np.linalg.solve(scaled, right / size)
+        if any(self.terms[i].sign and not self._signed(i, index, found) for i in chosen):
+            return self.power
+        return max(self.power - float((right / size) @ found), 1e-9 * self.power)
+
+    def _signed(self, term: int, index: NDArray[np.intp], found: Array) -> bool:
+        """Whether the coefficient that weighs most has the sign that it must have; the others may be nothing."""
+        own = found[(index >= self.where[term].start) & (index < self.where[term].stop)]
+        return bool(own[np.argmax(np.abs(own))] * self.terms[term].sign >= 0.0)
 
     def numbers(self, chosen: Sequence[int]) -> int:
         return sum(self.where[i].stop - self.where[i].start for i in chosen)
@@ -111,8 +132,10 @@ class _Sums:
     def standing(self, chosen: Sequence[int]) -> float:
         """Twice the log-likelihood less the price."""
         count = self.numbers(chosen) + sum(self.terms[i].threshold is not None for i in chosen)
+        # Where samples are not independent the likelihood of a path counts for less, and so does what it costs.
+        path = sum(self.terms[i].price for i in chosen) * math.log(self.counted) * self.samples / self.counted
         families = len({term.family for term in self.terms})
-        price = count * math.log(self.samples) + 2.0 * len(chosen) * math.log(families)
+        price = count * math.log(self.samples) + path + 2.0 * len(chosen) * math.log(families)
         return -self.samples * math.log(self.left(chosen) / self.power) - price
 
 
@@ -172,7 +195,7 @@ def _sums(asked: _Asked, terms: tuple[Term, ...]) -> _Sums:
     normal = rest.T @ rest
     cross = rest.T @ innovation
     samples = _independent(innovation)
-    return _Sums(terms, asked.where, normal, cross, float(innovation @ innovation), seen, samples)
+    return _Sums(terms, asked.where, normal, cross, float(innovation @ innovation), seen, samples, len(innovation))
 
 
 def _independent(innovation: Array) -> float:
@@ -204,7 +227,9 @@ def _best(sums: _Sums, most: int) -> list[int]:
         more = best[size]
         gained = sums.left(reached) - sums.left(more)
         explained = sums.power - sums.left(more)
-        if sums.standing(more) > sums.standing(reached) and gained > _WORTH * (size - len(reached)) * explained:
+        added = size - len(reached)
+        worth = gained > _WORTH * added * explained or gained > (1.0 - (1.0 - _MUCH) ** added) * sums.left(reached)
+        if sums.standing(more) > sums.standing(reached) and worth:
             reached = more
     return reached
 
@@ -247,6 +272,10 @@ def extent_of(points: Points, lines: tuple[float, ...] = (), modulations: tuple[
         warm="temperature" in points.at_samples and bool(np.ptp(points.at_samples["temperature"]) > 0.0),
         driven=drive > 0.0,
         held=points.linear.drive.shape[2] == 1,
+        steepest=largest("du"),
+        rail=points.readings.rail,
+        lost=any(len(gaps) for gaps in points.readings.lost),
+        flips=points.readings.flips,
     )
 
 
@@ -256,13 +285,12 @@ def propose(points: Points, force_noise: float, rate_intensity: float, rows: sli
     base = base_terms(linear.axes)
     own = tuple(base.values())
     nothing = np.zeros_like(motion), np.zeros((len(motion), linear.axes))
-    noise = noise_of(points, nothing, force_noise, rate_intensity, rows)
-    followed = follow(linear, motion, *nothing, noise, rate_intensity)
+    law, followed = _constants(points, force_noise, rate_intensity, rows)
+    noise = law.force_noise
     lines, modulations = _waves(points, followed, own, rows)
     terms = library(linear.axes, extent_of(points, lines, modulations))
     columns = _columns(points, own, terms)
     chosen: tuple[Term, ...] = ()
-    law = _fitted(points, followed, base, (), rows, noise)
     for turn in range(_ROUNDS):
         if turn:
             followed = follow(linear, motion, *nothing, noise, rate_intensity)
@@ -273,39 +301,96 @@ def propose(points: Points, force_noise: float, rate_intensity: float, rows: sli
             break
         chosen = found
         noise = noise_of(points, law.pushed(points), noise, rate_intensity, rows, law)
-    if any(_is_threshold(term) for term in law.terms):
-        nearer = tuple(one for term in law.terms for one in _nearer(term))
-        sums = _sums(_asked(points, followed, _columns(points, own, nearer), rows), nearer)
-        best = max(_one_of_each(nearer, law.terms), key=sums.standing)
-        law = _fitted(points, followed, base, tuple(nearer[i] for i in best), rows, noise)
-    return law
+    return _refined(points, law, followed, rate_intensity, rows)
 
 
 def constants_alone(points: Points, force_noise: float, rate_intensity: float, rows: slice) -> Law:
     """No terms: the constants that go with the base model."""
+    return _constants(points, force_noise, rate_intensity, rows)[0]
+
+
+def _constants(points: Points, force_noise: float, rate_intensity: float, rows: slice) -> tuple[Law, Followed]:
+    """Without terms, and the filter that goes with it; what constants take up is no white force."""
     nothing = np.zeros_like(points.motion), np.zeros((len(points.motion), points.linear.axes))
-    noise = noise_of(points, nothing, force_noise, rate_intensity, rows)
-    followed = follow(points.linear, points.motion, *nothing, noise, rate_intensity)
-    return _fitted(points, followed, base_terms(points.linear.axes), (), rows, noise)
+    base = base_terms(points.linear.axes)
+    noise, changed = force_noise, None
+    for _ in range(2):
+        noise = noise_of(points, nothing, noise, rate_intensity, rows, changed)
+        followed = follow(points.linear, points.motion, *nothing, noise, rate_intensity)
+        changed = _fitted(points, followed, base, (), rows, noise)
+    assert changed is not None
+    return changed, followed
 
 
-def _is_threshold(term: Term) -> bool:
-    return term.threshold is not None and term.family not in ("line", "modulated stiffness")
+def _refined(points: Points, law: Law, followed: Followed, rate_intensity: float, rows: slice) -> Law:
+    """With the numbers inside the terms, one after another, where they leave least in the filter; the white force that
+    goes with them anew each time.
+    """
+    inside = [i for i, term in enumerate(law.terms) if term.threshold is not None]
+    base = base_terms(points.linear.axes)
+    nothing = np.zeros_like(points.motion), np.zeros((len(points.motion), points.linear.axes))
+    for turn in range(_TURNS if inside else 0):
+        before = law
+        for i in inside:
+            own = law.terms[i]
+            beside = (*law.terms[:i], *law.terms[i + 1 :])
+            left = _Beside(points, followed, (*base.values(), *beside), rows)
+            best = _least(left, own, _scan(own, points, rows, wide=turn == 0))
+            terms = (*law.terms[:i], best, *law.terms[i + 1 :])
+            law = _fitted(points, followed, base, terms, rows, law.force_noise)
+        noise = noise_of(points, law.pushed(points), law.force_noise, rate_intensity, rows, law)
+        followed = follow(points.linear, points.motion, *nothing, noise, rate_intensity)
+        law = _fitted(points, followed, base, law.terms, rows, noise)
+        if all(abs(_inside(law.terms[i]) / _inside(before.terms[i]) - 1.0) < _NEAR for i in inside):
+            break
+    return law
 
 
-def _nearer(term: Term) -> list[Term]:
-    """The term, and the same with thresholds around its own."""
-    if term.threshold is None or not _is_threshold(term):
-        return [term]
-    return [term, *(term.at(term.threshold[1] * factor) for factor in _AGAIN)]
+def _inside(term: Term) -> float:
+    assert term.threshold is not None
+    return term.threshold[1]
 
 
-def _one_of_each(nearer: Sequence[Term], chosen: Sequence[Term]) -> list[list[int]]:
-    sets: list[list[int]] = [[]]
-    for term in chosen:
-        own = [i for i, one in enumerate(nearer) if one.family == term.family and one.sense == term.sense]
-        sets = [[*others, i] for others in sets for i in own]
-    return sets
+def _scan(term: Term, points: Points, rows: slice, *, wide: bool) -> list[float]:
+    """Numbers around a term's own and itself, among which the search begins; ascending."""
+    at = _inside(term)
+    if term.threshold is not None and term.threshold[0] == "w":
+        resolved = np.pi / (points.linear.step * (rows.stop - rows.start))
+        return [at + resolved * share for share in (_RESOLVED if wide else _RESOLVED_NEARER)]
+    if term.series == "reading":
+        return [at * factor for factor in _RAIL]
+    return [at * factor for factor in (_WIDE if wide else _NARROW)]
+
+
+class _Beside:
+    """Power that a term leaves, with others and the constants beside it."""
+
+    def __init__(self, points: Points, followed: Followed, others: Sequence[Term], rows: slice) -> None:
+        self.points, self.followed, self.rows = points, followed, rows
+        asked = _asked(points, followed, _columns(points, others, ()), rows)
+        base = asked.base / np.maximum(np.linalg.norm(asked.base, axis=0), np.finfo(float).tiny)
+        u, sizes, _ = np.linalg.svd(base, full_matrices=False)
+        self.basis = u[:, sizes > 1e-9 * sizes[0]]
+        self.innovation = asked.innovation - self.basis @ (self.basis.T @ asked.innovation)
+
+    def __call__(self, term: Term) -> float:
+        columns = _asked(self.points, self.followed, _columns(self.points, (), (term,)), self.rows).columns
+        columns = columns - self.basis @ (self.basis.T @ columns)
+        size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+        found, *_ = np.linalg.lstsq(columns / size, self.innovation, rcond=1e-9)
+        return float(np.sum((self.innovation - columns / size @ found) ** 2))
+
+
+def _least(left: Callable[[Term], float], term: Term, ends: Sequence[float]) -> Term:
+    """Where the least is left: the best of a scan, then between its neighbours (Brent)."""
+    powers = [left(term.at(value)) for value in ends]
+    best = int(np.argmin(powers))
+    low, high = ends[max(best - 1, 0)], ends[min(best + 1, len(ends) - 1)]
+    found = minimize_scalar(
+        lambda value: left(term.at(value)), bounds=(low, high), method="bounded",
+        options={"xatol": _CLOSE * (high - low), "maxiter": _MOST_TRIED},
+    )  # fmt: skip
+    return term.at(float(found.x)) if found.fun < powers[best] else term.at(ends[best])
 
 
 def noise_of(
@@ -346,8 +431,9 @@ def _fitted(
     points: Points, followed: Followed, base: dict[str, Term], chosen: tuple[Term, ...], rows: slice, noise: float
 ) -> Law:
     asked = _asked(points, followed, _columns(points, tuple(base.values()), chosen), rows)
-    both = np.concatenate([asked.base, asked.columns], axis=1)
-    size = np.maximum(np.linalg.norm(both, axis=0), np.finfo(float).tiny)
+    both = np.concatenate([asked.base, _shown(asked)], axis=1)
+    size = np.linalg.norm(both, axis=0)
+    size[size == 0.0] = 1.0
     scaled = both / size
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
     weights = inverse @ (scaled.T @ asked.innovation)
@@ -374,6 +460,16 @@ def _fitted(
     return Law(
         chosen, tuple(own[part] for part in asked.where), covariance[count:, count:], changes, offset, gain, noise
     )
+
+
+def _shown(asked: _Asked) -> Array:
+    """Columns of the terms; of an axis on which these rows show nothing of its term there is none, and its coefficient
+    is zero.
+    """
+    norms, columns = np.linalg.norm(asked.columns, axis=0), asked.columns.copy()
+    for part in asked.where:
+        columns[:, part] *= norms[part] > _SHOWN * np.max(norms[part])
+    return columns
 
 
 def _waves(

@@ -1,5 +1,9 @@
 """A term of a form as text, in the grammar of [effects.custom]: what one of each coefficient adds to the axes, in SI.
 
+Where a term turns over with the velocity it is written as `sign(vx)`, which turns over as tanh(v/v_rest) does and at
+which the flow of an observer stops: a tanh is asked at a few instants of a step, between which the velocity runs
+through it.
+
 A term is homogeneous: the text that holds in scaled units holds in SI, too, with the number inside it as a parameter.
 """
 
@@ -7,7 +11,7 @@ import re
 
 import sympy as sp
 
-from estimator.missing_force.library import THRESHOLD, Term, temperature
+from estimator.missing_force.library import THRESHOLD, Term, temperature, vx, vy
 
 _NAMES = {"Abs": "abs", "temperature": "T"}
 _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
@@ -16,14 +20,19 @@ _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 def laws(term: Term) -> dict[str, tuple[str, str]]:
     """By label of the coefficient, the laws along x and y, "" where there is none.
 
-    Empty for a term that is no function of the moment, as hysteresis: that grammar has no memory.
+    `sign(vx)` and `sign(vy)` stand for the tanh of the velocity over the number inside the term.  Empty for a term that
+    is no function of the moment, as hysteresis: that grammar has no memory.
     """
     if term.series is not None:
         return {}
     columns = term.columns
     if term.threshold is not None:
         inside = sp.Symbol(term.threshold[0], positive=True)
-        columns = tuple((one.subs(THRESHOLD, inside), two.subs(THRESHOLD, inside)) for one, two in term.general)
+        turned = [(sp.tanh(speed / THRESHOLD), sp.Function("sign")(sp.Symbol(speed.name))) for speed in (vx, vy)]
+        columns = tuple(
+            (one.subs(turned).subs(THRESHOLD, inside), two.subs(turned).subs(THRESHOLD, inside))
+            for one, two in term.general
+        )
     return {label: (_text(one), _text(two)) for label, (one, two) in zip(term.labels, columns, strict=True)}
 
 

@@ -27,7 +27,9 @@ class Term:
 
     form: how it is written; family: that of which it is a member, by a threshold; sense: whether it is sensed and does
     not push; length, time: powers of metre and second of the term itself; axis of each column, None for both;
-    threshold: of a family, scaled; mark: which symbol of a series it needs, and its number.
+    threshold: of a family, scaled; series: which series it needs that is no function of the moment; sign: that of its
+    coefficients where what it stands for is late, or loses, and never the other way round; price: how many numbers the
+    series has taken from the record.
     """
 
     form: str
@@ -41,6 +43,13 @@ class Term:
     series: str | None = None
     general: tuple[tuple[sp.Expr, sp.Expr], ...] = ()
     rounded: bool = False
+    sign: int = 0
+    price: int = 0
+
+    @property
+    def steep(self) -> bool:
+        """Whether the force has a kink or a step, so that it changes within an interval."""
+        return self.threshold is not None and self.threshold[0] != "w" and self.series != "z"
 
     @property
     def name(self) -> str:
@@ -66,7 +75,9 @@ class Term:
 @dataclass(frozen=True)
 class Extent:
     """How far a record goes, scaled: largest |q|, |v|, |u|; frequencies of lines and of modulations that were found;
-    whether there is a thermometer, and a drive.
+    whether there is a thermometer, and a drive; whether it is held over each interval, and the largest |du/dt|; the
+    largest reading where there is a rail; whether values are lost; how often the reading of each axis
+    changes between two levels.
     """
 
     position: float
@@ -77,6 +88,10 @@ class Extent:
     warm: bool = False
     driven: bool = True
     held: bool = True
+    steepest: float = 0.0
+    rail: float | None = None
+    lost: bool = False
+    flips: tuple[int, ...] = ()
 
 
 def library(axes: int, extent: Extent) -> tuple[Term, ...]:
@@ -97,6 +112,7 @@ def of_axis(
     sense: bool = False,
     threshold: tuple[str, float, int, int] | None = None,
     only: Sequence[int] = (0, 1),
+    sign: int = 0,
 ) -> Term:
     """The same on each axis, with a coefficient of its own."""
     columns: list[tuple[sp.Expr, sp.Expr]] = []
@@ -109,7 +125,7 @@ def of_axis(
         columns.append((own, zero) if axis == 0 else (zero, own))
         named.append("xy"[axis])
     general = Term(
-        form, form, tuple(columns), length, time, tuple(named), sense, threshold, None, tuple(columns)
+        form, form, tuple(columns), length, time, tuple(named), sense, threshold, None, tuple(columns), sign=sign
     )
     return general if threshold is None else general.at(threshold[1])
 
@@ -147,6 +163,8 @@ _GAPS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 _LIMITS = (0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.55, 0.7, 0.85)
 _BANDS = (0.01, 0.03, 0.1, 0.3)
 _TOPS = (0.8, 0.85, 0.9, 0.94, 0.97)
+_SLEWS = (0.2, 0.35, 0.6, 1.0, 2.0, 4.0, 8.0)
+_DECAYS = (0.0003, 0.001, 0.003, 0.01)
 _REACHES = (0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.56)
 
 
@@ -192,7 +210,14 @@ def _of_an_axis(axes: int, extent: Extent) -> Iterator[Term]:
         within = u - _beyond(u)
         yield of_axis("u within ±L", within, 1, -2, axes=axes, threshold=band)
     if extent.held:
-        yield Term("du/dt", "du/dt", _series("du", axes), 1, -3, tuple("xy"[:axes]), series="du")
+        # The column is the drive of before less that of now: late is positive.
+        yield Term("du/dt", "du/dt", _series("du", axes), 1, -3, tuple("xy"[:axes]), series="du", sign=1)
+        for share in _SLEWS if extent.steepest > 0.0 else ():
+            slew, columns = ("S", share * extent.steepest, 1, -3), _series("slew", axes)
+            yield Term(
+                "u slewed at S, less u", "slew", columns, 1, -2, tuple("xy"[:axes]), threshold=slew, series="slewed",
+                general=columns, sign=1,
+            )  # fmt: skip
 
 
 def _beyond(what: sp.Expr) -> sp.Expr:
@@ -204,6 +229,10 @@ def _series(name: str, axes: int) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
     zero = sp.Integer(0)
     both = ((sp.Symbol(f"{name}x"), zero), (zero, sp.Symbol(f"{name}y")))
     return both[:axes]
+
+
+def _beyond_rail(axes: int) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
+    return tuple((_beyond(one), _beyond(two)) for one, two in _series("r", axes))
 
 
 _WAVES = sp.cos(THRESHOLD * t), sp.sin(THRESHOLD * t)
@@ -274,11 +303,36 @@ def _of_reading(axes: int, extent: Extent) -> Iterator[Term]:
         yield of_axis("p", p, 1, 0, axes=axes, sense=True)
     yield of_axis("q²", q**2, 2, 0, axes=axes, sense=True)
     yield of_axis("q³", q**3, 3, 0, axes=axes, sense=True)
-    yield of_axis("v", v, 1, -1, axes=axes, sense=True)
-    yield Term("∫q dt", "∫q dt", _series("iq", axes), 1, 1, tuple("xy"[:axes]), sense=True, series="iq")
+    both = tuple("xy"[:axes])
+    # A chain is late or leaks: it knows nothing beforehand, and gives nothing back.
+    yield of_axis("v", v, 1, -1, axes=axes, sense=True, sign=-1)
+    yield Term("∫q dt", "∫q dt", _series("iq", axes), 1, 1, both, sense=True, series="iq", sign=-1)
+    for share in _DECAYS:
+        for axis, name in enumerate(both):  # each by itself: it has its own k
+            decay = ("k", share, 0, -1)
+            term = of_axis(
+                "exp(-k t)", sp.exp(-THRESHOLD * t), 0, 0, axes=axes, sense=True, threshold=decay, only=(axis,)
+            )
+            yield replace(term, family=f"decay of {name}")
     for share in _TOPS:
         top = ("L", share * extent.position, 1, 0)
-        yield of_axis("q beyond ±L", _beyond(q), 1, 0, axes=axes, sense=True, threshold=top)
+        yield of_axis("q beyond ±L", _beyond(q), 1, 0, axes=axes, sense=True, threshold=top, sign=-1)
+    if extent.rail is not None:
+        columns = _beyond_rail(axes)
+        rail = Term(
+            "reading beyond ±L", "q beyond ±L", columns, 1, 0, both, True, ("L", extent.rail, 1, 0), "reading", columns,
+            sign=-1,
+        )  # fmt: skip
+        yield rail.at(extent.rail)
+    if extent.lost:
+        yield Term(
+            "reading less lost values", "lost values", _series("lost", axes), 1, 0, both, True, series="lost", sign=1
+        )
+    if any(extent.flips):
+        switching = [axis for axis, count in enumerate(extent.flips[:axes]) if count]
+        columns = tuple(_series("level", axes)[axis] for axis in switching)
+        named, price = tuple("xy"[axis] for axis in switching), sum(extent.flips[:axes])
+        yield Term("offset of two levels", "levels", columns, 0, 0, named, True, series="levels", price=price)
     yield of_axis("t", t, 0, 1, axes=axes, sense=True)
     if extent.warm:
         yield of_axis("T", temperature, 0, 0, axes=axes, sense=True)

@@ -18,10 +18,28 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-NODES: Array = 0.5 * (_NODES + 1.0)
-"""Instants of an interval at which a force is asked, as shares of it (Gauss and Legendre, exact to degree 5)."""
 
-_WEIGHTS = 0.5 * _WEIGHTS
+
+@dataclass(frozen=True, eq=False)
+class Rule:
+    """Instants of an interval at which a force is asked, as shares of it (nodes,), and their weights (nodes,)."""
+
+    nodes: Array
+    weights: Array
+
+
+def _panels(count: int) -> Rule:
+    """Gauss and Legendre, exact to degree 5 on each of so many panels."""
+    begins = np.arange(count)[:, None]
+    return Rule(((begins + 0.5 * (_NODES + 1.0)) / count).ravel(), np.tile(0.5 * _WEIGHTS / count, count))
+
+
+SMOOTH = _panels(1)
+"""For forces that change little within an interval."""
+
+STEEP = _panels(8)
+"""For forces with a kink or a step: the velocity runs through a friction's width within a small part of an interval."""
+
 _CHANGE = 1e-4  # of a scaled rate, for its derivative
 
 
@@ -42,12 +60,11 @@ def field(axes: int, constants: Mapping[str, float]) -> tuple[Array, Array]:
     return np.array(m.subs(values), dtype=float), np.array(n.subs(values), dtype=float)
 
 
-def spread_out(pushed: Array, step: float, matrix: Array) -> Array:
+def spread_out(pushed: Array, step: float, matrix: Array, rule: Rule) -> Array:
     """What forces (n, nodes, axes) at the nodes of n intervals make of the state at their ends (n, states)."""
     axes = pushed.shape[2]
-    response = np.array(
-        [weight * step * expm(matrix * step * (1.0 - node)) for node, weight in zip(NODES, _WEIGHTS, strict=True)]
-    )
+    shares = zip(rule.nodes, rule.weights, strict=True)
+    response = np.array([weight * step * expm(matrix * step * (1.0 - node)) for node, weight in shares])
     velocities = response[:, :, 1::2][:, :, :axes]
     flat = velocities.transpose(0, 2, 1).reshape(-1, len(matrix))
     return np.asarray(pushed.reshape(len(pushed), -1) @ flat)
@@ -129,14 +146,14 @@ class Linear:
         # A change of the rate speaks of the velocities, not of the momenta: the Euler force (see `Constant.jump`).
         return total
 
-    def drive_at_nodes(self) -> Array:
+    def drive_at(self, rule: Rule) -> Array:
         """(n, nodes, axes)."""
-        powers = NODES[:, None] ** np.arange(self.drive.shape[2])
+        powers = rule.nodes[:, None] ** np.arange(self.drive.shape[2])
         return np.asarray(np.einsum("nap,jp->nja", self.drive, powers))
 
-    def pushed(self, force: Array) -> Array:
+    def pushed(self, force: Array, rule: Rule) -> Array:
         """What a force (n, nodes, axes) adds to the state over each interval, (n, states)."""
-        return spread_out(force, self.step, self.continuous[0])
+        return spread_out(force, self.step, self.continuous[0], rule)
 
 
 def jumps(motion: Array, rate: Array) -> Array:

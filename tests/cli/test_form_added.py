@@ -30,6 +30,15 @@ CROSS = {
 }
 
 
+FRICTION = {
+    "form": "tanh(v/v0)",
+    "sensed": False,
+    "coefficients": {"x": {"value": -1.8, "ci95": [-1.9, -1.7], "unit": "m/s²"}},
+    "inside": {"v0": {"value": 5.9e-4, "ci95": [5.9e-4, 5.9e-4], "unit": "m/s"}},
+    "laws": {"x": ["sign(vx)", ""]},
+}
+
+
 def missing(*terms: dict[str, object]) -> MissingForce:
     figures = dict.fromkeys(("rms_mps2", "deviation_mps2", "left", "innovation_before", "innovation_after"))
     return MissingForce.model_validate({"form": terms, "text": "a form", **figures})
@@ -46,6 +55,14 @@ def test_each_term_becomes_an_effect_of_its_own(tmp_path: Path) -> None:
     }  # fmt: skip
     assert (own["form_2"].sense_x, own["form_2"].force_x) == ("c_x*(y)", "")
     assert "a form, no cause; traced in runs/first" in target.read_text(encoding="utf-8")
+
+
+def test_friction_turns_over_at_the_speed_of_the_form(tmp_path: Path) -> None:
+    target = tmp_path / "form.bench.toml"
+    assert add_form(find("bench", "s-slow"), target, missing(FRICTION, CUBIC), "runs/first")[0] == ["form_1", "form_2"]
+    effects = load_bench(target).effects
+    assert (effects.custom["form_1"].force_x, effects.custom["form_1"].parameters) == ("c_x*(sign(vx))", {})
+    assert effects.named["form_1"] == {"v_rest": 5.9e-4}
 
 
 def test_a_form_with_a_memory_alone_writes_nothing(tmp_path: Path) -> None:

@@ -1,5 +1,8 @@
 """The form of a missing force beside the law that SciPy's integrator was given; constants are not known beforehand."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from estimator.missing_force.estimate import missing_force
 from estimator.missing_force.library import Extent, library
 from estimator.missing_force.result import MissingForce
 from estimator.trace.problem import Problem
-from tests.estimator.missing_force.simulated import LENGTH, OMEGA, Force, simulated
+from tests.estimator.missing_force.simulated import GAIN, LENGTH, OMEGA, Floats, Force, simulated
 
 pytestmark = pytest.mark.slow
 
@@ -59,6 +62,76 @@ def test_friction_of_a_single_axis() -> None:
     term = found.form.terms[0]
     assert term.coefficients["x"].unit == "m/s²"
     assert term.coefficients["x"].value == pytest.approx(-0.002 * LENGTH * OMEGA**2, rel=0.05)
+
+
+def test_friction_turns_over_where_it_does() -> None:
+    found, _ = asked(lambda q, v: -0.01 * np.tanh(v / 0.045), 1)
+    assert named(found) == ["tanh(v/v0)"]
+    assert found.form.terms[0].threshold["v0"].value == pytest.approx(0.045 * LENGTH * OMEGA, rel=0.05)
+
+
+def test_a_gap_is_found_between_those_that_are_tried() -> None:
+    def gap(q: Floats, v: Floats) -> Floats:
+        return -0.03 * (q - np.clip(q, -0.55, 0.55))
+
+    found, _ = asked(gap, 1)
+    assert named(found) == ["q beyond ±g"]
+    assert found.form.terms[0].threshold["g"].value == pytest.approx(0.55 * LENGTH, rel=0.01)
+
+
+def sensed(change: Callable[[Floats], Floats]) -> MissingForce:
+    """A device with nothing amiss, whose readings (n, 2), V, are changed."""
+    problem = simulated(lambda q, v: 0.0 * q, axes=2, samples=SAMPLES, noise=NOISE).problem
+    record = problem.record
+    return missing_force(problem.on(replace(record, sense=change(record.sense))), round(0.6 * SAMPLES))
+
+
+def test_a_rail_that_the_readings_stop_at() -> None:
+    """The noise comes behind it."""
+    problem = simulated(lambda q, v: 0.0 * q, axes=2, samples=SAMPLES, noise=1e-9).problem.part(slice(0, 9000))
+    plain = problem.record.sense
+    rail = 0.8 * float(np.max(np.abs(plain)))
+    noise = NOISE * GAIN * LENGTH * np.random.default_rng(8).standard_normal(plain.shape)
+    device = replace(problem.device, noise=(NOISE * GAIN * LENGTH,) * 2)
+    record = replace(problem.record, sense=np.clip(plain, -rail, rail) + noise)
+    found = missing_force(replace(problem, device=device, record=record), 7000)
+    assert named(found) == ["sensed reading beyond ±L"]
+    assert found.form.terms[0].threshold["L"].value * GAIN == pytest.approx(rail, rel=1e-3)
+    assert found.form.left < 0.1
+
+
+def test_values_that_a_converter_loses() -> None:
+    def shown(volts: Floats) -> Floats:
+        codes = np.round(volts / 7.6e-6)
+        beyond = codes % 4096
+        return np.asarray(np.where(beyond < 150, codes - beyond, codes) * 7.6e-6)
+
+    found = sensed(shown)
+    assert named(found) == ["sensed reading less lost values"]
+    assert found.form.terms[0].coefficients["x"].value == pytest.approx(1.0, abs=0.03)
+
+
+def test_an_offset_that_switches_between_two_levels() -> None:
+    rng = np.random.default_rng(4)
+    level = np.cumprod(np.where(rng.random(SAMPLES) < 1.0 / 600.0, -1.0, 1.0))
+    half = 1.5 * NOISE * GAIN * LENGTH
+    found = sensed(lambda volts: volts + np.stack([half * level, 0.0 * level], axis=1))
+    assert named(found) == ["sensed offset of two levels"]
+    assert abs(found.form.terms[0].coefficients["x"].value) * GAIN == pytest.approx(half, rel=0.05)
+    assert list(found.form.terms[0].coefficients) == ["x"]
+
+
+def test_an_offset_that_wanders_has_no_two_levels() -> None:
+    rng = np.random.default_rng(4)
+    walk = np.cumsum(rng.standard_normal(SAMPLES)) * 0.1 * NOISE * GAIN * LENGTH
+    assert "sensed offset of two levels" not in named(sensed(lambda volts: volts + walk[:, None]))
+
+
+def test_an_offset_that_decays_has_its_rate() -> None:
+    t = np.arange(SAMPLES) / 4000.0
+    found = sensed(lambda volts: volts + 0.1 * GAIN * LENGTH * np.exp(-3.0 * t)[:, None] * np.array([1.0, 0.0]))
+    assert named(found) == ["sensed exp(-k t)"]
+    assert found.form.terms[0].threshold["k"].value == pytest.approx(3.0, rel=0.02)
 
 
 def test_where_nothing_is_missing_no_form_is_proposed() -> None:

@@ -12,9 +12,11 @@ from estimator.missing_force.library import Extent, Term, library
 from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter
 
 LENGTH, OMEGA = 3.0e-6, 2.0 * math.pi * 1700.0
-EXTENT = Extent(1.1, 1.2, 0.02, lines=(0.7,), modulations=(0.013,), warm=True)
-WORDS = {"tanh": math.tanh, "sqrt": math.sqrt, "abs": abs, "cos": math.cos, "sin": math.sin}
-MEMORY = {"hysteresis of q, reach g", "rounded hysteresis of q, reach g", "du/dt", "∫q dt"}
+EXTENT = Extent(1.1, 1.2, 0.02, lines=(0.7,), modulations=(0.013,), warm=True, steepest=0.01, rail=1.1, lost=True,
+                flips=(3, 5))  # fmt: skip
+WORDS = {"tanh": math.tanh, "sqrt": math.sqrt, "abs": abs, "cos": math.cos, "sin": math.sin, "exp": math.exp}
+MEMORY = {"hysteresis of q, reach g", "rounded hysteresis of q, reach g", "du/dt", "∫q dt", "u slewed at S, less u",
+          "reading beyond ±L", "reading less lost values", "offset of two levels"}  # fmt: skip
 STATE = ("x", "y", "vx", "vy", "ux", "uy", "t", "temperature")
 CASES = [(axes, term) for axes in (1, 2) for term in library(axes, EXTENT)]
 
@@ -34,7 +36,14 @@ def test_a_term_is_the_same_law_in_si(axes: int, term: Term) -> None:
         units = {"x": LENGTH, "y": LENGTH, "vx": LENGTH * OMEGA, "vy": LENGTH * OMEGA,
                  "ux": LENGTH * OMEGA**2, "uy": LENGTH * OMEGA**2, "t": 1.0 / OMEGA, "temperature": 1.0}  # fmt: skip
         si = {name: value * units[name] for name, value in at.items()}
-        given = WORDS | si | {"T": si["temperature"]} | {name: one.value for name, one in found.threshold.items()}
+        rest = found.threshold["v0"].value if "v0" in found.threshold else math.nan
+        given = (
+            WORDS
+            | {"sign": lambda speed, rest=rest: math.tanh(speed / rest)}
+            | si
+            | {"T": si["temperature"]}
+            | {name: one.value for name, one in found.threshold.items()}
+        )
         for axis in range(axes):
             scaled = sum(
                 value * float(column[axis].subs({sp.Symbol(name, real=True): number for name, number in at.items()}))
@@ -50,12 +59,17 @@ def test_units_are_those_that_the_law_needs(axes: int, term: Term) -> None:
     """The grammar's own check of dimensions takes law, coefficient and number inside."""
     found = in_si(term, np.ones(len(term.columns)), np.ones(len(term.columns)), LENGTH, OMEGA)
     for label, along in found.laws.items():
-        one = [f"c_one*({text})" if text else "" for text in along]
+        text = " ".join(along)
+        one = [f"c_one*({law})" if law else "" for law in along]
         keys = ("sense_x", "sense_y") if term.sense else ("force_x", "force_y")
         own = OwnEffect(
             **dict(zip(keys, one, strict=True)),
             coefficients={"c_one": OwnCoefficient(unit=found.coefficients[label].unit)},
-            parameters={name: OwnParameter(unit=at.unit, value=at.value) for name, at in found.threshold.items()},
+            parameters={
+                name: OwnParameter(unit=at.unit, value=at.value)
+                for name, at in found.threshold.items()
+                if "sign(" not in text
+            },
         )
         assert own.declared("form_1").coefficients.keys() == {"c_one"}
 
