@@ -64,12 +64,6 @@ def test_friction_of_a_single_axis() -> None:
     assert term.coefficients["x"].value == pytest.approx(-0.002 * LENGTH * OMEGA**2, rel=0.05)
 
 
-def test_friction_turns_over_where_it_does() -> None:
-    found, _ = asked(lambda q, v: -0.01 * np.tanh(v / 0.045), 1)
-    assert named(found) == ["tanh(v/v0)"]
-    assert found.form.terms[0].threshold["v0"].value == pytest.approx(0.045 * LENGTH * OMEGA, rel=0.05)
-
-
 def test_a_gap_is_found_between_those_that_are_tried() -> None:
     def gap(q: Floats, v: Floats) -> Floats:
         return -0.03 * (q - np.clip(q, -0.55, 0.55))
