@@ -77,8 +77,8 @@ def rails_of(sense: Array, noise: float) -> list[float]:
         top = float(np.max(there))
         near = there[there > top - 2.0 * bins]
         level = float(np.median(near[near > top - bins]))
-        at = np.count_nonzero(np.abs(there - level) <= 0.5 * bins)
-        below = np.count_nonzero((there < level - 0.5 * bins) & (there >= level - 1.5 * bins))
+        at = int(np.count_nonzero(np.abs(there - level) <= 0.5 * bins))
+        below = int(np.count_nonzero((there < level - 0.5 * bins) & (there >= level - 1.5 * bins)))
         still = level - float(np.median(there)) < _AWAY * noise
         if at > _LEAST and at > _PILED * max(below, 1) and not still:
             found.append(level)
