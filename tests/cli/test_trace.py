@@ -154,6 +154,7 @@ def test_a_trace_leaves_nothing_when_the_record_is_none(hil: Hil, recorded: Path
     assert [path.name for path in (tmp_path / "runs").iterdir()] == [recorded.name]
 
 
+@pytest.mark.slow
 def test_a_rate_sensor_is_traced_by_its_curve(hil: Hil, tmp_path: Path) -> None:
     """A steady table with a cubic characteristic of 2 % at full range."""
     rates = np.repeat(np.linspace(-3.49, 3.49, 15), 4)

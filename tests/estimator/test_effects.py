@@ -94,8 +94,8 @@ def carrying(name: str, share: float = 0.5) -> Observer:
     return observer
 
 
-def signal(source: Signal, axis_parameters: list[float], t: float, s: Array) -> float:
-    """Value of a signal, from its definition."""
+def signal(source: Signal, axis_parameters: list[float], t: float, s: Array) -> float | Array:
+    """Value of a signal, from its definition; of each of many states (4, n) where it depends on them."""
     match source.source:
         case Source.COSINE:
             return float(np.cos(GIVEN["omega"] * t))
@@ -104,7 +104,7 @@ def signal(source: Signal, axis_parameters: list[float], t: float, s: Array) -> 
         case Source.TEMPERATURE:
             return WARMTH
         case Source.DIRECTION:
-            return float(np.tanh(s[2 * source.axis + 1] / GIVEN["v0"]))
+            return np.asarray(np.tanh(s[2 * source.axis + 1] / GIVEN["v0"]))
         case Source.TIME:
             return t
         case Source.DECAY:
@@ -137,9 +137,7 @@ def step(observer: Observer, s: Array, c: Array) -> Array:
     """[state | ∂/∂s | ∂/∂(flow constants, coefficients)] after one sample."""
     columns = 1 + 4 + int(observer.arrays.settings["flow_constants"][0])
     slips = np.zeros((MAX_SLIPS, columns))
-    push = Push(
-        np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS), slips
-    )
+    push = Push(np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS), slips)
     work = FlowWork(*(np.zeros((4, columns)) for _ in range(3)), push)
     call_flow(observer.arrays.settings, observer.arrays.memory, c, s, DRIVE, observer.h, columns, work)
     return work.out
@@ -159,17 +157,23 @@ def base(c: Array, y: Array, u: Array) -> Array:
 
 
 def integrated(observer: Observer, start: Array, share: float) -> Array:
-    """State after an interval with that share of the effect, by SciPy's integrator."""
+    """State after an interval with that share of the effect, by SciPy's integrator; of a start (4,), or of many (4, n)
+    side by side.
+    """
     c = observer.x[4:]
     force = values(observer.effects[0][1], "force")
 
-    def slope(t: float, y: Array) -> Array:
+    def slope(t: float, flat: Array) -> Array:
+        y = flat.reshape(start.shape)
         u = DRIVE[:, 0] + DRIVE[:, 1] * t / observer.h
-        pushed = share * force(y, u, c[9:], TIME + t, c[:9])
-        return base(c, y, u) + np.array([0.0, pushed[0], 0.0, pushed[1]])
+        rising = base(c, y, u)
+        rising[[1, 3]] += share * force(y, u, c[9:], TIME + t, c[:9])
+        return rising.ravel()
 
-    longest = observer.h / 200
-    return solve_ivp(slope, (0, observer.h), start, "DOP853", rtol=1e-12, atol=1e-14, max_step=longest).y[:, -1]
+    ends = solve_ivp(
+        slope, (0, observer.h), start.ravel(), "DOP853", rtol=1e-12, atol=1e-14, max_step=observer.h / 200
+    ).y[:, -1]
+    return ends.reshape(start.shape)
 
 
 @pytest.mark.parametrize("name", FORCES)
@@ -239,11 +243,10 @@ def test_jacobian_of_friction_is_that_of_an_integrator(
     for since in (-0.03, 0.3, 0.5, 0.98):
         start = turning(size, since)
         jacobian = step(observer, start, c)[:, 1:5]
-        for column in range(4):
-            moved = 1e-5 * np.eye(4)[column]
-            ends = [integrated(observer, start + side, 1.0) for side in (moved, -moved)]
-            error = jacobian[:, column] - (ends[0] - ends[1]) / 2e-5
-            assert np.abs(error).max() < 0.03 * c[9], (since, column)
+        moved = 1e-5 * np.eye(4)
+        ends = integrated(observer, start[:, None] + np.hstack([moved, -moved]), 1.0)
+        error = jacobian - (ends[:, :4] - ends[:, 4:]) / 2e-5
+        assert np.abs(error).max() < 0.03 * c[9], since
 
 
 @pytest.mark.parametrize("path", ["drive_delay", "sense_delay"])

@@ -74,6 +74,7 @@ def test_two_masses_that_are_not_equal(tmp_path):
     assert share.after < 1.7 < share.before
 
 
+@pytest.mark.slow
 def test_limits_of_the_rate_sensors(tmp_path):
     rows = {row.split: row for row in rate_table.steady(folder("rate_table") / "static.csv", tmp_path, quiet)[0]}
     for sensor, before, after in (("crs03", 3.073, 0.0030), ("crs09", 3.060, 0.0044)):

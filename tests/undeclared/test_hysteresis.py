@@ -73,6 +73,7 @@ def test_it_is_named_with_its_coefficients(what) -> None:
         assert abs(interval.value - HIDDEN[symbol]) < 1.5 * half, symbol
 
 
+@pytest.mark.slow
 def test_it_is_not_tried_where_nobody_asks() -> None:
     said = traced(decay())
     assert NAME not in [found.name for found in said.effects]
