@@ -73,6 +73,7 @@ measured: $(WARM)
 # By uv, a third of the time; by pip where there is no uv, or where it cannot reach what pip is told of.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 ALL := --editable '.[dev]'
+$(STAMP): export PYTHONPYCACHEPREFIX :=
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
 $(STAMP): pyproject.toml
