@@ -182,6 +182,7 @@ class ParameterSearch:
     flat_growth: float = _set(3.0, "× the step", "Where the likelihood says nothing over it.")
     approach: float = _set(0.3, "× the step", "Where the top is not as high as its parabola promised.")
     kept: float = _set(0.5, "of the promised gain", "With so much of it, the parabola is right.")
+    jump: float = _set(0.7, "of how much it bent", "Over a shorter step less than a cusp does: a top it is not.")
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.errors import ModelError
-from estimator.side_by_side import interruptible, workers
+from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.pool.members import Member, Pool, held_out_by_default
 from hil.also import effects_asked
@@ -26,6 +26,7 @@ from hil.tracing import Traced, called
 _ALIKE = 1e-3  # relative, of the noise that filters leave of records traced together
 
 
+@one_blas_thread()
 @np.errstate(all="ignore")  # a free run that diverged is told by its figures, not by NumPy
 def trace_pool_files(
     captures: Sequence[Path],

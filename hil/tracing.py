@@ -10,7 +10,7 @@ from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.missing_force.result import MissingForce
 from estimator.scaling import Array
-from estimator.side_by_side import interruptible, workers
+from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
@@ -71,6 +71,7 @@ def trace_file(
     return trace(capture, named, out, fraction=fraction, report=report, force=force, also=also, progress=progress)
 
 
+@one_blas_thread()
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
 def trace(
     capture: Path,

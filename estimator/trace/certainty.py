@@ -4,17 +4,11 @@ import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
-from estimator.trace.fitting import Fitted
+from estimator.trace.fitting import Fitted, widening
 from estimator.trace.parameters import Searched
 
 TWO_SIDED = 1.959963984540054
 """Standard deviations to either side of a normal distribution's mean that hold 95 %."""
-
-
-def widening(model: Fitted) -> float:
-    """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger."""
-    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
-    return max(float(np.sqrt(np.nanmean(normalised))), 1.0)
 
 
 def covariance_of(name: str, model: Fitted, searched: Searched) -> Array:

@@ -11,12 +11,13 @@ from estimator.effects.search import Search
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Gain
+from estimator.side_by_side import together
 from estimator.trace.candidates import kind, searched_by
-from estimator.trace.certainty import TWO_SIDED, widening
+from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.constancy import constancies
 from estimator.trace.engine import Estimate
 from estimator.trace.examination import Examination
-from estimator.trace.fitting import Fitted, log_likelihood
+from estimator.trace.fitting import Fitted, log_likelihood, widening
 from estimator.trace.nameless import contest
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Level, Vote, is_positive
@@ -33,14 +34,18 @@ def claim_of(problem: Problem, selection: Selection, before: Examination, after:
         log_likelihood(one.estimates.innovation[split:], one.estimates.innovation_deviation[split:])
         for one in (before, after)
     )
+    contested, departures = together(
+        lambda: contest(before.innovations, after.innovations, split),
+        lambda: _departures(problem.part(slice(0, split)), selection, effects),
+    )
     return Claim(
         residual=replace(residual, gain=now - was),
         effects=effects,
         constants=(*constants_of(problem, selection.after), *_rate(problem, after, split)),
         levels=_levels(problem, selection, effects, split),
         votes=_votes(problem, before, after, split),
-        contest=contest(before.innovations, after.innovations, split),
-        departures=_departures(problem.part(slice(0, split)), selection, effects),
+        contest=contested,
+        departures=departures,
     )
 
 

@@ -8,8 +8,10 @@ are in twice the log-likelihood.
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
+from estimator.side_by_side import side_by_side
 from estimator.trace.criterion import TIE
 
 Fit = TypeVar("Fit")
@@ -222,15 +224,17 @@ def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None
 def pruned(model: Reducible[Fit], chosen: Chosen[Fit, Look]) -> Chosen[Fit, Look]:
     """Less what the later effects have made superfluous; one stays anyhow, and all where there are more than may be."""
     fit, kept = chosen.fit, dict(chosen.gains)
-    for name in () if chosen.more else chosen.gains:
-        if len(kept) < 2:
-            break
-        rest, loss = model.without(fit, name)
-        if loss.gain < loss.bar:
-            fit = rest
-            del kept[name]
-        else:
+    waiting = () if chosen.more else tuple(chosen.gains)
+    while waiting and len(kept) > 1:
+        losses = side_by_side([partial(model.without, fit, name) for name in waiting])
+        for number, (name, (rest, loss)) in enumerate(zip(waiting, losses, strict=True), 1):
+            if loss.gain < loss.bar:  # the others lose it from another model now
+                fit, waiting = rest, waiting[number:]
+                del kept[name]
+                break
             kept[name] = loss.gain
+        else:
+            waiting = ()
     return replace(chosen, gains=kept, fit=fit)
 
 

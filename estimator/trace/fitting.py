@@ -41,6 +41,12 @@ def log_likelihood(innovation: Array, deviation: Array) -> float:
     return float(-np.sum(terms[np.isfinite(terms)]))
 
 
+def widening(model: Fitted) -> float:
+    """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger."""
+    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
+    return max(float(np.sqrt(np.nanmean(normalised))), 1.0)
+
+
 def leads(model: Fitted, other: Fitted) -> Array:
     """By how much twice the log-likelihood of a model is larger than another's, by part of the record (parts,)."""
     (one, spread), (two, spread_of_other) = (

@@ -15,7 +15,7 @@ from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitting import Fitted, coefficients_of, fit
+from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
 from estimator.trace.nested import turned_into
 from estimator.trace.problem import Problem
 
@@ -24,8 +24,8 @@ _SET = THRESHOLDS.parameters
 
 @dataclass(frozen=True)
 class Searched:
-    """How surely n parameters were found: their covariance (n, n), and what one unit of each moves each of the k
-    coefficients of the effect by (k, n), SI.
+    """How surely n parameters were found: their covariance (n, n), as where the innovations are what the observer takes
+    them to be, and what one unit of each moves each of the k coefficients of the effect by (k, n), SI.
     """
 
     names: tuple[str, ...]
@@ -124,14 +124,13 @@ def _refined(
     for i in range(len(names)):
         top, deviation[i] = hill.climb(top, i, float(width[i]), hopeless)
         if hopeless() or hill.turned(top):
-            return hill.fitted(top), Searched(
-                names, np.diag(deviation**2), np.zeros((len(effect.coefficients), len(names)))
-            )
+            nothing = np.zeros((len(effect.coefficients), len(names)))
+            return hill.fitted(top), Searched(names, np.diag(deviation**2) / hill.variance, nothing)
     covariance = np.diag(deviation**2)
     if len(names) > 1 and np.all(deviation > 0.0):
         top, covariance = hill.together(top, deviation)
     moves = hill.moves(top, deviation)
-    return hill.fitted(top), Searched(names, covariance, moves)
+    return hill.fitted(top), Searched(names, covariance / hill.variance, moves)
 
 
 def _in_step(problem: Problem, model: Fitted, name: str) -> Fitted:
@@ -160,7 +159,13 @@ def _in_step(problem: Problem, model: Fitted, name: str) -> Fitted:
 
 
 class Hill:
-    """The likelihood of a model over the parameters of one of its effects."""
+    """The likelihood of a model over the parameters of one of its effects.
+
+    Where its innovations are larger than its observer takes them to be, differences of the likelihood are so many times
+    the variance too large: what a difference says is counted in `variance`, that of the best so far, 1 at least.
+    """
+
+    variance = 1.0
 
     def __init__(
         self,
@@ -174,6 +179,7 @@ class Hill:
         self.model = model
         self.seen: dict[bytes, tuple[float, Array]] = {}
         self.highest, self.best = -np.inf, b""
+        self._counts(model)
 
     def at(self, place: Array) -> float:
         """Twice the log-likelihood with these parameters: of one pass, for that of a second has less of its start in
@@ -188,7 +194,11 @@ class Hill:
             self.seen[key] = tried.likelihood, self._coefficients(tried)
             if tried.likelihood > self.highest:
                 self.highest, self.model, self.best = tried.likelihood, tried, key
+                self._counts(tried)
         return [self.seen[place.tobytes()][0] for place in places]
+
+    def _counts(self, best: Fitted) -> None:
+        self.variance = widening(best) ** 2 if np.isfinite(best.likelihood) else 1.0
 
     def fitted(self, place: Array) -> Fitted:
         """The model with these parameters, as candidates are compared: by a pass about the best so far, which is the
@@ -212,11 +222,13 @@ class Hill:
         self, place: Array, index: int, width: float, hopeless: Callable[[], bool] = lambda: False
     ) -> tuple[Array, float]:
         """Along one parameter: steps uphill, twice as long each, until both sides are lower; then to the top of the
-        parabola through the three, with steps of a few standard deviations.  Returns where, and its deviation.
+        parabola through the three, with steps of a few standard deviations.  Returns where, and its deviation, the
+        `variance` counted in.
 
-        It ends where the effect has turned into a simpler one, and short of the top where that is `hopeless`.
+        It ends where the effect has turned into a simpler one, and short of the top where that is `hopeless` or the
+        likelihood jumps: of half the step a parabola bends a quarter, a cusp half as much.
         """
-        deviation, uphill, moves = 0.0, 0.0, 0
+        deviation, uphill, moves, bent = 0.0, 0.0, 0, np.inf
         along = np.eye(len(place))[index]
         for _ in range(_SET.rounds):
             if self.turned(place):
@@ -232,30 +244,35 @@ class Hill:
                 width *= _SET.retreat
                 continue
             curvature = 2.0 * here - low - high
-            if max(low, high) > here + _SET.seen:
-                uphill, moves = 1.0 if high > low else -1.0, 1
+            if max(low, high) > here + _SET.seen * self.variance:
+                uphill, moves, bent = 1.0 if high > low else -1.0, 1, np.inf
                 place = place + uphill * width * along
                 width *= _SET.growth
                 continue
-            if curvature < _SET.seen:
+            if curvature < _SET.seen * self.variance:
                 if width >= _SET.widest * place[index]:
                     break
                 width *= _SET.flat_growth
+                bent = np.inf
                 continue
-            deviation = width * float(np.sqrt(2.0 / curvature))
+            if curvature > _SET.jump * bent:
+                break
+            deviation = width * float(np.sqrt(2.0 * self.variance / curvature))
             if hopeless():
                 break
             shift = 0.5 * width * (high - low) / curvature
             narrow = width < 2.0 * _SET.fine * deviation
             if abs(shift) < _SET.near * deviation and narrow:
                 break
-            gained, promised = self.at(place + shift * along) - here, (shift / deviation) ** 2
+            variance = self.variance
+            gained, promised = self.at(place + shift * along) - here, variance * (shift / deviation) ** 2
             if gained > 0.0:
                 place = place + shift * along
-            if narrow and abs(gained - promised) < _SET.near**2:  # the parabola holds as far as its top
+            if narrow and abs(gained - promised) < variance * _SET.near**2:  # the parabola holds as far as its top
                 break
             # Where the top is as high as the parabola promised, it is one; elsewhere it is come nearer to first.
             fits = narrow or gained > _SET.kept * promised
+            bent = curvature
             width = min(_SET.fine * deviation, 0.5 * width) if fits else _SET.approach * width
         return place, deviation
 
@@ -279,10 +296,12 @@ class Hill:
         if places[1].tobytes() not in self.seen:
             places.append(places[1] + step(places[1], _SET.growth * abs(first), moves + 1) * along)
         here, there, *_ = self.at_each(places)
-        return first if np.isfinite(there) and there > here + _SET.seen else 0.0
+        return first if np.isfinite(there) and there > here + _SET.seen * self.variance else 0.0
 
     def together(self, place: Array, deviation: Array) -> tuple[Array, Array]:
-        """All parameters at once, by Newton's method with differences over their deviations; place and covariance."""
+        """All parameters at once, by Newton's method with differences over their deviations; place and covariance, the
+        `variance` counted in.
+        """
         n = len(place)
         steps = np.diag(deviation)
         covariance = steps**2
@@ -299,12 +318,12 @@ class Hill:
             if not np.all(np.isfinite(sizes)) or sizes[0] <= 0.0:
                 break
             inverse = (axes / sizes) @ axes.T
-            covariance = steps @ inverse @ steps
+            covariance = self.variance * steps @ inverse @ steps
             shift = steps @ (inverse @ slope) / 2.0
             while not np.all(place + shift > 0.0):
                 shift = shift / 2.0
             gained = self.at(place + shift) - here
-            if gained <= _SET.seen:
+            if gained <= _SET.seen * self.variance:
                 break
             place = place + shift
         return place, covariance

@@ -24,7 +24,6 @@ def write_page(folder: Path, summary: Mapping[str, Any], judged: Sequence[Judgem
 
 def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
     one, two, out, calm = (summary[key] for key in ("single", "double", "outside", "calm"))
-    calibrated = summary["calibration"]
     broken, explained = len(summary["broken"]), sum(j.verdict == "explained" for j in judged)
     figures = [
         ("one effect: its class named first", one["named_first"], one["n"], "97 %"),
@@ -58,8 +57,14 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
         f"| 95 % intervals that hold the truth, one effect | {one['coefficients']} intervals "
         f"| {_share(one['coverage'])} | 92–97 % |",
         f"| 95 % intervals that hold the truth, two effects | | {_share(two['coverage'])} | |",
-        f"| stated probabilities: expected calibration error | {calibrated['n']} statements "
-        f"| {_plain(calibrated['error'])} | ≤ 0.05 |",
+        *(
+            f"| {what} | {summary[key]['n']} statements | {_plain(summary[key]['error'])} | ≤ 0.05 |"
+            for what, key in (
+                ("stated probabilities: expected calibration error", "calibration"),
+                ("… of records that are excited", "calibration_excited"),
+                ("… of calm records", "calibration_calm"),
+            )
+        ),
         "",
         "What keeps the innovation above the true noise is the rate: it moves as nobody could foresee, and the",
         "observer has to allow for it. Records with nothing hidden have the same few per cent.",

@@ -60,6 +60,8 @@ def summarise(judged: Sequence[Judgement]) -> dict[str, Any]:
         },
         "never": {"n": len(never), "adequate": sum(j.verdict == "adequate" for j in never)},
         "calibration": stated(judged).written(),
+        "calibration_calm": stated(calm).written(),
+        "calibration_excited": stated(j for j in judged if j.category != "calm").written(),
         "broken": [j.name for j in judged if j.broken],
         "confusion": confusion(j for j in judged if j.category not in ("double", "calm")),
         "confusion_double": confusion(double),

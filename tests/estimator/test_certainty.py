@@ -12,8 +12,9 @@ from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import angle, claims, examination, fitting, observer_model
 from estimator.trace.angle import AngleReader
-from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of, widening
+from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.constancy import Constancy
+from estimator.trace.fitting import widening
 from estimator.trace.parameters import NOTHING, Searched
 from estimator.trace.problem import Problem
 from tests.estimator.device import NOMINAL as DEVICE

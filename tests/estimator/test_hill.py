@@ -111,6 +111,43 @@ def test_a_slope_without_a_top_is_left_after_twelve_steps() -> None:
     assert len(counted.models) <= 16
 
 
+@pytest.mark.parametrize("variance", [1.0, 400.0, 1e6])
+def test_where_much_is_left_a_climb_is_as_short_and_a_top_as_wide_as_that_makes_it(variance: float) -> None:
+    """A parabola so many times as steep as the parameter is sure, under a roughness below what says anything."""
+
+    def rough(place: Array) -> float:
+        return -variance * (((place[0] - 5.0) / 0.1) ** 2 + 0.02 * float(np.sin(1e5 * place[0])))
+
+    counted = Counted(rough)
+    counted.hill.variance = variance
+    place, deviation = counted.hill.climb(np.array([5.4]), 0, 0.5)
+    assert abs(place[0] - 5.0) <= 0.02
+    assert deviation == pytest.approx(0.1, rel=0.05)
+    assert len(counted.models) <= 8
+
+
+def test_several_together_are_as_unsure_as_what_is_left_makes_them() -> None:
+    counted = Counted(quadratic(np.array([2.0, 5.0, 1.0]), C))
+    counted.hill.variance = 16.0
+    place, covariance = counted.hill.together(np.array([1.7, 5.5, 1.05]), np.array([0.2, 0.3, 0.1]))
+    np.testing.assert_allclose(covariance, 16.0 * C, atol=1e-11)
+    np.testing.assert_allclose(place, [2.0, 5.0, 1.0], rtol=1e-9)
+
+
+def test_where_the_likelihood_jumps_a_climb_ends() -> None:
+    """The first model found a start that no later one finds again: beside it all are lower, however near."""
+    counted = Counted(lambda place: -1e3 * (place[0] - 5.0) ** 2 - 800.0 * float(place[0] != 5.2))
+    place, _ = counted.hill.climb(np.array([5.2]), 0, 0.5)
+    assert place[0] == 5.2
+    assert len(counted.models) <= 6
+
+
+def test_a_cusp_is_a_top() -> None:
+    counted = Counted(lambda place: -1e3 * abs(float(place[0]) - 5.0))
+    place, _ = counted.hill.climb(np.array([5.3]), 0, 0.5)
+    assert abs(place[0] - 5.0) < 0.01
+
+
 def test_several_climb_along_their_own_axis_only() -> None:
     counted = Counted(lambda place: -float((place[0] - 2.0) ** 2 / 0.01 + (place[1] - 7.0) ** 2 / 0.04))
     place, deviation = counted.hill.climb(np.array([3.0, 9.0]), 1, 0.5)
@@ -220,7 +257,8 @@ class Models:
             settings = problem.settings
             likelihood = -((given["omega"] - 700.0) ** 2)
             found = ObserverSettings(initial={"kxx": given["omega"]}, effects=settings.effects)
-            return SimpleNamespace(settings=found, likelihood=likelihood, observer=given)
+            estimates = innovations(3.0 if given["omega"] == 690.0 else 5.0)
+            return SimpleNamespace(settings=found, likelihood=likelihood, observer=given, estimates=estimates)
 
         monkeypatch.setattr(parameters, "fit", fit)
         monkeypatch.setattr(
@@ -234,9 +272,14 @@ class Models:
 SYMBOLS = ("rxx", "rxy", "ryx", "ryy", "px", "py", "rx", "ry", "gx", "gy", "ax", "ay")
 
 
-def model() -> Any:
+def innovations(size: float) -> Any:
+    """So many times as large as was predicted."""
+    return SimpleNamespace(innovation=size * np.array([[1e-4, -1e-4]]), innovation_deviation=np.full((1, 2), 1e-4))
+
+
+def model(size: float = 7.0) -> Any:
     settings = ObserverSettings(initial={"kxx": 1.0}, effects={"parasitic_mode": {"omega": 600.0, "zeta": 0.01}})
-    return SimpleNamespace(settings=settings, likelihood=-10_000.0)
+    return SimpleNamespace(settings=settings, likelihood=-10_000.0, estimates=innovations(size))
 
 
 def hill(monkeypatch: pytest.MonkeyPatch, turned: Callable[[dict[str, float]], bool]) -> tuple[Hill, Models]:
@@ -283,6 +326,21 @@ def test_coefficients_are_those_of_the_effect_in_the_order_of_its_declaration(mo
     assert sorted(made._coefficients(SimpleNamespace(observer=None)).tolist()) == [1.0, 2.0, 3.0, 4.0]  # type: ignore[arg-type]
 
 
+def test_what_a_difference_says_is_counted_in_the_variance_of_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, _ = hill(monkeypatch, lambda given: False)
+    assert made.variance == pytest.approx(49.0)
+    made.at(np.array([650.0, 0.02]))
+    assert made.variance == pytest.approx(25.0)
+    made.at(np.array([690.0, 0.02]))
+    assert made.variance == pytest.approx(9.0)
+    made.at(np.array([600.0, 0.02]))  # worse
+    assert made.variance == pytest.approx(9.0)
+    assert Hill(PROBLEM, model(0.5), "parasitic_mode", ("omega", "zeta")).variance == 1.0  # never surer than predicted
+    lost = model()
+    lost.likelihood = -np.inf
+    assert Hill(PROBLEM, lost, "parasitic_mode", ("omega", "zeta")).variance == 1.0
+
+
 def test_a_parameter_of_which_nothing_is_known_moves_nothing() -> None:
     counted = Counted(lambda place: 0.0)
     hill = counted.hill
@@ -306,7 +364,7 @@ class Climbs:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.asked: list[tuple[tuple[float, ...], int, float]] = []
-        self.deviations, self.is_turned, self.highest = [0.5, 0.25], False, -np.inf
+        self.deviations, self.is_turned, self.highest, self.variance = [0.5, 0.25], False, -np.inf, 1.0
         monkeypatch.setattr(parameters, "Hill", self)
 
     def __call__(self, problem: Problem, model: Any, name: str, names: tuple[str, ...]) -> "Climbs":
@@ -350,6 +408,10 @@ def test_each_parameter_climbs_by_itself_then_all_together(monkeypatch: pytest.M
     assert searched.names == ("omega", "zeta")
     assert (searched.deviation("omega"), searched.deviation("zeta")) == (3.0, 2.0)
     assert searched.moves.shape == (12, 2)
+    climbs.variance = 4.0  # which the interval of a parameter counts in
+    _, searched = refine_parameters(PROBLEM, carrying("parasitic_mode", MODE), "parasitic_mode")
+    assert (searched.deviation("omega"), searched.deviation("zeta")) == (1.5, 1.0)
+    climbs.variance = 1.0
     climbs.deviations = [0.5, 0.0]  # one of which nothing is known
     found, searched = refine_parameters(PROBLEM, carrying("parasitic_mode", MODE), "parasitic_mode")
     assert found == pytest.approx((602.0, 2.01))

@@ -8,12 +8,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from estimator.errors import ModelError
 from estimator.side_by_side import (
     WORKERS,
     Abandoned,
     interruptible,
+    one_blas_thread,
     one_worker_each,
     side_by_side,
     stop_if_abandoned,
@@ -217,3 +219,18 @@ def test_no_number_of_workers_is_said(monkeypatch, told):
     monkeypatch.setenv(WORKERS, told)
     with pytest.raises(ModelError, match=f"{WORKERS}={told}: no number of workers"):
         side_by_side([lambda: 0] * 2)
+
+
+def test_one_blas_thread_while_the_pieces_use_the_processors() -> None:
+    """As many as before, behind it and behind an error."""
+
+    def threads() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        with one_blas_thread():
+            assert threads() == {1}
+        assert threads() == {2}
+        with pytest.raises(ModelError), one_blas_thread():
+            raise ModelError("lost")
+        assert threads() == {2}

@@ -81,5 +81,8 @@ def test_the_campaign_counts_and_draws_them(tmp_path: Path) -> None:
     judged = [judge(truth("single", GAIN), answer), judge(truth("clean"), answer), judge(truth("clean"), None)]
     found = summarise(judged)["calibration"]
     assert (found["n"], found["error"]) == (2, pytest.approx(0.25))
+    both = summarise([*judged, judge(truth("calm", GAIN), answer)])
+    for kind, number, error in (("", 3, 1 / 12), ("_excited", 2, 0.25), ("_calm", 1, 0.25)):
+        assert (both[f"calibration{kind}"]["n"], both[f"calibration{kind}"]["error"]) == (number, pytest.approx(error))
     draw(tmp_path / "c.svg", calibration([(0.75, True), (0.75, False)]), "two")
     assert "2 statements, expected calibration error 0.250" in (tmp_path / "c.svg").read_text(encoding="utf-8")
