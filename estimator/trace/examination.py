@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from estimator.diagnosis import Finding, Fit, Residual
+from estimator.errors import DivergedError
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.residual.analysis import analyse
@@ -41,7 +42,10 @@ class Examination:
 
 
 def examine(problem: Problem, split: int) -> Examination:
-    """Run the observer as the bench has it over the record, its effects with coefficients that stay as given."""
+    """Run the observer as the bench has it over the record, its effects with coefficients that stay as given.
+
+    Raises DivergedError where it does not follow the part that was fitted, or the rest, at all.
+    """
     record, device, settings = problem.record, problem.device, problem.settings
     observer = Observer(device, settings, problem.controller)
     observer.hold_coefficients()
@@ -54,6 +58,8 @@ def examine(problem: Problem, split: int) -> Examination:
     begin, end = slice(settled, split), slice(split, len(record) // every * every)
     parts = []
     for rows in (begin, end):
+        if not np.any(np.all(np.isfinite(estimates.innovation[rows]), axis=1)):
+            raise DivergedError
         part = part_of(estimates, rows, every)
         parts.append(analyse(part.innovation, part.innovation_deviation, part, record.part(rows), resonance))
     (fitted, findings, _), (held_out, _, _) = parts

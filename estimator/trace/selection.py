@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from estimator.errors import ModelError
+from estimator.errors import DivergedError
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, pruned
@@ -69,10 +69,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
     compared = problem.part(slice(0, _SET.compared))
     start = Carrying(compared, fit(compared))
     if not math.isfinite(start.fitted.likelihood):
-        raise ModelError(
-            "the observer diverges on this record; correct [device] (signs, gains, noise_V) or [observer] (memory_s, "
-            "initial_sd) in the bench file"
-        )
+        raise DivergedError
     family = ObserverModel(compared, progress)
     chosen = pruned(family, choose(family, start, RULES, lambda done, most: progress("effects", done, most)))
     carrying = chosen.steps[-1].trial.fit if chosen.steps else start

@@ -9,6 +9,7 @@ import numpy as np
 from estimator.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
+from estimator.errors import DivergedError
 from estimator.settings import Device, ObserverSettings
 from estimator.side_by_side import side_by_side, together
 from estimator.thresholds import THRESHOLDS
@@ -131,7 +132,13 @@ def _judged(
         why |= nothing | unlawful
         elses += unlawful
         named = {name: given for name, given in selection.effects.items() if name not in known}
-        after = examine(problem.carrying(selection.effects), split) if named else before
+        try:
+            after = examine(problem.carrying(selection.effects), split) if named else before
+        except DivergedError:
+            least = min(named, key=lambda name: selection.gain.get(name, 0.0))
+            why[least] = "over the whole record the observer diverges with it"
+            selection = without(part, selection, (least,))
+            continue
         claim = claim_of(problem, selection, before, after, split)
         left = leftover(selection, part.record.part(slice(0, selection.samples)), resonance)
         against = promises.broken(claim) if named else ()

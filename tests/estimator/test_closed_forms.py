@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from estimator.diagnosis import Fit, Verdict
-from estimator.errors import ModelError
+from estimator.errors import DivergedError, ModelError
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.residual import dependence, spectrum, whiteness
@@ -184,6 +184,13 @@ def test_of_a_long_record_four_states_a_cycle_are_kept_and_scored_beside_the_rat
     assert found.held_out.rate_error_rms == pytest.approx(float(np.sqrt(np.mean(off[later] ** 2))))
     fitted = (index >= found.settled.start) & ~later
     assert found.fitted.rate_error_rms == pytest.approx(float(np.sqrt(np.mean(off[fitted] ** 2))))
+
+
+@pytest.mark.parametrize("k3", [-1e40, 1e40])
+def test_an_observer_that_does_not_follow_is_told_and_no_error_of_arithmetic(k3: float) -> None:
+    problem = ring(8000, rate=np.zeros(8000)).carrying({"cubic_stiffness": {"k3x": k3, "k3y": k3}})
+    with np.errstate(all="ignore"), pytest.raises(DivergedError, match="the observer diverges on this record; correct"):
+        examination.examine(problem, 5000)
 
 
 def test_a_part_of_the_estimates_has_the_states_of_its_own_samples() -> None:

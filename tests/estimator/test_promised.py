@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimator.diagnosis import Fit, Verdict
+from estimator.errors import DivergedError
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
@@ -42,7 +43,7 @@ class Selected:
 def judged(monkeypatch):
     """The verdict of a selection, where the residual is as given for each set of effects, with what is left."""
 
-    def run(coefficients, gain, residuals, left=None, **claimed):
+    def run(coefficients, gain, residuals, left=None, diverging=(), **claimed):
         left = left or {}
 
         def key(selection):
@@ -59,7 +60,13 @@ def judged(monkeypatch):
 
         fit = Fit((1.0, 1.0), (1.0, 1.0), 1.0, 0.5)
         seen = SimpleNamespace(held_out=fit, findings=())
-        monkeypatch.setattr(tracing, "examine", lambda problem, split: seen)
+
+        def examine(problem, split):
+            if set(problem.effects) & set(diverging):
+                raise DivergedError
+            return seen
+
+        monkeypatch.setattr(tracing, "examine", examine)
         monkeypatch.setattr(tracing, "without", less)
         monkeypatch.setattr(tracing, "claim_of", claim)
         monkeypatch.setattr(tracing, "leftover", lambda selection, record, resonance: left.get(key(selection), ()))
@@ -86,6 +93,24 @@ def test_one_that_may_be_nothing_goes_and_the_rest_is_judged_anew(judged):
     )
     assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"drive_gain"})
     assert "may as well be nothing" in found.why["nonreciprocal_stiffness"]
+
+
+def test_one_with_which_the_observer_diverges_goes_and_the_rest_is_judged_anew(judged):
+    """The least of them first: which one it is nobody knows."""
+    found = judged(
+        {"drive_delay": {"tux": SURE}, "drive_gain": {"hx": SURE}},
+        {"drive_delay": 90.0, "drive_gain": 500.0},
+        {("drive_gain",): errors(3.0, 1.0)},
+        diverging=("drive_delay",),
+    )
+    assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"drive_gain"})
+    assert found.why["drive_delay"] == "over the whole record the observer diverges with it"
+    nothing = judged(
+        {"drive_gain": {"hx": SURE}}, {"drive_gain": 500.0}, {(): errors(3.0, 3.0)}, {(): ("a line is left",)},
+        diverging=("drive_gain",),
+    )  # fmt: skip
+    assert (nothing.verdict, nothing.named) == (Verdict.UNEXPLAINED, {})
+    assert any("drive gain is no explanation: over the whole record" in reason for reason in nothing.reasons)
 
 
 def test_friction_that_drives_is_not_named(judged):
