@@ -118,7 +118,7 @@ class Model(Protocol[Fit, Look]):
         """What the part of the record that has no vote says against taking `name`."""
 
 
-class Reducible(Protocol[Fit]):
+class Reducible(Model[Fit, Look], Protocol[Fit, Look]):
     """A family whose models can lose an effect again."""
 
     def without(self, current: Fit, name: str) -> tuple[Fit, Score]:
@@ -139,13 +139,15 @@ class Dissent(Enum):
 @dataclass(frozen=True)
 class Rules:
     """most: effects that are taken at most; dissent; signs: whether a coefficient that is declared positive may not be
-    negative beyond doubt; anew: whether one that was is tried again in the next round, beside what was taken.
+    negative beyond doubt; anew: whether one that was is tried again in the next round, beside what was taken; near: the
+    share of a gain from which on one that was beaten is asked again (`exchanged`), None where nobody is.
     """
 
     most: int
     dissent: Dissent
     signs: bool = True
     anew: bool = False
+    near: float | None = None
 
 
 @dataclass(frozen=True)
@@ -182,8 +184,11 @@ def choose(
     start: Fit,
     rules: Rules,
     progress: Callable[[int, int], None] = lambda done, most: None,
+    reducible: Reducible[Fit, Look] | None = None,
 ) -> Chosen[Fit, Look]:
-    """Add effects to `start`, as many as are worth their price and `rules` allow; progress: rounds done, at most."""
+    """Add effects to `start`, as many as are worth their price and `rules` allow; progress: rounds done, at most;
+    reducible: the family, where it is one whose effects may be exchanged.
+    """
     steps: list[Step[Fit]] = []
     rounds: list[Round[Look]] = []
     barred: dict[str, str] = {}
@@ -201,7 +206,9 @@ def choose(
         if taken is not None:
             beside = {name: trial for name, trial in trials.items() if name != taken}
             steps.append(Step(taken, trials[taken], current, beside))
-            current = trials[taken].fit
+            if reducible is not None and rules.near is not None:
+                steps, rounds = exchanged(reducible, steps, rounds, rules.near, signs=rules.signs)
+            current = steps[-1].trial.fit
         elif not again:
             break
     more = len(steps) == rules.most and bool(model.hopeful(rounds[-1].look, {}, len(steps)))
@@ -210,6 +217,52 @@ def choose(
         current = steps[-1].trial.fit if steps else start
     gains = {step.name: step.trial.score.gain for step in steps}
     return Chosen(tuple(steps), tuple(rounds), barred, more, gains, current)
+
+
+def exchanged(
+    model: Reducible[Fit, Look], steps: list[Step[Fit]], rounds: list[Round[Look]], near: float, *, signs: bool
+) -> tuple[list[Step[Fit]], list[Round[Look]]]:
+    """What was taken before the last is asked once more beside all that is carried now, against those that came near
+    it then: where one of them is the better account by more than `TIE`, it takes its place.
+
+    An effect that is chosen while another is missing has to draw some of that one, too (Miller, Subset Selection in
+    Regression, 2002, ch. 3: sequential replacement).
+    """
+    for step in steps[:-1]:
+        known = {one.name for one in steps}
+        enough = near * step.trial.score.gain
+        names = [name for name, beside in step.beside.items() if beside.score.gain > enough and name not in known]
+        if not names:
+            continue
+        current = steps[-1].trial.fit
+        at = next(number for number, one in enumerate(rounds) if one.taken == step.name)
+        less, kept = model.without(current, step.name)
+        fits = {
+            name: found
+            for name, found in model.fit(less, rounds[at].look, names, {}).items()
+            if not isinstance(found, str) and not (signs and unphysical(model.coefficients(found)))
+        }
+        scores = model.score(less, rounds[at].look, fits) if fits else {}
+        trials = {name: Trial(fits[name], scores[name]) for name in fits}
+        if not trials:
+            continue
+        best = leader(trials)
+        better = trials[best].score.standing > kept.standing + TIE
+        if not better or model.objection(less, best, trials[best]) is not None:
+            continue
+        beside = {name: trial for name, trial in trials.items() if name != best} | {step.name: Trial(current, kept)}
+        steps = [*(one for one in steps if one is not step), Step(best, trials[best], less, beside)]
+        rounds = [*rounds[:at], _exchanged_in(rounds[at], best), *rounds[at + 1 :]]
+    return steps, rounds
+
+
+def _exchanged_in(one: Round[Look], best: str) -> Round[Look]:
+    why = {best: (Outcome.TAKEN, ""), one.taken: (Outcome.BEATEN, "another explains more for its price")}
+    tried = (
+        replace(each, outcome=why[each.name][0], reason=why[each.name][1]) if each.name in why else each
+        for each in one.tried
+    )
+    return replace(one, tried=tuple(tried), taken=best)
 
 
 def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None:
@@ -221,7 +274,7 @@ def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None
     return None
 
 
-def pruned(model: Reducible[Fit], chosen: Chosen[Fit, Look]) -> Chosen[Fit, Look]:
+def pruned(model: Reducible[Fit, Look], chosen: Chosen[Fit, Look]) -> Chosen[Fit, Look]:
     """Less what the later effects have made superfluous; one stays anyhow, and all where there are more than may be."""
     fit, kept = chosen.fit, dict(chosen.gains)
     waiting = () if chosen.more else tuple(chosen.gains)

@@ -22,7 +22,8 @@ def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple
     if not np.isfinite(selection.after.likelihood):
         return ("the observer does not converge on this record",)
     patchwork = f"it takes more than {MOST} effects to bring the residual down: they are not its cause"
-    return (*((patchwork,) if selection.patchwork else ()), *unexplained(selection.after, record, resonance_hz))
+    is_patchwork = selection.patchwork and len(selection.gain) >= MOST  # fewer may do, and are asked by themselves
+    return (*((patchwork,) if is_patchwork else ()), *unexplained(selection.after, record, resonance_hz))
 
 
 def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str, ...]:

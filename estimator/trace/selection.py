@@ -27,7 +27,7 @@ _SET = THRESHOLDS.choice
 MOST = _SET.most
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
 
-RULES = Rules(MOST, Dissent.ENDS, signs=False)
+RULES = Rules(MOST, Dissent.ENDS, signs=False, near=THRESHOLDS.width.refined)
 """Signs are not asked for yet: figures are those of the campaign."""
 
 
@@ -71,7 +71,8 @@ def select(problem: Problem, progress: Progress) -> Selection:
     if not math.isfinite(start.fitted.likelihood):
         raise DivergedError
     family = ObserverModel(compared, progress)
-    chosen = pruned(family, choose(family, start, RULES, lambda done, most: progress("effects", done, most)))
+    found = choose(family, start, RULES, lambda done, most: progress("effects", done, most), reducible=family)
+    chosen = pruned(family, found)
     carrying = chosen.steps[-1].trial.fit if chosen.steps else start
     model, searched = carrying.fitted, dict(carrying.searched)
     effects = coefficients_of(chosen.fit.fitted.observer)

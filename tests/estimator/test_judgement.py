@@ -111,10 +111,13 @@ def test_how_much_can_be_predicted_is_told_as_a_share(monkeypatch, share, says):
 
 
 def test_more_effects_than_may_be_are_no_explanation_and_no_more_is_one_that_diverged():
-    selection = SimpleNamespace(after=model(white()), patchwork=True)
+    three = dict.fromkeys("abc", 9.0)
+    selection = SimpleNamespace(after=model(white()), patchwork=True, gain=three)
     assert [reason for reason in leftover(selection, RECORD, RESONANCE) if "more than 3 effects" in reason]
-    assert leftover(SimpleNamespace(after=model(white()), patchwork=False), RECORD, RESONANCE) == ()
-    diverged = SimpleNamespace(after=model(white(), likelihood=-np.inf), patchwork=False)
+    for gain, patchwork in ((three, False), ({"a": 9.0, "b": 9.0}, True)):  # two that do without the third are two
+        enough = SimpleNamespace(after=model(white()), patchwork=patchwork, gain=gain)
+        assert leftover(enough, RECORD, RESONANCE) == ()
+    diverged = SimpleNamespace(after=model(white(), likelihood=-np.inf), patchwork=False, gain={})
     assert leftover(diverged, RECORD, RESONANCE) == ("the observer does not converge on this record",)
 
 
