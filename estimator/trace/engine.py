@@ -5,6 +5,7 @@ taken and what follows when the part of the record that has no vote objects, its
 are in twice the log-likelihood.
 """
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -59,6 +60,7 @@ class Outcome(Enum):
     OBJECTED = "objected"  # the part without a vote is against it
     AFTER = "after"  # follows one that was objected to
     BEATEN = "beaten"  # another was better
+    SUPERFLUOUS = "superfluous"  # was taken, and those taken later do without it
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class Dissent(Enum):
 class Rules:
     """most: effects that are taken at most; dissent; signs: whether a coefficient that is declared positive may not be
     negative beyond doubt; anew: whether one that was is tried again in the next round, beside what was taken; near: the
-    share of a gain from which on one that was beaten is asked again (`exchanged`), None where nobody is.
+    share of a gain from which on one that was beaten is asked again (`reconsidered`), None where nobody is.
     """
 
     most: int
@@ -187,7 +189,7 @@ def choose(
     reducible: Reducible[Fit, Look] | None = None,
 ) -> Chosen[Fit, Look]:
     """Add effects to `start`, as many as are worth their price and `rules` allow; progress: rounds done, at most;
-    reducible: the family, where it is one whose effects may be exchanged.
+    reducible: the family, where what was taken is reconsidered.
     """
     steps: list[Step[Fit]] = []
     rounds: list[Round[Look]] = []
@@ -206,9 +208,9 @@ def choose(
         if taken is not None:
             beside = {name: trial for name, trial in trials.items() if name != taken}
             steps.append(Step(taken, trials[taken], current, beside))
-            if reducible is not None and rules.near is not None:
-                steps, rounds = exchanged(reducible, steps, rounds, rules.near, signs=rules.signs)
-            current = steps[-1].trial.fit
+            current = trials[taken].fit
+            if reducible is not None:
+                current, steps, rounds = reconsidered(reducible, current, steps, rounds, rules, barred)
         elif not again:
             break
     more = len(steps) == rules.most and bool(model.hopeful(rounds[-1].look, {}, len(steps)))
@@ -219,31 +221,32 @@ def choose(
     return Chosen(tuple(steps), tuple(rounds), barred, more, gains, current)
 
 
-def exchanged(
-    model: Reducible[Fit, Look], steps: list[Step[Fit]], rounds: list[Round[Look]], near: float, *, signs: bool
-) -> tuple[list[Step[Fit]], list[Round[Look]]]:
-    """What was taken before the last is asked once more beside all that is carried now, against those that came near
-    it then: where one of them is the better account by more than `TIE`, it takes its place.
+def reconsidered(
+    model: Reducible[Fit, Look],
+    current: Fit,
+    steps: list[Step[Fit]],
+    rounds: list[Round[Look]],
+    rules: Rules,
+    barred: dict[str, str],
+) -> tuple[Fit, list[Step[Fit]], list[Round[Look]]]:
+    """What was taken before the last, each once more beside all that is carried now: one that has become superfluous
+    goes for good, and one that came near it then takes its place where it is the better account by more than `TIE`.
 
     An effect that is chosen while another is missing has to draw some of that one, too (Miller, Subset Selection in
-    Regression, 2002, ch. 3: sequential replacement).
+    Regression, 2002, ch. 3: Efroymson's algorithm and sequential replacement).
     """
+    newest = steps[-1].name
     for step in steps[:-1]:
-        known = {one.name for one in steps}
-        enough = near * step.trial.score.gain
-        names = [name for name, beside in step.beside.items() if beside.score.gain > enough and name not in known]
-        if not names:
-            continue
-        current = steps[-1].trial.fit
-        at = next(number for number, one in enumerate(rounds) if one.taken == step.name)
         less, kept = model.without(current, step.name)
-        fits = {
-            name: found
-            for name, found in model.fit(less, rounds[at].look, names, {}).items()
-            if not isinstance(found, str) and not (signs and unphysical(model.coefficients(found)))
-        }
-        scores = model.score(less, rounds[at].look, fits) if fits else {}
-        trials = {name: Trial(fits[name], scores[name]) for name in fits}
+        at = next(number for number, one in enumerate(rounds) if one.taken == step.name)
+        others = [one for one in steps if one is not step]
+        if kept.gain < kept.bar:
+            barred[step.name] = f"superfluous beside {newest.replace('_', ' ')}"
+            lost = {step.name: (Outcome.SUPERFLUOUS, barred[step.name])}
+            current, steps = less, others
+            rounds = [*rounds[:at], _untaken(rounds[at], lost), *rounds[at + 1 :]]
+            continue
+        trials = _near(model, less, rounds[at].look, step, {one.name for one in steps}, rules)
         if not trials:
             continue
         best = leader(trials)
@@ -251,12 +254,27 @@ def exchanged(
         if not better or model.objection(less, best, trials[best]) is not None:
             continue
         beside = {name: trial for name, trial in trials.items() if name != best} | {step.name: Trial(current, kept)}
-        steps = [*(one for one in steps if one is not step), Step(best, trials[best], less, beside)]
-        rounds = [*rounds[:at], _exchanged_in(rounds[at], best), *rounds[at + 1 :]]
-    return steps, rounds
+        current, steps = trials[best].fit, [*others, Step(best, trials[best], less, beside)]
+        rounds = [*rounds[:at], _exchanged(rounds[at], best), *rounds[at + 1 :]]
+    return current, steps, rounds
 
 
-def _exchanged_in(one: Round[Look], best: str) -> Round[Look]:
+def _near(
+    model: Reducible[Fit, Look], less: Fit, look: Look, step: Step[Fit], known: Collection[str], rules: Rules
+) -> dict[str, Trial[Fit]]:
+    """Beside `less`, those that came near a step when it was taken, as far as there is a model of the right signs."""
+    enough = math.inf if rules.near is None else rules.near * step.trial.score.gain
+    names = [name for name, one in step.beside.items() if one.score.gain > enough and name not in known]
+    fits = {
+        name: found
+        for name, found in (model.fit(less, look, names, {}) if names else {}).items()
+        if not isinstance(found, str) and not (rules.signs and unphysical(model.coefficients(found)))
+    }
+    scores = model.score(less, look, fits) if fits else {}
+    return {name: Trial(fits[name], scores[name]) for name in fits}
+
+
+def _exchanged(one: Round[Look], best: str) -> Round[Look]:
     why = {best: (Outcome.TAKEN, ""), one.taken: (Outcome.BEATEN, "another explains more for its price")}
     tried = (
         replace(each, outcome=why[each.name][0], reason=why[each.name][1]) if each.name in why else each

@@ -73,7 +73,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
     family = ObserverModel(compared, progress)
     found = choose(family, start, RULES, lambda done, most: progress("effects", done, most), reducible=family)
     chosen = pruned(family, found)
-    carrying = chosen.steps[-1].trial.fit if chosen.steps else start
+    carrying = found.fit
     model, searched = carrying.fitted, dict(carrying.searched)
     effects = coefficients_of(chosen.fit.fitted.observer)
     whole = len(problem.record) > len(compared.record)

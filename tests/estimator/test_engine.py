@@ -321,6 +321,22 @@ def test_what_became_superfluous_is_taken_out_and_the_rest_say_what_they_would_l
     assert list(full.gains) == ["double", "other", "truth"]
 
 
+def test_what_has_become_superfluous_leaves_its_place_while_effects_are_chosen():
+    """As many as may be are two: the third of these had to be kept out, and the first with it."""
+    effects = {"double": Worth(0.0), "truth": Worth(0.0), "other": Worth(0.0)}
+    family = Overlap(effects)
+    family.TOGETHER = Overlap.TOGETHER | {"double other": 59.0, "other truth": 89.8, "double truth": 60.0}
+    found = choose(family, (), rules(most=3), reducible=family)
+    assert names(found) == ["truth", "other"]
+    assert found.fit == ("truth", "other")
+    assert found.barred == {"double": "superfluous beside other"}
+    assert [one.taken for one in found.rounds] == [None, "truth", "other", None]
+    assert outcomes(found.rounds[0])["double"] is Outcome.SUPERFLUOUS
+    assert not found.more
+    kept = choose(family, (), rules(most=3))
+    assert names(kept) == ["double", "truth", "other"]
+
+
 def test_of_two_that_stand_for_each_other_one_stays():
     class Either(Stub):
         def likelihood(self, carried):

@@ -48,7 +48,8 @@ class Bench:
         self.fits.append((len(asked.record), tuple(asked.effects), asked.settings.initial.get("kxx")))
         return model(tuple(asked.effects), len(asked.record), self.likelihood)
 
-    def choose(self, family: Any, start: Any, rules: Any, progress: Callable[[int, int], None]) -> Any:
+    def choose(self, family: Any, start: Any, rules: Any, progress: Callable[[int, int], None], reducible: Any) -> Any:
+        assert reducible is family
         progress(1, rules.most)
         self.family, self.rules = family, rules
         rounds = [
@@ -65,8 +66,10 @@ class Bench:
         last.fitted.settings = ObserverSettings(
             initial={"kxx": 7.0}, effects={name: {} for name in last.fitted.observer.effects}
         )
+        self.last = last
+        carrying = steps[-1].trial.fit if steps else start
         return SimpleNamespace(
-            steps=steps, rounds=rounds, more=self.more, fit=last, gains=dict.fromkeys(self.kept, 500.0)
+            steps=steps, rounds=rounds, more=self.more, fit=carrying, gains=dict.fromkeys(self.kept, 500.0)
         )
 
     def refine(self, asked: Problem, fitted: Any, name: str, *, before: str) -> Any:
@@ -88,7 +91,9 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         monkeypatch.setattr(selection, "_SET", replace(selection._SET, compared=COMPARED))
         monkeypatch.setattr(selection, "fit", made.fit)
         monkeypatch.setattr(selection, "choose", made.choose)
-        monkeypatch.setattr(selection, "pruned", lambda family, chosen: chosen)
+        monkeypatch.setattr(
+            selection, "pruned", lambda family, chosen: SimpleNamespace(**(vars(chosen) | {"fit": made.last}))
+        )
         monkeypatch.setattr(selection, "refine_parameters", made.refine)
         monkeypatch.setattr(selection, "coefficients_of", lambda observer: {name: {} for name in observer.effects})
         monkeypatch.setattr(selection, "rivals", lambda step: {f"rival of {step.name}": None})
