@@ -1,15 +1,20 @@
 """Effects of one's own beside those of the catalogue of the same form: what a step costs, and the angle error left.
 
 Cost: observers with the one and with the other run over the same record by turns, in the processor's time of this
-thread; the ratio is the median of those of the turns.  Angle: the cubic stiffness that the board of s-undeclared hides,
+thread; the ratio is the median of those of the turns.  Each is declared as a bench file declares it, and one is brought
+by a package as well, through its entry point.  Angle: the cubic stiffness that the board of s-undeclared hides,
 once undone by the catalogue's effect and once by the same law as text, both as `hil trace` found it on the record of
 the run before.
 """
 
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -18,6 +23,7 @@ from benchmarks.lockstep import close_loop
 from benchmarks.row import Row, Say
 from device_emulator.scenario import load
 from estimator.custom import Coefficient, Declaration
+from estimator.effects.declaration import Effect
 from estimator.kernel.own import address, is_compiled
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
@@ -25,6 +31,7 @@ from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from hil.bench import load_bench, override
 from hil.examples import find
+from hil.own_effects import own_effects
 
 SAMPLES, TURNS, TICKS = 20_000, 15, 4_000
 LOOP_SAMPLES, SEED = 96_000, 1
@@ -35,6 +42,7 @@ CUBIC = Declaration(
     force=("-px * x**3", "-py * y**3"),
     coefficients={"px": Coefficient("1/(m²·s²)"), "py": Coefficient("1/(m²·s²)")},
 )
+PACKAGED = replace(CUBIC, name="cubic_of_a_package")
 ALIKE = {
     "cubic_stiffness": CUBIC,
     "cubic_isotropic": Declaration(
@@ -65,11 +73,9 @@ def rows(say: Say) -> list[Row]:
     """Cost of a sample of a record and of a tick of the loop for each form, time to compile, angle error."""
     figures = []
     sense, drive = _record()
-    for name, declared in ALIKE.items():
-        plain = _device()
-        scaling = Observer(plain, ObserverSettings()).scaling
-        effect = declared.effect(scaling, 2)
-        _, model = model_for(2)
+    plain = _device()
+    _, model = model_for(2)
+    for name, declared, effect in _effects(plain):
         known, begin = is_compiled(effect, model), time.perf_counter()
         address(effect, model)
         if not known:
@@ -79,9 +85,34 @@ def rows(say: Say) -> list[Row]:
         ours, theirs = partial(_observer, own, declared.name), partial(_observer, plain, name)
         for what, work in (("sample of a record", _over_record), ("tick of the loop", _ticking)):
             cost, ratio = _by_turns(partial(work, sense, drive), ours, theirs)
-            figures.append(Row(f"{name}: {what}", cost * 1e6, "µs", "catalogue", ratio))
-            say(f"{name} as text: {what} {cost * 1e6:.2f} µs, {ratio:.3f} × that of the catalogue")
+            figures.append(Row(f"{name} as {declared.name}: {what}", cost * 1e6, "µs", "catalogue", ratio))
+            say(f"{name} as {declared.name}: {what} {cost * 1e6:.2f} µs, {ratio:.3f} × that of the catalogue")
     return figures + _angle(say)
+
+
+def _effects(device: Device) -> Iterator[tuple[str, Declaration, Effect]]:
+    """The catalogue's name, what is declared in its place, and the effect of it: from text, and from a package."""
+    scaling = Observer(device, ObserverSettings()).scaling
+    for name, declared in ALIKE.items():
+        yield name, declared, declared.effect(scaling, 2)
+    with _installed(PACKAGED):
+        (effect,) = own_effects(load_bench(find("bench", "s-slow")), device)
+    yield "cubic_stiffness", PACKAGED, effect
+
+
+@contextmanager
+def _installed(declared: Declaration) -> Iterator[None]:
+    """A package whose entry point leads to `declared`, as pip would leave it."""
+    with TemporaryDirectory() as site:
+        folder = Path(site) / "one_effect-1.0.0.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: one-effect\nVersion: 1.0.0\n")
+        (folder / "entry_points.txt").write_text(f"[hil.effects]\n{declared.name} = {__name__}:PACKAGED\n")
+        sys.path.insert(0, site)
+        try:
+            yield
+        finally:
+            sys.path.remove(site)
 
 
 def _observer(device: Device, carried: str) -> Observer:
