@@ -30,10 +30,10 @@ demo: $(WARM)
 
 # Files side by side, as many as there are processors, the longest first (tests/conftest.py). Then what has to keep up
 # with the wall clock, which mostly waits: two files at a time, unless a file needs the machine to itself
-# (tests/by_the_clock.py), and beside them the tests on CAN, in which a machine of one processor takes one.
+# (tests/by_the_clock.py). Last the tests on CAN: their machine of one processor would take a whole one
+# from tests by the clock.
 BY_FILE := --dist loadfile --no-loadscope-reorder
 BESIDE := -n auto $(BY_FILE)
-VCAN_LOG := .venv/vcan.log
 
 # Bytecode is kept, whatever the environment says, but not between the sources: without it pytest compiles every file of
 # tests in each of its processes, and each process that a test starts all of the bench.
@@ -42,9 +42,8 @@ test quick coverage: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(WARM) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "not realtime"
-	@$(BIN)/python -m tests.vcan --quiet > $(VCAN_LOG) 2>&1 & vcan=$$!; trap "kill $$vcan" INT TERM; \
-	  $(BIN)/python -m pytest -n 2 $(BY_FILE) -m realtime; by_the_clock=$$?; \
-	  wait $$vcan; vcan=$$?; cat $(VCAN_LOG); exit $$((by_the_clock || vcan))
+	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m realtime
+	$(BIN)/python -m tests.vcan --quiet
 
 coverage: $(WARM) $(PAGE)
 	$(BIN)/python -m pytest --cov --cov-report=term

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 HEAVY = {"numpy", "numba", "scipy", "sympy", "matplotlib", "pyarrow", "filterpy", "pydantic", "can"}
 
 
@@ -32,6 +34,7 @@ def rooms(modules: set[str]) -> set[str]:
     return {name.partition(".")[0] for name in modules} & {"hil", "estimator", "device_emulator"}
 
 
+@pytest.mark.slow
 def test_estimator_imports_neither_bench_nor_emulator() -> None:
     assert rooms(loaded_after_all_of("estimator")) == {"estimator"}
 
@@ -50,6 +53,7 @@ def test_wire_imports_nothing_else_of_the_bench() -> None:
     assert not [name for name in modules if name.startswith("hil.") and not name.startswith("hil.wire")]
 
 
+@pytest.mark.slow
 def test_bench_does_not_import_the_emulator() -> None:
     assert "device_emulator" not in rooms(loaded_after_all_of("hil"))
 

@@ -40,6 +40,7 @@ def test_it_is_declared_where_pytest_looks() -> None:
     assert declared == {"gyrohil": "hil.pytest_plugin"}
 
 
+@pytest.mark.slow
 def test_options_keys_and_markers_are_explained(pytester: pytest.Pytester) -> None:
     told = pytester.runpytest_subprocess(*PLUGIN, "--help").stdout.str()
     for name in ("--hil-bench", "--hil-link", "--hil-clock", "--hil-arm", "hil_bench (string)", "hil_link (string)"):

@@ -43,6 +43,7 @@ def go(tmp_path: Path, link: str, seconds: float = 1.0) -> tuple[Capture, Result
     return read_capture(folder / "capture.arrow"), load_result(folder / "result.json")
 
 
+@pytest.mark.realtime
 def test_a_good_record(tmp_path: Path) -> None:
     with emulated("--sample-rate", "1000", "--rate", "-25", "--noise", "0.05") as (link, _):
         capture, result = go(tmp_path, link, 2.0)
@@ -62,14 +63,14 @@ def test_a_good_record(tmp_path: Path) -> None:
     assert list(channels(capture)) == ["t_s", "rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_counter_of_datagrams(tmp_path: Path) -> None:
     with emulated("--sample-rate", "250", "--count", "datagrams", "--crlf") as (link, _):
         capture, result = go(tmp_path, link)
     assert (result.verdict, result.samples, result.lost, capture.tick_rate_Hz) == ("good", 250, 0, 250.0)
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_bad_line_is_counted_and_fails_the_record(tmp_path: Path) -> None:
     with emulated("--sample-rate", "2000", "--corrupted", "0.02", "--lost", "0.02") as (link, _):
         capture, result = go(tmp_path, link)
@@ -81,7 +82,7 @@ def test_a_bad_line_is_counted_and_fails_the_record(tmp_path: Path) -> None:
     assert np.degrees(rates_rad_s(capture)["z"]).std() < 0.05  # what is left is sound
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_sensor_that_complains(tmp_path: Path) -> None:
     with emulated("--status", "0x14", "--start-up", "0.2") as (link, _):
         _, result = go(tmp_path, link)
@@ -138,7 +139,7 @@ def test_nothing_to_hear(tmp_path: Path) -> None:
     assert list(tmp_path.glob("*sensor*")) == []
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with emulated("--rate", "5") as (link, _):
         assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path)]) == 0

@@ -92,6 +92,7 @@ TRIED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("verb", "content"), TRIED)
 def test_a_file_that_is_none(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], verb: str, content: str
@@ -104,6 +105,7 @@ def test_a_file_that_is_none(
     assert_one_plain_line(*told(capsys, *arguments))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["result.json", "bench.toml", "capture.arrow", "estimates.arrow", "innovation.arrow"])
 @pytest.mark.parametrize("content", CONTENTS)
 def test_a_run_folder_with_a_file_that_is_none(
@@ -114,6 +116,7 @@ def test_a_run_folder_with_a_file_that_is_none(
     assert_one_plain_line(*told(capsys, "score", str(tmp_path / "run"), "--truth", str(truth)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
 def test_what_is_no_file(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], verb: str

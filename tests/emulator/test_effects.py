@@ -253,6 +253,7 @@ CASES: dict[str, tuple[dict[str, float], Law, int, float]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_what_acts_on_the_mass(name: str) -> None:
     coefficients, law, inner, tolerance = CASES[name]

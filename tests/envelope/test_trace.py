@@ -28,6 +28,7 @@ def traced(time, shown, *, logarithmic=True, **given):
     return trace_envelope(Envelope(time, shown, logarithmic), resonator(**given), by_turns(len(time)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_named_with_its_coefficient(name):
     symbol, size, force = LAWS[name]
@@ -55,6 +56,7 @@ def test_linear_damping_lacks_nothing():
     assert "a quality factor of 31" in found.reasons[0]
 
 
+@pytest.mark.slow
 def test_friction_beside_drag_are_both_named():
     laws = [LAWS["dry_friction"][1:], LAWS["drag"][1:]]
     time, amplitude = envelope_of(laws, 8.0)
@@ -120,6 +122,7 @@ def test_what_is_no_ring_down_is_refused():
         traced(time[::-1], -time)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """Forty draws of the noise; by the residual's spectrum alone the scatter was 1.3 times what the intervals said."""
     symbol, size, force = LAWS["drag"]

@@ -11,6 +11,7 @@ IN_C = [  # a step of its own is compiled first
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("case", IN_C)
 def test_angle_state_and_deviations_are_those_of_the_step_in_c(case: Case) -> None:

@@ -244,6 +244,7 @@ def laws() -> st.SearchStrategy[str]:
     return st.recursive(leaves, grown, max_leaves=6)
 
 
+@pytest.mark.slow
 @given(laws())
 @settings(max_examples=200, deadline=None)
 def test_a_law_means_what_python_means_by_it(text: str) -> None:

@@ -176,6 +176,7 @@ def integrated(observer: Observer, start: Array, share: float) -> Array:
     return ends.reshape(start.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORCES)
 def test_flow_with_an_effect_is_that_of_an_integrator(name: str) -> None:
     observer = carrying(name)
@@ -187,6 +188,7 @@ def test_flow_with_an_effect_is_that_of_an_integrator(name: str) -> None:
     assert np.abs(step(observer, start, observer.x[4:])[:, 0] - with_effect).max() < tolerance * size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples_a_cycle", [16, 20, 28])
 def test_a_large_effect_is_followed_beyond_what_its_coefficient_is_known_to(samples_a_cycle: int) -> None:
     """A spring that hardens by 15 %: seconds of a record tell its coefficient to 2e-5, and a step must not be off by so
@@ -212,6 +214,7 @@ def turning(size: float, since: float) -> Array:
     return np.array([size * np.cos(first), size * np.sin(first), -0.6 * np.cos(second), -0.6 * np.sin(second)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "tolerance"), [("dry_friction", 3e-4), ("dry_friction_asymmetric", 2e-3)])
 @pytest.mark.parametrize("rest", [0.003, 0.007, 0.02, 0.1])
 @pytest.mark.parametrize("size", [1.0, 0.1])
@@ -231,6 +234,7 @@ def test_friction_is_followed_through_turning_points(
         assert np.abs(error).max() < tolerance * c[9] * observer.h, since
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dry_friction", "dry_friction_asymmetric"])
 @pytest.mark.parametrize(("size", "rest"), [(1.0, 0.007), (1.0, 0.05), (0.05, 0.02), (0.01, 0.02)])
 def test_jacobian_of_friction_is_that_of_an_integrator(
@@ -249,6 +253,7 @@ def test_jacobian_of_friction_is_that_of_an_integrator(
         assert np.abs(error).max() < 0.03 * c[9], since
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["drive_delay", "sense_delay"])
 def test_friction_turns_over_on_a_late_path_too(path: str) -> None:
     """The same kinks where the drive of an interval acts in pieces, and where the state is carried back."""

@@ -164,6 +164,7 @@ def test_an_interval_beyond_the_flow_is_refused() -> None:
         observer.run(np.zeros((1, 2)), np.zeros((1, 2)), step=np.array([0.1]))
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_rate_moves_the_velocities_as_a_steep_ramp_does() -> None:
     """Ω̇ has no place in a flow of constant Ω; the declared jump stands for its impulse."""
     jump = evaluated(GYRO).jumps(np.array([0.3, 0.0, -0.7, 0.0]))[layout.RATE]

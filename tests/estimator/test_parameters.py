@@ -39,6 +39,7 @@ def with_a_line(amplitude: float) -> Record:
     return Record(record.sense + line, record.drive, record.step, record.channels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("earlier", [None, NOTHING])
 def test_a_frequency_is_found_within_its_bound(earlier: object) -> None:
     """Its deviation is that of a line in white noise, √(24/n) 2σ/(a T) for one channel (Rife & Boorstyn 1974)."""

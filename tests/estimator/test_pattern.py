@@ -35,6 +35,7 @@ def angles(states: Array, w: float, rate: float) -> Array:
     return np.array(theta[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [3e-2, -3e-2])
 def test_corrected_formula_is_exact_and_the_pattern_lags_the_board(rate: float) -> None:
     h, samples = 0.3, 2200  # three turns

@@ -34,6 +34,7 @@ def test_each_variant_estimates_its_states(variant: Variant, states: int) -> Non
     assert ("kxx" in observer.estimated) == (variant is not Variant.SENSE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", list(Gain))
 @pytest.mark.parametrize("variant", list(Variant))
 def test_angle_rate_and_parameters_are_right(variant: Variant, gain: Gain) -> None:

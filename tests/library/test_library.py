@@ -27,6 +27,7 @@ def test_importing_loads_nothing_heavy() -> None:
     assert done.stdout.strip() == ""
 
 
+@pytest.mark.slow
 def test_opening_what_is_there_loads_no_estimator(run: hil.Run) -> None:
     heavy = ("numba", "sympy", "scipy", "matplotlib", "hil.bench", "estimator.observer")
     program = f"import hil, sys; run = hil.load({str(run.path)!r}); run.verdict, run.angle.values[-1], run.innovation; "
@@ -92,12 +93,14 @@ def test_tables_keep_units_and_values(run: hil.Run) -> None:
     assert np.array_equal(frame["angle_rad"].to_numpy(), run.angle.values)
 
 
+@pytest.mark.slow
 def test_a_replay_of_a_run_by_its_own_bench_is_the_same(run: hil.Run, tmp_path: Path) -> None:
     again = hil.replay(run, out=tmp_path)
     assert np.allclose(again.rate.values, run.rate.values, atol=1e-9)
     assert again.path.parent == tmp_path
 
 
+@pytest.mark.slow
 def test_arrays_without_a_file_are_replayed_as_the_record_is(run: hil.Run, tmp_path: Path) -> None:
     arrays = {"t_s": run.capture.t_s, **run.capture.columns}
     from_arrays = hil.replay(arrays, run.bench, out=tmp_path)

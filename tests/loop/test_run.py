@@ -63,6 +63,7 @@ def refused(kind: type[Exception], declared: Bench, link: str, out: Path) -> str
     return message
 
 
+@pytest.mark.slow
 def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
     stages: list[Progress] = []
     scenario = gyro.scenario(tmp_path / "board.toml")

@@ -43,6 +43,7 @@ def test_a_refusal_is_one_line_and_a_remedy(service: Serving, method: str, path:
     assert "\n" not in body["error"] + body["remedy"]
 
 
+@pytest.mark.slow
 def test_programs_of_the_same_user_find_it_while_it_lasts(tmp_path: Path) -> None:
     folder = tmp_path / "runs"
     with serving(folder) as running:
@@ -95,6 +96,7 @@ def _refused(*options: str) -> str:
     return line
 
 
+@pytest.mark.slow
 def test_what_cannot_be_served_is_refused_in_one_line(tmp_path: Path, service: Serving) -> None:
     port = service.address.rpartition(":")[2]
     assert "--port" in _refused("--folder", str(tmp_path / "a"), "--port", port)

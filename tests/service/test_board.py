@@ -22,7 +22,9 @@ from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
 from tests.loop.processes import alive, command_line, safe_reason
 from tests.service.serving import Serving, serving
 
-pytestmark = pytest.mark.realtime  # of boards that follow a clock on the wall
+# Boards follow a clock on the wall; and a service looks for a lost one under the name of its pty, which the system may
+# have given to a board of other tests by then.
+pytestmark = pytest.mark.realtime(alone=True)
 LONG_S = 300.0
 PATIENCE_S = 60.0
 

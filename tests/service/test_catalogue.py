@@ -183,6 +183,7 @@ def test_an_older_database_is_brought_up_to_date(source: Path, runs: Path) -> No
     made.close()
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_of_a_look_it_goes_on(source: Path, runs: Path) -> None:
     for number in range(250):
         another(source, runs, f"20250101-{number:06d}-run")
@@ -214,6 +215,7 @@ def test_killed_in_the_middle_of_a_look_it_goes_on(source: Path, runs: Path) -> 
     made.close()
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_is_listed_as_interrupted(runs: Path, catalogue: Catalogue) -> None:
     script = (
         "import sys, hil; bench = hil.load_bench('s-slow').with_(loop={'settle_s': 0.5});"

@@ -79,6 +79,7 @@ def test_the_figures_for_prometheus(bench: Serving) -> None:
     assert "hil_board_connected" in found
 
 
+@pytest.mark.slow
 def test_top_says_what_the_board_does(bench: Serving) -> None:
     said = hil_says("top", "--once", "--folder", str(bench.folder))
     assert said.returncode == 0, said.stderr

@@ -120,6 +120,7 @@ def test_a_ticket_reads_one_path_and_changes_nothing(service: Serving) -> None:
         assert service.ask("POST", "/api/ticket", json={"path": path}).status_code == 422
 
 
+@pytest.mark.slow
 def test_roles(tmp_path: Path) -> None:
     with serving(tmp_path / "runs", "--listen", "127.0.0.1") as running:
         tokens = {role: running.token(role) for role in ("look", "operate", "administer")}
@@ -133,6 +134,7 @@ def test_roles(tmp_path: Path) -> None:
             assert running.ask("GET", "/api/who", token=tokens[role]).json()["role"] == role
 
 
+@pytest.mark.slow
 def test_read_only(tmp_path: Path) -> None:
     with serving(tmp_path / "runs", "--read-only") as running:
         assert running.ask("GET", "/api/who").json()["role"] == "look"

@@ -14,6 +14,7 @@ FRAMES = 20_000
 """More than the socket between the reading thread and the link has room for."""
 
 
+@pytest.mark.slow
 def test_a_link_on_a_busy_bus_is_closed_although_nobody_reads() -> None:
     channel = "busy"
     link = open_adapter(f"can:virtual:{channel}", "virtual", channel, 1, HOST, {})

@@ -72,6 +72,7 @@ def test_two_frames_may_share_a_delimiter(sent):
     assert Decoder().feed(b"\0".join([b"", *runs, b""])) == sent
 
 
+@pytest.mark.slow
 @untimed
 @given(
     st.lists(noise | frames.map(lambda frame: encode_frame(*frame)), max_size=5),

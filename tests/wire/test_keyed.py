@@ -627,6 +627,7 @@ def test_places_without_a_key_file(tmp_path):
         make_key(tmp_path / "no" / "folder.key")
 
 
+@pytest.mark.slow
 def test_the_verb(tmp_path):
     def hil(*arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "hil", "key", *arguments]
