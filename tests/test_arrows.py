@@ -66,6 +66,7 @@ ROOT = Path(__file__).parents[1]
 INSIDE = {"_p", "_c", "_record", "_memory", "_intensity", "_start", "_prior", "_spread", "_table", "_motion_spread"}
 
 
+@pytest.mark.slow
 def test_nobody_reaches_into_an_observer() -> None:
     """What an observer keeps is its own: others ask it by its verbs, and who calls a kernel with it takes `arrays`."""
     from estimator.observer import Observer

@@ -293,6 +293,7 @@ def test_friction_turns_over_on_a_late_path_too(path: str) -> None:
         assert np.abs(found - expected).max() < 2e-4 * friction[0] * h, since
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMOOTH)
 def test_jacobian_of_the_flow_is_its_difference_quotient(name: str) -> None:
     observer = carrying(name)
@@ -311,6 +312,7 @@ def test_jacobian_of_the_flow_is_its_difference_quotient(name: str) -> None:
         np.testing.assert_allclose(jacobian[:, column], (moved[0] - moved[1]) / (2 * epsilon), rtol=0, atol=2e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SENSED)
 def test_measurement_and_its_jacobian(name: str) -> None:
     observer = carrying(name)

@@ -93,6 +93,7 @@ def of(named, constants=CONSTANTS, nonreciprocal=None):
     return {one.other: one for one in equivalents(named, constants, nonreciprocal)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("named", "others"), ALL, ids=lambda given: "+".join(sorted(given)))
 def test_the_other_cause_gives_the_same_voltages(named, others) -> None:
     found = of(named)

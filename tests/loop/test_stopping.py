@@ -127,6 +127,7 @@ def test_lines_lose_frames(ends: tuple[Endpoint, Far]) -> None:
     assert far.count(Safe) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", [State.BOOT, State.IDLE, State.ARMED, State.RUNNING, 99])
 def test_a_status_of_another_state_is_no_answer(ends: tuple[Endpoint, Far], state: int) -> None:
     host, far = ends
@@ -134,6 +135,7 @@ def test_a_status_of_another_state_is_no_answer(ends: tuple[Endpoint, Far], stat
     assert not stop(host).confirmed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reason", NOT_LATCHING)
 def test_a_reason_that_does_not_latch_answers_no_safe_that_does(ends: tuple[Endpoint, Far], reason: int) -> None:
     host, far = ends
@@ -204,6 +206,7 @@ def test_a_tick_that_cannot_be_does_not_hide_a_drive(ends: tuple[Endpoint, Far],
         assert stop(host).confirmed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", [(30, -7), (30, 0), (0, -7)])
 def test_a_board_that_does_not_answer_and_drives_on_is_told_as_such(
     ends: tuple[Endpoint, Far], drive: tuple[int, int]

@@ -83,6 +83,7 @@ def outcome(path: Path, way: dict[str, Any]) -> tuple[str, Any, Any]:
     return "", read.values, read.lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("text", TEXTS)
 def test_both_readers_come_to_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, way: str) -> None:

@@ -361,6 +361,7 @@ def test_parquet_comes_back_as_it_was_exported(watched: Watched, source: Path, t
         assert ours[name] == pytest.approx(theirs[name], abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "data"),
     [
