@@ -6,7 +6,8 @@ made on the same emulated board, as `--live` makes them, until none is proposed;
 hidden, first.  Devices whose record tells everything, or nothing, are counted beside them.
 
 Results are kept in runs/separations, one file a device; what is there is not run again.  SEPARATIONS_DRAW is another
-draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes.
+draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes, SEPARATIONS_SAMPLES how
+long the first record is: the shorter, the more is left to experiments.
 """
 
 import json
@@ -14,6 +15,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -46,12 +48,13 @@ def rows(say: Say) -> list[Row]:
     wanted = int(os.environ.get("SEPARATIONS", str(DEVICES)))
     jobs = int(os.environ.get("SEPARATIONS_JOBS", "2"))
     done: list[dict[str, Any]] = []
+    samples = int(os.environ.get("SEPARATIONS_SAMPLES", str(SAMPLES)))
     orders = _orders(int(os.environ.get("SEPARATIONS_DRAW", str(DRAW))), done)
     KEPT.mkdir(parents=True, exist_ok=True)
     one_worker_each()
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         while sum(one["experiments"] > 0 for one in done) < wanted:
-            for one in pool.map(_one, [next(orders) for _ in range(2 * jobs)]):
+            for one in pool.map(partial(_one, samples), [next(orders) for _ in range(2 * jobs)]):
                 done.append(one)
                 say(f"{one['name']}: {one['before']}; {one['experiments']} experiments; {one['after']}")
     tried = [one for one in done if one["experiments"]]
@@ -74,15 +77,15 @@ def _orders(draw_number: int, done: list[dict[str, Any]]) -> Iterator[Order]:
         number += 1
 
 
-def _one(order: Order) -> dict[str, Any]:
+def _one(samples: int, order: Order) -> dict[str, Any]:
     """What came of one device; from its file if it was there."""
-    kept = KEPT / f"{order.draw}-{order.name}.json"
+    kept = KEPT / f"{order.draw}-{samples}-{order.name}.json"
     if kept.exists():
         return dict(json.loads(kept.read_text(encoding="utf-8")))
-    place = KEPT / f"{order.draw}-{order.name}"
+    place = kept.with_suffix("")
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir()
-    drawn = draw(order, SAMPLES)
+    drawn = draw(order, samples)
     scenario = place / "device.scenario.toml"
     write_text(scenario, toml_of(drawn.table))
     bench = override(drawn.bench, {"loop": {"name": order.name.replace("_", "-")}}, order.name)

@@ -76,7 +76,8 @@ def separations(
     if not pairs or device.axes != 2:
         return [Advice()] * len(pairs)
     watched = {name: _parameters(name, selection) for pair in pairs for name in pair}
-    settings = replace(problem.settings, gain=Gain.EKF, effects={}, initial=dict(selection.before.settings.initial))
+    found = dict(selection.before.settings.initial)
+    settings = replace(problem.settings, gain=Gain.EKF, effects={}, initial=found if _oscillates(found, device) else {})
     latency = controller.latency if controller is not None else 1
 
     def played(experiment: Experiment) -> dict[str, dict[str, float]]:
@@ -92,8 +93,17 @@ def separations(
     return [_advice(name, other, alike) for name, other in pairs]
 
 
+def _oscillates(constants: Mapping[str, float], device: Device) -> bool:
+    """Whether the springs hold the mass: without the effects, the observer may have ended at some that do not."""
+    kxx, kyy, kxy = (
+        constants.get(name, declared) for name, declared in zip(("kxx", "kyy", "kxy"), device.stiffness, strict=True)
+    )
+    return kxx > 0.0 and kxx * kyy > kxy**2
+
+
 def _advice(name: str, other: str, alike: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Advice:
-    values = {experiment.name: alike[experiment.name][name][other] for experiment in EXPERIMENTS}
+    # An experiment that could not be followed tells nothing.
+    values = {experiment.name: alike[experiment.name][name].get(other, 1.0) for experiment in EXPERIMENTS}
     able = [experiment for experiment in EXPERIMENTS if values[experiment.name] < THRESHOLDS.scan.same]
     if not able:
         return Advice()

@@ -37,7 +37,7 @@ def advised(monkeypatch: pytest.MonkeyPatch) -> Any:
         def play(experiment: Any, device: Device, settings: ObserverSettings, *, latency: int) -> Any:
             asked.latency.add(latency)
             asked.settings = settings
-            return experiment
+            return SimpleNamespace(name=experiment.name, sense=np.zeros((9, 2)))
 
         def scan(problem: Problem, watched: Any) -> Any:
             asked.watched.append(watched)
@@ -47,7 +47,8 @@ def advised(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def likeness(seen: Any, name: str, coefficients: Any) -> dict[str, float]:
             asked.coefficients.append((name, None if coefficients is None else coefficients.tolist()))
-            return dict.fromkeys(("drive_gain", "drive_saturation"), likenesses[seen.of.name])
+            alike = likenesses[seen.of.name]
+            return {} if np.isnan(alike) else dict.fromkeys(("drive_gain", "drive_saturation"), alike)
 
         monkeypatch.setattr(separation, "loop_record", play)
         monkeypatch.setattr(separation, "scan", scan)
@@ -84,6 +85,34 @@ def test_all_at_once_must_tell_more_than_one_alone_by_a_thousandth(advised: Any,
 def test_where_no_experiment_separates_them_none_is_advised(advised: Any, likeness: float, separates: bool) -> None:
     (first, _), _ = advised(dict.fromkeys(BY_NAME, likeness))
     assert (first != (None, None)) is separates
+
+
+def test_an_experiment_that_cannot_be_followed_tells_nothing(advised: Any) -> None:
+    """Where its observer diverges, there is no likeness: NaN here."""
+    found, _ = advised(dict.fromkeys(BY_NAME, float("nan")))
+    assert found == [(None, None)] * 2
+    found, _ = advised(dict.fromkeys(BY_NAME, float("nan")) | {"rate": 0.5})
+    assert found == [(BY_NAME["rate"], 0.5)] * 2
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_where_the_model_is_no_oscillator_any_more_what_is_declared_is_played(sign: float) -> None:
+    """Constants as a large lag in the sense chain has left them: a spring that pushes, damping as large as ω0."""
+    left = {"rate": -500.0, "kxx": TARGET, "kyy": sign * TARGET, "kxy": -1.2 * TARGET, "dxx": -250.0, "dyy": 300.0}
+    gains = {"drive_gain": {"gx": 0.05, "gy": 0.0}}
+    selection: Any = SimpleNamespace(
+        effects=gains,
+        rounds=[SimpleNamespace(look=SimpleNamespace(watched={"drive_gain": {}, "sense_gain": {}}))],
+        before=SimpleNamespace(settings=ObserverSettings(initial=left)),
+    )
+    record = Record(np.zeros((9, 2)), np.zeros((9, 2, 1)), np.full(9, 1 / RATE))
+    problem = Problem(record, DEVICE, SETTINGS, CONTROLLER)
+    pairs = [("drive_gain", "sense_gain")]
+    with np.errstate(all="ignore"):
+        ((experiment, expected),) = separations(pairs, selection, problem, lambda *what: None)
+    selection.before.settings = ObserverSettings(initial={})
+    assert [(experiment, expected)] == separations(pairs, selection, problem, lambda *what: None)
+    assert experiment is not None
 
 
 def test_experiments_are_played_with_the_model_as_it_was_before_and_the_benchs_latency(advised: Any) -> None:
