@@ -56,13 +56,15 @@ def _two_levels(left: Array, cycle: float) -> tuple[Array, float, int]:
     """Path (n,) of a series about two levels, half their distance, how often it changes; zeros where one level says as
     much.
     """
+    nothing = np.zeros(len(left)), 0.0, 0
     there = np.isfinite(left)
+    if not there.any():  # the smoother could not follow the axis
+        return nothing
     values = np.where(there, left, 0.0)
     kernel = np.ones(max(round(2.0 * cycle), 1))
     weight = np.maximum(np.convolve(there.astype(float), kernel, "same"), 1.0)
     slow = np.convolve(values, kernel, "same") / weight
     middle, half = float(np.median(slow)), float(np.std(slow))
-    nothing = np.zeros(len(left)), 0.0, 0
     variance = float(np.var((values - slow)[there]))
     if not half > 0.0 or not variance > 0.0:
         return nothing
