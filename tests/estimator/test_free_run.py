@@ -108,6 +108,22 @@ def test_the_claim_is_about_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_array_equal(innovations.deviation, 1e-4)
 
 
+def test_of_effects_that_a_guard_speaks_against_the_least_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without it, nothing speaks against the other any more."""
+
+    def without(part: Problem, trace: Any, names: tuple[str, ...], first: int) -> Any:
+        return SimpleNamespace(evidence={name: value for name, value in trace.evidence.items() if name not in names})
+
+    monkeypatch.setattr(free_run, "claimed", lambda part, trace, later: SimpleNamespace(effects=trace.evidence))
+    monkeypatch.setattr(free_run, "without", without)
+    monkeypatch.setattr(free_run.promises, "weak", lambda names: dict.fromkeys(names, "w") if len(names) > 1 else {})
+    monkeypatch.setattr(free_run.promises, "minor", lambda evidence: ())
+    both: Any = SimpleNamespace(evidence={"drag": 99.0, "dry_friction": 12.0})
+    left, _, why = free_run._promised(Problem(record(), DEVICE, SETTINGS), both, record())
+    assert list(left.evidence) == ["drag"]
+    assert why == {"dry_friction": "w"}
+
+
 def test_constants_stand_beside_what_the_bench_file_declares() -> None:
     """Those that were fitted; a gain that was held says nothing, and a coefficient is no constant."""
     constants = {one.name: one for one in free_run._constants(found("cubic_stiffness"))}
