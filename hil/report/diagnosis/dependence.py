@@ -72,6 +72,6 @@ def _bin_means(against: Array, values: Array) -> tuple[Array, Array]:
     edges = np.linspace(against.min(), against.max(), _BINS + 1)
     bins = np.clip(np.digitize(against, edges) - 1, 0, _BINS - 1)
     counts = np.bincount(bins, minlength=_BINS)
-    used = counts >= _FEWEST
+    used = counts >= min(_FEWEST, counts.max())  # of a short record none has as many
     means = [np.bincount(bins, series, _BINS)[used] / counts[used] for series in (against, values)]
     return means[0], means[1]
