@@ -65,6 +65,15 @@ def test_likeness_is_the_correlation_of_a_signature_with_what_the_other_can_make
     assert likeness(scan, "drive_gain") == {"drag": pytest.approx(likeness(scan, "drive_gain", found)["drag"])}
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_what_rounding_leaves_is_no_direction_in_whatever_unit(unit: float) -> None:
+    """A billionth of the largest information is the least: in tenths of that, or ten times it."""
+    for least, directions in ((1e-10, 1), (1e-8, 2)):
+        c, degrees = solve(unit * np.diag([1.0, least]), unit * np.array([3.0, least]))
+        assert degrees == directions
+        assert c == pytest.approx([3.0, 1.0 if directions == 2 else 0.0])
+
+
 def test_a_direction_that_the_record_says_nothing_of_is_left_out():
     c, degrees = solve(np.diag([4.0, 0.0]), np.array([2.0, 0.0]))
     assert degrees == 1

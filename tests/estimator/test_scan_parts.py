@@ -59,6 +59,21 @@ def test_normal_equations_are_those_of_what_carrying_an_effect_does_part_by_part
     np.testing.assert_array_equal(unweighed.course, seen.course)
 
 
+def test_a_scan_can_be_abandoned_before_each_of_its_parts(monkeypatch: pytest.MonkeyPatch, record: Record) -> None:
+    """As Ctrl-C does; asked in the middle of the third, it reads no further."""
+    asked = []
+
+    def abandoned() -> None:
+        asked.append(1)
+        if len(asked) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(scanning, "stop_if_abandoned", abandoned)
+    with pytest.raises(KeyboardInterrupt):
+        scan(Problem(record, UNLIKE, SETTINGS), WATCHED)
+    assert len(asked) == 3 < PARTS
+
+
 def test_the_plausible_size_of_a_coefficient_is_that_of_its_declaration_in_si(record: Record) -> None:
     """A gain has no unit; a cubic stiffness is one per (m s)²: plausible is 0.1 of ω² over the square of 1 A."""
     seen = scan(Problem(record, UNLIKE, SETTINGS), WATCHED)
