@@ -68,6 +68,7 @@ _TRACE = {
     "probability": "probability rivals closed_forms",
     "problem": "passes closed_forms",
     "promises": "promises promised conflict closed_forms",
+    "rings": "rings",
     "rivals": "rivals closed_forms",
     "scan": "scan scan_parts angle_sensitivity",
     "screening": "screening",

@@ -93,7 +93,6 @@ def of(named, constants=CONSTANTS, nonreciprocal=None):
     return {one.other: one for one in equivalents(named, constants, nonreciprocal)}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("named", "others"), ALL, ids=lambda given: "+".join(sorted(given)))
 def test_the_other_cause_gives_the_same_voltages(named, others) -> None:
     found = of(named)
@@ -346,6 +345,7 @@ def test_the_words_declare_the_other_cause(named, other, effects) -> None:
 
 def test_a_scale_is_declared_where_the_bench_file_has_it() -> None:
     found = of(DRIVE_GAIN)
+    assert {one.angle for one in found.values()} == {0.0}  # a common scale turns nothing
     assert found["sense_scale"].declare == "[device.sense] gain_V_per_m times 1.03"
     assert found["mass_scale"].declare.startswith("[device] mass_kg times 0.970874 ")
 
