@@ -7,8 +7,9 @@ A change that no test notices, a survivor, is either no change of what is promis
 
 MODULE is one of those in `benchmarks.mutants.belong`, or any other with `--tests`. The module is changed in memory, for
 the tests and for every process that they start; no file is touched. The tests are those of the module that are neither
-`slow` nor `realtime`, with `--slow` these too. A trial that takes much longer than the tests without a change counts as
-noticed. `--named` tries those of `benchmarks.mutants.named` instead, which were once not noticed.
+`slow` nor `realtime`; slow ones too where `belong` names single tests, and with `--slow` all. A trial that takes much
+longer than the tests without a change counts as noticed. `--named` tries those of `benchmarks.mutants.named` instead,
+which were once not noticed.
 """
 
 from typing import NamedTuple

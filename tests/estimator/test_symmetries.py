@@ -346,6 +346,7 @@ def test_the_words_declare_the_other_cause(named, other, effects) -> None:
 def test_a_scale_is_declared_where_the_bench_file_has_it() -> None:
     found = of(DRIVE_GAIN)
     assert {one.angle for one in found.values()} == {0.0}  # a common scale turns nothing
+    assert (found["sense_scale"].size, found["mass_scale"].size) == (pytest.approx(0.03), pytest.approx(1 / 1.03 - 1.0))
     assert found["sense_scale"].declare == "[device.sense] gain_V_per_m times 1.03"
     assert found["mass_scale"].declare.startswith("[device] mass_kg times 0.970874 ")
 
