@@ -21,6 +21,7 @@ from device_emulator.effects.force import coriolis, lightness
 from device_emulator.effects.sense import amplified, displacement, flip, shown, voltage
 from device_emulator.feedback import due, feed_back
 from device_emulator.plant import PLANT, STATES, parts, plant_constants, step, step_alone
+from device_emulator.play import has_play, put_feet, step_with_play
 from device_emulator.scenario import Scenario
 from device_emulator.sense import (
     SENSE,
@@ -197,6 +198,7 @@ def _advance(
         flip(hidden, state.seed, state.tick + 1, plant.ts_s, motion)
         if begins:
             start(hidden, state.sense, motion)
+            put_feet(hidden, motion)
             _rewind(plant, hidden, pieces[0], state, history)
         else:
             put_out(drive, hidden, state.drive, state.tick + 1, drive_codes[row, 0], drive_codes[row, 1])
@@ -268,6 +270,7 @@ def _interval(
     change = _next_change(pieces, state.piece, t0)
     push = state.push
     felt = coriolis(hidden)
+    playing = has_play(hidden)
     light = lightness(hidden)
     for k in range(plant.substeps):
         fx = plant.noise_xx * normals[2 * k]
@@ -287,7 +290,12 @@ def _interval(
                 h_part = (until - since) / count
                 for part in range(count):
                     at = since + part * h_part
-                    step(plant, hidden, piece, t0 + at, h_part, push, plant.states, state.motion, state.stages)
+                    if playing:
+                        step_with_play(
+                            plant, hidden, piece, t0 + at, h_part, push, plant.states, state.motion, state.stages
+                        )
+                    else:
+                        step(plant, hidden, piece, t0 + at, h_part, push, plant.states, state.motion, state.stages)
                     push[0] += h_part * push[2]
                     push[1] += h_part * push[3]
             since = until

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.dither import dither_start
 from estimator.effects.catalogue import effect_for
-from estimator.effects.declaration import OWN, Source, can_be_specialised
+from estimator.effects.declaration import OF_THE_WAY, OWN, Source, can_be_specialised
 from estimator.errors import ModelError
 from estimator.kernel import block, steps
 from estimator.kernel.flow import taylor_order
@@ -301,15 +301,15 @@ class Observer:
                 one = signal.symbol if signal.source is Source.PARAMETER else signal.behind
                 own = [scaled[one]] if one in scaled else list(scaled.values())[:2]
                 record["signal_parameters"][0, signals, : len(own)] = own
-                if signal.source is Source.SLIP and signal.axis < self.device.axes and index < self.carried:
+                if signal.source in OF_THE_WAY and signal.axis < self.device.axes and index < self.carried:
                     slips = int(record["slip_count"][0])
                     if slips == MAX_SLIPS:
                         raise ModelError(f"more than {MAX_SLIPS} springs that slip; leave one of them out")
-                    record["slips"][0, slips] = signals, signal.axis, behind
+                    record["slips"][0, slips] = signals, signal.axis, behind, signal.source.value
                     record["slip_count"] = slips + 1
                 signals += 1
             first += len(effect.coefficients)
-            kinked = any(signal.source in (Source.DIRECTION, Source.SLIP) for signal in effect.signals)
+            kinked = any(signal.source in (Source.DIRECTION, *OF_THE_WAY) for signal in effect.signals)
             if index < self.carried and kinked:
                 record["kinked"] = 1
             record["pushes"] += index < self.carried and any(force != 0 for force in effect.force)

@@ -41,6 +41,7 @@ class ForceKind(IntEnum):
     DAMPING_ASYMMETRIC = 86
     DRAG = 87
     CUBIC_DAMPING = 88
+    PLAY = 89
 
 
 _ALONG_THE_MOTION = (
@@ -93,6 +94,12 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
         "-khx zx, zx' = x' - (|x'| zx + x' |zx|) / (2 reach); y likewise (Bouc and Wen, exponent 1)",
         (*per_axis("kh", "1/s²"), given("reach", "m")),
         states=2,
+    ),
+    ForceKind.PLAY: Declaration(
+        "-kpx (x - zx), a spring to a foot that the mass takes along once it is half_width away: "
+        "zx = max(x - half_width, min(x + half_width, zx)), from 0; y likewise",
+        (*per_axis("kp", "1/s²"), given("half_width", "m")),
+        states=4,
     ),
     ForceKind.STICK_SLIP_SUPPORT: Declaration(
         "the package, 1/ratio as heavy as the mass, rests on springs and friction (LuGre): -X'', "
@@ -210,6 +217,13 @@ def force(
             ay -= c[1] * s[at + 1]
             ds[at] = vx - (abs(vx) * s[at] + vx * abs(s[at])) / (2.0 * c[2])
             ds[at + 1] = vy - (abs(vy) * s[at + 1] + vy * abs(s[at + 1])) / (2.0 * c[2])
+        elif kind == ForceKind.PLAY:
+            ax -= c[0] * (x - s[at])
+            ay -= c[1] * (y - s[at + 2])
+            ds[at] = vx if s[at + 1] != 0.0 else 0.0
+            ds[at + 1] = 0.0
+            ds[at + 2] = vy if s[at + 3] != 0.0 else 0.0
+            ds[at + 3] = 0.0
         elif kind == ForceKind.STICK_SLIP_SUPPORT:
             rx = plant.kxx * x + plant.kxy * y + plant.dxx * vx + plant.dxy * vy - ux
             ry = plant.kxy * x + plant.kyy * y + plant.dxy * vx + plant.dyy * vy - uy

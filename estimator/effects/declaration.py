@@ -43,6 +43,11 @@ class Source(Enum):
     WANE = 9  # exp(−t/T) from the first sample on, T the coefficient `behind`
     TIME = 10  # since the first sample
     SLIP = 11  # z of ż = ẋ against z, ẋ (1 − |z|/reach) along it, of an axis; reach the coefficient `behind`
+    STOP = 12  # x of an axis less what follows it with play, never beyond the half-width, the coefficient `behind`
+
+
+OF_THE_WAY = (Source.SLIP, Source.STOP)
+"""Signals that depend on the way that the mass came: the flow carries them, and their sensitivities."""
 
 
 class Delayed(Enum):
@@ -174,7 +179,7 @@ class Effect:
     @property
     def slips(self) -> bool:
         """Whether its force depends on the way that the mass came."""
-        return any(signal.source is Source.SLIP for signal in self.signals)
+        return any(signal.source in OF_THE_WAY for signal in self.signals)
 
     @property
     def runs_freely(self) -> bool:
@@ -231,7 +236,8 @@ def can_be_specialised(effects: Sequence[Effect]) -> bool:
     late, no force that turns over with the direction of motion or depends on the way.
     """
     late = any(effect.delayed is not None for effect in effects)
-    kinked = any(signal.source in (Source.DIRECTION, Source.SLIP) for effect in effects for signal in effect.signals)
+    kinks = (Source.DIRECTION, *OF_THE_WAY)
+    kinked = any(signal.source in kinks for effect in effects for signal in effect.signals)
     return not late and not kinked
 
 

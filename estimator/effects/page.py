@@ -23,6 +23,8 @@ _SIGNALS = {
     Source.LAG: "u{axis} behind a first-order lag of {behind}",
     Source.WANE: "exp(−t/{behind}) from the first sample on",
     Source.TIME: "time since the first sample",
+    Source.STOP: "{axis} less z, which stays while it is no further from {axis} than {behind}, else follows at that "
+    "distance; begins as if {axis} had come from 0",
     Source.SLIP: "z of ż = v{axis} while z and v{axis} differ in sign, else v{axis} (1 − |z|/{behind}); 0 at first",
 }
 

@@ -8,6 +8,7 @@ from estimator.model.gyro import x, y
 
 k3x, k3y, k3, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k2x k2y kn ax ay")
 khx, khy, reach, slipx, slipy = sp.symbols("khx khy reach slipx slipy")
+kpx, kpy, half_width, stopx, stopy = sp.symbols("kpx kpy half_width stopx stopy")
 
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
@@ -90,5 +91,26 @@ HYSTERETIC_STIFFNESS = Effect(
     signature="a loss a cycle, and a stiffness, that fall with the amplitude and hardly depend on the frequency",
     undone=Undone.CANCEL,
     look_alikes={"dry_friction": "amplitudes near the reach", "nonlinear_damping": "steps of amplitude"},
+    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
+)
+
+PLAY = Effect(
+    name="play",
+    number=43,
+    on_request=True,
+    title="An elastic element whose foot follows with play",
+    coefficients=(
+        Coefficient(kpx, "kpx", 0.02, 0, -2, positive=True),
+        Coefficient(kpy, "kpy", 0.02, 0, -2, positive=True),
+        Coefficient(half_width, "half_width", 0.2, 1, positive=True, start=0.2, least=0.01),
+    ),
+    signals=(Signal(stopx, Source.STOP, 0, half_width), Signal(stopy, Source.STOP, 1, half_width)),
+    force=(-kpx * stopx, -kpy * stopy),
+    source="the foot z = max(x − w, min(x + w, z)) is the play operator, x − z the stop; Visintin, Differential Models "
+    "of Hysteresis, 1994, ch. III; Krejčí, Hysteresis, Convexity and Dissipation, 1996; Prandtl, ZAMM 8, 1928: a "
+    "spring behind Coulomb friction of kp w",
+    signature="nothing below the half-width; beyond it a loss of 4 kp w (A − w) a cycle, and a stiffness that falls",
+    undone=Undone.CANCEL,
+    look_alikes={"hysteretic_stiffness": "amplitudes near the half-width", "dry_friction": "steps of amplitude"},
     signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
 )

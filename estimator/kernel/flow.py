@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from estimator.effects.declaration import Source
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.lanes import put, take
@@ -27,6 +28,9 @@ LONGEST = np.array([(_TOLERANCE * math.factorial(n + 1)) ** (1.0 / (n + 1)) / _N
 _TURNOVER = (-3.0, 0.0, 3.0)
 """In v0: beyond, tanh is level to 0.5 %; between two of them seven impulses give its integral to 1e-4."""
 _MOST_CUTS = 24
+_STOP = Source.STOP.value
+_CAUGHT = 1.0 - 1e-9
+"""Of the half-width: what is as far from the foot as that moves it along."""
 DRIFTS = (
     0.07113342649822312,
     0.24115342795664010,
@@ -207,6 +211,44 @@ def slid(z: float, way: float, reach: float) -> tuple[float, float, float, float
 
 
 @compiled
+def caught(s: float, way: float, width: float) -> tuple[float, float, float, float]:
+    """How far the mass is from what follows it with play, counted along the motion, after a way along it, and its
+    derivatives by s, by the way and by the half-width.
+
+    What is caught stays so as long as the mass moves on, and did before: an interval is cut where it is caught and
+    where the mass turns, so that a way back within a piece does not let it go.
+    """
+    if s >= _CAUGHT * width:
+        return width, 0.0, 0.0, 1.0
+    s += way
+    if s >= width:
+        return width, 0.0, 0.0, 1.0
+    if s <= -width:
+        return -width, 0.0, 0.0, -1.0
+    return s, 1.0, 1.0, 0.0
+
+
+@compiled
+def begin_ways(settings: Record, c: Floats, s: Floats, columns: int, slips: Floats) -> None:
+    """Signals that depend on the way, and their sensitivities, at the first state s: what slips begins at 0, what is
+    followed with play as if it had come from 0.
+    """
+    states = s.shape[0]
+    for k in range(settings.slip_count):
+        slips[k, :] = 0.0
+        constant = settings.slips[k, 2]
+        width = c[constant]
+        if settings.slips[k, 3] != _STOP or not width > 0.0:
+            continue
+        x = s[2 * settings.slips[k, 1]]
+        slips[k, 0] = min(max(x, -width), width)
+        if columns > 1 and abs(x) < width:
+            slips[k, 1 + 2 * settings.slips[k, 1]] = 1.0
+        elif columns > 1:
+            slips[k, 1 + states + constant - settings.sense_constants] = 1.0 if x > 0.0 else -1.0
+
+
+@compiled
 def slide(
     settings: Record, c: Floats, h: float, columns: int, before: Floats, out: Floats, slips: Floats
 ) -> None:
@@ -236,7 +278,10 @@ def slide(
                 forth = last
                 way, begin, end = out[row, 0] - there, turn, 1.0
             sign = 1.0 if forth > 0.0 else -1.0
-            z, by_z, by_way, by_reach = slid(sign * slips[k, 0], sign * way, reach)
+            if settings.slips[k, 3] == _STOP:
+                z, by_z, by_way, by_reach = caught(sign * slips[k, 0], sign * way, reach)
+            else:
+                z, by_z, by_way, by_reach = slid(sign * slips[k, 0], sign * way, reach)
             slips[k, 0] = sign * z
             for j in range(1, columns):
                 moved = (end - begin) * (out[row, j] - before[row, j])
@@ -411,7 +456,52 @@ def turnovers(settings: Record, interval: Interval, c: Floats, work: FlowWork, c
                 sloped = True
             at = passing(out[row, 0], slopes[0, row] * h, end[row, 0], slopes[1, row] * h)
             count = insert_sorted(cuts, count, at)
+        else:
+            at = 1.0
+        if settings.slips[k, 3] == _STOP and h > 0.0:
+            count = catches(work.push.slips[k, 0], c[settings.slips[k, 2]], row - 1, h, out, end, at, cuts, count)
     return count
+
+
+@compiled
+def catches(
+    s: float, width: float, row: int, h: float, begin: Floats, end: Floats, turn: float, cuts: Floats, count: int
+) -> int:
+    """Add to cuts where the mass, s from what follows it with play, catches it, on either side of its turn (1 without
+    one); begin and end have its displacement in a row and its velocity in the next.
+    """
+    x0, v0, x1, v1 = begin[row, 0], begin[row + 1, 0] * h, end[row, 0], end[row + 1, 0] * h
+    at, x = 0.0, x0
+    for piece in range(2):
+        until = turn if piece == 0 else 1.0
+        if not until > at:
+            continue
+        there = along(x0, v0, x1, v1, until)
+        sign = 1.0 if there > x else -1.0
+        left = width - sign * s
+        if left > (1.0 - _CAUGHT) * width and sign * (there - x) > left:
+            low, high = at, until
+            for _ in range(40):
+                middle = 0.5 * (low + high)
+                if sign * (along(x0, v0, x1, v1, middle) - x) < left:
+                    low = middle
+                else:
+                    high = middle
+            count = insert_sorted(cuts, count, 0.5 * (low + high))
+        s = sign * min(sign * s + sign * (there - x), width)
+        at, x = until, there
+    return count
+
+
+@compiled
+def along(before: float, slope_before: float, after: float, slope_after: float, t: float) -> float:
+    """A cubic with those ends and slopes (per unit) at t in [0, 1]."""
+    return (
+        before * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+        + slope_before * t * (1.0 - t) ** 2
+        + after * t * t * (3.0 - 2.0 * t)
+        + slope_after * t * t * (t - 1.0)
+    )
 
 
 @compiled

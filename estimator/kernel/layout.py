@@ -48,7 +48,11 @@ SETTINGS = np.dtype(
         ("signals", "i8", (MAX_SIGNALS, 3)),  # source of each, its axis, index of its coefficient among the constants
         ("signal_parameters", "f8", (MAX_SIGNALS, 2)),  # a constant's value in the first
         ("slip_count", "i8"),
-        ("slips", "i8", (MAX_SLIPS, 3)),  # signals that depend on the way: their number, axis, index of the reach
+        (
+            "slips",
+            "i8",
+            (MAX_SLIPS, 4),
+        ),  # signals that depend on the way: their number, axis, index of the reach, and their source
         ("sense_delay", "i8"),  # index of its first coefficient among the constants, −1 without
         ("drive_delay", "i8"),
         ("watched_sense_delay", "i8"),  # the same of effects that are watched and not carried

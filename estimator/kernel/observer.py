@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.kernel.angle_error import correct_angle, move_angle, predict_angle, recall_angle, turn_angle
 from estimator.kernel.compiled import compiled, generated, inlined
-from estimator.kernel.flow import drive_at, flow, sensed_before
+from estimator.kernel.flow import begin_ways, drive_at, flow, sensed_before
 from estimator.kernel.lanes import lane, put, put_columns, take
 from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, MAX_SLIPS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
@@ -479,6 +479,8 @@ def predict_state(
     slips = work.flow.push.slips
     for k in range(settings.slip_count):
         slips[k, 0] = memory.signals[settings.slips[k, 0], 0]
+    if memory.time == 0.0 and settings.slip_count > 0:
+        begin_ways(settings, x[states:], x[:states], 1, slips)
     flow(settings, interval, memory.past, x[states:], x[:states], out.shape[1], work.flow)
     for k in range(settings.slip_count):
         memory.signals[settings.slips[k, 0], 0] = slips[k, 0]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
-from estimator.kernel.flow import advance, part_of
+from estimator.kernel.flow import advance, begin_ways, part_of
 from estimator.kernel.layout import Floats, Record
 from estimator.kernel.observer import pushless
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
@@ -80,6 +80,7 @@ def free_run(
         out[i, 0] = s[i]
         if sensitive:
             out[i, 1 + i] = 1.0
+    begin_ways(settings, c, s, columns, push.slips)
     for m in range(sensed.shape[0]):
         if m > 0:
             for part in range(parts):

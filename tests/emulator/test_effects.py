@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from device_emulator.effects.page import page
 from device_emulator.scenario import Scenario
 from tests.emulator.gyro import AMPLITUDE_M, EXAMPLES, IDEAL, OMEGA, record, scenario, undriven, volts
+from tests.play import integrated
 
 TS = 1.0 / 4000.0
 A = AMPLITUDE_M
@@ -111,6 +112,14 @@ def _support(t: float, s: Floats, ux: float, uy: float, w: float, dw: float) -> 
 def _bouc_wen(t: float, s: Floats, ux: float, uy: float, w: float, dw: float) -> tuple[float, float, list[float]]:
     own = [v - (abs(v) * z + v * abs(z)) / (2 * 3e-5) for v, z in ((s[1], s[4]), (s[3], s[5]))]
     return -3e4 * s[4], -2e4 * s[5], own
+
+
+def _dragged(t: float, s: Floats, ux: float, uy: float, w: float, dw: float) -> tuple[float, float, list[float]]:
+    """Feet of 30 µm to either side, counted from where the mass leaves them that came from 0 to where it starts."""
+    feet = s[4:6] + np.array([A - 3e-5, 0.6 * A - 3e-5])
+    far = s[[0, 2]] - feet
+    own = np.where((np.abs(far) >= 3e-5) & (far * s[[1, 3]] > 0.0), s[[1, 3]], 0.0)
+    return -3e4 * float(far[0]), -2e4 * float(far[1]), list(own)
 
 
 def _play(x: float) -> float:
@@ -243,6 +252,12 @@ CASES: dict[str, tuple[dict[str, float], Law, int, float]] = {
         0,
         3e-6,  # no step of ours ends where the play does
     ),
+    "play": (
+        {"kpx": 3e4, "kpy": 2e4, "half_width": 3e-5},
+        _dragged,
+        2,
+        3e-6,  # theirs: no step of SciPy's ends where a foot is caught; see below
+    ),
     "hysteretic_stiffness": ({"khx": 3e4, "khy": 2e4, "reach": 3e-5}, _bouc_wen, 2, 1e-6),
     "stick_slip_support": (
         {"ratio": 0.01, "frequency": 60.0, "Fs": 0.9, "Fc": 0.6, "vs": 5e-4, "s": (2 * np.pi * 400.0) ** 2},
@@ -263,6 +278,21 @@ def test_what_acts_on_the_mass(name: str) -> None:
     # ... and it does something, a hundred times more than what is tolerated.
     plain = motion_of(scenario({"truth": LOSSY, "rate": SINE}), codes)
     assert np.abs(ours - plain)[:, 0].max() > 100 * tolerance * A
+
+
+@pytest.mark.parametrize(("kp", "width"), [(0.03, 3e-5), (0.2, 8e-5), (0.05, 2e-6), (0.03, 2e-4)])
+def test_a_foot_with_play_is_caught_and_left_between_the_steps(kp: float, width: float) -> None:
+    k = OMEGA**2
+    play = {"name": "play", "kpx": kp * k, "kpy": 0.0, "half_width": width}
+    forces = pushes(120)
+    forces[:, 1] = 0
+    truth = {**IDEAL["truth"], "position_m": [1.3e-4, 0.0], "velocity_mps": [0.0, 0.0]}
+    ours = record(scenario({"truth": truth, "effect": [play]}), forces).truth
+    t = np.arange(120) * TS
+    theirs = integrated(k, 0.0, kp * k, width, 1.3e-4, t, lambda at: held(forces)(at)[0])
+    np.testing.assert_allclose(ours["x_m"], theirs[0], rtol=0, atol=1e-9 * A)
+    np.testing.assert_allclose(ours["vx_mps"], theirs[1], rtol=0, atol=1e-9 * A * OMEGA)
+    assert np.abs(np.diff(theirs[2])).max() > 0.01 * A or width > 1.3e-4
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ SIGNALS |= {name: (value, 1, -2) for name, value in LAGGED.items()}
 SUMMED = {"ux_over_x": 0.062, "uy_over_x": -0.041, "ux_over_y": 0.057, "uy_over_y": -0.045}
 SIGNALS |= {name: (value, 1, -1) for name, value in SUMMED.items()}
 SIGNALS |= {"slipx": (1.3e-5, 1, 0), "slipy": (-0.7e-5, 1, 0), "time": (3e-4, 0, 1)}
+SIGNALS |= {"stopx": (-0.9e-5, 1, 0), "stopy": (0.4e-5, 1, 0)}
 SIGNALS |= {"start_x": (0.02, 0, 0), "start_y": (0.03, 0, 0)}
 """By symbol: value in SI, powers of metre and second. K; displacement of a mode; drive behind a lag, drive summed over
 time.
@@ -67,6 +68,7 @@ FORCES: dict[str, Law] = {
     "quadratic_stiffness": lambda s, c, g: (-c.k2x * s.x**2, -c.k2y * s.y**2),
     "nonreciprocal_stiffness": lambda s, c, g: (-c.kn * s.y, c.kn * s.x),
     "hysteretic_stiffness": lambda s, c, g: (-c.khx * 1.3e-5, c.khy * 0.7e-5),
+    "play": lambda s, c, g: (c.kpx * 0.9e-5, -c.kpy * 0.4e-5),
     "constant_force": lambda s, c, g: (c.ax, c.ay),
     "drive_gain": lambda s, c, g: (c.hx * s.ux, c.hy * s.uy),
     "drive_misalignment": lambda s, c, g: (c.mx * s.uy, c.my * s.ux),

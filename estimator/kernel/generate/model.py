@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
-from estimator.effects.declaration import Effect, Signal, Source
+from estimator.effects.declaration import OF_THE_WAY, Effect, Signal, Source
 from estimator.kernel.layout import MAX_SIGNALS
 from estimator.kernel.pointer import FORCE, SENSE
 from estimator.model.declaration import Model
@@ -333,7 +333,7 @@ def _additions(model: Model, effect: Effect, what: str) -> list[tuple[str, int, 
             found += [
                 ("by_signal", axis, j, sp.diff(expression, signal.symbol))
                 for j, signal in enumerate(effect.signals)
-                if signal.source is Source.SLIP and signal.axis == axis
+                if signal.source in OF_THE_WAY and signal.axis == axis
             ]
     return [(kind, axis, j, sp.sympify(e)) for kind, axis, j, e in found if e != 0]
 
