@@ -62,6 +62,7 @@ LONG = {
     "calm": "traces of 22 records that hardly excite anything: what is named, and with which look-alikes; half an hour",
     "io_faults": "a disk that fails at every call of a run that writes; hours, IO_FAULTS_EVERY=N for one in N",
     "mutants": "a sample of small changes to what makes the bench's word: does a test fail for each; about an hour",
+    "play": "48 drawn devices with, without and within the play of an elastic element: named, and how far off",
     "missing_force": "36 records with something that nobody declared: the form of the missing force; ten minutes",
     "symmetries": "78 records of boards with another clock, channel, frame or mass: is the cause listed; half an hour",
     "separations": "thirty calm devices of several accounts: whether the experiments proposed tell them apart; an hour",

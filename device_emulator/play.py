@@ -26,10 +26,10 @@ _BEYOND = 1.0 + 1e-12
 @compiled
 def has_play(hidden: NDArray[Any]) -> bool:
     """Whether there is an element with play among the effects."""
+    found = False
     for effect in hidden:
-        if effect.kind == ForceKind.PLAY:
-            return True
-    return False
+        found |= effect.kind == ForceKind.PLAY
+    return found
 
 
 @compiled

@@ -30,7 +30,7 @@ def _tried(name: str, device: Device) -> str:
     if effect.runs_freely and device.axes == 2:
         raise InputError(f"--also: {name}: traced on a single axis only; {declared}")
     searched = effect.search is not None and device.axes == 2
-    given = [p.name for p in effect.parameters if p.default is None and not p.tried]
+    given = [p.name for p in effect.parameters if p.default is None and (device.axes == 1 or not p.tried)]
     if given and not searched:
         raise InputError(f"--also: {name}: no trace of this device searches for its {', '.join(given)}; {declared}")
     return name

@@ -1,5 +1,6 @@
 """An oscillator with a play element by SciPy, from one event to the next; what tests hold kernel and emulator to."""
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -26,7 +27,7 @@ def integrated(
     state, hold = np.array([x0, 0.0]), 0
     z = max(x0 - width, min(x0 + width, 0.0))
     rows = [(x0, 0.0, z)]
-    for begin, end in zip(t[:-1], t[1:], strict=True):
+    for begin, end in itertools.pairwise(t):
         now, force = begin, push(0.5 * (begin + end))
         while now < end:
             held, foot = hold, z

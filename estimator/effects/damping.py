@@ -118,7 +118,7 @@ STRIBECK_FRICTION = Effect(
         Coefficient(stx, "stx", 0.01, 1, -2, positive=True),
         Coefficient(sty, "sty", 0.01, 1, -2, positive=True),
     ),
-    parameters=(*_REST, Parameter(vs, "vs", 1, -1)),
+    parameters=(*_REST, Parameter(vs, "vs", 1, -1, tried=(0.03, 0.12, 0.5))),
     signals=(*_DIRECTIONS, Signal(vs, Source.PARAMETER)),
     force=(-stx * directionx * sp.exp(-((vx / vs) ** 2)), -sty * directiony * sp.exp(-((vy / vs) ** 2))),
     source="what static friction has beside Coulomb's, f exp(−(v/vs)²); Stribeck 1902; Armstrong-Hélouvry, Dupont & "

@@ -249,9 +249,7 @@ def begin_ways(settings: Record, c: Floats, s: Floats, columns: int, slips: Floa
 
 
 @compiled
-def slide(
-    settings: Record, c: Floats, h: float, columns: int, before: Floats, out: Floats, slips: Floats
-) -> None:
+def slide(settings: Record, c: Floats, h: float, columns: int, before: Floats, out: Floats, slips: Floats) -> None:
     """Carry the signals that depend on the way, and their sensitivities, from the motion in the columns of before to
     that in out, h later; where the mass turns in between, to there first.
     """
@@ -385,18 +383,23 @@ def advance_columns(settings: Record, interval: Interval, c: Floats, columns: in
 
 
 @compiled
+def along(before: float, slope_before: float, after: float, slope_after: float, t: float) -> float:
+    """A cubic with those ends and slopes (per unit) at t in [0, 1]."""
+    return (
+        before * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+        + slope_before * t * (1.0 - t) ** 2
+        + after * t * t * (3.0 - 2.0 * t)
+        + slope_after * t * t * (t - 1.0)
+    )
+
+
+@compiled
 def passing(before: float, slope_before: float, after: float, slope_after: float) -> float:
     """Where in [0, 1] a cubic with those ends and slopes (per unit) is zero; its ends differ in sign."""
     low, high = 0.0, 1.0
     for _ in range(20):  # where exactly the interval is cut hardly matters
         t = 0.5 * (low + high)
-        value = (
-            before * (1.0 + 2.0 * t) * (1.0 - t) ** 2
-            + slope_before * t * (1.0 - t) ** 2
-            + after * t * t * (3.0 - 2.0 * t)
-            + slope_after * t * t * (t - 1.0)
-        )
-        if (value > 0.0) == (before > 0.0):
+        if (along(before, slope_before, after, slope_after, t) > 0.0) == (before > 0.0):
             low = t
         else:
             high = t
@@ -491,17 +494,6 @@ def catches(
         s = sign * min(sign * s + sign * (there - x), width)
         at, x = until, there
     return count
-
-
-@compiled
-def along(before: float, slope_before: float, after: float, slope_after: float, t: float) -> float:
-    """A cubic with those ends and slopes (per unit) at t in [0, 1]."""
-    return (
-        before * (1.0 + 2.0 * t) * (1.0 - t) ** 2
-        + slope_before * t * (1.0 - t) ** 2
-        + after * t * t * (3.0 - 2.0 * t)
-        + slope_after * t * t * (t - 1.0)
-    )
 
 
 @compiled

@@ -75,7 +75,7 @@ def watch_list(
     }
     for search, found in values.items():
         watched |= _watched_by(search, found, device, asked)
-    return watched | _of_own(device, record, watched)
+    return watched | _of_tried(device, record, watched, asked)
 
 
 def _labelled(shares: Sequence[float], of: float) -> Values:
@@ -102,16 +102,18 @@ def _watched_by(search: Search, values: Values, device: Device, asked: Collectio
     return watched
 
 
-def _of_own(device: Device, record: Record, others: Mapping[str, Parameters]) -> dict[str, Parameters]:
-    """Effects beside the catalogue that have parameters, each at the values that its declaration has a trace try; where
-    there is no room for all beside the others, at the first of them.
+def _of_tried(
+    device: Device, record: Record, others: Mapping[str, Parameters], asked: Collection[str]
+) -> dict[str, Parameters]:
+    """Effects beside the catalogue that have parameters, and those of it that are asked for, each at the values that
+    its declaration has a trace try; where there is no room for all beside the others, at the first of them.
 
     Raises ModelError where there is not even room for that.
     """
     scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
     possible = [
         (effect, list(product(*_starts(effect))))
-        for effect in device.own
+        for effect in (*device.own, *_asked_at_values(asked))
         if effect.parameters and effect.on(device.axes) is not None and _has_signals(effect.signals, record)
     ]
     signals = sum(len(effect_for(name, device.axes, device.own)[1].signals) for name in others)
@@ -124,11 +126,20 @@ def _of_own(device: Device, record: Record, others: Mapping[str, Parameters]) ->
             room, signals = room - 1, signals - len(effect.signals)
             if room < 0 or signals < 0:
                 if turn == 0:
-                    raise ModelError(f"no room for effect {effect.name} beside the others; declare fewer of your own")
+                    raise ModelError(f"no room for effect {effect.name} beside the others; have fewer tried")
                 return watched
             given = zip(effect.parameters, starts[turn], strict=True)
             watched[f"{effect.name}:{turn + 1}"] = {p.name: value * scaling.coefficient(p) for p, value in given}
     return watched
+
+
+def _asked_at_values(asked: Collection[str]) -> list[Effect]:
+    """Effects of the catalogue that are asked for and whose declaration says at which values they are tried."""
+    return [
+        effect
+        for effect in EFFECTS
+        if effect.on_request and effect.name in asked and any(parameter.tried for parameter in effect.parameters)
+    ]
 
 
 def _starts(effect: Effect) -> list[tuple[float, ...]]:

@@ -9,7 +9,10 @@ import pytest
 from estimator.errors import ModelError
 from estimator.trace import tracing
 from estimator.trace.problem import Problem
+from hil.also import effects_asked
 from hil.bench import load_bench
+from hil.declared import device_of
+from hil.errors import InputError
 from hil.examples import find
 from tests.cli.conftest import Hil
 
@@ -70,8 +73,8 @@ def test_what_is_asked_is_checked_first(hil: Hil, tmp_path: Path) -> None:
         (("--bench", "s-slow", "--arm"), "belong to --live"),
         (("--bench", "s-slow", "--also", "drag_radail"), "--also: no effect 'drag_radail'; did you mean drag_radial?"),
         (("--bench", "s-slow", "--also", "drag_radial,clock_rate"), "--also: clock_rate: no record tells it"),
-        (("--bench", "s-slow", "--also", "stribeck_friction"), "searches for its vs; declare it as [effects.stribeck"),
         (("--bench", "s-slow", "--also", "hysteretic_stiffness"), "hysteretic_stiffness: traced on a single axis only"),
+        (("--bench", "s-slow", "--also", "play"), "play: traced on a single axis only; declare it as [effects.play]"),
         (("--bench", "rate-table-crs03", "--also", "drag_radial"), "effects of a rate sensor are tried anyway"),
         (("--bench", "s-slow", "--live", "--link", "serial:/dev/null"), "needs --arm"),
     ):
@@ -79,6 +82,13 @@ def test_what_is_asked_is_checked_first(hil: Hil, tmp_path: Path) -> None:
         assert (code, out) == (2, ""), err
         assert says in err
         assert err.count("\n") == 1
+
+
+def test_on_a_single_axis_nothing_searches_for_the_speed_at_which_friction_falls() -> None:
+    single = device_of(load_bench(find("bench", "silverbox")))
+    assert effects_asked(("play, hysteretic_stiffness",), single) == ("play", "hysteretic_stiffness")
+    with pytest.raises(InputError, match="no trace of this device searches for its vs; declare it as .effects.stri"):
+        effects_asked(("stribeck_friction",), single)
 
 
 def test_effects_that_are_tried_on_request_are_asked_for_by_name(hil: Hil, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,6 +102,7 @@ def test_effects_that_are_tried_on_request_are_asked_for_by_name(hil: Hil, monke
         ((), "()"),
         (("--also", "drag_radial, cubic_damping_radial"), "('drag_radial', 'cubic_damping_radial')"),
         (("--also", "drag_radial", "--also", "dry_friction_radial"), "('drag_radial', 'dry_friction_radial')"),
+        (("--also", "stribeck_friction"), "('stribeck_friction',)"),
     ):
         code, _, err = hil("trace", name, "--bench", "s-slow", *words)
         assert code == 2

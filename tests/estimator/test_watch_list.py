@@ -72,6 +72,18 @@ def test_what_is_tried_on_request_is_watched_where_it_is_asked_for() -> None:
     assert not any(effect.on(1) for effect in EFFECTS if effect.plane)
 
 
+def test_friction_that_falls_with_the_speed_is_watched_at_three_speeds_where_it_is_asked_for() -> None:
+    usual = watched(record())
+    asked = watch_list(record(), GYRO, WHITE, np.ones((N, 2)), ("stribeck_friction",))
+    fastest = 2e-4 * OMEGA0
+    assert not any(kind(name) == "stribeck_friction" for name in usual)
+    assert {name: asked[name] for name in asked.keys() - usual.keys()} == {
+        f"stribeck_friction:{label}": {"v0": pytest.approx(0.01 * fastest), "vs": pytest.approx(share * fastest)}
+        for label, share in ((1, 0.03), (2, 0.12), (3, 0.5))
+    }
+    assert list(asked)[: len(usual)] == list(usual)
+
+
 def test_corners_and_speeds_of_rest_are_shares_of_the_vibration() -> None:
     found = watched(record())
     for label, share in ((1, 0.001), (2, 0.005), (3, 0.025)):

@@ -1,0 +1,42 @@
+"""Friction that falls with the speed, hidden in a board: asked for by name, a trace tells its size and its speeds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.lockstep import bench_of, close_loop, scenario_of
+from device_emulator.scenario import Scenario
+from estimator.diagnosis import Verdict
+from estimator.trace.problem import Problem
+from estimator.trace.tracing import trace
+from evaluation.undeclared.record import write_capture
+from hil.captured import control_of
+from hil.declared import device_of, observer_settings_of
+from hil.records.capture import read_capture
+from hil.tracing import record_of
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a loop of 24,000 samples and a trace with a climb
+
+SAMPLES = 24_000
+
+
+def test_its_size_and_its_speeds_lie_in_their_intervals(tmp_path: Path) -> None:
+    bench = bench_of("s-slow", controller={"amplitude_modulation": 0.3})
+    device = device_of(bench)
+    fastest = device.amplitude * float(np.sqrt(device.target))
+    size = 0.8 * device.damping[0] * fastest
+    hidden = {"stx": size, "sty": 0.7 * size, "v0": 0.03 * fastest, "vs": 0.3 * fastest}
+    table = scenario_of("s-slow").model_dump() | {"effect": [{"name": "stribeck_friction", **hidden}]}
+    scenario = Scenario.model_validate(table)
+    write_capture(tmp_path / "capture.arrow", close_loop(scenario, bench, SAMPLES, seed=5, every=1000), scenario, None)
+    capture = read_capture(tmp_path / "capture.arrow")
+    settings, control = observer_settings_of(bench), control_of(bench, capture)
+    problem = Problem(record_of(capture), device, settings, control, asked=("stribeck_friction",))
+    said = trace(problem, split=round(0.6 * SAMPLES))
+    assert said.verdict is Verdict.EXPLAINED
+    (found,) = said.effects
+    assert found.name == "stribeck_friction"
+    for symbol, true in hidden.items():
+        interval = found.coefficients[symbol]
+        assert abs(interval.value - true) < interval.high - interval.low, symbol  # two half-widths
