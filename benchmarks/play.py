@@ -6,7 +6,7 @@ with its own integrator; the bench declares stiffness and damping some per cent 
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def drawn(number: int, group: str) -> Drawn:
     frequency = rng.uniform(120.0, 400.0)
     k = (2.0 * np.pi * frequency) ** 2
     width = rng.uniform(0.05, 0.8) if group == "with" else rng.uniform(1.5, 3.0)
-    return Drawn(
+    one = Drawn(
         frequency_Hz=frequency,
         damping=rng.uniform(3.0, 15.0),
         noise_m=_AMPLITUDE_M * 10.0 ** rng.uniform(-3.5, -2.5),
@@ -63,10 +63,16 @@ def drawn(number: int, group: str) -> Drawn:
         driven=number % 2 == 1,
         seed=number,
     )
+    if group != "within":
+        return one
+    # A half-width beyond whatever the mass does, and the stiffness that the device has there is the one declared.
+    stiff = replace(one, half_width_m=1.0)
+    reach = float(np.max(np.abs(moved(stiff)[0])))
+    return replace(one, half_width_m=width * reach, wrong=(one.wrong[0] * (1.0 + one.kp / one.stiffness), one.wrong[1]))
 
 
-def recorded(one: Drawn) -> Record:
-    """What the x axis shows, with noise, and what drove it, m/s²."""
+def moved(one: Drawn) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement (n,) of the x axis, m, and what drove it, m/s²."""
     rng, t = np.random.default_rng((21, one.seed)), np.arange(_SAMPLES) / _RATE
     push = np.zeros(_SAMPLES)
     if one.driven:
@@ -94,9 +100,14 @@ def recorded(one: Drawn) -> Record:
     board = Board(Scenario.model_validate(table), sink=lambda _, page: rows.append(page.copy()))
     board.rows(codes)
     board.close()
-    x = np.concatenate(rows)[:, TRUTH_COLUMNS.index("x_m")]
-    seen = x + one.noise_m * rng.standard_normal(_SAMPLES)
-    return Record(seen[:, None], (full / 2**15 * codes)[:, :1, None], np.full(_SAMPLES, 1.0 / _RATE))
+    return np.concatenate(rows)[:, TRUTH_COLUMNS.index("x_m")], full / 2**15 * codes[:, 0]
+
+
+def recorded(one: Drawn) -> Record:
+    """What the x axis shows, with noise, and what drove it."""
+    x, push = moved(one)
+    seen = x + one.noise_m * np.random.default_rng((22, one.seed)).standard_normal(_SAMPLES)
+    return Record(seen[:, None], push[:, None, None], np.full(_SAMPLES, 1.0 / _RATE))
 
 
 def traced(one: Drawn) -> Diagnosis:

@@ -292,7 +292,7 @@ def test_there_is_room_for_as_many_signals_as_the_kernel_has_less_two(
     )
     device = replace(GYRO, own=(mine,))
     if fits:
-        assert set(candidates._of_own(device, record(), {"other": {}})) == {"mine:1"}
+        assert set(candidates._of_tried(device, record(), {"other": {}}, ())) == {"mine:1"}
     else:
         with pytest.raises(ModelError, match="no room for effect mine beside the others"):
-            candidates._of_own(device, record(), {"other": {}})
+            candidates._of_tried(device, record(), {"other": {}}, ())
