@@ -1,8 +1,8 @@
 """How long traces take, the whole catalogue watched and the kernels in their cache: of a million samples, and of many
 kinds of records of a hundred thousand.
 
-For the figures that are promised: `GYROHIL_WORKERS=2 python -m benchmarks trace_time`, two processors.  TRACE_TIME_RECORDS
-is how many of the hundred thousand, drawn as for `make undeclared`; TRACE_TIME_DRAW another draw.
+For the figures that are promised: `GYROHIL_WORKERS=2 python -m benchmarks trace_time`, two processors.
+TRACE_TIME_RECORDS is how many of the hundred thousand, drawn as for `make undeclared`; TRACE_TIME_DRAW another draw.
 """
 
 import os

@@ -26,6 +26,7 @@ class Undone(Enum):
     INVERT = "the control law divides by it"
     PREDICT = "the control law predicts that much further ahead"
     MAP = "the observer's state has it taken out of the measurement"
+    NOT = "not yet: a loop that declares it is refused"
 
 
 class Source(Enum):

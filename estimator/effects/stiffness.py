@@ -89,7 +89,7 @@ HYSTERETIC_STIFFNESS = Effect(
     source="Bouc 1967; Wen, J. Eng. Mech. Div. ASCE 102(EM2), 1976, with exponent 1 and β = γ; its first loading is "
     "that of Dahl, Aerospace Corp. TOR-0158(3107-18)-1, 1968, kh the rest stiffness and kh reach the Coulomb force",
     signature="a loss a cycle, and a stiffness, that fall with the amplitude and hardly depend on the frequency",
-    undone=Undone.CANCEL,
+    undone=Undone.NOT,
     look_alikes={"dry_friction": "amplitudes near the reach", "nonlinear_damping": "steps of amplitude"},
     signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
 )
@@ -110,7 +110,7 @@ PLAY = Effect(
     "of Hysteresis, 1994, ch. III; Krejčí, Hysteresis, Convexity and Dissipation, 1996; Prandtl, ZAMM 8, 1928: a "
     "spring behind Coulomb friction of kp w",
     signature="nothing below the half-width; beyond it a loss of 4 kp w (A − w) a cycle, and a stiffness that falls",
-    undone=Undone.CANCEL,
+    undone=Undone.NOT,
     look_alikes={"hysteretic_stiffness": "amplitudes near the half-width", "dry_friction": "steps of amplitude"},
     signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
 )

@@ -57,6 +57,23 @@ def require_plausible(identity: Identity, link: str) -> None:
         )
 
 
+def require_undone(bench: Bench) -> None:
+    """InputError for an effect whose force depends on the way that the mass came: in the loop the observer does not
+    carry its past on, and would make the angle worse (docs/decisions/effects.md).
+    """
+    if not bench.effects.named:
+        return
+    from estimator.effects.catalogue import EFFECTS  # loads SymPy
+
+    of_the_way = {effect.name for effect in EFFECTS if effect.slips}
+    for name in bench.effects.named:
+        if name.partition(":")[0] in of_the_way:
+            raise InputError(
+                f"[effects.{name}]: no loop can undo it yet; leave it out of the bench file, and trace a record of a "
+                f"single axis with `hil trace --also {name}`"
+            )
+
+
 def require_suitable(bench: Bench, identity: Identity, link: str) -> None:
     """InputError naming the first thing that bench file and board do not agree on, or that the board cannot do."""
     require_plausible(identity, link)

@@ -92,8 +92,9 @@ def work(order: Order, tell: Say = tell, *, own_process: bool = True) -> dict[st
     with closing(connect(order, bench)) as link:
         endpoint = Endpoint(link)
         identity = client.connect(endpoint, bench.link.timeout_s)
-        from hil.loop.preflight import configure, require_clock, require_suitable
+        from hil.loop.preflight import configure, require_clock, require_suitable, require_undone
 
+        require_undone(bench)
         require_suitable(bench, identity, order.link)
         registers = configure(endpoint, identity, bench)
         if bench.loop.clock != "lockstep":

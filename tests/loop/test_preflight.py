@@ -7,9 +7,16 @@ from typing import Any
 import pytest
 
 from estimator.kernel.layout import MAX_LATENCY
-from hil.bench import Bench
+from hil.bench import Bench, override
 from hil.errors import InputError
-from hil.loop.preflight import configure, require_clock, require_plausible, require_suitable, require_unchanged
+from hil.loop.preflight import (
+    configure,
+    require_clock,
+    require_plausible,
+    require_suitable,
+    require_unchanged,
+    require_undone,
+)
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import (
@@ -44,6 +51,14 @@ def refused(identity: Identity, **known: Any) -> str:
     assert "\n" not in line
     assert ";" in line  # what to do
     return line
+
+
+@pytest.mark.parametrize("name", ["hysteretic_stiffness", "play"])
+def test_what_no_loop_can_undo_is_refused(name: str) -> None:
+    usual = override(bench(), {"effects": {"cubic_stiffness": {}, "dry_friction": {}}}, "usual")
+    require_undone(usual)
+    with pytest.raises(InputError, match=rf"^\[effects\.{name}\]: no loop can undo it yet; .*--also {name}`$"):
+        require_undone(override(usual, {"effects": {name: {}}}, "with it"))
 
 
 # ------------------------------------------------------------------------------------------------------------ IDENTITY
