@@ -51,7 +51,7 @@ _TRACE = {
     "dispersion": "nameless rivals closed_forms",
     "engine": "engine promised by_simulation",
     "evidence": "evidence width scan closed_forms",
-    "examination": "certainty closed_forms",
+    "examination": "examination certainty closed_forms",
     "fitness": "fitness_rules fitness",
     "fitting": "passes fitting certainty closed_forms",
     "free_response": "free_response closed_forms",

@@ -155,7 +155,7 @@ def reference(noise: float) -> Array:
     return 3.0 + noise * signs
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("noise", [0.0, 0.02, 20.0])
 def test_rate_and_angle_vote_beside_what_is_to_be_expected_of_them(noise: float) -> None:
     """An alternating series says √2 of its size; a random walk over n steps of h is √n h of it."""
     asked = problem(rate=reference(noise))

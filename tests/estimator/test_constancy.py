@@ -79,7 +79,10 @@ def test_a_part_that_says_nothing_of_a_coefficient_counts_for_none() -> None:
 
 def test_less_than_chance_is_no_excess() -> None:
     assert Constancy(gain=20.0, degrees=31).excess == 0.0
+    assert Constancy(gain=2.0, degrees=2).excess == 0.0
+    assert Constancy(gain=2.5, degrees=2).excess == 0.5
     assert Constancy(gain=0.0, degrees=0).chance == 1.0
+    assert Constancy(gain=3.841, degrees=1).chance == pytest.approx(0.05, rel=1e-3)  # of one degree: 1.96²
 
 
 @pytest.mark.slow

@@ -66,6 +66,14 @@ def test_power_beyond_the_floor_is_told_from_a_twentieth_on(share, told):
     assert any("noise floor allow" in reason for reason in reasons) is told
 
 
+def test_an_echo_counts_up_to_the_last_lag_that_is_asked_for() -> None:
+    """x_k = e_k + e_{k−7}: a correlation of a half at a lag of seven, and no other."""
+    noise = white()
+    series = noise[7:] + noise[:-7]
+    assert predictable_share(series, 7) == pytest.approx(0.25, abs=0.01)
+    assert predictable_share(series, 6) == pytest.approx(0.0, abs=0.01)
+
+
 @pytest.mark.parametrize(("rho", "told"), [(0.1, False), (0.18, True)])
 def test_memory_is_told_where_a_fiftieth_of_the_power_follows_from_the_past(rho, told):
     """Of x_k = ρ x_{k−1} + e, ρ² of the power does, and ρ⁴ more by two steps: ρ²/(1 − ρ²)."""

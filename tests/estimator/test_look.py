@@ -54,6 +54,12 @@ def test_serious_is_what_chance_gives_none_of_so_many() -> None:
     assert [one.name for one in Look({}, scan, found).serious] == ["a", "b"]
 
 
+def test_who_is_alike_is_told_by_the_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    scan: Any = "what was seen"
+    monkeypatch.setattr(look, "likeness", lambda seen, name: {"of": (seen, name)})
+    assert Look({}, scan, {}).alike("drag") == {"of": (scan, "drag")}
+
+
 def problem() -> Problem:
     record = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1 / 4000.0))
     return Problem(record, DEVICE, BENCH)

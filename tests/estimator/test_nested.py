@@ -24,6 +24,9 @@ def problem(gain: float = 1.0):
     [
         ("drive_saturation:2", "limit", 0.5, "drive gain"),
         ("drive_saturation:2", "limit", 0.999, "drive gain"),
+        ("drive_saturation:2", "limit", 1.0, "drive gain"),
+        ("drive_dead_band:4", "band", 1.0, "no effect at all"),
+        ("drive_dead_band:4", "band", 400.0, "drive gain"),
         ("drive_saturation", "limit", 1.5, None),
         ("drive_saturation", "limit", 500.0, None),
         ("drive_dead_band:4", "band", 0.5, "no effect at all"),

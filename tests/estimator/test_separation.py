@@ -183,6 +183,7 @@ def test_a_dither_is_a_drive_off_the_resonance() -> None:
     usual, dithered = (np.abs(np.fft.rfft(played(name)[2][:, 0])) for name in ("virtual_rotation", "dither"))
     bins = np.arange(len(usual)) / len(usual)
     off = np.abs(bins - HZ / (RATE / 2.0)) > 0.02
+    assert np.max(np.abs(played("dither")[2])) > BY_NAME["dither"].dither  # in k A
     assert np.sum(dithered[off] ** 2) > 10.0 * np.sum(usual[off] ** 2)
 
 

@@ -8,7 +8,7 @@ import pytest
 from estimator.trace.criterion import TIE
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look
-from estimator.trace.width import hopeful, shortlist, within_reach, worth_refining
+from estimator.trace.width import hopeful, is_small, shortlist, within_reach, worth_refining
 
 KINDS = [f"kind{n}" for n in range(30)]
 
@@ -61,6 +61,13 @@ def test_where_the_scan_is_rough_whoever_it_may_be_wrong_about_follows() -> None
     tried = {one.name: one.gain for one in leaders}
     assert asked(view, tried) == ["rough"]
     assert asked(view, tried | {"a": 180_000.0}) == []  # so far ahead that no error of the scan makes up for it
+
+
+@pytest.mark.parametrize(("second", "small"), [(5.0, True), (900.0, False)])
+def test_what_is_behind_is_small_only_if_the_largest_of_it_is(second: float, *, small: bool) -> None:
+    """Beside a gain of a thousand, with one candidate that promises nothing."""
+    behind = look(item("a", 0.1), item("b", second))
+    assert is_small(behind, 1000.0) is small
 
 
 def test_of_a_kind_one_follows() -> None:
