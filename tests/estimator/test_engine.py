@@ -456,3 +456,8 @@ def test_one_that_ties_by_as_much_as_tells_two_apart_is_told_apart():
     for behind, first in ((TIE, "a"), (TIE - 1e-9, "b")):
         effects = {"a": Worth(50.0, **wrong), "b": Worth(50.0 - behind)}
         assert names(chosen(effects, Rules(1, Dissent.ENDS, signs=False)))[0] == first
+
+
+def test_a_tie_is_odds_of_twenty_to_one() -> None:
+    """Beyond that one account is told from another (`criterion.odds`)."""
+    assert math.exp(TIE / 2.0) == pytest.approx(20.0)
