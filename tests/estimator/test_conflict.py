@@ -137,10 +137,10 @@ def reconciled(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(conflict, "constants_of", constants)
         monkeypatch.setattr(conflict, "coefficients_of", lambda observer: dict(observer.effects))
         monkeypatch.setattr(conflict, "parameters_of", lambda model, name: {"of": name})
-        look = SimpleNamespace(watched=WATCHED)
+        earlier, look = SimpleNamespace(watched={"gone": {}}), SimpleNamespace(watched=WATCHED)
         none: Any = {}
         selection = Selection(
-            effects={"known": {}}, rounds=(Round(look, (), None),), alike=none, rivals=none, accounts=none,
+            effects={"known": {}}, rounds=(Round(earlier, (), None), Round(look, (), None)), alike=none, rivals=none, accounts=none,
             before=none, after=none, gain=none, searched=none, patchwork=False,
         )  # fmt: skip
         record = Record(np.zeros((SAMPLES, 2)), np.zeros((SAMPLES, 2, 1)), np.full(SAMPLES, 1 / RATE))
@@ -158,7 +158,7 @@ def test_of_those_that_end_the_conflict_the_one_that_gains_most_for_its_price_ac
     assert set(found.effects) == {"known", "sense_gain"}
     assert found.gain == {"sense_gain": 297.0}
     assert found.rounds[-1].taken == "sense_gain"
-    assert len(found.rounds) == 2
+    assert len(found.rounds) == 3
     # One of each kind beside what is carried, in a first pass.
     kinds = ["drive_gain", "sense_gain", "drag", "dry_friction", "sense_delay"]
     assert asked == [(("known",), 1), *((("known", kind), 1) for kind in kinds)]
