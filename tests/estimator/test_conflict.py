@@ -140,7 +140,8 @@ def reconciled(monkeypatch: pytest.MonkeyPatch) -> Any:
         earlier, look = SimpleNamespace(watched={"gone": {}}), SimpleNamespace(watched=WATCHED)
         none: Any = {}
         selection = Selection(
-            effects={"known": {}}, rounds=(Round(earlier, (), None), Round(look, (), None)), alike=none, rivals=none, accounts=none,
+            effects={"known": {}}, rounds=(Round(earlier, (), None), Round(look, (), None)),
+            alike=none, rivals=none, accounts=none,
             before=none, after=none, gain=none, searched=none, patchwork=False,
         )  # fmt: skip
         record = Record(np.zeros((SAMPLES, 2)), np.zeros((SAMPLES, 2, 1)), np.full(SAMPLES, 1 / RATE))
