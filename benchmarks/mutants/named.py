@@ -40,7 +40,7 @@ NAMED = (
     ),
     Named(
         "no interval is widened where innovations are larger than predicted",
-        "estimator.trace.certainty", "return max(float(np.sqrt(np.nanmean(normalised))), 1.0)", "return 1.0",
+        "estimator.trace.fitting", "return max(float(np.sqrt(np.nanmean(normalised))), 1.0)", "return 1.0",
         _CERTAINTY,
     ),
     Named(
@@ -72,7 +72,8 @@ NAMED = (
     ),
     Named(
         "a parameter costs nothing",
-        "estimator.trace.observer_model", "return len(effect.coefficients) + len(effect.parameters)",
+        "estimator.trace.observer_model",
+        "return len(effect.coefficients) + sum(p.found_as is None for p in effect.parameters)",
         "return len(effect.coefficients)", _CERTAINTY,
     ),
     Named(
