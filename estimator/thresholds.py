@@ -175,6 +175,9 @@ class ParameterSearch:
     rough_start: float = _set(
         300.0, "of twice the log-likelihood", "A start from a wide spread may take that off a likelihood."
     )
+    agree: float = _set(
+        4.0, "standard deviations", "One number that was found in two ways: further apart, chance would have it rarely."
+    )
     seen: float = _set(0.5, "of twice the log-likelihood", "Less says nothing.")
     widest: float = _set(0.5, "of the parameter", "A longer step could make it negative.")
     retreat: float = _set(0.25, "× the step", "Where a step ends outside what the model can follow.")

@@ -22,9 +22,9 @@ from estimator.trace.criterion import chance_gain, schwarz
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.observer_model import carries_over, estimates_of, numbers
-from estimator.trace.parameters import NOTHING
 from estimator.trace.problem import Problem
 from estimator.trace.scan import Scan
+from estimator.trace.searched import NOTHING
 from estimator.trace.width import second_thoughts, shortlist
 
 _TRIED = 3

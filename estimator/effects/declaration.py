@@ -107,7 +107,9 @@ class Coefficient:
     voltage being that of the amplitude on x; plausible: its largest likely size in scaled units (amplitude 1, ω0 1),
     the standard deviation with which it enters an observer; positive: a negative value would be no such effect
     (friction that drives); start: in scaled units, where an observer begins that is not told;
-    least: in scaled units, no fit goes below that; own: of where a record begins, so that each record has its own.
+    least: in scaled units, no fit goes below that; own: of where a record begins, so that each record has its own;
+    tried: in scaled units, where a trace begins beside `start` if a fit from there comes to nothing, as where the
+    measurement is far from linear in it.
     """
 
     symbol: sp.Symbol
@@ -121,6 +123,7 @@ class Coefficient:
     start: float = 0.0
     least: float = -math.inf
     own: bool = False
+    tried: tuple[float, ...] = ()
 
     @property
     def is_shape(self) -> bool:

@@ -119,8 +119,8 @@ SENSE_LOW_PASS = Effect(
     number=20,
     title="A low-pass pole in the sense path",
     coefficients=(
-        Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True),
-        Coefficient(tly, "tly", 0.1, 0, 1, positive=True),
+        Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True, tried=(0.3,)),
+        Coefficient(tly, "tly", 0.1, 0, 1, positive=True, tried=(0.3,)),
         Coefficient(olx, "olx", 1.0, 1),
         Coefficient(oly, "oly", 1.0, 1),
     ),

@@ -5,7 +5,7 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.trace.fitting import Fitted, widening
-from estimator.trace.parameters import Searched
+from estimator.trace.searched import Searched
 
 TWO_SIDED = 1.959963984540054
 """Standard deviations to either side of a normal distribution's mean that hold 95 %."""

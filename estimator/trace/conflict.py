@@ -19,12 +19,12 @@ from estimator.trace.criterion import TIE, chance_gain, schwarz
 from estimator.trace.engine import Round
 from estimator.trace.fitting import Fitted, coefficients_of, fit, parameters_of
 from estimator.trace.observer_model import degrees, numbers
-from estimator.trace.parameters import NOTHING
 from estimator.trace.probability import NOTHING as NO_EFFECT
 from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Constant
 from estimator.trace.rivals import Rival
+from estimator.trace.searched import NOTHING
 from estimator.trace.selection import Selection
 from estimator.trace.symmetries import RING_DOWN
 

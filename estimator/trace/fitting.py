@@ -7,6 +7,7 @@ that acts by more than its first power, the pass was linearised about the wrong 
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from estimator.effects.catalogue import effect_for
 from estimator.gaps import observe
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
-from estimator.scaling import Array
+from estimator.scaling import Array, Scaling
 from estimator.settings import Gain, ObserverSettings, Variant
+from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
 from estimator.trace.scan import PARTS
@@ -110,6 +112,38 @@ def run(observer: Observer, record: Record, every: int | None = None) -> Estimat
 
 
 def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> Fitted:
+    """The model of the record (`_fit`); where it comes to nothing, the best of those from elsewhere, as an effect's
+    coefficients declare where.
+    """
+    found = _fit(problem, passes, about)
+    if about is not None or widening(found) ** 2 < 1.0 + THRESHOLDS.width.power:
+        return found
+    starts = [problem.carrying(effects) for effects in _other_starts(problem)]
+    others = side_by_side([partial(_fit, start, passes, None) for start in starts])
+    return max((found, *others), key=lambda fitted: fitted.likelihood)
+
+
+def _other_starts(problem: Problem) -> list[dict[str, dict[str, float]]]:
+    """The effects, with one of them that has no coefficients yet begun where its declaration has it tried."""
+    device = problem.device
+    starts = []
+    for name, given in problem.effects.items():
+        _, effect = effect_for(name, device.axes, device.own)
+        scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
+        tried = {
+            c.name.partition(":")[0]: [value * scaling.coefficient(c) for value in c.tried]
+            for c in effect.coefficients
+            if c.tried
+        }
+        if any(symbol in given for symbol in tried):
+            continue
+        for values in zip(*tried.values(), strict=True):
+            begun = dict(zip(tried, values, strict=True))
+            starts.append({**{other: dict(own) for other, own in problem.effects.items()}, name: {**given, **begun}})
+    return starts
+
+
+def _fit(problem: Problem, passes: int, about: Observer | None) -> Fitted:
     """Estimate constants and effects over the record without forgetting, beginning again with what was found; with
     `passes` of two, more often where the second shows that the first did not come near enough.
 
@@ -132,7 +166,7 @@ def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> 
         previous = observer
         if not np.all(np.isfinite(observer.x)):
             if number == 0 and opening is not problem:
-                return fit(problem, passes=1)
+                return _fit(problem, 1, None)
             break
         found = constants_of(observer) | _steady_rate(problem, observer)
         current = replace(current, initial={**current.initial, **found}, effects=coefficients_of(observer))

@@ -10,15 +10,16 @@ from estimator.effects.catalogue import effect_for
 from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.certainty import TWO_SIDED, covariance_of
+from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.criterion import chance_gain, schwarz
 from estimator.trace.engine import Estimate, Score, Trial, leader
 from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
-from estimator.trace.parameters import NOTHING, Searched, refine_parameters
+from estimator.trace.parameters import refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.screening import spoken_for
+from estimator.trace.searched import NOTHING, Searched
 from estimator.trace.width import hopeful, worth_refining
 
 _SET = THRESHOLDS.choice
@@ -155,13 +156,19 @@ def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str
     found = {}
     for name, given in coefficients_of(model.observer).items():
         _, effect = effect_for(name, model.observer.device.axes, model.observer.device.own)
+        found_by = searched.get(name, NOTHING)
         with np.errstate(invalid="ignore"):
-            covariance = covariance_of(name, model, searched.get(name, NOTHING))
+            covariance = covariance_of(name, model, found_by)
             half = TWO_SIDED * np.sqrt(np.diagonal(covariance))
         own = {}
         for c, off in zip(effect.coefficients, half.tolist(), strict=True):
             symbol = c.name.partition(":")[0]
             own[symbol] = Estimate(given[symbol], given[symbol] - off, given[symbol] + off, c.positive)
+        for p in effect.parameters:
+            if p.found_as is not None and p.name in found_by.names:  # one number: what was searched for is surer
+                symbol = next(c.name.partition(":")[0] for c in effect.coefficients if c.symbol == p.found_as)
+                low, high = interval_of(p.name, given[p.name], model, found_by)
+                own[symbol] = replace(own[symbol], value=given[p.name], low=low, high=high)
         found[name] = own
     return found
 

@@ -6,7 +6,7 @@ together.  Close to its top twice the log-likelihood is L − Δᵀ C⁻¹ Δ, w
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,28 +18,10 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
 from estimator.trace.nested import turned_into
 from estimator.trace.problem import Problem
+from estimator.trace.same_number import agree, in_step, same_numbers
+from estimator.trace.searched import NOTHING, Searched
 
 _SET = THRESHOLDS.parameters
-
-
-@dataclass(frozen=True)
-class Searched:
-    """How surely n parameters were found: their covariance (n, n), as where the innovations are what the observer takes
-    them to be, and what one unit of each moves each of the k coefficients of the effect by (k, n), SI.
-    """
-
-    names: tuple[str, ...]
-    covariance: Array
-    moves: Array
-
-    def deviation(self, name: str) -> float:
-        """Standard deviation of a parameter."""
-        index = self.names.index(name)
-        return float(np.sqrt(self.covariance[index, index]))
-
-
-NOTHING = Searched((), np.zeros((0, 0)), np.zeros((0, 0)))
-"""Of an effect without parameters."""
 
 
 def refine_parameters(
@@ -60,11 +42,27 @@ def refine_parameters(
     given = model.settings.effects[name]
     names = tuple(p.name for p in effect.parameters if p.name in given and p.found_as is None)
     if not names:
-        return _in_step(problem, model, name), NOTHING
+        return _one_number(problem, model, name, before, to_beat)
     beginning = _beginning(problem, given)
     if before is None and beginning is not None:
         return _refined_in_two(problem, beginning, model, name, names, to_beat)
     return _refined(problem, model, name, names, before, to_beat)
+
+
+def _one_number(
+    problem: Problem, model: Fitted, name: str, before: Searched | None, to_beat: float
+) -> tuple[Fitted, Searched]:
+    """`refine_parameters` of an effect whose parameters, if it has any, are its coefficients: searched for where these
+    do not tell them.
+    """
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+    stepped, settled = in_step(problem, model, name)
+    if settled:
+        return stepped, NOTHING
+    begin = max(stepped, model, key=lambda fitted: fitted.likelihood)
+    found, searched = _refined(problem, begin, name, tuple(same_numbers(effect)), before, to_beat)
+    better = found.likelihood > stepped.likelihood and agree(problem, found, name, searched)
+    return (found, searched) if better else (stepped, NOTHING)
 
 
 def _beginning(problem: Problem, given: Mapping[str, float]) -> Problem | None:
@@ -131,31 +129,6 @@ def _refined(
         top, covariance = hill.together(top, deviation)
     moves = hill.moves(top, deviation)
     return hill.fitted(top), Searched(names, covariance / hill.variance, moves)
-
-
-def _in_step(problem: Problem, model: Fitted, name: str) -> Fitted:
-    """`model` with those parameters of its effect that are one number with a coefficient set to what was found of that,
-    and fitted again, until that moves it no more.  Where the coefficient is none that the parameter could be, it stays.
-    """
-    _, effect = effect_for(name, problem.device.axes, problem.device.own)
-    own = {c.symbol: c.name for c in effect.coefficients}
-    same = {p.name: own[p.found_as] for p in effect.parameters if p.found_as in own}
-    for _ in range(_SET.rounds if same else 0):
-        effects = coefficients_of(model.observer)
-        given = effects[name]
-        bare = {parameter: coefficient.partition(":")[0] for parameter, coefficient in same.items()}
-        found = {parameter: given[coefficient] for parameter, coefficient in bare.items() if parameter in given}
-        rows = {parameter: model.observer.estimated.index(same[parameter]) for parameter in found}
-        near = {p: _SET.near * float(np.sqrt(model.observer.covariance[row, row])) for p, row in rows.items()}
-        moved = {p: value for p, value in found.items() if value > 0.0 and abs(value - given[p]) > near[p]}
-        if not moved:
-            break
-        again = problem.under(model.settings).carrying({**effects, name: {**given, **moved}})
-        following = fit(again, passes=1, about=model.observer)
-        if not np.isfinite(following.likelihood):
-            break
-        model = following
-    return model
 
 
 class Hill:

@@ -17,10 +17,11 @@ from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose
 from estimator.trace.fitting import Fitted, coefficients_of, fit
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
-from estimator.trace.parameters import Searched, refine_parameters
+from estimator.trace.parameters import refine_parameters
 from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.rivals import Rival, accounts, left_out, rivals
+from estimator.trace.searched import Searched
 
 _SET = THRESHOLDS.choice
 

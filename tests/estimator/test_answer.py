@@ -15,10 +15,10 @@ from estimator.settings import Device, ObserverSettings, Spread
 from estimator.trace import tracing
 from estimator.trace.engine import Estimate, Outcome, Round, Score, Tried
 from estimator.trace.evidence import Evidence
-from estimator.trace.parameters import NOTHING, Searched
 from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
+from estimator.trace.searched import NOTHING, Searched
 from estimator.trace.separation import Advice, Experiment
 
 N, SPLIT = 1000, 600

@@ -15,8 +15,8 @@ from estimator.trace.angle import AngleReader
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.constancy import Constancy
 from estimator.trace.fitting import widening
-from estimator.trace.parameters import NOTHING, Searched
 from estimator.trace.problem import Problem
+from estimator.trace.searched import NOTHING, Searched
 from tests.estimator.device import NOMINAL as DEVICE
 
 N, SPLIT = 1200, 700

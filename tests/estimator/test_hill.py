@@ -13,8 +13,9 @@ from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from estimator.trace import parameters
-from estimator.trace.parameters import NOTHING, Hill, Searched, refine_parameters
+from estimator.trace.parameters import Hill, refine_parameters
 from estimator.trace.problem import Problem
+from estimator.trace.searched import NOTHING, Searched
 
 DEVICE = Device(
     sample_rate=4000.0, stiffness=(1.6e6, 1.62e6, 0.0), damping=(1.0, 1.2, 0.0), amplitude=1e-4,

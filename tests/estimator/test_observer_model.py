@@ -11,8 +11,8 @@ from estimator.settings import ObserverSettings
 from estimator.trace import observer_model
 from estimator.trace.engine import Score, Trial
 from estimator.trace.observer_model import Carrying, ObserverModel
-from estimator.trace.parameters import NOTHING
 from estimator.trace.problem import Problem
+from estimator.trace.searched import NOTHING
 from tests.estimator.device import UNLIKE as DEVICE
 
 N = 30_000

@@ -9,8 +9,9 @@ from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.fitting import fit
 from estimator.trace.observer_model import Carrying, ObserverModel
-from estimator.trace.parameters import NOTHING, refine_parameters
+from estimator.trace.parameters import refine_parameters
 from estimator.trace.problem import Problem
+from estimator.trace.searched import NOTHING
 from estimator.trace.separation import EXPERIMENTS, loop_record
 
 K = (2 * np.pi * 200.0) ** 2
