@@ -11,9 +11,9 @@ from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
-from estimator.trace.criterion import chance_gain, schwarz
+from estimator.trace.criterion import TIE, chance_gain, schwarz
 from estimator.trace.engine import Estimate, Score, Trial, leader
-from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, parameters_of
+from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, leads, parameters_of
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.parameters import refine_parameters
@@ -187,6 +187,9 @@ def numbers(name: str, device: Device) -> int:
 def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bool:
     """Whether the effect that `model` has beside what `base` carries, its coefficients found on the first part of the
     record, predicts the rest better: by its share of the gain, or at least by more than chance would.
+
+    Where the rest tells nothing even to who has seen it, as behind a start that alone shows the effect, it only must
+    not be predicted worse.
     """
     seen = round(_SET.learnt * len(problem.record))
     effects = coefficients_of(base.observer)
@@ -194,5 +197,9 @@ def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bo
     without, carried = side_by_side(
         [partial(foresight, problem.carrying({**effects, **more}), seen) for more in ({}, added)]
     )
+    by_chance = chance_gain(degrees(name, problem.device), 1)
+    by_part = leads(model, base)
+    if float(np.sum(by_part[round(_SET.learnt * len(by_part)) :])) < by_chance:
+        return carried - without > -TIE
     share = _SET.borne_out * (1.0 - _SET.learnt) * (model.likelihood - base.likelihood)
-    return carried - without > min(share, chance_gain(degrees(name, problem.device), 1))
+    return carried - without > min(share, by_chance)

@@ -13,11 +13,11 @@ from scipy.stats import f as f_distribution
 
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
+from estimator.trace.criterion import TIE
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
 
 _SET = THRESHOLDS.promises
-
 
 
 @dataclass(frozen=True)
@@ -212,6 +212,17 @@ GUARDS: tuple[Callable[[Claim], tuple[str, ...]], ...] = (
 
 PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (fell, signs, beyond_zero, levels, votes, outdone)
 """Of what is explained in part: something may be left, and a constant may have taken up some of it."""
+
+
+def shows_at_first(claim: Claim) -> bool:
+    """Whether nothing speaks against the effects, and the part held out, at the floor before and after, tells nothing of
+    them: it is predicted no worse than without them, and no worse than with a force that has no name.
+    """
+    errors, contest = claim.residual, claim.contest
+    if errors.gain is None or contest is None or not errors.at_floor or errors.before > _SET.floor * errors.floor:
+        return False
+    silent = errors.gain > -TIE and contest.lead > -contest.bound
+    return bool(claim.effects) and silent and not broken(claim, (signs, beyond_zero, constants, levels, votes))
 
 
 def broken(claim: Claim, guards: tuple[Callable[[Claim], tuple[str, ...]], ...] = GUARDS) -> tuple[str, ...]:

@@ -5,13 +5,16 @@ high-pass does to a steady vibration is a delay, and its corner shows in how its
 searched for, and the coefficient has to agree with it.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
+from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
-from estimator.trace.problem import Problem
+from estimator.trace.problem import Effects, Problem
 from estimator.trace.searched import Searched
 
 _SET = THRESHOLDS.parameters
@@ -64,6 +67,17 @@ def agree(problem: Problem, model: Fitted, name: str, searched: Searched) -> boo
         if own == 0.0 or abs(given[coefficient.partition(":")[0]] - given[parameter]) > _SET.agree * deviation:
             return False
     return True
+
+
+def as_searched(effects: Effects, searched: Mapping[str, Searched], device: Device) -> dict[str, dict[str, float]]:
+    """The effects, SI, their coefficients set to the parameters that are the same number and were searched for."""
+    told = {name: dict(given) for name, given in effects.items()}
+    for name, given in told.items():
+        names = searched[name].names if name in searched else ()
+        for parameter, coefficient in same_numbers(effect_for(name, device.axes, device.own)[1]).items():
+            if parameter in names:
+                given[coefficient.partition(":")[0]] = given[parameter]
+    return told
 
 
 def _deviation(model: Fitted, coefficient: str) -> float:

@@ -127,6 +127,7 @@ def _judged(
     why: dict[str, str] = {}
     elses: list[str] = []
     resonance = float(np.sqrt(problem.device.target)) / (2.0 * np.pi)
+    at_first: _Judged | None = None
     while True:
         selection, nothing, unlawful = _without_weak(part, selection, known)
         why |= nothing | unlawful
@@ -160,12 +161,19 @@ def _judged(
         elif promises.holds_in_part(claim):
             reasons = (_in_part(named, claim), *left, *against)
             return _Judged(Verdict.PARTLY, named, selection, after, why, reasons, share, claim.contest, is_open=True)
+        elif left and not named and at_first is not None:
+            return at_first
         elif left:
             why |= {name: _no_explanation(gains[name], claim) for name in named}
             shown = after if claim.residual.fell else before
             told = (*left, *_turned_down(why))
             return _Judged(Verdict.UNEXPLAINED, {}, selection, shown, why, told, None, claim.contest, is_open=True)
         else:  # what remains is at the floor anyhow: the least of them may go
+            if at_first is None and promises.shows_at_first(claim):
+                told = (_at_first(named), *_turned_down(why))
+                at_first = _Judged(
+                    Verdict.PARTLY, named, selection, after, dict(why), told, None, claim.contest, is_open=False
+                )
             small = (min(gains, key=lambda name: gains[name]),)
             why |= {name: _no_explanation(gains[name], claim) for name in small}
         selection = without(part, selection, small)
@@ -230,6 +238,15 @@ def _in_part(named: Effects, claim: promises.Claim) -> str:
     )
 
 
+def _at_first(named: Effects) -> str:
+    """What is said of effects that the part held out says nothing of."""
+    them = "it" if len(named) == 1 else "them"
+    return (
+        f"{promises.acts_like(named)}: with {them} nothing is left of what the beginning of the record shows; the part "
+        "held out shows nothing of the kind, and tells neither for nor against it"
+    )
+
+
 def _no_explanation(gain: float, claim: promises.Claim) -> str:
     if against := promises.broken(claim, promises.PARTLY):
         return f"{gained(gain)}; {against[0]}"
@@ -278,10 +295,7 @@ def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Int
     model, searched = selection.after, selection.searched[name]
     _, effect = effect_for(name, device.axes, device.own)
     given, found = selection.effects[name], selection.coefficients[name]
-    intervals = {
-        symbol: Interval(one.value, one.low, one.high, c.unit)
-        for c, (symbol, one) in zip(effect.coefficients, found.items(), strict=True)
-    }
+    intervals = _coefficients(name, selection, device)
     for p in effect.parameters:
         if p.name in searched.names:
             low, high = interval_of(p.name, given[p.name], model, searched)
@@ -290,6 +304,15 @@ def _intervals(name: str, selection: Selection, device: Device) -> dict[str, Int
             own = next(symbol for c, symbol in zip(effect.coefficients, found, strict=True) if c.symbol == p.found_as)
             intervals[p.name] = replace(intervals[own], value=given[p.name], unit=p.unit)
     return intervals
+
+
+def _coefficients(name: str, selection: Selection, device: Device) -> dict[str, Interval]:
+    """Those of an effect that was selected, with their 95 % intervals."""
+    _, effect = effect_for(name, device.axes, device.own)
+    return {
+        symbol: Interval(one.value, one.low, one.high, c.unit)
+        for c, (symbol, one) in zip(effect.coefficients, selection.coefficients[name].items(), strict=True)
+    }
 
 
 def _interval(value: float, deviation: float, unit: str) -> Interval:
@@ -364,7 +387,8 @@ def _rejected(
 ) -> tuple[Rejected, ...]:
     """Every other candidate once, with what it would have explained at best and a bound on its coefficients.
 
-    why: of those that were selected and are not named; largest: what bounds the coefficients of each.
+    why: of those that were selected and are not named, which are bounded as they were carried; largest: what bounds the
+    coefficients of the others.
     """
     last = selection.rounds[-1]
     kinds = {kind(name) for name in named}
@@ -374,8 +398,9 @@ def _rejected(
     alone: dict[str, float] = {}
     for name, item in selection.rounds[0].look.evidence.items():  # best first
         alone.setdefault(kind(name), item.gain)
+    sizes = {kind(name): _coefficients(name, selection, device) for name in why if name in selection.effects}
     for name, reason in dismissed.items():
-        rejected[name] = Rejected(name, reason, {}, alone.get(name))
+        rejected[name] = Rejected(name, reason, sizes.get(name, {}), alone.get(name))
     for name, item in last.look.evidence.items():
         if kind(name) in kinds or kind(name) in rejected:
             continue
