@@ -175,6 +175,7 @@ class ParameterSearch:
     rough_start: float = _set(
         300.0, "of twice the log-likelihood", "A start from a wide spread may take that off a likelihood."
     )
+    sweeps: int = _set(3, "searches", "Of parameters that hang on one another; a fourth moved none that three had not.")
     agree: float = _set(
         4.0, "standard deviations", "One number that was found in two ways: further apart, chance would have it rarely."
     )
@@ -205,6 +206,9 @@ class Promises:
         0.1, "of a coefficient", "What differs by less from part to part may be a second, smaller cause."
     )
     never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
+    trifle: float = _set(
+        0.02, "of the largest coefficient", "On an axis without the effect, noise and a model's small errors make less."
+    )
     polarity: float = _set(
         2.0, "× the declared gain, or its inverse", "A channel the other way round has its gain, but for some percent."
     )

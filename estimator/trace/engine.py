@@ -13,7 +13,10 @@ from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import TIE
+
+_SET = THRESHOLDS.promises
 
 Fit = TypeVar("Fit")
 Look = TypeVar("Look")
@@ -284,10 +287,13 @@ def _exchanged(one: Round[Look], best: str) -> Round[Look]:
 
 
 def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None:
-    """Name of a coefficient that came out negative beyond doubt though it is declared positive."""
+    """Name of a coefficient that came out negative beyond doubt though it is declared positive, and is no trifle
+    beside the largest of its effect: where one axis has an effect and the other none, chance makes one of those.
+    """
     for effect in coefficients.values():
+        largest = max((abs(estimate.value) for estimate in effect.values() if estimate.positive), default=0.0)
         for name, estimate in effect.items():
-            if estimate.positive and estimate.high < 0.0:
+            if estimate.positive and estimate.high < 0.0 and -estimate.value > _SET.trifle * largest:
                 return name
     return None
 

@@ -18,6 +18,7 @@ from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.parameters import refine_parameters
 from estimator.trace.problem import Problem
+from estimator.trace.same_number import surer
 from estimator.trace.screening import spoken_for
 from estimator.trace.searched import NOTHING, Searched
 from estimator.trace.width import hopeful, worth_refining
@@ -164,11 +165,9 @@ def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str
         for c, off in zip(effect.coefficients, half.tolist(), strict=True):
             symbol = c.name.partition(":")[0]
             own[symbol] = Estimate(given[symbol], given[symbol] - off, given[symbol] + off, c.positive)
-        for p in effect.parameters:
-            if p.found_as is not None and p.name in found_by.names:  # one number: what was searched for is surer
-                symbol = next(c.name.partition(":")[0] for c in effect.coefficients if c.symbol == p.found_as)
-                low, high = interval_of(p.name, given[p.name], model, found_by)
-                own[symbol] = replace(own[symbol], value=given[p.name], low=low, high=high)
+        for symbol, parameter in surer(model.observer.device, model, name, found_by).items():
+            low, high = interval_of(parameter, given[parameter], model, found_by)
+            own[symbol] = replace(own[symbol], value=given[parameter], low=low, high=high)
         found[name] = own
     return found
 

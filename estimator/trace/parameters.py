@@ -59,10 +59,12 @@ def _one_number(
     stepped, settled = in_step(problem, model, name)
     if settled:
         return stepped, NOTHING
-    begin = max(stepped, model, key=lambda fitted: fitted.likelihood)
-    found, searched = _refined(problem, begin, name, tuple(same_numbers(effect)), before, to_beat)
-    better = found.likelihood > stepped.likelihood and agree(problem, found, name, searched)
-    return (found, searched) if better else (stepped, NOTHING)
+    found, searched = max(stepped, model, key=lambda fitted: fitted.likelihood), before
+    for _ in range(_SET.sweeps):  # each parameter climbs with the others where they are: not yet right in the first
+        found, searched = _refined(problem, found, name, tuple(same_numbers(effect)), searched, to_beat)
+        if found.likelihood > stepped.likelihood and agree(problem, found, name, searched):
+            return found, searched
+    return stepped, NOTHING
 
 
 def _beginning(problem: Problem, given: Mapping[str, float]) -> Problem | None:

@@ -215,8 +215,8 @@ PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (fell, signs, beyond_ze
 
 
 def shows_at_first(claim: Claim) -> bool:
-    """Whether nothing speaks against the effects, and the part held out, at the floor before and after, tells nothing of
-    them: it is predicted no worse than without them, and no worse than with a force that has no name.
+    """Whether nothing speaks against the effects, and the part held out, at the floor before and after, tells none of
+    them: it is predicted no worse than without, and no worse than with a force that has no name.
     """
     errors, contest = claim.residual, claim.contest
     if errors.gain is None or contest is None or not errors.at_floor or errors.before > _SET.floor * errors.floor:

@@ -6,6 +6,7 @@ searched for, and the coefficient has to agree with it.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from estimator.effects.declaration import Effect
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Problem
 from estimator.trace.searched import Searched
 
 _SET = THRESHOLDS.parameters
@@ -54,30 +55,59 @@ def in_step(problem: Problem, model: Fitted, name: str) -> tuple[Fitted, bool]:
 
 def agree(problem: Problem, model: Fitted, name: str, searched: Searched) -> bool:
     """Whether each coefficient is what its parameter was found to be, as far as both are known."""
-    _, effect = effect_for(name, problem.device.axes, problem.device.own)
-    given = coefficients_of(model.observer)[name]
-    symbols = [c.name for c in effect.coefficients]
+    pairs = _pairs(problem.device, model, name, searched)
+    apart = [
+        abs(pair.coefficient - pair.parameter) <= _SET.agree * np.hypot(pair.deviation, pair.own_deviation)
+        for pair in pairs.values()
+        if pair.own_deviation > 0.0
+    ]
+    return len(apart) == len(searched.names) and all(apart)
+
+
+def surer(device: Device, model: Fitted, name: str, searched: Searched) -> dict[str, str]:
+    """By coefficient the parameter that is the same number and is known better, as a search found it."""
+    return {
+        symbol: pair.name
+        for symbol, pair in _pairs(device, model, name, searched).items()
+        if 0.0 < pair.own_deviation < pair.deviation
+    }
+
+
+def effects_of(model: Fitted, searched: Mapping[str, Searched]) -> dict[str, dict[str, float]]:
+    """The effects of a model, SI; what is one number is the one of the two that is known better."""
+    device, found = model.observer.device, coefficients_of(model.observer)
+    for name in searched.keys() & found.keys():
+        better = surer(device, model, name, searched[name])
+        for symbol, pair in _pairs(device, model, name, searched[name]).items():
+            found[name][symbol if symbol in better else pair.name] = found[name][pair.name if symbol in better else symbol]
+    return found
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """A coefficient and the parameter of that name that is the same number, SI, each with its standard deviation."""
+
+    name: str
+    coefficient: float
+    deviation: float
+    parameter: float
+    own_deviation: float
+
+
+def _pairs(device: Device, model: Fitted, name: str, searched: Searched) -> dict[str, _Pair]:
+    """By the coefficient's symbol, of the parameters that were searched for."""
+    _, effect = effect_for(name, device.axes, device.own)
+    given, symbols = coefficients_of(model.observer)[name], [c.name for c in effect.coefficients]
+    wider, pairs = widening(model), {}
     for parameter, coefficient in same_numbers(effect).items():
         if parameter not in searched.names:
-            return False
-        row = symbols.index(coefficient)
-        moved = float(searched.moves[row] @ searched.covariance @ searched.moves[row])
-        own = searched.deviation(parameter) ** 2
-        deviation = widening(model) * float(np.sqrt(_deviation(model, coefficient) ** 2 + moved + own))
-        if own == 0.0 or abs(given[coefficient.partition(":")[0]] - given[parameter]) > _SET.agree * deviation:
-            return False
-    return True
-
-
-def as_searched(effects: Effects, searched: Mapping[str, Searched], device: Device) -> dict[str, dict[str, float]]:
-    """The effects, SI, their coefficients set to the parameters that are the same number and were searched for."""
-    told = {name: dict(given) for name, given in effects.items()}
-    for name, given in told.items():
-        names = searched[name].names if name in searched else ()
-        for parameter, coefficient in same_numbers(effect_for(name, device.axes, device.own)[1]).items():
-            if parameter in names:
-                given[coefficient.partition(":")[0]] = given[parameter]
-    return told
+            continue
+        moves = searched.moves[symbols.index(coefficient)]
+        deviation = float(np.sqrt(_deviation(model, coefficient) ** 2 + moves @ searched.covariance @ moves))
+        symbol = coefficient.partition(":")[0]
+        own = searched.deviation(parameter)
+        pairs[symbol] = _Pair(parameter, given[symbol], wider * deviation, given[parameter], wider * own)
+    return pairs
 
 
 def _deviation(model: Fitted, coefficient: str) -> float:

@@ -21,7 +21,7 @@ from estimator.trace.parameters import refine_parameters
 from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.rivals import Rival, accounts, left_out, rivals
-from estimator.trace.same_number import as_searched
+from estimator.trace.same_number import effects_of
 from estimator.trace.searched import Searched
 
 _SET = THRESHOLDS.choice
@@ -98,7 +98,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
         for name in chosen.gains:  # what a parameter should be depends on the record and on what else is carried
             last, searched[name] = refine_parameters(problem, last, name, before=searched[name])
     return Selection(
-        effects=as_searched(coefficients_of(last.observer), searched, problem.device),
+        effects=effects_of(last, searched),
         rounds=chosen.rounds,
         alike={one.taken: one.look.alike(one.taken) for one in chosen.rounds if one.taken is not None},
         rivals={step.name: rivals(step) for step in chosen.steps},
@@ -122,5 +122,4 @@ def without(problem: Problem, selection: Selection, names: Collection[str]) -> S
     rest = {name: given for name, given in selection.effects.items() if name not in names}
     kept = {name: gain for name, gain in selection.gain.items() if name not in names}
     after = fit(problem.under(selection.after.settings).carrying(rest)) if kept else selection.before
-    effects = as_searched(coefficients_of(after.observer), selection.searched, problem.device)
-    return replace(selection, effects=effects, after=after, gain=kept)
+    return replace(selection, effects=effects_of(after, selection.searched), after=after, gain=kept)

@@ -315,6 +315,11 @@ def _coefficients(name: str, selection: Selection, device: Device) -> dict[str, 
     }
 
 
+def _or_nothing(found: Mapping[str, Interval]) -> dict[str, Interval]:
+    """The same intervals, with zero in them."""
+    return {symbol: replace(one, low=min(one.low, 0.0), high=max(one.high, 0.0)) for symbol, one in found.items()}
+
+
 def _interval(value: float, deviation: float, unit: str) -> Interval:
     return Interval(value, value - TWO_SIDED * deviation, value + TWO_SIDED * deviation, unit)
 
@@ -387,8 +392,8 @@ def _rejected(
 ) -> tuple[Rejected, ...]:
     """Every other candidate once, with what it would have explained at best and a bound on its coefficients.
 
-    why: of those that were selected and are not named, which are bounded as they were carried; largest: what bounds the
-    coefficients of the others.
+    why: of those that were selected and are not named, which may be nothing or as large as they were carried; largest:
+    what bounds the coefficients of the others.
     """
     last = selection.rounds[-1]
     kinds = {kind(name) for name in named}
@@ -398,7 +403,7 @@ def _rejected(
     alone: dict[str, float] = {}
     for name, item in selection.rounds[0].look.evidence.items():  # best first
         alone.setdefault(kind(name), item.gain)
-    sizes = {kind(name): _coefficients(name, selection, device) for name in why if name in selection.effects}
+    sizes = {kind(name): _or_nothing(_coefficients(name, selection, device)) for name in why if name in selection.gain}
     for name, reason in dismissed.items():
         rejected[name] = Rejected(name, reason, sizes.get(name, {}), alone.get(name))
     for name, item in last.look.evidence.items():
