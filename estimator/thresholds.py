@@ -59,6 +59,12 @@ class Candidates:
     periods: float = _set(10.0, "periods in the record", "What comes back less often is a drift and no line.")
     modes: int = _set(3, "peaks of the coherence", "Others show once the strongest are carried.")
     damping_ratio: float = _set(0.005, "ζ", "A start for modes of silicon where the response does not tell.")
+    mode_elsewhere: float = _set(
+        2.5, "× the resonance", "What a drive of one frequency tells of a mode is the same wherever that is."
+    )
+    off_resonance: float = _set(
+        1e-3, "of the drive's power", "A drive with less elsewhere tells a mode's frequency by nothing."
+    )
     least_damping_ratio: float = _set(1e-4, "ζ", "A response that tells less is narrower than its own bins.")
     most_damping_ratio: float = _set(0.3, "ζ", "A response that tells more has no peak.")
     beside_peak: int = _set(8, "bins to either side", "So many bins of the response belong to the peak of one mode.")

@@ -177,7 +177,7 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
     """Frequencies at which the residual follows the drive more than around them, with the damping seen there.
 
     Not the resonance: what follows the drive there is the gyro itself, as where a gain is off, and a mode beside it
-    would imitate that.
+    would imitate that.  Where the drive is of the resonance alone, no frequency of a mode shows: one stands for all.
     """
     drive = record.drive[:, :, 0]
     if not np.any(drive):
@@ -193,7 +193,10 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
         _, of_residual = welch(filled[:, axis], sample_rate, nperseg=length)
         coherence = coherence + np.abs(across) ** 2 / np.maximum(of_drive * of_residual, np.finfo(float).tiny)
         responses.append(across / np.maximum(of_drive, np.finfo(float).tiny))
-    values = []
+    values: list[tuple[str, tuple[float, ...]]] = []
+    if of_resonance_alone(record, device):
+        elsewhere = _SET.mode_elsewhere * float(np.sqrt(device.target))
+        return [("1", (elsewhere, _SET.damping_ratio))] if elsewhere < np.pi * sample_rate else []
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
     peaks = peaks[~at_resonance(record, device, 2.0 * np.pi * frequency[peaks])]
@@ -215,6 +218,16 @@ def at_resonance(record: Record, device: Device, omega: Array) -> NDArray[np.boo
     """Whether these frequencies, rad/s, belong to the peak of the gyro's own response in a response to the drive."""
     bin_width = 2.0 * np.pi / (float(np.mean(record.step)) * _segment(record))
     return np.asarray(np.abs(omega - np.sqrt(device.target)) <= _SET.beside_peak * bin_width)
+
+
+def of_resonance_alone(record: Record, device: Device) -> bool:
+    """Whether the drive's power is all at the gyro's own resonance, as it is without dither."""
+    drive = record.drive[:, :, 0]
+    sample_rate = 1.0 / float(np.mean(record.step))
+    frequency, density = welch(drive, sample_rate, nperseg=_segment(record), axis=0)
+    power = np.sum(density, axis=1)
+    own = at_resonance(record, device, 2.0 * np.pi * frequency)
+    return bool(np.sum(power[~own]) <= _SET.off_resonance * np.sum(power))
 
 
 def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[float, float] | None:

@@ -6,10 +6,12 @@ from itertools import count
 
 import numpy as np
 
+from estimator.effects.search import Search
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import Parameters, kind, watch_list
+from estimator.trace.candidates import Parameters, kind, of_resonance_alone, searched_by, watch_list
+from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.criterion import threshold
 from estimator.trace.evidence import Evidence, evidence, likeness
 from estimator.trace.fitting import Fitted, coefficients_of
@@ -56,12 +58,25 @@ def bounds(problem: Problem, model: Fitted, watched: Mapping[str, Parameters]) -
     """How large the coefficients of what is watched may be beside `model`, the best first.
 
     The constants are as sure as the bench file declares them, not as the record made them without the effect: what a
-    stiffness takes up, as a hardening does at one amplitude, is not excluded by it.  Empty where the observer loses the
-    motion from such a start.
+    stiffness takes up, as a hardening does at one amplitude, is not excluded by it.  Where the drive is of the
+    resonance alone, that of a mode holds for every frequency below half the sampling rate.  Empty where the observer
+    loses the motion from such a start.
     """
     others = {name: given for name, given in watched.items() if name not in model.settings.effects}
     seen = scan(problem.under(scanned_with(model, problem.device, problem.settings)), others)
-    return evidence(seen) if seen.sound else {}
+    found = evidence(seen) if seen.sound else {}
+    if not of_resonance_alone(problem.record, problem.device):
+        return found
+    modes = [name for name in found if searched_by(name) is Search.MODES]
+    return found | {name: _of_any_frequency(found[name], others[name]["omega"], problem) for name in modes}
+
+
+def _of_any_frequency(item: Evidence, omega: float, problem: Problem) -> Evidence:
+    """How large a mode may be, by what one at `omega` may be: at the resonance ω0 it is seen by r/(ω² − ω0²)."""
+    resonance, highest = problem.device.target, (np.pi / float(np.mean(problem.record.step))) ** 2
+    farthest = max(abs(highest - resonance), resonance) / abs(omega**2 - resonance)
+    reach = farthest * (np.abs(item.coefficients) + TWO_SIDED * item.deviation)
+    return replace(item, coefficients=np.zeros_like(reach), deviation=reach / TWO_SIDED)
 
 
 def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> ObserverSettings:

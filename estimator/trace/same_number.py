@@ -79,7 +79,8 @@ def effects_of(model: Fitted, searched: Mapping[str, Searched]) -> dict[str, dic
     for name in searched.keys() & found.keys():
         better = surer(device, model, name, searched[name])
         for symbol, pair in _pairs(device, model, name, searched[name]).items():
-            found[name][symbol if symbol in better else pair.name] = found[name][pair.name if symbol in better else symbol]
+            to, of = (symbol, pair.name) if symbol in better else (pair.name, symbol)
+            found[name][to] = found[name][of]
     return found
 
 
