@@ -7,9 +7,11 @@ from functools import cached_property, partial
 import numpy as np
 
 from estimator.effects.catalogue import effect_for
+from estimator.effects.search import Search
 from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
+from estimator.trace.candidates import of_resonance_alone, searched_by
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.criterion import TIE, chance_gain, schwarz
 from estimator.trace.engine import Estimate, Score, Trial, leader
@@ -149,7 +151,14 @@ class ObserverModel:
         return degrees(name, self.problem.device)
 
     def _numbers(self, name: str) -> int:
+        """Those that the record tells something of: the frequency of a mode is none where the drive has only one."""
+        if self._one_frequency and searched_by(name) is Search.MODES:
+            return self._degrees(name)
         return numbers(name, self.problem.device)
+
+    @cached_property
+    def _one_frequency(self) -> bool:
+        return of_resonance_alone(self.problem.record, self.problem.device)
 
 
 def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str, Mapping[str, Estimate]]:
