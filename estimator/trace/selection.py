@@ -29,8 +29,8 @@ _SET = THRESHOLDS.choice
 MOST = _SET.most
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
 
-RULES = Rules(MOST, Dissent.ENDS, signs=False, near=THRESHOLDS.width.refined)
-"""Signs are not asked for yet: figures are those of the campaign."""
+RULES = Rules(MOST, Dissent.ENDS, anew=True, near=THRESHOLDS.width.refined)
+"""What came out with a wrong sign may have stood in for another that is missing: it is tried again beside that one."""
 
 
 @dataclass(frozen=True)
