@@ -222,12 +222,14 @@ def at_resonance(record: Record, device: Device, omega: Array) -> NDArray[np.boo
 
 def of_resonance_alone(record: Record, device: Device) -> bool:
     """Whether the drive's power is all at the gyro's own resonance, as it is without dither."""
-    drive = record.drive[:, :, 0]
     sample_rate = 1.0 / float(np.mean(record.step))
-    frequency, density = welch(drive, sample_rate, nperseg=_segment(record), axis=0)
-    power = np.sum(density, axis=1)
-    own = at_resonance(record, device, 2.0 * np.pi * frequency)
-    return bool(np.sum(power[~own]) <= _SET.off_resonance * np.sum(power))
+    power: Array = np.zeros(_segment(record) // 2 + 1)
+    frequency = np.zeros_like(power)
+    for axis in range(device.axes):
+        frequency, density = welch(record.drive[:, axis, 0], sample_rate, nperseg=_segment(record))
+        power = power + density
+    elsewhere = ~at_resonance(record, device, 2.0 * np.pi * frequency)
+    return bool(np.sum(power[elsewhere]) <= _SET.off_resonance * np.sum(power))
 
 
 def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[float, float] | None:

@@ -239,12 +239,17 @@ def test_errors_of_rate_and_angle_are_those_beside_the_reference():
 
 
 @pytest.mark.parametrize(
-    ("gain", "later", "over"),
+    ("gain", "late", "later", "over"),
     # a twelfth of the gain, a quarter of the share that the last third has; or what chance gives one effect of two
-    # coefficients on one record in 10⁴: −2 ln 10⁻⁴ = 18.42
-    [(120.0, 10.1, True), (120.0, 9.9, False), (1e6, 18.5, True), (1e6, 18.3, False), (120.0, -1.0, False)],
-)
-def test_what_was_found_on_the_first_part_must_predict_the_rest(monkeypatch, gain, later, over):
+    # coefficients on one record in 10⁴: −2 ln 10⁻⁴ = 18.42; where who has seen the rest gains no more than that there,
+    # it must not lose what two accounts differ by that are told apart: 2 ln 20 = 5.99
+    [
+        (120.0, 40.0, 10.1, True), (120.0, 40.0, 9.9, False), (120.0, 40.0, -1.0, False),
+        (1e6, 1e5, 18.5, True), (1e6, 1e5, 18.3, False),
+        (1e6, 18.3, -5.9, True), (1e6, 18.3, -6.1, False), (1e6, 18.5, 18.3, False),
+    ],
+)  # fmt: skip
+def test_what_was_found_on_the_first_part_must_predict_the_rest(monkeypatch, gain, late, later, over):
     asked = []
 
     def foresight(problem, seen):
@@ -254,6 +259,9 @@ def test_what_was_found_on_the_first_part_must_predict_the_rest(monkeypatch, gai
     monkeypatch.setattr(observer_model, "foresight", foresight)
     monkeypatch.setattr(observer_model, "coefficients_of", lambda observer: {})
     monkeypatch.setattr(observer_model, "parameters_of", lambda model, name: {})
+    by_part = np.zeros(30)
+    by_part[19], by_part[20:] = gain - late, late / 10.0  # the last third
+    monkeypatch.setattr(observer_model, "leads", lambda model, base: by_part)
     base, model = (SimpleNamespace(likelihood=one, observer=None) for one in (1000.0, 1000.0 + gain))
     assert observer_model.carries_over(problem(), base, model, "drive_gain") is over
     assert asked == [800, 800]

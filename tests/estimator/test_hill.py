@@ -12,7 +12,7 @@ import pytest
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.trace import parameters
+from estimator.trace import parameters, same_number
 from estimator.trace.parameters import Hill, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING, Searched
@@ -571,32 +571,78 @@ def test_what_is_hopeless_on_the_beginning_is_left_there(monkeypatch: pytest.Mon
 # -- a parameter that is a coefficient --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("corner", "asked"), [(25.0, [25.0]), (-3.0, []), (10.05, [])])
+@pytest.mark.parametrize(("corner", "asked"), [(25.0, [25.0]), (10.05, [])])
 def test_a_parameter_that_is_a_coefficient_follows_it(
     monkeypatch: pytest.MonkeyPatch, corner: float, asked: list[float]
 ) -> None:
-    """Until it moves by less than a fifth of a deviation, here of 0.5; never to what would be no corner."""
-    seen: list[float] = []
-
-    def model(leak: float) -> Any:
-        observer = SimpleNamespace(
-            estimated=("x", "hpx", "hpy"), covariance=np.diag([1.0, 0.25, 0.25]), leak=leak,
-        )  # fmt: skip
-        given = {"leak_x": leak, "leak_y": 7.0}
-        settings = ObserverSettings(effects={"sense_high_pass": given})
-        return SimpleNamespace(observer=observer, settings=settings, likelihood=1.0)
-
-    def fitted(problem: Problem, passes: int, about: Any) -> Any:
-        seen.append(problem.settings.effects["sense_high_pass"]["leak_x"])
-        return model(seen[-1])
-
-    monkeypatch.setattr(parameters, "fit", fitted)
-    monkeypatch.setattr(
-        parameters,
-        "coefficients_of",
-        lambda observer: {"sense_high_pass": {"hpx": corner, "hpy": 7.0, "leak_x": observer.leak, "leak_y": 7.0}},
-    )
-    found, searched = refine_parameters(PROBLEM, model(10.0), "sense_high_pass")
+    """Until it moves by less than a fifth of a deviation, here of 0.5."""
+    seen = leaking(monkeypatch, lambda leak: corner)
+    found, searched = refine_parameters(PROBLEM, leaky(10.0), "sense_high_pass")
     assert seen == asked
     assert found.settings.effects["sense_high_pass"]["leak_x"] == (asked[-1] if asked else 10.0)
     assert searched is NOTHING
+
+
+@pytest.mark.parametrize("agreeing", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    ("corner", "likelihood", "size", "asked"),
+    [
+        (-3.0, 0.0, 1.0, []),  # no corner
+        (25.0, -301.0, 1.0, [25.0]),  # the likelihood falls, by more than a rough start takes off
+        (10.05, 0.0, 1.05, []),  # more is left than was predicted
+    ],
+)
+def test_a_parameter_that_its_coefficient_does_not_tell_is_searched_for(
+    monkeypatch: pytest.MonkeyPatch, corner: float, likelihood: float, size: float, asked: list[float], agreeing: int
+) -> None:
+    """Again, from where it came to, until the two agree; what does not in three searches stays as it was."""
+    seen = leaking(monkeypatch, lambda leak: corner, lambda leak: likelihood, size)
+    searches: list[Any] = []
+
+    def refined(problem: Any, model: Any, name: str, names: Any, before: Any, to_beat: float) -> Any:
+        searches.append((names, before))
+        return leaky(40.0 + len(searches), 1.0), f"search {len(searches)}"
+
+    monkeypatch.setattr(parameters, "_refined", refined)
+    monkeypatch.setattr(parameters, "agree", lambda *_: len(searches) >= agreeing)
+    found, searched = refine_parameters(PROBLEM, leaky(10.0), "sense_high_pass")
+    assert seen == asked
+    befores = [None, "search 1", "search 2"]
+    assert searches == [(("leak_x", "leak_y"), before) for before in befores[: min(agreeing, 3)]]
+    if agreeing < 4:
+        assert (searched, found.observer.leak) == (f"search {agreeing}", 40.0 + agreeing)
+    else:
+        assert (searched, found.observer.leak) == (NOTHING, 10.0)
+
+
+def leaky(leak: float, likelihood: float = 0.0, size: float = 1.0) -> Any:
+    """A model with a high-pass of that leak on x, innovations so many times as large as predicted."""
+    observer = SimpleNamespace(
+        estimated=("x", "hpx", "hpy"), covariance=np.diag([1.0, 0.25, 0.25]), leak=leak,
+    )  # fmt: skip
+    settings = ObserverSettings(effects={"sense_high_pass": {"leak_x": leak, "leak_y": 7.0}})
+    estimates = SimpleNamespace(innovation=np.full((4, 2), size), innovation_deviation=np.ones((4, 2)))
+    return SimpleNamespace(observer=observer, settings=settings, likelihood=likelihood, estimates=estimates)
+
+
+def leaking(
+    monkeypatch: pytest.MonkeyPatch,
+    corner: Any,
+    likelihood: Any = lambda leak: 0.0,
+    size: float = 1.0,
+) -> list[float]:
+    """Fits find these on x, by the leak that they have; the leaks that were asked for."""
+    seen: list[float] = []
+
+    def fitted(problem: Problem, passes: int, about: Any) -> Any:
+        seen.append(problem.settings.effects["sense_high_pass"]["leak_x"])
+        return leaky(seen[-1], likelihood(seen[-1]), size)
+
+    def found(observer: Any) -> Any:
+        given = {"hpx": corner(observer.leak), "hpy": 7.0, "leak_x": observer.leak, "leak_y": 7.0}
+        return {"sense_high_pass": given}
+
+    monkeypatch.setattr(same_number, "fit", fitted)
+    monkeypatch.setattr(same_number, "coefficients_of", found)
+    monkeypatch.setattr(same_number, "widening", lambda model: size)
+    return seen

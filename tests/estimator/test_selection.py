@@ -96,6 +96,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         )
         monkeypatch.setattr(selection, "refine_parameters", made.refine)
         monkeypatch.setattr(selection, "coefficients_of", lambda observer: {name: {} for name in observer.effects})
+        monkeypatch.setattr(selection, "effects_of", lambda model, searched: {n: {} for n in model.observer.effects})
         monkeypatch.setattr(selection, "rivals", lambda step: {f"rival of {step.name}": None})
         monkeypatch.setattr(selection, "accounts", lambda step, look: (step.name, look))
         monkeypatch.setattr(selection, "left_out", lambda look: ("left out", look))
@@ -169,7 +170,8 @@ def test_where_nothing_is_taken_every_account_is_of_the_first_look(bench: Any) -
     assert found.after is found.before
     assert (set(found.effects), found.gain, found.searched) == ({"drag"}, {}, {})
     assert found.accounts == {None: ("left out", found.rounds[0].look)}
-    assert (made.rules.most, made.rules.dissent, made.rules.signs) == (3, Dissent.ENDS, False)
+    assert (made.rules.most, made.rules.dissent) == (3, Dissent.ENDS)
+    assert (made.rules.signs, made.rules.anew) == (True, True)
 
 
 def test_an_observer_that_diverges_is_no_model_to_begin_with(bench: Any) -> None:
