@@ -15,6 +15,7 @@ from estimator.settings import Device, ObserverSettings, Spread
 from estimator.trace import tracing
 from estimator.trace.engine import Estimate, Outcome, Round, Score, Tried
 from estimator.trace.evidence import Evidence
+from estimator.trace.nameless import Contest
 from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
@@ -141,7 +142,7 @@ class Reader:
 def answered(monkeypatch: pytest.MonkeyPatch) -> Any:
     """The answer to a record of which that was selected, and what was asked on the way."""
 
-    def run(selection: Any, residual: Errors, left: tuple[str, ...] = (), equivalents: Any = ()) -> Any:
+    def run(selection: Any, residual: Errors, left: Any = (), equivalents: Any = (), contest: Any = None) -> Any:
         asked = SimpleNamespace(told=[], pairs=None, bounds=None)
 
         def examine(problem: Problem, split: int) -> Any:
@@ -167,14 +168,14 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def claim(problem: Problem, of: Any, before: Any, after: Any, split: int) -> Claim:
             named = {name: given for name, given in of.coefficients.items() if name != "drag"}
-            return Claim(residual, named)
+            return Claim(residual, named, contest=contest)
 
         monkeypatch.setattr(tracing, "require_traceable", lambda record, device, split: None)
         monkeypatch.setattr(tracing, "loses_what_a_free_run_follows", lambda part: False)
         monkeypatch.setattr(tracing, "select", lambda part, progress: selection)
         monkeypatch.setattr(tracing, "examine", examine)
         monkeypatch.setattr(tracing, "claim_of", claim)
-        monkeypatch.setattr(tracing, "leftover", lambda of, record, resonance: left)
+        monkeypatch.setattr(tracing, "leftover", lambda of, record, resonance: left(of) if callable(left) else left)
         monkeypatch.setattr(tracing, "bounds", bounds)
         monkeypatch.setattr(tracing, "AngleReader", Reader)
         monkeypatch.setattr(tracing, "separations", separations)
@@ -325,6 +326,25 @@ def test_where_nothing_is_named_all_that_was_selected_is_rejected_with_its_gain(
     assert said.held_out_after.ratio == 1.5  # with them, since the residual fell
     assert said.angle_moved == 2.0
     assert said.confusable == ()
+
+
+@pytest.mark.parametrize("left", [("a line is left at 5 Hz",), ()])
+def test_effects_that_the_beginning_alone_shows_are_told_as_a_part_where_something_is_left_without_them(
+    answered: Any, left: tuple[str, ...]
+) -> None:
+    """Nothing is left with them, and the part held out says nothing of them; without them, that of the beginning is."""
+    silent = Errors(1.02, 1.02, 1.0, 1e5, gain=-1.5)
+    said, _ = answered(
+        Selected(), silent, left=lambda of: left if not of.gain else (), contest=Contest(-1.5, 0.0, -1.5, 1000)
+    )
+    if not left:
+        assert (said.verdict, said.effects) == (Verdict.ADEQUATE, ())
+        return
+    assert said.verdict is Verdict.PARTLY
+    assert [one.name for one in said.effects] == ["drive_gain", "drive_saturation"]
+    assert (said.share, said.held_out_after.ratio) == (None, 1.5)
+    assert said.reasons[0].startswith("something acts like drive gain and drive saturation: with them nothing is left")
+    assert said.reasons[0].endswith("tells neither for nor against it")
 
 
 def test_a_record_that_lacks_nothing_moves_no_angle(answered: Any) -> None:

@@ -382,6 +382,14 @@ def test_the_sign_is_asked_of_all_that_a_model_carries():
     assert unphysical({"old": {"fx": right}, "new": {"k3x": right}}) is None
 
 
+@pytest.mark.parametrize(("size", "wrong"), [(0.019, None), (0.021, "fy")])
+def test_a_trifle_of_the_wrong_sign_is_chance_on_an_axis_that_has_none(size, wrong):
+    """Two hundredths of the coefficient of the other axis; not of one whose sign is free."""
+    fy = Estimate(-5.0 * size, -6.0 * size, -4.0 * size, True)
+    assert unphysical({"friction": {"fx": Estimate(5.0, 4.0, 6.0, True), "fy": fy}}) == wrong
+    assert unphysical({"friction": {"fx": Estimate(5.0, 4.0, 6.0), "fy": fy}}) == "fy"
+
+
 def test_who_has_no_model_is_barred_with_its_reason():
     found = chosen({"a": Worth(50.0, impossible=True), "b": Worth(20.0)})
     assert names(found) == ["b"]

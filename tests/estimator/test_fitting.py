@@ -1,6 +1,7 @@
 """The second pass of a fit begins with what the first one found, and is no worse for it; free runs of a model."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,3 +185,35 @@ def test_free_runs_of_a_long_record_are_around_the_split_and_count_time_from_its
     there = np.flatnonzero(np.all(np.isfinite(errors), axis=1))
     assert split - reach < there[0] < split < there[-1] < split + reach
     assert np.sqrt(np.nanmean(errors**2)) < 0.01  # the line alone is 0.016
+
+
+@pytest.mark.parametrize(
+    ("size", "given", "starts", "best"),
+    [
+        (1.02, {}, [0.0], 0.0),  # as large as predicted
+        (1.03, {}, [0.0, 0.3], 0.3),
+        (1.03, {"tlx": 1e-5}, [1e-5], 1e-5),  # it has a start already
+    ],
+)
+def test_a_fit_that_comes_to_nothing_is_begun_elsewhere_too(
+    monkeypatch: pytest.MonkeyPatch, size: float, given: dict[str, float], starts: list[float], best: float
+) -> None:
+    """Of a low-pass, from a lag of 0.3/ω0 on both axes, beside what else is carried."""
+    omega0, asked = np.sqrt(DEVICE.target), []
+
+    def fitted(problem: Problem, passes: int, about: object) -> SimpleNamespace:
+        (drag, low_pass) = problem.effects.values()
+        assert (drag, passes, about) == ({"dqx": 2.0}, 1, None)
+        begun = low_pass.get("tlx", 0.0)
+        asked.append(begun)
+        assert low_pass == (given if begun in (0.0, 1e-5) else {"tlx": begun, "tly": begun})
+        estimates = SimpleNamespace(innovation=np.full((4, 2), size), innovation_deviation=np.ones((4, 2)))
+        return SimpleNamespace(begun=begun, likelihood=begun, estimates=estimates)
+
+    monkeypatch.setattr(fitting, "_fit", fitted)
+    record = Record(np.zeros((9, 2)), np.zeros((9, 2, 1)), np.full(9, 1.0 / SAMPLE_RATE))
+    problem = Problem(record, DEVICE, ObserverSettings(effects={"drag": {"dqx": 2.0}, "sense_low_pass": given}))
+    found = fit(problem, passes=1)
+    scaled = [start / omega0 if start == 0.3 else start for start in starts]
+    assert asked == pytest.approx(scaled)
+    assert vars(found)["begun"] == pytest.approx(best / omega0 if best == 0.3 else best)

@@ -1,10 +1,13 @@
 """What is seen with a model: how it is scanned, what is serious, what bounds the rest (docs/decisions/tracing.md)."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import freqs
+from scipy.stats import norm
 
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings
@@ -130,3 +133,42 @@ def test_an_observer_that_diverges_bounds_nothing(monkeypatch: pytest.MonkeyPatc
     record = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 2.5e-4))
     found = look.bounds(Problem(record, DEVICE, BENCH), model(0.01), {"cubic_stiffness": {}})
     assert (set(found) == {"cubic_stiffness"}) is sound
+
+
+@pytest.mark.parametrize(("rate", "farthest"), [(4000.0, "nyquist"), (700.0, "resonance")])
+def test_where_the_drive_has_one_frequency_the_bound_of_a_mode_holds_for_any(
+    monkeypatch: pytest.MonkeyPatch, rate: float, farthest: str
+) -> None:
+    """By SciPy's response of a mode: none below half the sampling rate is seen as much at less, elsewhere than beside
+    the resonance; at the farthest of them it is as much.
+    """
+    resonance, watched = np.sqrt(DEVICE.target), 2.5 * np.sqrt(DEVICE.target)
+    rate *= resonance / (2.0 * np.pi * 250.0)
+    seconds = np.arange(N * 8) / rate
+    line = np.sin(resonance * seconds)
+    drive = np.stack([line, 0.5 * line], axis=1)[:, :, None]
+    record = Record(np.zeros((N * 8, 2)), drive, np.full(N * 8, 1.0 / rate))
+    found = Evidence("parasitic_mode:1", 1.0, 2, 1.0, np.array([-0.02, 0.01]), np.array([0.01, 0.005]))
+    monkeypatch.setattr(look, "scan", lambda problem, watched: SimpleNamespace(sound=True))
+    monkeypatch.setattr(look, "evidence", lambda seen: {found.name: found, "drag": item("drag", 1.0)})
+    parameters = {found.name: {"omega": watched, "zeta": 1e-6}, "drag": {}}
+    monkeypatch.setattr(look, "coefficients_of", lambda observer: {})
+    bounds = look.bounds(Problem(record, DEVICE, BENCH), model(0.01), parameters)
+    assert bounds["drag"].coefficients.tolist() == [0.0]
+    mode = bounds[found.name]
+    np.testing.assert_array_equal(mode.coefficients, 0.0)
+    most = norm.ppf(0.975) * mode.deviation
+    seen = (np.abs(found.coefficients) + norm.ppf(0.975) * found.deviation) * at(resonance, watched)
+    nyquist = np.pi * rate
+    others = [omega for omega in np.linspace(0.01 * resonance, 0.999 * nyquist, 97) if abs(omega / resonance - 1) > 0.1]
+    as_seen = np.array([most * at(resonance, omega) for omega in others]) / seen
+    assert np.min(as_seen) > 0.998
+    assert np.min(as_seen[-1 if farthest == "nyquist" else 0]) == pytest.approx(1.0, abs=5e-3)
+    with_dither = replace(record, drive=drive + np.random.default_rng(1).standard_normal(drive.shape))
+    assert look.bounds(Problem(with_dither, DEVICE, BENCH), model(0.01), parameters)[found.name] is found
+
+
+def at(frequency: float, omega: float) -> float:
+    """Response of a mode of 1/s² at a frequency, rad/s."""
+    _, response = freqs([1.0], [1.0, 2e-6 * omega, omega**2], worN=[frequency])
+    return float(np.abs(response[0]))

@@ -328,3 +328,34 @@ def test_a_polarity_is_a_gain_of_the_other_sign_and_of_half_to_twice_its_size(
     assert promises.turned("drag", given) is None
     both = promises.turned("sense_gain", {"hx": Estimate(-2.0, -2.1, -1.9), "hy": Estimate(-2.0, -2.1, -1.9)})
     assert both == "sense gain of x and y is a polarity: x and y are driven or sensed reversed"
+
+
+CALM = Claim(
+    Errors(1.02, 1.02, 1.0, 1e5, gain=-1.5), {"sense_high_pass": {"hpx": SURE}}, contest=Contest(-1.5, 0.0, -1.5, 1000)
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "shows"),
+    [
+        ({}, True),
+        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=-5.9)}, True),  # 2 ln 20 = 5.99
+        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=-6.1)}, False),
+        ({"residual": Errors(1.02, 1.02, 1.0, 1e5)}, False),
+        ({"residual": Errors(1.11, 1.02, 1.0, 1e5, gain=-1.5)}, False),  # it had something to show
+        ({"residual": Errors(1.02, 1.11, 1.0, 1e5, gain=-1.5)}, False),
+        ({"contest": None}, False),
+        ({"contest": Contest(-1.5, 5.0, -0.9, 1000)}, True),
+        ({"contest": Contest(-1.5, 5.0, -1.1, 1000)}, False),  # a force without a name predicts it better
+        ({"effects": {}}, False),
+        ({"effects": {"sense_high_pass": {"hpx": Estimate(-2.0, -3.0, -1.0, positive=True)}}}, False),
+        ({"effects": {"sense_high_pass": {"hpx": Estimate(0.5, -0.5, 1.5)}}}, False),
+        ({"constants": (Constant("kxx", 1.22, 1.21, 1.23, declared=1.0, deviation=0.05),)}, False),
+        ({"levels": (Level("saturation", 0.2, 5.2, lowest=0.2, highest=5.8, noise=1e-3),)}, False),
+        ({"votes": (Vote("error of the angle", "rad", Errors(0.22, 0.24, 0.003, samples=1.0)),)}, False),
+    ],
+)
+def test_what_only_the_beginning_shows_has_nothing_for_or_against_it_in_the_part_held_out(
+    part: dict, *, shows: bool
+) -> None:
+    assert promises.shows_at_first(replace(CALM, **part)) is shows

@@ -296,3 +296,16 @@ def test_there_is_room_for_as_many_signals_as_the_kernel_has_less_two(
     else:
         with pytest.raises(ModelError, match="no room for effect mine beside the others"):
             candidates._of_tried(device, record(), {"other": {}}, ())
+
+
+@pytest.mark.parametrize(
+    ("dither", "elsewhere"), [(0.02, {"parasitic_mode:1": 2.5 * OMEGA0}), (0.04, None)]
+)  # a thousandth of the power is 0.0316 of the amplitude's rms
+def test_where_the_drive_is_of_the_resonance_alone_one_mode_stands_for_all(
+    dither: float, elsewhere: dict[str, float] | None
+) -> None:
+    line = np.sin(OMEGA0 * np.arange(N) / RATE)[:, None] * np.array([1.0, 0.3])
+    drive = line + dither * np.sqrt(np.mean(line**2)) * RNG.standard_normal((N, 2))
+    found = watched(Record(SENSE, drive[:, :, None], np.full(N, 1.0 / RATE)))
+    modes = {name: given["omega"] for name, given in found.items() if kind(name) == "parasitic_mode"}
+    assert (modes == elsewhere) if elsewhere is not None else ("parasitic_mode:1" not in modes and modes)
