@@ -60,8 +60,9 @@ class Candidates:
     modes: int = _set(3, "peaks of the coherence", "Others show once the strongest are carried.")
     damping_ratio: float = _set(0.005, "ζ", "A start for modes of silicon where the response does not tell.")
     mode_elsewhere: float = _set(
-        2.5, "× the resonance", "What a drive of one frequency tells of a mode is the same wherever that is."
+        5.0, "× the resonance", "What a drive of one frequency tells of a mode is the same wherever that is."
     )
+    damped_elsewhere: float = _set(0.05, "ζ", "It rings for a few cycles only, at whatever frequency that is.")
     off_resonance: float = _set(
         1e-3, "of the drive's power", "A drive with less elsewhere tells a mode's frequency by nothing."
     )

@@ -196,7 +196,7 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
     values: list[tuple[str, tuple[float, ...]]] = []
     if of_resonance_alone(record, device):
         elsewhere = _SET.mode_elsewhere * float(np.sqrt(device.target))
-        return [("1", (elsewhere, _SET.damping_ratio))] if elsewhere < np.pi * sample_rate else []
+        return [("1", (elsewhere, _SET.damped_elsewhere))] if elsewhere < np.pi * sample_rate else []
     inner = coherence[1:-1]
     peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
     peaks = peaks[~at_resonance(record, device, 2.0 * np.pi * frequency[peaks])]

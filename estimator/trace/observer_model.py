@@ -79,7 +79,8 @@ class ObserverModel:
                 self.progress,
             )
 
-        return hopeful(look, {name: trial.score.gain for name, trial in tried.items()}, behind, screened)
+        gains = {name: trial.score.gain for name, trial in tried.items()}
+        return hopeful(look, gains, behind, screened, calm=self._one_frequency)
 
     def fit(
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]

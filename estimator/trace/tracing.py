@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.stats import chi2
 
 from estimator.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
@@ -35,6 +36,10 @@ from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
 from estimator.trace.symmetries import Constants, equivalents
+
+
+_TOGETHER = 0.95
+"""How sure it is that all coefficients of an effect that is not named lie within their bounds."""
 
 
 def trace(
@@ -412,8 +417,9 @@ def _rejected(
         _, effect = effect_for(name, device.axes, device.own)
         bound = {}
         if (most := largest.get(name)) is not None:
+            wider = float(np.sqrt(chi2.ppf(_TOGETHER, len(effect.coefficients)))) / TWO_SIDED
             bound = {
-                c.name.partition(":")[0]: _interval(float(value), float(sd), c.unit)
+                c.name.partition(":")[0]: _interval(float(value), wider * float(sd), c.unit)
                 for c, value, sd in zip(effect.coefficients, most.coefficients, most.deviation, strict=True)
                 if sd > 0.0
             }

@@ -21,15 +21,18 @@ def hopeful(
     gains: Mapping[str, float],
     behind: Callable[[], Look],
     screened: Callable[[list[str], Collection[str]], list[str]],
+    *,
+    calm: bool,
 ) -> list[str]:
     """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
     First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by;
     then those akin to the best.  Where the best leaves something, or the scan stood before much, or the best is a line,
-    with which anything may be drawn, a short part of the record is asked about every kind; where it leaves something,
-    those of which the scan promises most may do less well there.
+    with which anything may be drawn, or the motion is one steady line, on which many act alike, a short part of the
+    record is asked about every kind; where it leaves something, those of which the scan promises most may do less well
+    there.
     gains: of those that were tried; behind: what is seen behind the best of them; screened: those that a short part of
-    the record speaks for, less for those that are spared.
+    the record speaks for, less for those that are spared; calm: whether the drive is of the resonance alone.
     """
     leaders = with_simpler(shortlist(look.seen, look.serious), look.evidence)
     if not gains:
@@ -46,7 +49,8 @@ def hopeful(
     others = second_thoughts(look.evidence, gains)
     if not is_small(behind(), max(gains.values())):
         return screened(others, others[: _SET.batch])
-    return screened(others, ()) if look.seen.ratio**2 > 1.0 + _SET.power or searched_by(best) is Search.LINES else []
+    far = look.seen.ratio**2 > 1.0 + _SET.power
+    return screened(others, ()) if far or calm or searched_by(best) is Search.LINES else []
 
 
 def is_small(left: Look, gained: float) -> bool:

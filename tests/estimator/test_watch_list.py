@@ -299,7 +299,7 @@ def test_there_is_room_for_as_many_signals_as_the_kernel_has_less_two(
 
 
 @pytest.mark.parametrize(
-    ("dither", "elsewhere"), [(0.02, {"parasitic_mode:1": 2.5 * OMEGA0}), (0.04, None)]
+    ("dither", "elsewhere"), [(0.02, {"parasitic_mode:1": 5.0 * OMEGA0}), (0.04, None)]
 )  # a thousandth of the power is 0.0316 of the amplitude's rms
 def test_where_the_drive_is_of_the_resonance_alone_one_mode_stands_for_all(
     dither: float, elsewhere: dict[str, float] | None
