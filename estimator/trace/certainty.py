@@ -1,6 +1,7 @@
 """How surely the coefficients of an effect are known."""
 
 import numpy as np
+from scipy.stats import chi2, norm
 
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
@@ -9,6 +10,11 @@ from estimator.trace.searched import Searched
 
 TWO_SIDED = 1.959963984540054
 """Standard deviations to either side of a normal distribution's mean that hold 95 %."""
+
+
+def all_of(coefficients: int) -> float:
+    """Standard deviations to either side of each that hold so many coefficients together, as surely as one."""
+    return float(np.sqrt(chi2.ppf(1.0 - 2.0 * norm.sf(TWO_SIDED), coefficients)))
 
 
 def covariance_of(name: str, model: Fitted, searched: Searched) -> Array:

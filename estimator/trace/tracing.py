@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimator.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
@@ -17,7 +16,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
-from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
+from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval_of
 from estimator.trace.claims import claim_of
 from estimator.trace.conflict import reconciled, runs_backwards
 from estimator.trace.criterion import threshold
@@ -36,10 +35,6 @@ from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, select, without
 from estimator.trace.separation import separations
 from estimator.trace.symmetries import Constants, equivalents
-
-
-_TOGETHER = 0.95
-"""How sure it is that all coefficients of an effect that is not named lie within their bounds."""
 
 
 def trace(
@@ -417,7 +412,7 @@ def _rejected(
         _, effect = effect_for(name, device.axes, device.own)
         bound = {}
         if (most := largest.get(name)) is not None:
-            wider = float(np.sqrt(chi2.ppf(_TOGETHER, len(effect.coefficients)))) / TWO_SIDED
+            wider = all_of(len(effect.coefficients)) / TWO_SIDED
             bound = {
                 c.name.partition(":")[0]: _interval(float(value), wider * float(sd), c.unit)
                 for c, value, sd in zip(effect.coefficients, most.coefficients, most.deviation, strict=True)

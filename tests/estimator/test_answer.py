@@ -293,7 +293,8 @@ def test_every_other_candidate_is_rejected_once_with_a_reason_and_a_bound(answer
     assert rejected["sense_delay"].evidence == 700.0  # of the first look, beside nothing
     assert rejected["cubic_stiffness"].bound.keys() == {"k3x", "k3y"}
     bound = rejected["cubic_stiffness"].bound["k3y"]
-    assert (bound.value, bound.high) == (0.5, pytest.approx(0.5 + 2.0 * Z))
+    both = np.sqrt(-2.0 * np.log(0.05))  # χ² of two in closed form
+    assert (bound.value, bound.high) == (0.5, pytest.approx(0.5 + 2.0 * both))
     assert rejected["sense_gain"].bound == {}  # of which the record says nothing
 
 

@@ -12,7 +12,7 @@ from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import angle, claims, examination, fitting, observer_model
 from estimator.trace.angle import AngleReader
-from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
+from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval_of
 from estimator.trace.constancy import Constancy
 from estimator.trace.fitting import widening
 from estimator.trace.problem import Problem
@@ -265,6 +265,12 @@ def test_what_was_found_on_the_first_part_must_predict_the_rest(monkeypatch, gai
     base, model = (SimpleNamespace(likelihood=one, observer=None) for one in (1000.0, 1000.0 + gain))
     assert observer_model.carries_over(problem(), base, model, "drive_gain") is over
     assert asked == [800, 800]
+
+
+@pytest.mark.parametrize(("coefficients", "deviations"), [(1, 1.960), (2, 2.448), (4, 3.080)])
+def test_bounds_hold_several_coefficients_together_as_surely_as_one(coefficients, deviations):
+    """The radii within which a normal vector of so many lies in 95 of 100 cases, from the table of χ²."""
+    assert all_of(coefficients) == pytest.approx(deviations, abs=1e-3)
 
 
 def test_foresight_fits_the_first_part_and_scores_the_rest(monkeypatch):

@@ -116,7 +116,7 @@ def test_taking_one_out_loses_what_the_model_without_it_lacks(fits: Any) -> None
 def test_a_short_part_is_asked_about_each_in_place_of_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
 
-    def hopeful(look: Any, gains: Any, left: Any, screened: Any) -> list[str]:
+    def hopeful(look: Any, gains: Any, left: Any, screened: Any, *, calm: bool) -> list[str]:
         asked.update(gains=gains, left=left)
         return list(screened(["drive_gain", "interference:1"], ["drive_gain"]))
 
