@@ -177,7 +177,7 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
     """Frequencies at which the residual follows the drive more than around them, with the damping seen there.
 
     Not the resonance: what follows the drive there is the gyro itself, as where a gain is off, and a mode beside it
-    would imitate that.  Where the drive is of the resonance alone, no frequency of a mode shows: one stands for all.
+    would imitate that.  Where the drive is of the resonance alone, no peak shows: one frequency stands for all.
     """
     drive = record.drive[:, :, 0]
     if not np.any(drive):

@@ -80,7 +80,7 @@ class ObserverModel:
             )
 
         gains = {name: trial.score.gain for name, trial in tried.items()}
-        return hopeful(look, gains, behind, screened, calm=self._one_frequency)
+        return hopeful(look, gains, behind, screened, calm=_is_calm(self.problem))
 
     def fit(
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]
@@ -152,14 +152,7 @@ class ObserverModel:
         return degrees(name, self.problem.device)
 
     def _numbers(self, name: str) -> int:
-        """Those that the record tells something of: the frequency of a mode is none where the drive has only one."""
-        if self._one_frequency and searched_by(name) is Search.MODES:
-            return self._degrees(name)
         return numbers(name, self.problem.device)
-
-    @cached_property
-    def _one_frequency(self) -> bool:
-        return of_resonance_alone(self.problem.record, self.problem.device)
 
 
 def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str, Mapping[str, Estimate]]:
@@ -191,6 +184,18 @@ def numbers(name: str, device: Device) -> int:
     """How many coefficients it has, and parameters that are none of them."""
     _, effect = effect_for(name, device.axes, device.own)
     return len(effect.coefficients) + sum(p.found_as is None for p in effect.parameters)
+
+
+def told(name: str, problem: Problem) -> int:
+    """Of its numbers, those that the record tells something of: not the frequency of a mode and its damping where the
+    drive has one frequency.
+    """
+    device = problem.device
+    return (degrees if searched_by(name) is Search.MODES and _is_calm(problem) else numbers)(name, device)
+
+
+def _is_calm(problem: Problem) -> bool:
+    return of_resonance_alone(problem.record, problem.device)
 
 
 def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bool:

@@ -11,7 +11,7 @@ from estimator.trace.dispersion import dispersed
 from estimator.trace.engine import Step, Trial
 from estimator.trace.fitting import Fitted, deficit, parameters_of
 from estimator.trace.look import Look
-from estimator.trace.observer_model import Carrying, numbers
+from estimator.trace.observer_model import Carrying, numbers, told
 from estimator.trace.probability import NOTHING, Account, nearest
 
 
@@ -36,7 +36,7 @@ def rivals(step: Step[Carrying]) -> Mapping[str, Rival]:
     for name, trial in step.beside.items():
         if kind(name) == kind(step.name):
             continue
-        price = trial.score.price - taken.score.price
+        price = _price(name, trial) - _price(step.name, taken)
         behind = price + deficit(taken.fit.fitted, trial.fit.fitted)
         bound = TIE * max(dispersion(taken.fit.fitted, trial.fit.fitted), 1.0)
         if behind < bound:
@@ -49,10 +49,11 @@ def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:
     that were only watched by what the scan promises, taken down by its scatter; and nothing.
     """
     taken = step.trial
-    found = [Account(step.name, 0.0), _behind(NOTHING, taken, step.before.fitted, -taken.score.price)]
+    price = _price(step.name, taken)
+    found = [Account(step.name, 0.0), _behind(NOTHING, taken, step.before.fitted, -price)]
     for name, trial in step.beside.items():
-        found.append(_behind(name, taken, trial.fit.fitted, trial.score.price - taken.score.price))
-    reached = taken.score.gain - taken.score.price
+        found.append(_behind(name, taken, trial.fit.fitted, _price(name, trial) - price))
+    reached = taken.score.gain - price
     carried = {kind(one.name) for one in found}
     return nearest((*found, *(one for one in _watched(look, reached) if kind(one.name) not in carried)))
 
@@ -60,6 +61,12 @@ def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:
 def left_out(look: Look) -> tuple[Account, ...]:
     """The same of a round in which nothing was taken, beside nothing."""
     return nearest((Account(NOTHING, 0.0), *_watched(look, 0.0)))
+
+
+def _price(name: str, trial: Trial[Carrying]) -> float:
+    """Of the numbers that the record tells something of: what it does not tell makes no account less probable."""
+    problem = trial.fit.problem
+    return trial.score.price * told(name, problem) / numbers(name, problem.device)
 
 
 def _behind(name: str, taken: Trial[Carrying], other: Fitted, price: float) -> Account:

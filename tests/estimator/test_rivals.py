@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimator.trace import observer_model
 from estimator.trace.engine import Score, Step, Trial
 from estimator.trace.fitting import leads
 from estimator.trace.probability import NOTHING
@@ -45,10 +46,14 @@ def apart(series, lead: float, where=slice(None)):
 
 def step(lead: float, *, price=0.0, other="sense_gain", series=None, where=slice(None)):
     own = noise(1) if series is None else series
-    given = {"base_vibration:2": {"omega": 7.0}, "sense_gain": {}, "drive_gain:1": {}}
+    given = {"parasitic_mode:1": {}, "base_vibration:2": {"omega": 7.0}, "sense_gain": {}, "drive_gain:1": {}}
     models = fitted(own), fitted(apart(own, lead, where), effects=given)
     scores = Score(1000.0, 500.0, 10.0, 20.0), Score(1000.0 - lead, 500.0 - lead, 10.0 + price, 20.0)
-    trials = [Trial(SimpleNamespace(fitted=model), score) for model, score in zip(models, scores, strict=True)]
+    problem = SimpleNamespace(device=SimpleNamespace(axes=2, own=()))
+    trials = [
+        Trial(SimpleNamespace(fitted=model, problem=problem), score)
+        for model, score in zip(models, scores, strict=True)
+    ]
     return Step("drive_gain", trials[0], None, {other: trials[1]})
 
 
@@ -74,6 +79,15 @@ def test_what_comes_within_odds_of_twenty_is_a_look_alike(lead: float, listed: b
 def test_the_price_counts() -> None:
     assert rivals(step(0.5 * TIE, price=2.0 * TIE)) == {}
     assert set(rivals(step(3.0 * TIE, price=-2.5 * TIE))) == {"sense_gain"}
+
+
+@pytest.mark.parametrize(("calm", "listed"), [(True, True), (False, False)])
+def test_numbers_that_the_record_says_nothing_of_are_not_paid_for(monkeypatch, calm: bool, listed: bool) -> None:
+    """A mode has two coefficients, its frequency and its damping: these two where the drive has one frequency."""
+    monkeypatch.setattr(observer_model, "of_resonance_alone", lambda record, device: calm)
+    mode = step(0.5 * TIE, price=10.0, other="parasitic_mode:1")  # twice 10, of a feedthrough's two numbers
+    mode.trial.fit.problem.record = None
+    assert bool(rivals(mode)) is listed
 
 
 def test_another_of_the_same_kind_is_none_and_parameters_are_kept() -> None:
