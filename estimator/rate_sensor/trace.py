@@ -23,7 +23,7 @@ from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
-from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, leaves_the_rest, why_not
+from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, gained, leaves_the_rest, why_not
 from estimator.trace.probability import of_rounds, stated
 from estimator.trace.promises import Claim, Errors, Level
 
@@ -180,8 +180,9 @@ class _Promised:
 def _promised(
     chosen: Chosen[SensorFit, tuple[str, ...]], before: SensorFit, fitting: Rows, floor: float, freedom: float
 ) -> _Promised:
-    """Less effects that may as well be nothing, or that a sample held out contradicts, and, where something is left,
-    less those that explain little beside the largest.
+    """Less effects that may as well be nothing, or that a sample held out contradicts.  Where something is left, less
+    those that explain little beside the largest; where the straight line is adequate, one effect after another, the
+    least first, as long as the part held out is not predicted better.
     """
     current, gains = (chosen.fit, dict(chosen.gains)) if chosen.steps else (before, {})
     why: dict[str, str] = {}
@@ -193,6 +194,9 @@ def _promised(
         gone |= {one.effect: said for one in claim.levels if (said := promises.contradicted(one))}
         if not gone and promises.broken(claim):
             gone = {name: leaves_the_rest(gains[name]) for name in promises.minor(gains)}
+            if not gone and gains and not claim.residual.fell and _is_adequate(claim.residual.before, floor):
+                least = min(gains, key=lambda name: gains[name])
+                gone = {least: f"{gained(gains[least])}; {promises.fell(claim)[0]}"}
         if not gone:
             return _Promised(current, gains, claim, why)
         why |= gone
@@ -255,7 +259,7 @@ def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tu
     beyond = float(np.max(np.abs(record.rate[held_out]))) > _SET.beyond * float(np.max(np.abs(record.rate[fitting])))
     outside = "the rates held out lie beyond those of the fitting part, which cannot tell what happens there"
     if not claim.effects:
-        if errors.after <= _SET.adequate * errors.floor:
+        if _is_adequate(errors.after, errors.floor):
             return Verdict.ADEQUATE, ()
         return Verdict.UNEXPLAINED, ("; ".join((*promises.at_floor(claim), *((outside,) if beyond else ()))),)
     against = promises.broken(claim)
@@ -266,6 +270,10 @@ def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tu
         return Verdict.UNEXPLAINED, against
     said = f"{promises.acts_like(claim.effects)}: {errors.share:.1%} of the power above the noise floor goes"
     return Verdict.PARTLY, (said, *against)
+
+
+def _is_adequate(error: float, floor: float) -> bool:
+    return error <= _SET.adequate * floor
 
 
 def _score(fitted: SensorFit, rows: Rows, floor: float) -> Fit:

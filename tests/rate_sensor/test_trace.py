@@ -69,6 +69,20 @@ def test_a_straight_line_is_adequate():
         assert not found.effects
 
 
+@pytest.mark.parametrize("seed", [78, 151, 160])
+def test_what_chance_makes_of_a_few_points_is_no_residual(seed):
+    """A straight line of which an effect explains more than its price by chance, as on 5 of 300 such tables: held out
+    it explains nothing, and nothing is left that it would have to explain.
+    """
+    rates = DECLARED.rate * np.concatenate([np.linspace(-0.9, 0.9, 42), np.linspace(-1, 1, 21)])
+    noise = 2e-3 * np.random.default_rng(seed).standard_normal(63)
+    record = SensorRecord(rates, 2.5 + 0.573 * rates + noise)
+    found = trace_sensor(record, DECLARED, 2e-3, np.arange(63) < 42)
+    assert found.verdict is Verdict.ADEQUATE
+    assert not found.effects
+    assert any("part held out the residual rose" in one.reason for one in found.rejected)
+
+
 def test_what_only_the_held_out_part_shows_is_unexplained():
     record, fitting = table(lambda f: np.clip(2.0 * f, -3.4, 3.4))
     found = trace_sensor(record, DECLARED, 1e-4, fitting)
