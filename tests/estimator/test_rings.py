@@ -54,6 +54,66 @@ def test_what_the_mode_that_is_modelled_leaves_is_no_other() -> None:
     assert omega == pytest.approx(WM, rel=0.02)
 
 
+def clear(*lines: tuple[float, float, float, float], level: float = 0.0, samples: int = SAMPLES) -> Array:
+    """The same without noise, about a level that stays, over so many samples."""
+    return (level + sum(size * decaying(*line) for size, *line in lines))[:samples, None]
+
+
+def test_the_strongest_line_is_that_with_the_most_power_over_all_residuals() -> None:
+    """One shows in one residual alone, the other, smaller, in both: 1 against 0.8² + 0.8²."""
+    lone, shared = (1.0, WM, DM, 0.3), (0.8, 2.6 * ITSELF, DM, 0.3)
+    (first, _), (second, _) = rings([clear(lone, shared), clear(shared)], RATE, ITSELF)
+    assert (first, second) == pytest.approx((2.6 * ITSELF, WM), rel=0.02)
+
+
+def test_a_level_that_stays_moves_nothing() -> None:
+    line = (1.0, WM, DM, 0.3)
+    ((omega, decay), *_) = rings([clear(line)], RATE, ITSELF)
+    assert omega == pytest.approx(WM, rel=0.02)
+    ((same, as_fast), *_) = rings([clear(line, level=30.0)], RATE, ITSELF)
+    assert (same, as_fast) == (pytest.approx(omega, rel=1e-9), pytest.approx(decay, rel=1e-6))
+
+
+@pytest.mark.parametrize(("order", "told"), [(0.05, False), (0.15, True), (0.95, False), (0.85, True), (1.85, True)])
+def test_a_line_is_another_mode_from_a_tenth_of_the_resonance_beside_it(order: float, told: bool) -> None:
+    found = rings([clear((1.0, order * ITSELF, 0.2, 0.3))], RATE, ITSELF)
+    assert any(omega == pytest.approx(order * ITSELF, abs=0.02 * ITSELF) for omega, _ in found) is told
+
+
+@pytest.mark.parametrize(("apart", "both"), [(0.07, False), (0.2, True)])
+def test_two_lines_are_two_from_a_tenth_of_the_resonance_apart(apart: float, both: bool) -> None:
+    lines = (1.0, 1.5 * ITSELF, 0.1, 0.3), (0.9, (1.5 + apart) * ITSELF, 0.1, 1.0)
+    found = rings([clear(*lines)], RATE, ITSELF)
+    assert any(omega == pytest.approx(lines[1][1], abs=0.01 * ITSELF) for omega, _ in found) is both
+
+
+def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_longest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A decay that no resonance tells, within the longest residual; the mean, which was taken off, tells nothing."""
+    asked: list[tuple[Array, list[Array]]] = []
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append((omega, seen)))
+    line = (1.0, 0.2 * ITSELF, DM, 0.3)  # in its first 40 samples less than a cycle
+    ((top, decay), *_) = rings([clear(line, samples=40), clear(line, samples=30)], RATE, ITSELF)
+    assert decay == 2.0 / (40 / RATE)
+    bin_width = 2.0 * math.pi * RATE / (8 * 40)
+    (omega, seen), *_ = asked
+    assert omega[0] == pytest.approx(bin_width)
+    assert omega[-1] == pytest.approx(top + 8 * bin_width)
+    assert [len(one) for one in seen] == [len(omega)] * 2
+
+
+def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Array] = []
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append(omega))
+    ((top, _), *_) = rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)
+    omega, *_ = asked
+    assert len(omega) == 17
+    assert omega[8] == top
+
+
 def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
     gain = ITSELF if sensed is Sensed.VELOCITY else 1.0
     return Device(
