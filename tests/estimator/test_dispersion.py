@@ -34,3 +34,10 @@ def test_lost_samples_differ_by_nothing() -> None:
     lost[5], less[5] = np.nan, np.nan
     one[5], other[5] = 0.0, 0.0
     assert dispersed(lost, less) == dispersed(one, other)
+
+
+def test_where_nothing_can_be_told_of_a_difference_it_is_as_sure_as_white_noise() -> None:
+    one = np.ones((640, 2))
+    assert dispersed(one, one) == 1.0
+    with np.errstate(all="ignore"):
+        assert dispersed(one, np.full_like(one, np.inf)) == 1.0

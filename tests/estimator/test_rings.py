@@ -15,6 +15,7 @@ from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.free_run_model import candidates
 from estimator.trace.pool.members import Member, Pool
 from estimator.trace.pool.trace import trace_pool
@@ -114,6 +115,27 @@ def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_s
     assert omega[8] == top
 
 
+def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
+    """2ζω, of a mode with the ζ and ω that are read."""
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (300.0, 0.01))
+    assert rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)[0] == (300.0, pytest.approx(6.0))
+
+
+@pytest.mark.parametrize(("order", "told"), [(0.1171875, False), (0.125, True), (1.1171875, False), (1.125, True)])
+def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, order: float, told: bool) -> None:
+    """Of an eighth, which a spectrum with 128 bins to the resonance hits."""
+    monkeypatch.setattr(
+        "estimator.trace.rings._SET", replace(THRESHOLDS.candidates, ring_apart=0.125, ring_bins=8, rings=99)
+    )
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (float(omega[8]), 0.1))
+    itself, samples = 64.0, 128  # bins of half a hertz
+    beside = np.zeros(8 * samples // 2 + 1)
+    beside[round(order * itself * 2.0)] = 1.0
+    monkeypatch.setattr("estimator.trace.rings.find_peaks", lambda power: (np.flatnonzero(beside), {}))
+    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
+    assert bool(found) is told
+
+
 def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
     gain = ITSELF if sensed is Sensed.VELOCITY else 1.0
     return Device(
@@ -122,13 +144,19 @@ def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
     )  # fmt: skip
 
 
-def test_it_is_searched_for_only_where_it_is_asked_for_and_beside_a_line() -> None:
+def test_it_is_searched_for_only_where_it_is_asked_for() -> None:
     residual = [noisy(1, (1.0, WM, DM, 0.3))]
     assert begun(device(), (), residual) == {}
-    found = begun(device(), (NAME,), residual)
+    assert begun(device(), ("backlash", "drag"), residual) == {}
+    found = begun(device(), ("drag", NAME), residual)
     assert list(found) == [NAME, f"{NAME}:2"]
-    assert list(found[NAME]) == ["wm", "dm"]
-    assert NAME not in candidates(device(), ObserverSettings(), (NAME,))  # a line is looked for first
+    (first, second) = rings(residual, RATE, float(np.sqrt(device().target)))
+    assert found[NAME] == dict(zip(("wm", "dm"), first, strict=True))
+    assert found[f"{NAME}:2"] == dict(zip(("wm", "dm"), second, strict=True))
+
+
+def test_it_is_no_candidate_before_a_line_is_looked_for() -> None:
+    assert NAME not in candidates(device(), ObserverSettings(), (NAME,))
 
 
 def decay(rng: np.random.Generator, ringing: bool) -> Record:

@@ -133,6 +133,13 @@ def test_what_is_in_step_is_the_effect_as_it_is_where_nothing_is_left(
     assert in_step(PROBLEM, first, NAME) == (first, as_it_is)
 
 
+def test_a_size_a_fifth_of_its_deviation_away_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not fits(monkeypatch)
+    first = at(4.0, 2.0, (3.0, 2.0))
+    first.observer.covariance = np.eye(4) * 25.0
+    assert in_step(PROBLEM, first, NAME) == (first, True)
+
+
 @pytest.mark.parametrize(("fell", "stays"), [(299.0, False), (300.0, True), (301.0, True)])
 def test_where_the_likelihood_falls_the_corner_stays(monkeypatch: pytest.MonkeyPatch, fell: float, stays: bool) -> None:
     """By more than a start from a wide spread takes off."""
