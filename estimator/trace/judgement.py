@@ -7,6 +7,7 @@ noise, but whether what stands above it is of a size that matters.
 import numpy as np
 
 from estimator.record import Record
+from estimator.residual.effective import autocorrelation
 from estimator.residual.floor import quiet_bins
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
@@ -73,12 +74,5 @@ def power_over_prediction(
 
 def predictable_share(series: Array, lags: int) -> float:
     """Share of the power that the sum of squared autocorrelations puts down to the past, chance taken off."""
-    n = len(series)
-    shares = []
-    for column in series.T:
-        centred = column - np.mean(column)
-        transform = np.fft.rfft(centred, 2 * n)
-        correlation = np.fft.irfft(np.abs(transform) ** 2)[: lags + 1]
-        correlation = correlation[1:] / max(float(correlation[0]), np.finfo(float).tiny)
-        shares.append(float(np.sum(correlation**2 - 1.0 / n)))
+    shares = [np.sum(autocorrelation(column)[1 : lags + 1] ** 2 - 1.0 / len(series)) for column in series.T]
     return float(np.mean(shares))

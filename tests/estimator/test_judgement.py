@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.record import Record
-from estimator.residual.effective import effective_samples
+from estimator.residual.effective import autocorrelation, effective_samples
 from estimator.trace import judgement
 from estimator.trace.judgement import leftover, predictable_share, steadied, unexplained
 
@@ -127,6 +127,21 @@ def test_more_effects_than_may_be_are_no_explanation_and_no_more_is_one_that_div
         assert leftover(enough, RECORD, RESONANCE) == ()
     diverged = SimpleNamespace(after=model(white(), likelihood=-np.inf), patchwork=False, gain={})
     assert leftover(diverged, RECORD, RESONANCE) == ("the observer does not converge on this record",)
+
+
+def test_an_autocorrelation_is_about_the_mean_and_does_not_turn_round() -> None:
+    """Its products written out."""
+    series = np.array([6.0, 6.0, 4.0])
+    centred = series - 16.0 / 3.0
+    products = [centred @ centred, centred[:-1] @ centred[1:], centred[0] * centred[2]]
+    np.testing.assert_allclose(autocorrelation(series), np.array(products) / products[0], atol=1e-12)
+    np.testing.assert_array_equal(autocorrelation(np.full(4, 3.0)), np.zeros(4))
+
+
+def test_what_follows_from_the_past_is_told_of_each_axis_and_meant_over_them() -> None:
+    """Of (1, −1, 1, −1) with ρ₁ = −3/4, ρ₂ = 1/2, and of one that is constant, whose ρ are 0; less a quarter each."""
+    series = np.stack([[1.0, -1.0, 1.0, -1.0], [2.0] * 4], axis=1)
+    assert predictable_share(series, 2) == pytest.approx(((9.0 + 4.0) / 16.0 - 2 * 0.25 - 2 * 0.25) / 2.0)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
