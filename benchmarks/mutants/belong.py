@@ -46,7 +46,7 @@ _TRACE = {
     "claims": "claims certainty",
     "conflict": "conflict",
     "constancy": "constancy",
-    "criterion": "engine certainty width",
+    "criterion": "criterion",
     "determined": "determined closed_forms",
     "dispersion": "dispersion rivals",
     "engine": "engine promised by_simulation",
