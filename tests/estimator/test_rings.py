@@ -83,9 +83,11 @@ def test_a_line_is_another_mode_from_a_tenth_of_the_resonance_beside_it(order: f
 
 @pytest.mark.parametrize(("apart", "both"), [(0.07, False), (0.2, True)])
 def test_two_lines_are_two_from_a_tenth_of_the_resonance_apart(apart: float, both: bool) -> None:
-    lines = (1.0, 1.5 * ITSELF, 0.1, 0.3), (0.9, (1.5 + apart) * ITSELF, 0.1, 1.0)
-    found = rings([clear(*lines)], RATE, ITSELF)
-    assert any(omega == pytest.approx(lines[1][1], abs=0.01 * ITSELF) for omega, _ in found) is both
+    """Of a resonance with 96 cycles in the record, which shows lines a 25th of it apart."""
+    itself = 4.0 * ITSELF
+    lines = (1.0, 1.5 * itself, 0.1, 0.3), (0.9, (1.5 + apart) * itself, 0.1, 1.0)
+    found = rings([clear(*lines)], RATE, itself)
+    assert any(omega == pytest.approx(lines[1][1], abs=0.01 * itself) for omega, _ in found) is both
 
 
 def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_longest(
@@ -134,6 +136,10 @@ def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr("estimator.trace.rings.find_peaks", lambda power: (np.flatnonzero(beside), {}))
     found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
     assert bool(found) is told
+    beside[[192, 192 + 16 - 1, 192 + 16]] = 1.0  # one and a half, an eighth of the resonance on, and less
+    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
+    assert {2.0 * np.pi * 0.5 * 192, 2.0 * np.pi * 0.5 * 208} <= {omega for omega, _ in found}
+    assert 2.0 * np.pi * 0.5 * 207 not in {omega for omega, _ in found}
 
 
 def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
