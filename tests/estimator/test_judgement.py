@@ -102,6 +102,27 @@ def test_the_start_of_a_record_is_not_judged():
     assert said(series) == ()
 
 
+def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
+    """Eight of 19.9 samples are left to the start, four are asked about the past."""
+    asked = {}
+
+    def steady(of, first, cycle):
+        asked["steadied"] = first, cycle
+        return white()[first:]
+
+    def power(of, series, record, first, sample_rate, resonance_hz):
+        asked["power"] = len(series), first, sample_rate, resonance_hz
+        return 1.0
+
+    monkeypatch.setattr(judgement, "steadied", steady)
+    monkeypatch.setattr(judgement, "power_over_prediction", power)
+    monkeypatch.setattr(judgement, "predictable_share", lambda series, lags: asked.setdefault("lags", lags) * 0.0)
+    assert unexplained(model(white()), RECORD, 201.0) == ()
+    assert asked == {
+        "steadied": (8 * 19, 19), "power": (N - 8 * 19, 8 * 19, pytest.approx(RATE), 201.0), "lags": 4 * 19
+    }  # fmt: skip
+
+
 def test_around_a_jump_of_the_rate_innovations_are_brought_down_to_three_times_the_usual_power():
     series = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
     series[30_000:30_400] *= 10.0
