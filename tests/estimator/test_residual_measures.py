@@ -56,6 +56,13 @@ def test_amplitude_phase_and_angle_are_those_of_the_ellipse(every: int, natural:
     np.testing.assert_allclose(seen.amplitude[inner], expected[inner], rtol=5e-3)
 
 
+def test_between_states_half_a_cycle_apart_the_resonance_tells_which_way_the_phase_goes() -> None:
+    """Of a vibration 15 % faster than the resonance, whose states are 0.5175 of its own cycles apart."""
+    of, phase = ellipse(4000, np.zeros(4000), every=9, natural=1.15)
+    seen = motion(of, 4000, CYCLE)
+    np.testing.assert_allclose(seen.phasor[9:-9], np.exp(1j * phase)[9:-9], atol=0.03)
+
+
 def test_along_one_axis_the_angle_is_zero_whatever_the_phase() -> None:
     of, phase = ellipse(400, np.zeros(400), axes=1)
     seen = motion(of, 400, CYCLE)
@@ -71,6 +78,16 @@ def test_the_state_is_needed_twice_a_cycle(every: int, *, refused: bool) -> None
             motion(of, 400, CYCLE)
     else:
         motion(of, 400, CYCLE)
+
+
+def test_two_states_are_enough_and_the_widest_gap_counts() -> None:
+    of, _ = ellipse(20, np.zeros(20), every=10)
+    assert len(of.index) == 2
+    assert len(motion(of, 20, CYCLE).angle) == 20
+    of, _ = ellipse(400, np.zeros(400), every=5)
+    there = np.delete(np.arange(len(of.index)), [30, 31])
+    with pytest.raises(ModelError, match="at least twice a cycle"):
+        motion(replace(of, index=of.index[there], state=of.state[there]), 400, CYCLE)
 
 
 def test_a_motion_that_stands_still_has_no_natural_rate_and_fails_nowhere() -> None:
