@@ -498,6 +498,19 @@ def test_a_drive_of_one_size_repeats_as_any_other() -> None:
     assert floor._period(steps[:63]) is None
 
 
+def test_a_drive_that_is_off_most_of_the_time_repeats_as_any_other() -> None:
+    """What is looked for again is where it is largest."""
+    pulse = np.zeros((300, 1))
+    pulse[200:203, 0] = 1.0, 3.0, -2.0
+    assert floor._period(np.tile(pulse, (5, 1))[:1240]) == 300
+
+
+def test_one_axis_that_stands_still_does_not_hide_the_period_of_the_other() -> None:
+    drive = np.ones((1200, 2))
+    drive[:, 1] = np.tile(np.random.default_rng(6).standard_normal(300), 4)
+    assert floor._period(drive) == 300
+
+
 def test_64_quiet_bins_of_the_upper_half_are_enough() -> None:
     """And with 63 the whole spectrum counts."""
     upper = np.linspace(1300.0, 1900.0, 64)  # of 233 Hz: no multiple is there
@@ -510,7 +523,8 @@ def test_what_comes_back_only_nearly_does_not_repeat() -> None:
     random = np.random.default_rng(3)
     drive = np.tile(random.standard_normal((400, 1)), (4, 1))
     for off, period in ((0.5e-4, 400), (2e-4, None)):
-        assert floor._period(drive + off * random.standard_normal(drive.shape)) == period
+        noisy = drive + off * random.standard_normal(drive.shape)
+        assert [floor._period(size * noisy) for size in (1e-3, 1.0, 1e3)] == [period] * 3  # in whatever unit
     lost = np.tile(random.standard_normal((700, 1)), (2, 1))
     assert floor._period(lost[:900]) is None  # what comes back once, for a part of the record
     assert floor._period(np.zeros((400, 1))) is None
