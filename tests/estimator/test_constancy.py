@@ -122,9 +122,7 @@ def test_what_a_model_carries_is_watched_once_more_where_candidates_are_compared
     found = constancies(Problem(record, DEVICE, SETTINGS), model, list(given))
     watched = {"drive_gain:again0": {}, "interference:again1": {"omega": 7.0}}
     assert asked == [([1.0, float(THRESHOLDS.choice.compared)], settings, watched, "observer")]
-    assert found == {
-        name: ("seen", label) for name, label in zip(given, watched, strict=True)
-    }
+    assert found == {name: ("seen", label) for name, label in zip(given, watched, strict=True)}
 
 
 def test_nothing_is_asked_of_no_effect_or_of_a_model_that_has_no_likelihood() -> None:

@@ -11,7 +11,7 @@ def test_a_part_counts_with_the_square_of_its_sum_over_what_white_noise_would_ma
     """Two rows of two axes to a part: e = (0.1, 0.2), z = (1, k) in part k, so that each part sums 2 (0.1 + 0.2 k)."""
     k = np.arange(PARTS)
     one = np.repeat(np.stack([np.ones(PARTS), k], axis=1), 2, axis=0)
-    other = one + [0.1, 0.2]
+    other = one + np.array([0.1, 0.2])
     expected = np.sum((2.0 * (0.1 + 0.2 * k)) ** 2) / (2 * PARTS * (0.01 + 0.04))
     assert dispersed(one, other) == pytest.approx(expected)
 

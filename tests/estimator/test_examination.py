@@ -103,7 +103,9 @@ def test_free_runs_are_told_of_each_part_by_the_samples_that_they_have(monkeypat
     assert (found.fitted.simulation_rmse, found.held_out.simulation_rmse) == (pytest.approx(np.sqrt(12.5)), None)
 
 
-@pytest.mark.parametrize(("lost", "diverges"), [(slice(140, 595), True), (slice(595, N), True), (slice(140, 594), False)])
+@pytest.mark.parametrize(
+    ("lost", "diverges"), [(slice(140, 595), True), (slice(595, N), True), (slice(140, 594), False)]
+)
 def test_an_observer_without_a_number_in_either_part_diverges(
     monkeypatch: pytest.MonkeyPatch, lost: slice, diverges: bool
 ) -> None:

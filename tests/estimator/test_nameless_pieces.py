@@ -174,7 +174,7 @@ def test_a_mean_is_at_frequency_zero() -> None:
 
 @pytest.mark.parametrize(("share", "at"), [(1.2, 0.0), (0.8, 0.7)])
 def test_a_mean_counts_twice_since_it_has_one_side_only(share: float, at: float) -> None:
-    """Of a mean m and a sine a in n samples the squares are n² m² and, on either side, n² a²/4: 2000 times the noise."""
+    """Of a mean m and a sine a in n samples squares are n² m² and, on either side, n² a²/4: 2000 of noise."""
     n = 4096
     turn = 2.0 * np.pi * round(0.7 * n / (2.0 * np.pi)) / n  # in one bin
     series = math.sqrt(share * 1000.0 / n) + math.sqrt(8000.0 / n) * np.sin(turn * np.arange(n))

@@ -182,7 +182,11 @@ def borne_out(monkeypatch: pytest.MonkeyPatch, late: float, carried: float) -> b
     monkeypatch.setattr(observer_model, "coefficients_of", lambda observer: {})
     monkeypatch.setattr(observer_model, "parameters_of", lambda model, name: {})
     monkeypatch.setattr(observer_model, "leads", lambda model, base: np.array([9e5, 9e5, late]))
-    problem: Any = SimpleNamespace(record=range(900), device=DEVICE, carrying=lambda effects: SimpleNamespace(effects=effects))
+
+    def carrying(effects: Any) -> Any:
+        return SimpleNamespace(effects=effects)
+
+    problem: Any = SimpleNamespace(record=range(900), device=DEVICE, carrying=carrying)
     base, model = (SimpleNamespace(likelihood=one, observer=None) for one in (0.0, 1e6))
     return observer_model.carries_over(problem, base, model, "drive_gain")
 

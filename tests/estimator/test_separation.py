@@ -268,9 +268,7 @@ def test_an_experiment_is_played_by_the_loop_that_it_asks_for(monkeypatch: pytes
 
     monkeypatch.setattr(separation, "Observer", observer)
     monkeypatch.setattr(separation, "experiment_block", block)
-    experiment = Experiment(
-        "any", "do it", virtual=2e-3, modulation=0.4, dither=3e-3, turning=5e-3, stiffness=0.02
-    )
+    experiment = Experiment("any", "do it", virtual=2e-3, modulation=0.4, dither=3e-3, turning=5e-3, stiffness=0.02)
     record = loop_record(experiment, device, SETTINGS, latency=4)
     force = 1e-4 * TARGET / 2.0
     (law,) = laws
