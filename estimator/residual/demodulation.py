@@ -58,7 +58,7 @@ def motion(estimates: Estimates, samples: int, samples_per_cycle: float) -> Moti
     phasors = [estimates.of("x") - 1j * estimates.of("vx") / velocity]
     if "y" in estimates.names:
         phasors.append(estimates.of("y") - 1j * estimates.of("vy") / velocity)
-    x, y = phasors[0], phasors[-1] if len(phasors) == 2 else np.zeros_like(phasors[0])
+    x, y = phasors[0], phasors[1] if len(phasors) == 2 else np.zeros_like(phasors[0])
     theta = 0.5 * np.unwrap(np.arctan2(2.0 * np.real(x * np.conj(y)), np.abs(x) ** 2 - np.abs(y) ** 2))
     major = x * np.cos(theta) + y * np.sin(theta)
     every = np.arange(samples)

@@ -1,19 +1,22 @@
-"""How many independent samples a correlated series is worth."""
+"""How a series hangs on its own past, and how many independent samples it is then worth."""
 
 import numpy as np
+from scipy.signal import correlate
 
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 
 
+def autocorrelation(series: Array) -> Array:
+    """Of a series (n,) about its mean at lags from 0 to n − 1, over its power; 0 of one that is constant."""
+    centred = series - np.mean(series)
+    products = correlate(centred, centred, method="fft")[len(centred) - 1 :]
+    return np.asarray(products / max(float(products[0]), np.finfo(float).tiny))
+
+
 def effective_samples(residual: Array) -> float:
     """n / (1 + 2 Σ ρ) of a series (n,), its autocorrelation summed up to where it first reaches zero; at most n."""
-    centred = residual - np.mean(residual)
-    power = float(centred @ centred)
-    if power == 0.0:
-        return float(len(residual))
-    spectrum = np.fft.rfft(centred, 2 * len(centred))
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[: len(centred)] / power
+    correlation = autocorrelation(residual)
     first = int(np.argmax(correlation <= 0.0)) or len(correlation)
     worth = len(residual) / (1.0 + 2.0 * np.sum(correlation[1:first]))
     return float(np.clip(worth, THRESHOLDS.residual.fewest_independent, len(residual)))

@@ -130,9 +130,8 @@ def _alike(model: FreeRunModel, found: FreeRun, known: Sequence[str]) -> tuple[t
             if candidate in found.effects:
                 continue
             rest = signatures[candidate].signature
-            if own.shape[1] == 0 or rest.shape[1] == 0:
-                continue
-            correlation = float(np.linalg.norm(np.linalg.qr(own)[0].T @ np.linalg.qr(rest)[0], 2))
+            cosines = np.linalg.svd(np.linalg.qr(own)[0].T @ np.linalg.qr(rest)[0], compute_uv=False)
+            correlation = float(np.max(cosines, initial=0.0))  # what acts on nothing is like none
             if correlation > _SET.alike:
                 pairs.append((name, candidate, correlation))
     return tuple(pairs)

@@ -94,4 +94,4 @@ def _rounded(power: float) -> float:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return " and ".join(", ".join(names).rsplit(", ", 1)) if len(names) > 1 else names[0]
+    return " and ".join(", ".join(names).rsplit(", ", 1))

@@ -43,7 +43,7 @@ class Evidence:
 def solve(normal: Array, score: Array) -> tuple[Array, int]:
     """Least-squares coefficients of N c = b, and how many directions the record says something of."""
     values, vectors = np.linalg.eigh(normal)
-    seen = values > _SET.blind * max(float(values[-1]), 1e-300)
+    seen = values > _SET.blind * values[-1]
     shares = vectors[:, seen].T @ score / values[seen]
     return np.asarray(vectors[:, seen] @ shares), int(seen.sum())
 

@@ -7,6 +7,7 @@ noise, but whether what stands above it is of a size that matters.
 import numpy as np
 
 from estimator.record import Record
+from estimator.residual.effective import autocorrelation
 from estimator.residual.floor import quiet_bins
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
@@ -29,7 +30,7 @@ def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple
 def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str, ...]:
     """What in the residual of a model is larger than can be left to chance, in words."""
     sample_rate = 1.0 / float(np.mean(record.step))
-    cycle = max(int(sample_rate / resonance_hz), 1)
+    cycle = int(sample_rate / resonance_hz)  # a record has four samples of one at least
     series = steadied(model, _SET.start * cycle, cycle)
     reasons = []
     excess = power_over_prediction(model, series, record, _SET.start * cycle, sample_rate, resonance_hz) - 1.0
@@ -51,7 +52,7 @@ def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str
 def steadied(model: Fitted, first: int, cycle: int) -> Array:
     """Innovations from `first` on over their predicted deviation (m, axes), those around a jump of the rate reduced."""
     normalised = np.nan_to_num(model.estimates.innovation / model.estimates.innovation_deviation)[first:]
-    power = np.convolve(np.mean(normalised**2, axis=1), np.ones(cycle) / cycle, "same")
+    power = np.convolve(np.mean(normalised**2, axis=1), np.ones(cycle), "same")  # over a cycle
     usual = float(np.median(power))
     share = np.sqrt(np.minimum(1.0, _SET.jump * usual / np.maximum(power, np.finfo(float).tiny)))
     return np.asarray(normalised * share[:, None])
@@ -73,12 +74,5 @@ def power_over_prediction(
 
 def predictable_share(series: Array, lags: int) -> float:
     """Share of the power that the sum of squared autocorrelations puts down to the past, chance taken off."""
-    n = len(series)
-    shares = []
-    for column in series.T:
-        centred = column - np.mean(column)
-        transform = np.fft.rfft(centred, 2 * n)
-        correlation = np.fft.irfft(np.abs(transform) ** 2)[: lags + 1]
-        correlation = correlation[1:] / max(float(correlation[0]), np.finfo(float).tiny)
-        shares.append(float(np.sum(correlation**2 - 1.0 / n)))
+    shares = [np.sum(autocorrelation(column)[1 : lags + 1] ** 2 - 1.0 / len(series)) for column in series.T]
     return float(np.mean(shares))

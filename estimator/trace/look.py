@@ -104,7 +104,7 @@ def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> d
     def is_new(name: str, given: Parameters) -> bool:
         if "omega" not in given:
             return kind(name) not in carried
-        return all(abs(given["omega"] - other) > _SET.apart / span for other in frequencies)
+        return all(abs(given["omega"] - other) >= _SET.apart / span for other in frequencies)
 
     new = {name: given for name, given in watched.items() if is_new(name, given)}
     return {_relabelled(name, effects, watched): given for name, given in new.items()}

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
@@ -36,15 +37,14 @@ def rings(residuals: Sequence[Array], sample_rate: float, itself: float) -> list
     """
     length = _SET.ring_bins * max(len(one) for one in residuals)
     channels = [np.nan_to_num(column) for one in residuals for column in one.T]
-    spectra = [np.fft.rfft(column - np.mean(column), length) / sample_rate for column in channels]
+    spectra = [np.fft.rfft(column - np.mean(column), length) for column in channels]
     # Lines are told by a window, or the strongest would have others beside it; how fast one dies away, without.
     told = [np.fft.rfft((column - np.mean(column)) * np.hanning(len(column)), length) for column in channels]
     power = np.sum([np.abs(one) ** 2 for one in told], axis=0)
     omega: Array = 2.0 * np.pi * np.fft.rfftfreq(length, 1.0 / sample_rate).astype(np.float64)
     order = omega / itself
     own = (np.abs(order - np.round(order)) < _SET.ring_apart) | (order < _SET.ring_apart)
-    inner = power[1:-1]
-    tops = 1 + np.flatnonzero((inner > power[:-2]) & (inner >= power[2:]))
+    tops, _ = find_peaks(power)
     tops = tops[~own[tops]]
     found: list[tuple[float, float]] = []
     for top in sorted(tops.tolist(), key=lambda place: -power[place]):

@@ -41,7 +41,7 @@ def spoken_for(
         [partial(fit, part.part(slice(0, first)).carrying(one), passes=1) for one in asked],
         lambda done: progress("other kinds", done, len(asked)),
     )
-    start = round(samples / max(first, 1))  # as many samples are the start of the beginning as of the part
+    start = round(samples / first)  # as many samples are the start of the beginning as of the part
 
     def enough(seen: int, start: int) -> float:
         """A deficit over so many samples with which there is still a good share of the gain."""

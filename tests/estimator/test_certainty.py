@@ -76,6 +76,8 @@ def test_a_parameter_along_which_the_likelihood_has_no_top_is_told_as_not_determ
     low, high = interval_of("limit", 7.0, fitted(2.0), found)
     assert (low, high) == pytest.approx((7.0 - norm.ppf(0.975), 7.0 + norm.ppf(0.975)))
     assert interval_of("v0", 1.2e-5, fitted(2.0), found) == (0.0, np.inf)
+    small = Searched(("v0",), np.array([[1e-12]]), np.zeros((2, 1)))
+    assert interval_of("v0", 1e-5, fitted(1.0), small) == pytest.approx((1e-5 - 1.96e-6, 1e-5 + 1.96e-6), rel=1e-4)
 
 
 @pytest.mark.parametrize("weights", [(1.0, 0.0), (0.3, 1.0), (1.0, -1.0)])
@@ -112,6 +114,7 @@ def test_how_far_the_angle_moves_for_another_effect_is_by_the_model_that_carries
 
     def fit(asked, passes):
         carried["fitted"] = set(asked.effects)
+        carried["passes"] = passes
         return SimpleNamespace(observer=None)
 
     monkeypatch.setattr(angle, "fit", fit)
@@ -121,15 +124,34 @@ def test_how_far_the_angle_moves_for_another_effect_is_by_the_model_that_carries
     )
     effects = {"drive_gain": {"hx": 0.1, "hy": 0.0}, "drag": {"dqx": 1.0}}
     assert AngleReader(problem()).mistaken(effects, "drive_gain", "sense_gain", {}) == pytest.approx(0.3)
-    assert carried["fitted"] == {"sense_gain", "drag"}
+    assert carried == {"fitted": {"sense_gain", "drag"}, "passes": 1}
 
 
 def test_the_start_of_the_record_is_not_read(monkeypatch):
-    monkeypatch.setattr(angle, "Observer", lambda *args: SimpleNamespace(hold_coefficients=lambda: None))
-    monkeypatch.setattr(angle, "run", lambda observer, record: SimpleNamespace(angle=np.arange(float(len(record)))))
-    reader = AngleReader(problem())
+    """And coefficients stay as given; a reader is the same whatever it has read, which it reads once."""
+    held, read = [], []
+    observer = SimpleNamespace(hold_coefficients=lambda: held.append(None))
+    monkeypatch.setattr(angle, "Observer", lambda *args: observer)
+
+    def run(observer, record):
+        read.append(len(held))
+        return SimpleNamespace(angle=np.arange(float(len(record))))
+
+    monkeypatch.setattr(angle, "run", run)
+    asked = problem()
+    reader = AngleReader(asked)
     settled = 3.0 * min(ObserverSettings().memory, 1.0) * DEVICE.sample_rate
     assert reader.angle({})[0] == min(int(settled), N // 4)
+    assert reader.angle({}) is reader.angle({})
+    assert read == [1]
+    assert reader == AngleReader(asked)
+    assert "_known" not in repr(reader)
+
+
+def test_what_is_shifted_is_shifted_as_asked():
+    effects = {"drive_saturation": {"sx": 1.0, "sy": 2.0, "limit": 3.0}, "drag": {"dqx": 5.0}}
+    shifted = angle._shifted(effects, "drive_saturation", np.array([0.25, -0.5]))
+    assert shifted == {"drive_saturation": {"sx": 1.25, "sy": 1.5, "limit": 3.0}, "drag": {"dqx": 5.0}}
 
 
 def series(before: float, after: float):

@@ -24,7 +24,6 @@ from estimator.settings import Device, ObserverSettings, Spread
 from estimator.thresholds_page import page
 from estimator.trace import claims as claims_of_two_axes
 from estimator.trace import determined, examination, fitness, fitting, free_response, nameless, parameters, promises
-from estimator.trace.dispersion import dispersed
 from estimator.trace.evidence import likeness
 from estimator.trace.free_run import verdict_of
 from estimator.trace.nameless import Contest
@@ -124,13 +123,6 @@ def test_dispersion_is_of_innovations_in_their_own_deviations() -> None:
     usual = dispersion(of(one, 1.0), of(two, 1.0))
     assert usual > 3.0
     assert dispersion(of(7.0 * one, 7.0), of(7.0 * two, 7.0)) == pytest.approx(usual)
-
-
-def test_where_nothing_can_be_told_of_a_difference_it_is_as_sure_as_white_noise() -> None:
-    one = np.ones((640, 2))
-    assert dispersed(one, one) == 1.0
-    with np.errstate(all="ignore"):
-        assert dispersed(one, np.full_like(one, np.inf)) == 1.0
 
 
 def test_a_signature_of_nothing_is_like_none() -> None:

@@ -15,6 +15,7 @@ from scipy.linalg import expm
 from estimator.diagnosis import Verdict
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import conflict
 from estimator.trace.conflict import runs_backwards
 from estimator.trace.engine import Round
@@ -121,6 +122,7 @@ def reconciled(monkeypatch: pytest.MonkeyPatch) -> Any:
         told: list[tuple[str, int, int]] = []
 
         def fit(problem: Problem, passes: int) -> Any:
+            assert (len(problem.record), problem.record.step[0]) == (SAMPLES, 1 / RATE)
             asked.append((tuple(problem.effects), passes))
             own = [name for name in problem.effects if name != "known"]
             likelihood = 1000.0 + sum(gains[name] for name in own)
@@ -144,8 +146,12 @@ def reconciled(monkeypatch: pytest.MonkeyPatch) -> Any:
             alike=none, rivals=none, accounts=none,
             before=none, after=none, gain=none, searched=none, patchwork=False,
         )  # fmt: skip
-        record = Record(np.zeros((SAMPLES, 2)), np.zeros((SAMPLES, 2, 1)), np.full(SAMPLES, 1 / RATE))
+        # Of the samples on which candidates are compared, which are the first.
+        longer = SAMPLES + 7
+        record = Record(np.zeros((longer, 2)), np.zeros((longer, 2, 1)), np.arange(1.0, longer + 1.0) / RATE)
         problem = Problem(record, DEVICE, replace(SETTINGS, effects={"known": {}}))
+        choice = replace(THRESHOLDS.choice, compared=SAMPLES)
+        monkeypatch.setattr(conflict, "THRESHOLDS", replace(THRESHOLDS, choice=choice))
         found = conflict.reconciled(problem, selection, lambda *what: told.append(what))
         return found, asked, told
 
@@ -176,6 +182,19 @@ def test_of_those_that_end_the_conflict_the_one_that_gains_most_for_its_price_ac
         "drive_gain": pytest.approx(price - 3.0),
         "drag": pytest.approx(price + 4.0),
     }
+
+
+def test_what_is_behind_by_odds_of_twenty_to_one_is_told_from_the_best(
+    monkeypatch: pytest.MonkeyPatch, reconciled: Any
+) -> None:
+    monkeypatch.setattr(conflict, "TIE", 7.0)
+    behind = {"drive_gain": 300.0, "drag": 293.0}
+    (_, found), *_ = reconciled(set(GAINS) - set(behind), GAINS | behind)
+    assert found.rivals == {"drive_gain": {}}
+    behind["drag"] = 293.5
+    (_, found), *_ = reconciled(set(GAINS) - set(behind), GAINS | behind)
+    assert found.rivals["drive_gain"]["drag"].deficit == pytest.approx(6.5)
+    assert found.rivals["drive_gain"]["drag"].bound == 7.0
 
 
 def test_what_gains_no_more_than_chance_lets_nothing_be(reconciled: Any) -> None:

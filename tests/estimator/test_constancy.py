@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from estimator.record import Record
+from estimator.thresholds import THRESHOLDS
+from estimator.trace import constancy as module
 from estimator.trace.constancy import Constancy, constancies, constancy
 from estimator.trace.fitting import fit
 from estimator.trace.problem import Problem
@@ -95,6 +98,31 @@ def test_a_drive_gain_that_changes_on_the_way_is_seen_and_one_that_does_not_is_n
     model = fit(problem.carrying({"drive_gain": {}}))
     found = constancies(problem, model, ["drive_gain"])["drive_gain"]
     assert (found.chance < 1e-4) is (swing > 0.0)
+
+
+def test_what_a_model_carries_is_watched_once_more_where_candidates_are_compared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each under a label of its own, with its parameters, by the observer that the model is scanned with."""
+    asked = []
+    given = {"drive_gain": {}, "interference:2": {"omega": 7.0}}
+    model = SimpleNamespace(likelihood=1.0, observer="observer")
+    settings = replace(SETTINGS, memory=9.0)
+    samples = THRESHOLDS.choice.compared + 3
+    record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.arange(1.0, samples + 1.0))
+
+    def scan(problem: Problem, watched: dict[str, dict[str, float]], observer: str) -> str:
+        asked.append((problem.record.step[[0, -1]].tolist(), problem.settings, watched, observer))
+        return "seen"
+
+    monkeypatch.setattr(module, "scanned_with", lambda model, device, bench: settings)
+    monkeypatch.setattr(module, "parameters_of", lambda model, name: given[name])
+    monkeypatch.setattr(module, "scan", scan)
+    monkeypatch.setattr(module, "constancy", lambda seen, label: (seen, label))
+    found = constancies(Problem(record, DEVICE, SETTINGS), model, list(given))
+    watched = {"drive_gain:again0": {}, "interference:again1": {"omega": 7.0}}
+    assert asked == [([1.0, float(THRESHOLDS.choice.compared)], settings, watched, "observer")]
+    assert found == {name: ("seen", label) for name, label in zip(given, watched, strict=True)}
 
 
 def test_nothing_is_asked_of_no_effect_or_of_a_model_that_has_no_likelihood() -> None:

@@ -1,8 +1,8 @@
 """The choice of effects, on stub models whose every gain and price is written down here."""
 
 import math
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import pytest
 
@@ -15,7 +15,10 @@ from estimator.trace.engine import (
     Outcome,
     Rules,
     Score,
+    Step,
+    Trial,
     Tried,
+    _near,
     choose,
     leader,
     leaves_the_rest,
@@ -469,3 +472,44 @@ def test_one_that_ties_by_as_much_as_tells_two_apart_is_told_apart():
 def test_a_tie_is_odds_of_twenty_to_one() -> None:
     """Beyond that one account is told from another (`criterion.odds`)."""
     assert math.exp(TIE / 2.0) == pytest.approx(20.0)
+
+
+def test_negative_beyond_doubt_is_below_zero_and_no_trifle() -> None:
+    """A fiftieth of the largest is one."""
+
+    def wrong(value: float, high: float, other: float = 0.0) -> str | None:
+        own = Estimate(value, -9.0, high, positive=True)
+        return unphysical({"drag": {"dqx": own, "dqy": Estimate(other, -9.0, 9.0, positive=True)}})
+
+    assert wrong(-1.0, 0.0) is None
+    assert wrong(-1.0, -1e-300) == "dqx"
+    assert wrong(-0.02, -0.01, other=1.0) is None
+    assert wrong(-math.nextafter(0.02, 1.0), -0.01, other=1.0) == "dqx"
+    unsigned = Estimate(-1.0, -2.0, -0.5)
+    assert unphysical({"drag": {"dqx": unsigned}}) is None
+
+
+def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:
+    """And is not carried, and has a model of the right signs."""
+
+    class Family:
+        def fit(self, less: str, look: str, names: list[str], tried: object) -> dict[str, str | tuple[str, float]]:
+            assert (less, look, tried) == ("less", "look", {})
+            return {name: "no model" if name == "impossible" else (name, 1.0) for name in names}
+
+        def coefficients(self, fit: tuple[str, float]) -> dict[str, dict[str, Estimate]]:
+            high = -1.0 if fit[0] == "wrong" else 1.0
+            return {fit[0]: {"c": Estimate(-2.0, -3.0, high, positive=True)}}
+
+        def score(self, less: str, look: str, fits: dict[str, tuple[str, float]]) -> dict[str, Score]:
+            return {name: Score(1.0, 2.0, 3.0, 4.0) for name in fits}
+
+    gains = {"bound": 90.0, "over": math.nextafter(90.0, 99.0), "carried": 95.0, "impossible": 95.0, "wrong": 95.0}
+    beside = {name: Trial(name, Score(0.0, gain, 0.0, 0.0)) for name, gain in gains.items()}
+    step: Any = Step("taken", Trial("fit", Score(0.0, 100.0, 0.0, 0.0)), "before", beside)
+    family: Any = Family()
+    rules = Rules(3, Dissent.ENDS, near=0.9)
+    found = _near(family, "less", "look", step, {"carried"}, rules)
+    assert found == {"over": Trial(("over", 1.0), Score(1.0, 2.0, 3.0, 4.0))}
+    assert set(_near(family, "less", "look", step, {"carried"}, replace(rules, signs=False))) == {"over", "wrong"}
+    assert _near(family, "less", "look", step, (), replace(rules, near=None)) == {}

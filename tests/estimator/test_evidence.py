@@ -63,6 +63,7 @@ def test_likeness_is_the_correlation_of_a_signature_with_what_the_other_can_make
     assert likeness(scan, "drive_gain", given) == {"drag": pytest.approx(expected)}
     found = evidence(scan)["drive_gain"].coefficients
     assert likeness(scan, "drive_gain") == {"drag": pytest.approx(likeness(scan, "drive_gain", found)["drag"])}
+    assert likeness(scan, "drive_gain", 1e-9 * np.array(given)) == {"drag": pytest.approx(expected)}  # however small
 
 
 @pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])

@@ -14,6 +14,7 @@ from estimator.record import Record
 from estimator.refinement import Refined
 from estimator.settings import Device, Gain, ObserverSettings, Spread
 from estimator.simulation import simulate
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import free_run
 from estimator.trace.by_simulation import SimulationTrace
 from estimator.trace.engine import Estimate
@@ -247,3 +248,21 @@ def test_masses_are_told_where_nothing_drives(named: tuple[str, ...], driven: fl
         assert (one.effect, one.other, one.correlation, one.expected) == (named[0], "unequal_masses", 1.0, None)
         size = float(str(one.separate_by).rpartition("m = ")[2].split()[0].rstrip(",;"))
         assert 1.0 + size == pytest.approx(mass, rel=0.01) or 1.0 / (1.0 + size) == pytest.approx(mass, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "effects", "verdict"),
+    [
+        (THRESHOLDS.free_runs.adequate, 0.0, (), Verdict.ADEQUATE),
+        (np.nextafter(THRESHOLDS.free_runs.adequate, 99.0), 0.0, (), Verdict.UNEXPLAINED),
+        (9.0, 1.05, ("drag",), Verdict.EXPLAINED),
+        (1.0, 1.05, ("drag",), Verdict.UNEXPLAINED),  # at the floor, and was before
+        (9.0, 2.0, ("drag",), Verdict.PARTLY),
+        (9.0, 8.0, ("drag",), Verdict.UNEXPLAINED),
+    ],
+)
+def test_by_its_error_alone_a_model_is_judged_as_by_a_claim(
+    before: float, after: float, effects: tuple[str, ...], verdict: Verdict
+) -> None:
+    """In whatever unit."""
+    assert free_run.verdict_of(before * 2.0**-10, after * 2.0**-10, 2.0**-10, effects) is verdict

@@ -81,6 +81,7 @@ def test_a_promise_is_what_regression_beside_all_that_is_fitted_would_explain(
 ) -> None:
     played = Played(monkeypatch)
     seen = record()
+    seen.sense[:] = np.random.default_rng(9).standard_normal(seen.sense.shape)
     seen.sense[100 : 100 + lost] = np.nan
     rows = slice(50, 300)
     current = found(("x", "vx", "kxx"), np.zeros((N, 1)), x=0.25, kxx=7.0, dqx=3.0)

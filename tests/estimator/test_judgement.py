@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.record import Record
-from estimator.residual.effective import effective_samples
+from estimator.residual.effective import autocorrelation, effective_samples
 from estimator.trace import judgement
 from estimator.trace.judgement import leftover, predictable_share, steadied, unexplained
 
@@ -102,6 +102,27 @@ def test_the_start_of_a_record_is_not_judged():
     assert said(series) == ()
 
 
+def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
+    """Eight of 19.9 samples are left to the start, four are asked about the past."""
+    asked = {}
+
+    def steady(of, first, cycle):
+        asked["steadied"] = first, cycle
+        return white()[first:]
+
+    def power(of, series, record, first, sample_rate, resonance_hz):
+        asked["power"] = len(series), first, sample_rate, resonance_hz
+        return 1.0
+
+    monkeypatch.setattr(judgement, "steadied", steady)
+    monkeypatch.setattr(judgement, "power_over_prediction", power)
+    monkeypatch.setattr(judgement, "predictable_share", lambda series, lags: asked.setdefault("lags", lags) * 0.0)
+    assert unexplained(model(white()), RECORD, 201.0) == ()
+    assert asked == {
+        "steadied": (8 * 19, 19), "power": (N - 8 * 19, 8 * 19, pytest.approx(RATE), 201.0), "lags": 4 * 19
+    }  # fmt: skip
+
+
 def test_around_a_jump_of_the_rate_innovations_are_brought_down_to_three_times_the_usual_power():
     series = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
     series[30_000:30_400] *= 10.0
@@ -127,6 +148,21 @@ def test_more_effects_than_may_be_are_no_explanation_and_no_more_is_one_that_div
         assert leftover(enough, RECORD, RESONANCE) == ()
     diverged = SimpleNamespace(after=model(white(), likelihood=-np.inf), patchwork=False, gain={})
     assert leftover(diverged, RECORD, RESONANCE) == ("the observer does not converge on this record",)
+
+
+def test_an_autocorrelation_is_about_the_mean_and_does_not_turn_round() -> None:
+    """Its products written out."""
+    series = np.array([6.0, 6.0, 4.0])
+    centred = series - 16.0 / 3.0
+    products = [centred @ centred, centred[:-1] @ centred[1:], centred[0] * centred[2]]
+    np.testing.assert_allclose(autocorrelation(series), np.array(products) / products[0], atol=1e-12)
+    np.testing.assert_array_equal(autocorrelation(np.full(4, 3.0)), np.zeros(4))
+
+
+def test_what_follows_from_the_past_is_told_of_each_axis_and_meant_over_them() -> None:
+    """Of (1, −1, 1, −1) with ρ₁ = −3/4, ρ₂ = 1/2, and of one that is constant, whose ρ are 0; less a quarter each."""
+    series = np.stack([[1.0, -1.0, 1.0, -1.0], [2.0] * 4], axis=1)
+    assert predictable_share(series, 2) == pytest.approx(((9.0 + 4.0) / 16.0 - 2 * 0.25 - 2 * 0.25) / 2.0)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])

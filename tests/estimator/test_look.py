@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import look
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look, is_lost, look_at, scanned_with
@@ -123,6 +124,9 @@ def test_a_frequency_is_new_where_it_is_five_turns_from_those_that_are_carried()
     for apart, is_new in ((2.9, False), (-2.9, False), (3.1, True), (-3.1, True)):
         fresh = look.fresh({"base_vibration": {"omega": 500.0 + apart}}, carried, span=10.0)
         assert bool(fresh) is is_new
+    span = THRESHOLDS.scan.apart  # so that what is closer than one rad/s is the same
+    assert look.fresh({"base_vibration": {"omega": 501.0}}, carried, span=span)
+    assert not look.fresh({"base_vibration": {"omega": np.nextafter(501.0, 500.0)}}, carried, span=span)
 
 
 @pytest.mark.parametrize("sound", [True, False])

@@ -168,7 +168,28 @@ def test_a_mean_is_at_frequency_zero() -> None:
     series = np.random.default_rng(7).standard_normal((4096, 1)) + 0.4
     assert module._loudest(series) == pytest.approx(0.0, abs=1e-3)
     assert module._loudest(np.zeros((64, 1))) >= 0.0
-    assert np.isfinite(module._loudest(np.ones((1, 1))))
+    assert module._loudest(np.ones((1, 1))) == 0.0
+    assert module._loudest(np.array([[1.0], [-1.0], [1.0]])) == 0.0  # of so few nothing is told
+
+
+@pytest.mark.parametrize(("share", "at"), [(1.2, 0.0), (0.8, 0.7)])
+def test_a_mean_counts_twice_since_it_has_one_side_only(share: float, at: float) -> None:
+    """Of a mean m and a sine a in n samples squares are n² m² and, on either side, n² a²/4: 2000 of noise."""
+    n = 4096
+    turn = 2.0 * np.pi * round(0.7 * n / (2.0 * np.pi)) / n  # in one bin
+    series = math.sqrt(share * 1000.0 / n) + math.sqrt(8000.0 / n) * np.sin(turn * np.arange(n))
+    white = np.random.default_rng(5).standard_normal(n)
+    assert module._loudest((series + white)[:, None]) == pytest.approx(at, abs=2e-3)
+
+
+def test_a_band_of_up_to_a_quarter_of_the_spectrum_is_seen_as_one() -> None:
+    """All of it as loud: its middle, though each bin of it departs as much."""
+    n = 2 * 4096 - 2
+    for bins in (1024, 256):
+        spectrum = np.full(n // 2 + 1, math.sqrt(0.5), complex)
+        spectrum[1000 : 1000 + bins] = 1.0
+        series = np.fft.irfft(spectrum * np.exp(2j * np.pi * np.random.default_rng(6).random(n // 2 + 1)), n)
+        assert module._loudest(series[:, None]) == pytest.approx(np.pi * (1000 + (bins - 1) / 2.0) / 4095.0)
 
 
 @pytest.mark.parametrize(("start", "stop", "first"), [(0, 100, 40), (50, 100, 50), (10, 90, 30), (0, 30, 0)])

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimator.scaling import Array
+from estimator.trace import nested
 from estimator.trace.nested import turned_into, with_simpler
 from estimator.trace.problem import Problem
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS, record
@@ -60,3 +62,25 @@ def test_the_simpler_one_follows_once_and_only_where_it_is_watched() -> None:
 def test_a_mode_that_ends_at_the_resonance_is_the_gyro_itself(at: float, *, is_itself: bool) -> None:
     left = turned_into(Problem(record(), DEVICE, SETTINGS), "parasitic_mode:1", {"omega": at * OMEGA0, "zeta": 1e-3})
     assert (left == "the gyro itself, its drive of another gain") is is_itself
+
+
+def test_a_mode_is_asked_about_by_its_frequency(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def at_resonance(record: object, device: object, omega: Array) -> Array:
+        asked.append((record, device, omega.tolist()))
+        return omega < 100.0
+
+    monkeypatch.setattr(nested, "at_resonance", at_resonance)
+    given = problem()
+    for omega, left in ((99.0, "the gyro itself, its drive of another gain"), (101.0, None)):
+        assert turned_into(given, "parasitic_mode:3", {"omega": omega, "zeta": 1e-3}) == left
+        assert asked[-1] == (given.record, given.device, [omega])
+
+
+def test_where_nothing_drives_no_threshold_is_passed_and_a_dead_band_holds_all() -> None:
+    """A limit that no drive reaches does nothing; of no drive a band takes all, which is no effect at all."""
+    still = problem()
+    still.record.drive[:] = 0.0
+    assert turned_into(still, "drive_saturation", {"limit": CODE}) == "drive gain"
+    assert turned_into(still, "drive_dead_band", {"band": CODE}) == "no effect at all"

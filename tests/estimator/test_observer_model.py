@@ -9,6 +9,7 @@ import pytest
 from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import observer_model
+from estimator.trace.criterion import TIE, chance_gain
 from estimator.trace.engine import Score, Trial
 from estimator.trace.observer_model import Carrying, ObserverModel
 from estimator.trace.problem import Problem
@@ -156,3 +157,46 @@ def test_what_does_not_carry_over_is_objected_to(monkeypatch: pytest.MonkeyPatch
         said = ObserverModel(PROBLEM).objection(BASE, "drag", trial("drag", 100.0))
         assert (said is None) is over
         assert over or "does not predict the rest better" in str(said)
+
+
+@pytest.mark.parametrize(
+    ("name", "calm", "numbers"),
+    [
+        ("parasitic_mode:1", True, 2),  # its frequency and its damping show nowhere else
+        ("parasitic_mode:1", False, 4),
+        ("drive_saturation", True, 3),
+        ("drive_saturation", False, 3),
+    ],
+)
+def test_of_a_mode_a_drive_of_one_frequency_tells_the_coefficients_alone(
+    monkeypatch: pytest.MonkeyPatch, name: str, calm: bool, numbers: int
+) -> None:
+    monkeypatch.setattr(observer_model, "of_resonance_alone", lambda record, device: calm)
+    problem: Any = SimpleNamespace(record=None, device=DEVICE)
+    assert observer_model.told(name, problem) == numbers
+
+
+def borne_out(monkeypatch: pytest.MonkeyPatch, late: float, carried: float) -> bool:
+    """Of an effect that gains a lot, so much of it in the last third, and `carried` by who has not seen that."""
+    monkeypatch.setattr(observer_model, "foresight", lambda problem, seen: carried if problem.effects else 0.0)
+    monkeypatch.setattr(observer_model, "coefficients_of", lambda observer: {})
+    monkeypatch.setattr(observer_model, "parameters_of", lambda model, name: {})
+    monkeypatch.setattr(observer_model, "leads", lambda model, base: np.array([9e5, 9e5, late]))
+
+    def carrying(effects: Any) -> Any:
+        return SimpleNamespace(effects=effects)
+
+    problem: Any = SimpleNamespace(record=range(900), device=DEVICE, carrying=carrying)
+    base, model = (SimpleNamespace(likelihood=one, observer=None) for one in (0.0, 1e6))
+    return observer_model.carries_over(problem, base, model, "drive_gain")
+
+
+def test_what_bears_out_and_what_speaks_against_is_more_than_the_bound_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chance gives an effect of two coefficients −2 ln 10⁻⁴; two accounts are told apart that differ by odds of 20."""
+    chance = chance_gain(2, 1)
+    assert chance == pytest.approx(-2.0 * np.log(1e-4))
+    below = np.nextafter(chance, 0.0)
+    assert not borne_out(monkeypatch, chance, chance)
+    assert borne_out(monkeypatch, chance, np.nextafter(chance, 99.0))
+    assert not borne_out(monkeypatch, below, -TIE)
+    assert borne_out(monkeypatch, below, np.nextafter(-TIE, 0.0))

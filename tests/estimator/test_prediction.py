@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -130,6 +131,16 @@ def test_a_free_run_is_told_where_on_the_record_it_begins(monkeypatch: pytest.Mo
     for channels, first in (({}, None), ({"temperature": none}, None), ({"temperature": warm}, 21.0)):
         begin_at(of, Record(np.zeros((4, 1)), np.zeros((4, 1, 1)), steps, channels), 2)
         assert told[-1] == (0.75, first)
+
+
+def test_where_the_middle_of_a_long_record_is_read_its_start_is_a_share_of_what_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An eighth of the 1600 samples around the split."""
+    monkeypatch.setattr(prediction, "_SET", replace(prediction._SET, read=800))
+    made, errors = runs(monkeypatch, 8000, ObserverSettings(memory=0.5))
+    assert made.seen[:2] == [(3200, 200, 1.0), (3400, FREE, pytest.approx(1e12))]
+    assert np.flatnonzero(np.isfinite(errors[:, 0]))[[0, -1]].tolist() == [3400, 3799]
 
 
 def test_a_short_record_is_followed_for_one_sample_at_least(monkeypatch: pytest.MonkeyPatch) -> None:

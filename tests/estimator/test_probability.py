@@ -79,6 +79,18 @@ def test_something_else_where_a_force_does_as_well_in_place_of_the_effect() -> N
     assert of(Account("sense_gain", 0.0), SURE, contest=ahead)[OTHER] == pytest.approx(0.5 / (0.5 + 400.0), rel=1e-6)
 
 
+@pytest.mark.parametrize(("dispersion", "times"), [(3.0, 3.0), (1.0, 1.0), (0.2, 1.0)])
+def test_a_lead_counts_for_as_much_less_as_it_is_less_sure(dispersion: float, times: float) -> None:
+    """And for no more where it is surer than white innovations make it: odds of 400 then, for either force."""
+    instead = Contest(900.0, 900.0 - 2.0 * times * TIE, 900.0, 40_000, (dispersion, 1.0))
+    said = of(Account("sense_gain", 0.0), SURE, contest=instead)[OTHER]
+    assert said == pytest.approx(0.5 / (0.5 + 400.0), rel=1e-6)
+    gained = times * (2.0 * TIE - 40_000 * math.log(0.98))
+    beside = Contest(named=900.0, nameless=-1e6, both=900.0 + gained, samples=40_000, dispersions=(1.0, dispersion))
+    said = of(Account("sense_gain", 0.0), SURE, contest=beside)[OTHER]
+    assert said == pytest.approx(200.0 / 201.0, rel=1e-6)
+
+
 def test_what_a_promise_speaks_against_is_something_else_at_odds_of_twenty() -> None:
     found = of(Account("sense_gain", 0.0), SURE, is_open=True)
     assert found[OTHER] == pytest.approx(20.0 / 21.0)

@@ -15,6 +15,7 @@ from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.free_run_model import candidates
 from estimator.trace.pool.members import Member, Pool
 from estimator.trace.pool.trace import trace_pool
@@ -54,6 +55,93 @@ def test_what_the_mode_that_is_modelled_leaves_is_no_other() -> None:
     assert omega == pytest.approx(WM, rel=0.02)
 
 
+def clear(*lines: tuple[float, float, float, float], level: float = 0.0, samples: int = SAMPLES) -> Array:
+    """The same without noise, about a level that stays, over so many samples."""
+    return (level + sum(size * decaying(*line) for size, *line in lines))[:samples, None]
+
+
+def test_the_strongest_line_is_that_with_the_most_power_over_all_residuals() -> None:
+    """One shows in one residual alone, the other, smaller, in both: 1 against 0.8² + 0.8²."""
+    lone, shared = (1.0, WM, DM, 0.3), (0.8, 2.6 * ITSELF, DM, 0.3)
+    (first, _), (second, _) = rings([clear(lone, shared), clear(shared)], RATE, ITSELF)
+    assert (first, second) == pytest.approx((2.6 * ITSELF, WM), rel=0.02)
+
+
+def test_a_level_that_stays_moves_nothing() -> None:
+    line = (1.0, WM, DM, 0.3)
+    ((omega, decay), *_) = rings([clear(line)], RATE, ITSELF)
+    assert omega == pytest.approx(WM, rel=0.02)
+    ((same, as_fast), *_) = rings([clear(line, level=30.0)], RATE, ITSELF)
+    assert (same, as_fast) == (pytest.approx(omega, rel=1e-9), pytest.approx(decay, rel=1e-6))
+
+
+@pytest.mark.parametrize(("order", "told"), [(0.05, False), (0.15, True), (0.95, False), (0.85, True), (1.85, True)])
+def test_a_line_is_another_mode_from_a_tenth_of_the_resonance_beside_it(order: float, told: bool) -> None:
+    found = rings([clear((1.0, order * ITSELF, 0.2, 0.3))], RATE, ITSELF)
+    assert any(omega == pytest.approx(order * ITSELF, abs=0.02 * ITSELF) for omega, _ in found) is told
+
+
+@pytest.mark.parametrize(("apart", "both"), [(0.07, False), (0.2, True)])
+def test_two_lines_are_two_from_a_tenth_of_the_resonance_apart(apart: float, both: bool) -> None:
+    """Of a resonance with 96 cycles in the record, which shows lines a 25th of it apart."""
+    itself = 4.0 * ITSELF
+    lines = (1.0, 1.5 * itself, 0.1, 0.3), (0.9, (1.5 + apart) * itself, 0.1, 1.0)
+    found = rings([clear(*lines)], RATE, itself)
+    assert any(omega == pytest.approx(lines[1][1], abs=0.01 * itself) for omega, _ in found) is both
+
+
+def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_longest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A decay that no resonance tells, within the longest residual; the mean, which was taken off, tells nothing."""
+    asked: list[tuple[Array, list[Array]]] = []
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append((omega, seen)))
+    line = (1.0, 0.2 * ITSELF, DM, 0.3)  # in its first 40 samples less than a cycle
+    ((top, decay), *_) = rings([clear(line, samples=40), clear(line, samples=30)], RATE, ITSELF)
+    assert decay == 2.0 / (40 / RATE)
+    bin_width = 2.0 * math.pi * RATE / (8 * 40)
+    (omega, seen), *_ = asked
+    assert omega[0] == pytest.approx(bin_width)
+    assert omega[-1] == pytest.approx(top + 8 * bin_width)
+    assert [len(one) for one in seen] == [len(omega)] * 2
+
+
+def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Array] = []
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append(omega))
+    ((top, _), *_) = rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)
+    omega, *_ = asked
+    assert len(omega) == 17
+    assert omega[8] == top
+
+
+def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
+    """2ζω, of a mode with the ζ and ω that are read."""
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (300.0, 0.01))
+    assert rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)[0] == (300.0, pytest.approx(6.0))
+
+
+@pytest.mark.parametrize(("order", "told"), [(0.1171875, False), (0.125, True), (1.1171875, False), (1.125, True)])
+def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, order: float, told: bool) -> None:
+    """Of an eighth, which a spectrum with 128 bins to the resonance hits."""
+    monkeypatch.setattr(
+        "estimator.trace.rings._SET", replace(THRESHOLDS.candidates, ring_apart=0.125, ring_bins=8, rings=99)
+    )
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (float(omega[8]), 0.1))
+    itself, samples = 64.0, 128  # bins of half a hertz
+    beside = np.zeros(8 * samples // 2 + 1)
+    beside[round(order * itself * 2.0)] = 1.0
+    monkeypatch.setattr("estimator.trace.rings.find_peaks", lambda power: (np.flatnonzero(beside), {}))
+    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
+    assert bool(found) is told
+    beside[[192, 192 + 16 - 1, 192 + 16]] = 1.0  # one and a half, an eighth of the resonance on, and less
+    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
+    assert {2.0 * np.pi * 0.5 * 192, 2.0 * np.pi * 0.5 * 208} <= {omega for omega, _ in found}
+    assert 2.0 * np.pi * 0.5 * 207 not in {omega for omega, _ in found}
+
+
 def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
     gain = ITSELF if sensed is Sensed.VELOCITY else 1.0
     return Device(
@@ -62,13 +150,19 @@ def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
     )  # fmt: skip
 
 
-def test_it_is_searched_for_only_where_it_is_asked_for_and_beside_a_line() -> None:
+def test_it_is_searched_for_only_where_it_is_asked_for() -> None:
     residual = [noisy(1, (1.0, WM, DM, 0.3))]
     assert begun(device(), (), residual) == {}
-    found = begun(device(), (NAME,), residual)
+    assert begun(device(), ("backlash", "drag"), residual) == {}
+    found = begun(device(), ("drag", NAME), residual)
     assert list(found) == [NAME, f"{NAME}:2"]
-    assert list(found[NAME]) == ["wm", "dm"]
-    assert NAME not in candidates(device(), ObserverSettings(), (NAME,))  # a line is looked for first
+    (first, second) = rings(residual, RATE, float(np.sqrt(device().target)))
+    assert found[NAME] == dict(zip(("wm", "dm"), first, strict=True))
+    assert found[f"{NAME}:2"] == dict(zip(("wm", "dm"), second, strict=True))
+
+
+def test_it_is_no_candidate_before_a_line_is_looked_for() -> None:
+    assert NAME not in candidates(device(), ObserverSettings(), (NAME,))
 
 
 def decay(rng: np.random.Generator, ringing: bool) -> Record:

@@ -9,7 +9,9 @@ import pytest
 
 from estimator.record import Record
 from estimator.settings import ObserverSettings
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import screening
+from estimator.trace.criterion import TIE
 from estimator.trace.fitting import Fitted
 from estimator.trace.problem import Problem
 from estimator.trace.screening import spoken_for
@@ -74,6 +76,30 @@ def test_those_that_do_as_well_as_the_best_stay_the_nearest_first(world: Any) ->
     world.losses.update(b=steadily(5.9), a=steadily(-3.0), c=steadily(6.5), d=steadily(5000.0))
     assert ask(world) == ["a", "b"]
     assert world.told[-1] == ("other kinds", 6, 6)
+
+
+def test_a_deficit_of_odds_of_twenty_to_one_is_not_as_good(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    world.losses.update(a=steadily(0.0), b=steadily(0.0))
+    behind = {"a": TIE, "b": np.nextafter(TIE, 0.0)}
+    monkeypatch.setattr(screening, "deficit", lambda best, other, start=1: behind.get(other.observer, 0.0))
+    assert ask(world) == ["b"]
+
+
+def test_half_of_the_gain_of_the_best_is_no_good_share(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At first a quarter of the short part is seen, of which the best gains 5000."""
+    world.losses.update(a=steadily(0.0), b=steadily(0.0))
+    bar = THRESHOLDS.width.as_good * 5000.0
+    behind = {"a": bar, "b": np.nextafter(bar, 0.0)}
+    monkeypatch.setattr(screening, "deficit", lambda best, other, start=1: behind.get(other.observer, 0.0))
+    ask(world)
+    assert {name for name, _, until in world.carried if until == SHORT} == {"best", "known", "b"}
+
+
+def test_a_part_that_is_seen_at_once_is_not_gone_over_again(world: Any) -> None:
+    world.losses.update(a=steadily(1.0))
+    asked = problem()
+    assert ask(world, of=asked.part(slice(0, FIRST)), gain=float(FIRST)) == ["a"]
+    assert {(first, until) for _, first, until in world.carried} == {(0, FIRST)}
 
 
 def test_no_more_than_eight_stay(world: Any) -> None:

@@ -179,6 +179,14 @@ def test_an_observer_that_diverges_is_no_model_to_begin_with(bench: Any) -> None
         bench(COMPARED, likelihood=-np.inf)
 
 
+def test_coefficients_are_those_of_the_model_after_with_what_was_searched_for(
+    monkeypatch: pytest.MonkeyPatch, bench: Any
+) -> None:
+    _, found = bench(COMPARED, ("drive_gain",))
+    monkeypatch.setattr(selection, "estimates_of", lambda model, searched: (model, searched))
+    assert found.coefficients == (found.after, found.searched)
+
+
 def test_what_is_taken_out_is_neither_carried_nor_counted(monkeypatch: pytest.MonkeyPatch, bench: Any) -> None:
     made, found = bench(COMPARED, ("drive_gain", "sense_gain"))
     less = selection.without(problem(COMPARED), found, ("drive_gain",))

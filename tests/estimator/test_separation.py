@@ -1,5 +1,6 @@
 """The experiment that is advised, and what is played through for it (docs/reference/trace.md, `separate_by`)."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -224,3 +225,68 @@ def test_noise_is_that_of_the_device_times_what_is_asked() -> None:
 
 def test_an_experiment_does_nothing_but_what_it_says() -> None:
     assert Experiment("still", "do nothing") == Experiment("still", "do nothing", 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("constants", "holds"),
+    [
+        ({"kxx": 4.0, "kyy": 9.0, "kxy": 5.9}, True),
+        ({"kxx": 4.0, "kyy": 9.0, "kxy": -5.9}, True),
+        ({"kxx": 4.0, "kyy": 9.0, "kxy": 6.0}, False),  # along one direction nothing holds it
+        ({"kxx": 4.0, "kyy": 9.0, "kxy": -6.1}, False),
+        ({"kxx": 0.5, "kyy": 0.5, "kxy": 0.6}, False),
+        ({"kxx": -4.0, "kyy": -9.0, "kxy": 0.0}, False),
+        ({"kxx": 0.0, "kyy": 9.0, "kxy": 0.0}, False),
+        ({"kxy": 0.9 * TARGET, "rate": 5.0}, True),  # beside the declared springs
+        ({"kxy": 1.1 * TARGET}, False),
+    ],
+)
+def test_springs_hold_a_mass_in_every_direction_or_it_does_not_oscillate(
+    constants: dict[str, float], holds: bool
+) -> None:
+    assert separation._oscillates(constants, DEVICE) is holds
+
+
+def test_an_experiment_is_played_by_the_loop_that_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the units of the bench: forces of k A, the converter's code of the quieter channel's noise, rates of ω0."""
+    omega0 = 2.0 * np.pi * HZ
+    laws: list[ControllerSettings] = []
+    device = replace(DEVICE, noise=(3e-4, 1e-4), drive_gain=2.0)
+    made = separation.Observer
+
+    def observer(of: Device, settings: ObserverSettings, law: ControllerSettings) -> Any:
+        laws.append(law)
+        assert (settings.gain, settings.effects, settings.memory) == (Gain.EKF, {}, 0.1)
+        return made(of, settings, law)
+
+    seen: list[Any] = []
+
+    def block(observer: Any, truth: Any, plan: Any, sensed: Any, drive: Any) -> None:
+        seen.append((truth.copy(), plan))
+        sensed[:] = 0.5, 2.0
+        drive[:] = 0.25, -1.0
+
+    monkeypatch.setattr(separation, "Observer", observer)
+    monkeypatch.setattr(separation, "experiment_block", block)
+    experiment = Experiment("any", "do it", virtual=2e-3, modulation=0.4, dither=3e-3, turning=5e-3, stiffness=0.02)
+    record = loop_record(experiment, device, SETTINGS, latency=4)
+    force = 1e-4 * TARGET / 2.0
+    (law,) = laws
+    assert law.latency == 4
+    assert (law.force_quantum, law.force_limit) == (pytest.approx(1e-6 * force), pytest.approx(10.0 * force))
+    assert law.sense_quantum == pytest.approx(1e-5)
+    assert (law.energy_gain, law.quadrature_gain) == (0.1, 0.1)
+    assert law.virtual_rotation == pytest.approx(2e-3 * omega0)
+    assert law.dither == pytest.approx(3e-3 * force)
+    assert (law.modulation, law.modulation_rate) == (0.4, pytest.approx(omega0 / 200.0))
+    ((truth, plan),) = seen
+    assert truth[:4].tolist() == [1.0, 0.0, 0.0, 0.0]
+    cycle = RATE / HZ
+    n = np.arange(int(400 * cycle))
+    phase = 2.0 * np.pi * n / cycle
+    np.testing.assert_allclose(plan.rates, 5e-3 * np.sin(phase / 150.0), atol=1e-9)
+    np.testing.assert_allclose(plan.stiffness, 1.0 + 0.02 * np.sign(np.sin(phase / 120.0)), atol=1e-9)
+    np.testing.assert_allclose(np.std(plan.noise, axis=0) * 1e-4 * np.array([890.0, 900.0]), device.noise, rtol=0.05)
+    np.testing.assert_allclose(record.sense, [[-0.5 * 890.0 * 1e-4, 2.0 * 900.0 * 1e-4]] * len(n))
+    np.testing.assert_allclose(record.drive[:, :, 0], [[0.25 * force, -force]] * len(n))
+    np.testing.assert_array_equal(record.step, 1 / RATE)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimator.trace import width
 from estimator.trace.criterion import TIE
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look
@@ -219,3 +220,35 @@ def test_by_chance_less_scatter_than_noise_makes_is_no_merit() -> None:
     """One whose parts agree better than they can is not steadier than one whose parts agree as they should."""
     view = look(item("kind0", 1000.0), item("kind1", 400.0), item("kind2", 30.0, scatter=0.05))
     assert shortlist(view.seen, list(view.evidence.values())) == ["kind0", "kind1"]
+
+
+def test_the_two_steadiest_follow_the_best_at_once_and_five_are_carried() -> None:
+    rough = [item(f"kind{n}", 1000.0 - n, scatter=50.0) for n in range(6)]
+    view = look(*rough, item("steady", 600.0), item("calm", 550.0), item("little", 100.0))
+    assert shortlist(view.seen, view.serious) == ["kind0", "steady", "calm", "kind1", "kind2"]
+
+
+def test_what_has_half_of_the_best_gain_or_a_likeness_at_the_bound_is_no_leader(monkeypatch) -> None:
+    """More than that it takes."""
+    items = [item("kind0", 1000.0), item("kind1", 900.0), item("half", 500.0), item("like", 100.0), item("near", 90.0)]
+    view = look(*items, item("more", np.nextafter(500.0, 501.0)))
+    alike = dict.fromkeys(view.evidence, 0.0) | {"like": 0.97, "near": np.nextafter(0.97, 1.0)}
+    monkeypatch.setattr(width, "likeness", lambda seen, name: alike)
+    assert shortlist(view.seen, list(view.evidence.values())) == ["kind0", "kind1", "near", "more"]
+
+
+def test_what_is_left_is_held_against_the_best_of_those_tried() -> None:
+    """A hundredth of its gain, and no more."""
+    view = crowd(10_000.0)
+    leaders = shortlist(view.seen, view.serious)
+    tried = dict.fromkeys(leaders, 100.0) | {KINDS[0]: 10_000.0}
+    assert asked(view, tried, left=100.0) == []
+    assert asked(view, tried, left=np.nextafter(100.0, 101.0)) != []
+
+
+def test_nine_tenths_of_the_best_gain_are_not_near_enough() -> None:
+    base = SimpleNamespace(likelihood=0.0)
+    watched = {"interference:1": {"omega": 7.0}, "drive_gain": {}}
+    for gain, refined in ((90.0, []), (np.nextafter(90.0, 91.0), ["interference:1"])):
+        models = {"drive_gain": SimpleNamespace(likelihood=100.0), "interference:1": SimpleNamespace(likelihood=gain)}
+        assert worth_refining(models, base, {}, watched) == refined
