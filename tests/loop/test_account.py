@@ -99,6 +99,10 @@ def test_a_short_watchdog_is_accounted_for_by_nothing_either(ends: tuple[Endpoin
     assert kept.of_watchdog(STOPPED) == ""
     kept.held(77)
     assert kept.of_watchdog(STOPPED) == "answers were late on 1 ticks running"
+    kept.held(79)  # not the one after it
+    assert kept.of_watchdog(STOPPED) == "answers were late on 1 ticks running"
+    kept.held(80)
+    assert kept.of_watchdog(STOPPED) == "answers were late on 2 ticks running"
 
 
 def test_a_time_worth_telling_is_about_the_watchdog(ends: tuple[Endpoint, Far]) -> None:
@@ -129,6 +133,19 @@ def test_drives_that_came_late_for_half_as_long_or_not_running_do_not(ends: tupl
     for tick in (*range(WATCHDOG // 2), *range(1000, 3000, 2)):
         kept.held(tick)
     assert kept.of_watchdog(STOPPED) == ""
+
+
+@pytest.mark.parametrize("latency", [1, 4])
+def test_rows_that_the_watchdog_cut_off_and_those_of_the_latency_are_not_asked_for(
+    ends: tuple[Endpoint, Far], latency: int
+) -> None:
+    """The interval of the last drive, the one in which the watchdog tripped, and those before a drive acts."""
+    kept = Account(ends[0], WATCHDOG, 1, RATE_HZ, latency)
+    for tick in range(WATCHDOG - 3 - latency):
+        kept.held(tick)
+    assert kept.of_watchdog(STOPPED) == ""
+    kept.held(WATCHDOG - 3 - latency)
+    assert kept.of_watchdog(STOPPED) == f"answers were late on {WATCHDOG - 2 - latency} ticks running"
 
 
 def test_frames_that_were_lost_account_for_both(ends: tuple[Endpoint, Far]) -> None:
