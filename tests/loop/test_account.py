@@ -107,7 +107,12 @@ def test_a_short_watchdog_is_accounted_for_by_nothing_either(ends: tuple[Endpoin
 
 def test_a_time_worth_telling_is_about_the_watchdog(ends: tuple[Endpoint, Far]) -> None:
     for block in (1, 60):
-        assert 0.5 * WATCHDOG_NS <= account(ends[0], block).suspicious_ns <= WATCHDOG_NS
+        kept = account(ends[0], block)
+        assert 0.5 * WATCHDOG_NS <= kept.suspicious_ns <= WATCHDOG_NS
+        kept.silent(kept.suspicious_ns - 1)
+        assert kept.of_watchdog(STOPPED) == ""
+        kept.silent(kept.suspicious_ns)
+        assert kept.of_watchdog(STOPPED) != ""
 
 
 def test_a_silence_from_before_arm_does_not_count(ends: tuple[Endpoint, Far]) -> None:
@@ -141,6 +146,7 @@ def test_rows_that_the_watchdog_cut_off_and_those_of_the_latency_are_not_asked_f
 ) -> None:
     """The interval of the last drive, the one in which the watchdog tripped, and those before a drive acts."""
     kept = Account(ends[0], WATCHDOG, 1, RATE_HZ, latency)
+    kept.begin(ARMED)
     for tick in range(WATCHDOG - 3 - latency):
         kept.held(tick)
     assert kept.of_watchdog(STOPPED) == ""

@@ -125,7 +125,7 @@ def test_two_samples_are_looked_at_and_one_is_not(samples: int) -> None:
     assert len(asked) == samples - 1
 
 
-# ------------------------------------------------------------------------------- the rule itself, on innovations by hand
+# ------------------------------------------------------------------------------ the rule itself, on innovations by hand
 
 
 class Foresees:
