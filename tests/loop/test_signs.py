@@ -154,7 +154,7 @@ class Foresees:
         drive[self.BEGIN :] = driven
         sense = np.zeros((self.ROWS, 2))
         sense[self.LOST] = np.nan
-        return wrong_way(gyro.bench(0.6), lambda: self, sense, drive)  # type: ignore[arg-type, return-value]
+        return wrong_way(gyro.bench(0.6), lambda: self, sense, drive)
 
 
 ALL_WELL = {(1, 1): 1.0, (1, -1): 1.0, (-1, 1): 1.0, (-1, -1): 1.0}
@@ -197,7 +197,7 @@ def test_of_a_record_without_a_single_sample_after_the_first_drive_nobody_can_te
     drive = np.zeros((observer.ROWS, 2))
     drive[observer.BEGIN :] = 1.0
     lost = np.full((observer.ROWS, 2), np.nan)
-    assert wrong_way(gyro.bench(0.6), lambda: observer, lost, drive) == ""  # type: ignore[arg-type, return-value]
+    assert wrong_way(gyro.bench(0.6), lambda: observer, lost, drive) == ""
 
 
 def test_forty_cycles_after_acquisition_are_looked_at_but_no_more_than_twenty_thousand_samples() -> None:
