@@ -53,7 +53,7 @@ class PtyLink(FdLink):
         """After LinkClosed: wait for another host on the same path. Bytes the last one left unread are
         dropped."""
         if self._slave < 0:
-            self._slave = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+            self._slave = os.open(self.path, os.O_NOCTTY)
             termios.tcflush(self._slave, termios.TCIFLUSH)
 
     def close(self) -> None:
