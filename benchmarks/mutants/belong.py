@@ -103,9 +103,9 @@ _RATE_SENSOR = (
 
 _WIRE = {
     "generate.c_header": "firmware/test_spec wire/test_golden",
-    "can_adapter": "wire/test_can_adapter wire/test_wire_log",
+    "can_adapter": "wire/test_adapter wire/test_datagram_links wire/test_wire_log",
     "can_format": "wire/test_can_format wire/test_datagram_links",
-    "can_link": "wire/test_datagram_links",
+    "can_link": "wire/test_can_kernel wire/test_datagram_links",
     "claim": "wire/test_small_promises",
     "client": "wire/test_waiting wire/test_endpoint wire/test_small_promises wire/test_light",
     "codec": "wire/test_codec wire/test_golden wire/test_stream",

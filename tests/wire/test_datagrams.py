@@ -89,7 +89,7 @@ def test_at_most_256_are_taken_at_a_time(ends: tuple[Paired, socket.socket], mon
             return 0
 
         def recvmsg(self, size: int, ancillary: int) -> tuple[bytes, list[object], int, None]:
-            assert size >= 65535  # a datagram may be of 64 KiB
+            assert size == 65536  # of which a datagram has one byte less at most
             assert ancillary == socket.CMSG_SPACE(16)
             self.taken += 1
             return b"abcde", [], 0, None
