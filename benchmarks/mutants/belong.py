@@ -129,7 +129,7 @@ _WIRE = {
     "spec": "wire/test_spec wire/test_codec wire/test_small_promises wire/test_golden",
     "stamp": "wire/test_small_promises wire/test_datagrams",
     "stream": "wire/test_stream wire/test_sessions",
-    "udp_link": "wire/test_datagram_links wire/test_keyed",
+    "udp_link": "wire/test_udp wire/test_datagram_links",
     "wire_log": "wire/test_waiting wire/test_wire_log",
 }
 

@@ -21,6 +21,7 @@ from hil.wire.frame_format import BOARD, HOST
 from hil.wire.links import open_board_link, open_link
 from hil.wire.messages import Hello, Safe
 from hil.wire.stream import Transmitter
+from tests.wire.sockets import Sockets
 
 EFF, RTR, ERR = 1 << 31, 1 << 30, 1 << 29
 HELLO = Transmitter(CanFormat(2, HOST)).encode(Hello(1, 2), 0)
@@ -66,20 +67,11 @@ class Interface:
 
     def _ioctl(self, wire: Any, what: int, asked: bytes) -> bytes:
         assert len(asked) == 32
+        assert not any(asked[16:])
         if asked[:16].rstrip(b"\0").decode() != self.name:
             raise OSError(errno.ENODEV, "No such device")
         answer = {0x8913: ("=H", self.flags), 0x8921: ("=i", self.mtu), 0x8927: ("=H", self.kind)}[what]
         return asked[:16] + struct.pack(*answer).ljust(16, b"\xee")
-
-
-class Sockets:
-    """The module, but for what a raw socket is."""
-
-    def __init__(self, raw: Any) -> None:
-        self.socket = raw
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(socket, name)
 
 
 @pytest.fixture
@@ -178,7 +170,7 @@ def test_what_is_wrong_with_an_interface_is_told(interface: Interface, wrong: di
 
 def test_a_virtual_interface_has_no_bit_timing(interface: Interface) -> None:
     interface.name, interface.flags = "vcan3", 0
-    with pytest.raises(LinkError, match="sudo ip link set vcan3 mtu 72 up$"):
+    with pytest.raises(LinkError, match=r"sudo ip link set vcan3 mtu 72 up$"):
         open_link("can:vcan3")
     with pytest.raises(LinkError, match="no such CAN interface"):
         open_link("can:" + 40 * "a")
@@ -197,7 +189,7 @@ def test_a_kernel_that_gives_no_socket(monkeypatch: pytest.MonkeyPatch, number: 
     def refuse(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(can_link.socket, "socket", refuse)
+    monkeypatch.setattr(can_link, "socket", Sockets(refuse))
     with pytest.raises(LinkError, match=f"can:can0: {words}"):
         open_link("can:can0")
 
