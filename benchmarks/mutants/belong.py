@@ -208,7 +208,7 @@ TESTS: dict[str, list[str]] = {
     "hil.loop.levels": ["tests/loop/test_levels.py"],
     "hil.loop.preflight": ["tests/loop/test_preflight.py"],
     "hil.loop.signs": ["tests/loop/test_signs.py"],
-    "hil.loop.stopping": ["tests/loop/test_stopping.py"],
+    "hil.loop.stopping": ["tests/loop/test_stopping_clock.py"],
     "hil.loop.stops": _STOPS,
     "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": _BLOCKS,
