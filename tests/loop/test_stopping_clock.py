@@ -1,4 +1,4 @@
-"""docs/safety.md, The host, rule 5, by a clock that only waiting moves: when SAFE is said again, how long is listened, and
+"""docs/safety.md, The host, rule 5, by a clock that only waiting moves: when SAFE is said again, how long it listens, and
 which rows are from before the stop.
 """
 
@@ -180,7 +180,7 @@ def test_rows_up_to_one_after_the_answers_tick_may_be_driven(patch: pytest.Monke
 
 
 def test_no_further_ahead_than_time_that_passed_and_two_blocks(patch: pytest.MonkeyPatch) -> None:
-    """1.5 times the time that passed, as a board's clock may be quick, two blocks and two ticks: an answer whose tick is
+    """1.5 times the time that passed, as a clock may be quick, two blocks and two ticks: an answer whose tick is
     further ahead is not believed, and the newest row stands.
     """
     after_s, block = 0.2, 10
