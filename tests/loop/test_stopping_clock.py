@@ -1,4 +1,4 @@
-"""docs/safety.md, The host, rule 5, by a clock that only waiting moves: when SAFE is said again, how long it listens, and
+"""docs/safety.md, The host, rule 5, by a clock that only waiting moves: when SAFE is said again, how long is heard, and
 which rows are from before the stop.
 """
 
