@@ -28,13 +28,15 @@ _BLOCKS = [
 ]
 _CLOSING = ["tests/estimator/test_closing_rules.py", "tests/estimator/test_completeness.py"]
 _KEY_FILE = [
-    f"tests/wire/test_keyed.py::{name}"
-    for name in (
-        "test_a_key_file_is_its_owners_alone",
-        "test_what_is_no_key_is_refused_and_not_shown",
-        "test_places_without_a_key_file",
-        "test_the_verb",
-    )
+    "tests/wire/test_key_files.py",
+    *(
+        f"tests/wire/test_keyed.py::{name}"
+        for name in (
+            "test_a_key_file_is_its_owners_alone",
+            "test_what_is_no_key_is_refused_and_not_shown",
+            "test_places_without_a_key_file",
+        )
+    ),
 ]
 
 
