@@ -28,13 +28,15 @@ _BLOCKS = [
 ]
 _CLOSING = ["tests/estimator/test_closing_rules.py", "tests/estimator/test_completeness.py"]
 _KEY_FILE = [
-    f"tests/wire/test_keyed.py::{name}"
-    for name in (
-        "test_a_key_file_is_its_owners_alone",
-        "test_what_is_no_key_is_refused_and_not_shown",
-        "test_places_without_a_key_file",
-        "test_the_verb",
-    )
+    "tests/wire/test_key_files.py",
+    *(
+        f"tests/wire/test_keyed.py::{name}"
+        for name in (
+            "test_a_key_file_is_its_owners_alone",
+            "test_what_is_no_key_is_refused_and_not_shown",
+            "test_places_without_a_key_file",
+        )
+    ),
 ]
 
 
@@ -105,17 +107,17 @@ _RATE_SENSOR = (
 
 _WIRE = {
     "generate.c_header": "firmware/test_spec wire/test_golden",
-    "can_adapter": "wire/test_can_adapter wire/test_wire_log",
+    "can_adapter": "wire/test_adapter wire/test_datagram_links wire/test_wire_log",
     "can_format": "wire/test_can_format wire/test_datagram_links",
-    "can_link": "wire/test_datagram_links",
-    "claim": "wire/test_links",
-    "client": "wire/test_endpoint wire/test_links wire/test_light",
+    "can_link": "wire/test_can_kernel wire/test_datagram_links",
+    "claim": "wire/test_small_promises",
+    "client": "wire/test_waiting wire/test_endpoint wire/test_small_promises wire/test_light",
     "codec": "wire/test_codec wire/test_golden wire/test_stream",
-    "datagram_link": "wire/test_datagram_links",
+    "datagram_link": "wire/test_datagrams wire/test_datagram_links",
     "generate.dbc": "firmware/test_dbc wire/test_spec",
     "generate.docs": "wire/test_docs",
-    "endpoint": "wire/test_endpoint wire/test_conformance wire/test_links",
-    "fd_link": "wire/test_links wire/test_endpoint",
+    "endpoint": "wire/test_endpoint wire/test_keeping",
+    "fd_link": "wire/test_ports wire/test_small_promises wire/test_links",
     "frame_format": "wire/test_can_format wire/test_framing wire/test_golden",
     "framing": "wire/test_framing wire/test_golden wire/test_corpus",
     "generate.golden": "wire/test_golden",
@@ -124,15 +126,15 @@ _WIRE = {
     "link": "wire/test_endpoint wire/test_links",
     "links": "wire/test_links wire/test_datagram_links wire/test_light",
     "messages": "wire/test_codec wire/test_golden wire/test_sense wire/test_endpoint",
-    "pty_link": "wire/test_links wire/test_light",
+    "pty_link": "wire/test_ports wire/test_links",
     "sense": "wire/test_sense wire/test_codec wire/test_golden",
-    "serial_format": "wire/test_framing wire/test_corpus wire/test_conformance",
-    "serial_link": "wire/test_links wire/test_light",
-    "spec": "wire/test_spec wire/test_codec wire/test_golden",
-    "stamp": "wire/test_stream wire/test_wire_log wire/test_endpoint",
+    "serial_format": "wire/test_small_promises wire/test_framing wire/test_corpus wire/test_conformance",
+    "serial_link": "wire/test_ports wire/test_links",
+    "spec": "wire/test_spec wire/test_codec wire/test_small_promises wire/test_golden",
+    "stamp": "wire/test_small_promises wire/test_datagrams",
     "stream": "wire/test_stream wire/test_sessions",
-    "udp_link": "wire/test_datagram_links wire/test_keyed",
-    "wire_log": "wire/test_wire_log",
+    "udp_link": "wire/test_udp wire/test_datagram_links",
+    "wire_log": "wire/test_waiting wire/test_wire_log",
 }
 
 
@@ -210,7 +212,7 @@ TESTS: dict[str, list[str]] = {
     "hil.loop.levels": ["tests/loop/test_levels.py"],
     "hil.loop.preflight": ["tests/loop/test_preflight.py"],
     "hil.loop.signs": ["tests/loop/test_signs.py"],
-    "hil.loop.stopping": ["tests/loop/test_stopping.py"],
+    "hil.loop.stopping": ["tests/loop/test_stopping_clock.py"],
     "hil.loop.stops": _STOPS,
     "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": _BLOCKS,

@@ -1,7 +1,7 @@
 """Small changes to a module's source, each a way to be wrong: a comparison turned, a sign, a bound, a promise left out.
 
-Messages, annotations and assertions (an assert, and `strict` of a zip, which asserts equal lengths) stay as they are,
-and so do functions that Numba compiles where they are taken from its cache.
+Messages, types (annotations, and what stands in a `Literal`) and assertions (an assert, and `strict` of a zip, which
+asserts equal lengths) stay as they are, and so do functions that Numba compiles where they are taken from its cache.
 """
 
 import ast
@@ -164,6 +164,8 @@ def _open_to_change(node: ast.AST, compiled: bool) -> Iterator[ast.AST]:
             if isinstance(item, ast.keyword) and item.arg == "strict":
                 continue
             if isinstance(item, ast.JoinedStr | ast.Assert | ast.Import | ast.ImportFrom | ast.arg):
+                continue
+            if isinstance(item, ast.Subscript) and ast.unparse(item.value) == "Literal":
                 continue
             if not compiled and isinstance(item, ast.FunctionDef) and _is_compiled(item):
                 continue

@@ -16,9 +16,10 @@ from benchmarks.mutants.changes import Mutant, mutants
 
 _PROJECT = ("hil", "estimator", "device_emulator", "tests", "examples")
 _LIBRARIES = (
-    *("pytest", "_pytest.assertion.rewrite", "numpy", "scipy.special", "scipy.linalg", "scipy.signal"),
+    *("pytest", "_pytest.assertion.rewrite", "numpy", "scipy.special", "scipy.linalg", "scipy.signal", "sympy"),
     *("numba", "pyarrow.ipc", "pydantic", "typer", "rich", "can", "serial", "msgpack", "cobs.cobs", "crc32c"),
 )
+_UNUSED = ("cacheprovider", "schemathesis", "xdist", "xdist.looponfail", "pytest_cov", "anyio")  # plugins of pytest
 _LONGER, _AT_LEAST_S = 4.0, 60.0  # than the tests without a change, on a machine that does other things, too
 _HERE = Path(__file__).parent
 _KERNEL = "estimator.kernel."  # compiled: a change there is tried without
@@ -114,7 +115,7 @@ class Trials:
             hook.install()
             import pytest
 
-            options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header"]
+            options = ["-x", "-q", "--no-header", *(word for name in _UNUSED for word in ("-p", f"no:{name}"))]
             code = int(pytest.main([*options, *self._tests]))
         except BaseException as error:  # of a change that breaks the import of the tests' own plugin, too
             print(f"{type(error).__name__}: {error}")

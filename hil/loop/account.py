@@ -31,7 +31,7 @@ class Account:
         self._refused = rx.undecodable
         self._silent_ns = 0
         self._held = self._held_run = 0
-        self._held_tick = -1
+        self._held_next: int | None = None  # the tick with which the run goes on
 
     def silent(self, elapsed_ns: int) -> None:
         """So long passed between two answers of this host."""
@@ -39,8 +39,8 @@ class Account:
 
     def held(self, tick: int) -> None:
         """The row of `tick` says that no drive had come for its interval."""
-        self._held_run = self._held_run + 1 if tick == self._held_tick + 1 else 1
-        self._held_tick = tick
+        self._held_run = self._held_run + 1 if tick == self._held_next else 1
+        self._held_next = tick + 1
         self._held = max(self._held, self._held_run)
 
     @property

@@ -90,7 +90,7 @@ class ArmedBoard:
         self._rearm = bench.limits.rearm
         self._rate_Hz = identity.tick_rate_Hz
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
-        ticks = round(registers.get("WATCHDOG_TICKS", bench.link.watchdog_s * identity.tick_rate_Hz))
+        ticks = round(registers["WATCHDOG_TICKS"])
         self._asked_ns = 0
         self._safe_sent = False
         self.slice_s = min(SLICE_S, 0.25 * self._silence_s)

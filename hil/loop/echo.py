@@ -20,13 +20,13 @@ class Echo:
     def __init__(self, latency: int, limit: int) -> None:
         self._latency = latency
         self._limit = limit
-        self._sent = [(-1, 0, 0)] * _KEPT
+        self._sent: list[tuple[int, int, int] | None] = [None] * _KEPT
         self.forget()
 
     def forget(self) -> None:
         """The board was armed again: nothing is due until it runs."""
         self._due: int | None = None  # tick of the first interval that must be driven
-        self._last = -1, 0, 0
+        self._last: tuple[int, int, int] | None = None
         self._odd = ""
 
     def runs(self, tick: int) -> None:
@@ -44,22 +44,25 @@ class Echo:
             return self._odd
         begin = tick - 1
         last, self._last = self._last, (tick, ux, uy)
-        meant, x, y = self._sent[begin % _KEPT]
-        if meant == begin:
+        meant = self._sent[begin % _KEPT]
+        if meant is not None and meant[0] != begin:
+            meant = None  # of long ago
+        if meant is not None:
+            _, x, y = meant
             limit = self._limit
-            if ux == (x if -limit <= x <= limit else limit if x > 0 else -limit) and uy == (
-                y if -limit <= y <= limit else limit if y > 0 else -limit
-            ):
+            if ux == max(min(x, limit), -limit) and uy == max(min(y, limit), -limit):
                 if self._due is None and (ux or uy):
                     self._due = begin
                 return ""
         if self._due is None or begin < self._due:
             return ""
         if flags & _HELD:
-            if last[0] != begin or last[1:] == (ux, uy) or (flags & _SATURATED and _less(ux, uy, *last[1:])):
+            if last is None or last[0] != begin or last[1:] == (ux, uy):
+                return ""
+            if flags & _SATURATED and _less(ux, uy, *last[1:]):
                 return ""
             told = f"the one before it {last[1]} and {last[2]}, and it is flagged HELD"
-        elif meant != begin:
+        elif meant is None:
             told = "nothing was sent for it, and it is not flagged HELD"
         elif flags & _SATURATED and _less(ux, uy, x, y):
             return ""

@@ -4,7 +4,6 @@ STATUS has to say SAFE in answer to the host's SAFE, and no SENSE row that was s
 board streams nothing in SAFE, so the host listens for a while longer than a block takes.
 """
 
-import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -96,7 +95,7 @@ class _Rows:
         self._newest = newest
         self._last: int | None = None  # tick of the last row that may still show a drive
         self._codes: tuple[int, int] = (0, 0)
-        self._heard_s = -math.inf
+        self._heard_s: float  # when those came
         self.driven = ""
         self.streaming = ""
 
@@ -131,7 +130,7 @@ class _Rows:
         """What the rows show of a board that does not answer; those that came before `since_s`, by the monotonic clock,
         may have been sampled before SAFE reached it and say nothing.
         """
-        if self._heard_s < since_s or not any(self._codes):
+        if not any(self._codes) or self._heard_s < since_s:
             return ""
         return f", and SENSE still shows a drive, codes {self._codes[0]} and {self._codes[1]}"
 

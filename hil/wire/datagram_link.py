@@ -111,6 +111,8 @@ class DatagramLink(ABC):
                     stamp = ancillary
         except BlockingIOError:
             pass
+        except LinkClosed:  # of `_in`, which says why
+            raise
         except OSError as error:
             if not frames:
                 raise self._closed(error) from None

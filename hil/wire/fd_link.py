@@ -43,7 +43,7 @@ class FdLink(Link):
     def receive(self, timeout_s: float | None) -> bytes:
         """Up to 4096 bytes; b"" if none came within `timeout_s` seconds (None: wait for ever). Raises
         LinkClosed."""
-        if self._fd < 0:
+        if self._fd == -1:
             raise LinkClosed(f"{self.name}: the link is closed")
         if not select.select(self._watch, (), (), timeout_s)[0]:
             return b""
@@ -59,13 +59,13 @@ class FdLink(Link):
 
     def close(self) -> None:
         """Close the descriptor; a second call does nothing."""
-        if self._fd >= 0:
+        if self._fd != -1:
             os.close(self._fd)
             self._fd = -1
 
     def offer(self, data: bytes | memoryview) -> int:
         """Write what fits now and return how much that was. Raises LinkClosed."""
-        if self._fd < 0:
+        if self._fd == -1:
             raise LinkClosed(f"{self.name}: the link is closed")
         try:
             return os.write(self._fd, data)

@@ -42,7 +42,7 @@ class PtyLink(FdLink):
         """Up to 4096 bytes; b"" if none came within `timeout_s` seconds (None: wait for ever). Raises
         LinkClosed."""
         data = super().receive(timeout_s)
-        if data and self._slave >= 0:
+        if data and self._slave != -1:
             # While a slave descriptor of ours is open the kernel reports no hang-up; from now on we want to
             # know.
             os.close(self._slave)
@@ -52,13 +52,13 @@ class PtyLink(FdLink):
     def await_host(self) -> None:
         """After LinkClosed: wait for another host on the same path. Bytes the last one left unread are
         dropped."""
-        if self._slave < 0:
-            self._slave = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+        if self._slave == -1:
+            self._slave = os.open(self.path, os.O_NOCTTY)
             termios.tcflush(self._slave, termios.TCIFLUSH)
 
     def close(self) -> None:
         """Close both ends; a second call does nothing."""
-        if self._slave >= 0:
+        if self._slave != -1:
             os.close(self._slave)
             self._slave = -1
         super().close()

@@ -99,11 +99,20 @@ def test_a_short_watchdog_is_accounted_for_by_nothing_either(ends: tuple[Endpoin
     assert kept.of_watchdog(STOPPED) == ""
     kept.held(77)
     assert kept.of_watchdog(STOPPED) == "answers were late on 1 ticks running"
+    kept.held(79)  # not the one after it
+    assert kept.of_watchdog(STOPPED) == "answers were late on 1 ticks running"
+    kept.held(80)
+    assert kept.of_watchdog(STOPPED) == "answers were late on 2 ticks running"
 
 
 def test_a_time_worth_telling_is_about_the_watchdog(ends: tuple[Endpoint, Far]) -> None:
     for block in (1, 60):
-        assert 0.5 * WATCHDOG_NS <= account(ends[0], block).suspicious_ns <= WATCHDOG_NS
+        kept = account(ends[0], block)
+        assert 0.5 * WATCHDOG_NS <= kept.suspicious_ns <= WATCHDOG_NS
+        kept.silent(kept.suspicious_ns - 1)
+        assert kept.of_watchdog(STOPPED) == ""
+        kept.silent(kept.suspicious_ns)
+        assert kept.of_watchdog(STOPPED) != ""
 
 
 def test_a_silence_from_before_arm_does_not_count(ends: tuple[Endpoint, Far]) -> None:
@@ -129,6 +138,20 @@ def test_drives_that_came_late_for_half_as_long_or_not_running_do_not(ends: tupl
     for tick in (*range(WATCHDOG // 2), *range(1000, 3000, 2)):
         kept.held(tick)
     assert kept.of_watchdog(STOPPED) == ""
+
+
+@pytest.mark.parametrize("latency", [1, 4])
+def test_rows_that_the_watchdog_cut_off_and_those_of_the_latency_are_not_asked_for(
+    ends: tuple[Endpoint, Far], latency: int
+) -> None:
+    """The interval of the last drive, the one in which the watchdog tripped, and those before a drive acts."""
+    kept = Account(ends[0], WATCHDOG, 1, RATE_HZ, latency)
+    kept.begin(ARMED)
+    for tick in range(WATCHDOG - 3 - latency):
+        kept.held(tick)
+    assert kept.of_watchdog(STOPPED) == ""
+    kept.held(WATCHDOG - 3 - latency)
+    assert kept.of_watchdog(STOPPED) == f"answers were late on {WATCHDOG - 2 - latency} ticks running"
 
 
 def test_frames_that_were_lost_account_for_both(ends: tuple[Endpoint, Far]) -> None:

@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 
 from hil.loop.armed import ArmedBoard
+from hil.loop.stopping import Stopped
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, ProtocolError
+from hil.wire.link import Link
 from hil.wire.messages import (
     Arm,
     DriveForce,
@@ -181,7 +183,68 @@ def test_it_is_looked_after_often_enough_to_see_a_silence(timeout_s: float) -> N
     with connected() as (host, _):
         bench = gyro.unhurried_bench(1.0, "paced", link={"timeout_s": timeout_s, "watchdog_s": 0.5})
         board = ArmedBoard(host, Board().identity, bench, DriveForce, WRITTEN)
-        assert 0.0 < board.slice_s <= min(0.25 * timeout_s, 0.5)
+        assert board.slice_s == pytest.approx(min(0.25 * timeout_s, 0.25))
+
+
+@pytest.mark.parametrize(("loop", "block"), [({}, 1), ({"mode": "gain", "block": 20, "estimate_every": 20}, 20)])
+def test_what_is_known_of_the_board_is_told_on(
+    monkeypatch: pytest.MonkeyPatch, loop: dict[str, Any], block: int
+) -> None:
+    """Watchdog, block, rate and latency to what accounts for stops; rate, block, patience and newest row to SAFE."""
+    told: list[Any] = []
+
+    def safe(*given: Any, **named: Any) -> Stopped:
+        told.append((given, named))
+        return Stopped(None, False, "no answer")
+
+    monkeypatch.setattr("hil.loop.armed.Account", lambda *given: told.append(given))
+    monkeypatch.setattr("hil.loop.armed.bring_to_safe", safe)
+    link = {"timeout_s": TIMEOUT_S, "watchdog_s": 0.7}
+    bench = gyro.unhurried_bench(1.0, "paced", link=link, **({"loop": loop} if loop else {}))
+    host = Endpoint(Deaf())
+    board = ArmedBoard(host, Board().identity._replace(latency_ticks=3, tick_rate_Hz=500.0), bench, DriveForce, WRITTEN)
+    assert told == [(host, WATCHDOG, block, 500.0, 3)]
+    board.safety.armed, board.newest = True, 77
+    assert board.to_safe(SafeReason.INTERRUPTED) == {}
+    known = {"rate_Hz": 500.0, "block": block, "newest": 77, "answered": board.answered}
+    assert told[1] == ((host, SafeReason.INTERRUPTED, TIMEOUT_S), known)
+    assert (board.safety.confirmed, board.safety.words) == (False, "no answer")
+
+
+class Deaf(Link):
+    """Nobody is there."""
+
+    name = "deaf"
+
+    def fileno(self) -> int:
+        return 0
+
+
+@pytest.mark.parametrize(("clock", "share"), [("paced", 0.5), ("lockstep", 1.0)])
+def test_how_long_an_answer_to_safe_is_waited_for(monkeypatch: pytest.MonkeyPatch, clock: str, share: float) -> None:
+    """Half of [link] timeout_s has passed in silence then; in lockstep all of it has, and begins anew."""
+    waited: list[tuple[int, float]] = []
+
+    def make_safe(_: Endpoint, reason: int, patience_s: float) -> Status:
+        waited.append((reason, patience_s))
+        raise LinkError("silent")
+
+    monkeypatch.setattr("hil.wire.client.make_safe", make_safe)
+    bench = gyro.unhurried_bench(1.0, clock, link={"timeout_s": TIMEOUT_S, "watchdog_s": 0.5})
+    host = Endpoint(Deaf())
+    board = ArmedBoard(host, Board().identity, bench, DriveForce, WRITTEN)
+    now_ns = time.monotonic_ns()
+    host.received_ns, board._asked_ns = now_ns, now_ns - round(0.5e9 * TIMEOUT_S)  # it has answered since
+    for said, silent_s in (((Nack(type_of(DriveForce), 1, NackReason.BAD_STATE),), 0.0), ((), 1.01 * TIMEOUT_S)):
+        with pytest.raises(ProtocolError, match=f"deaf: the board fell silent for {TIMEOUT_S:g} s"):
+            board.attend(said, now_ns - round(1e9 * silent_s))
+    assert waited == [(SafeReason.LINK_LOST, TIMEOUT_S), (SafeReason.LINK_LOST, share * TIMEOUT_S)]
+
+
+def test_the_boards_own_counts_are_told(armed: Armed) -> None:
+    counts = {"late": 1, "held": 2, "bad_frames": 3, "lost_seq": 4, "saturated": 5, "watchdog_trips": 6, "dropped": 7}
+    armed.to_safe = [stopped(SafeReason.HOST_REQUEST)._replace(**counts)]
+    assert armed.board.to_safe(SafeReason.HOST_REQUEST) == counts
 
 
 # ---------------------------------------------------------------------------------------------------- armed again

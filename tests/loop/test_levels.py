@@ -1,14 +1,16 @@
 """docs/safety.md, The host, rule 3: sense levels plausible beside the declared amplitude, gain, offset and noise.
 
-Levels far from each bound: where exactly it lies is not promised.
+Each bound is held from both sides, near enough that one twice as large or as small would show.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
 from hil.bench import Bench
+from hil.bench.device import Device
 from hil.loop.levels import Levels
 from tests.loop import gyro
 from tests.loop.misbehaving import Board
@@ -140,3 +142,49 @@ def test_they_are_judged_by_the_rows_of_acquisition_or_a_cycle() -> None:
     assert rows(1000.0) <= 20_000  # a bound in time and memory
     cycle = 400.0 / declared().device.resonance_Hz
     assert cycle <= rows(0.0) < 10 * cycle
+    slow = declared().device.model_copy(update={"stiffness_N_per_m": (0.6, 0.6, 0.0), "sample_rate_Hz": 400.0})
+    assert rows_of(slow) == math.ceil(400.0 / slow.resonance_Hz)
+    assert rows_of(slow.model_copy(update={"stiffness_N_per_m": (0.0, 0.0, 0.0)})) == 50  # no spring, no cycle
+
+
+def rows_of(device: Device) -> int:
+    """Of a bench without acquisition."""
+    bench = declared()
+    observer = bench.observer.model_copy(update={"acquisition_s": 0.0})
+    return Levels(bench.model_copy(update={"observer": observer, "device": device}), Board().identity).rows
+
+
+@pytest.mark.parametrize(("equal", "told"), [(40, False), (49, False), (50, True), (60, True)])
+def test_half_a_hundred_equal_codes_stand_still_fewer_may_be_chance(equal: int, told: bool) -> None:
+    assert ("stands still" in levels().wrong(np.zeros((equal, 2), np.int64))) == told
+
+
+@pytest.mark.parametrize(("clipped", "told"), [(6, False), (8, False), (10, True), (14, True)])
+def test_one_sample_in_fifty_at_the_end_of_the_converter_is_borne(clipped: int, told: bool) -> None:
+    usual = codes(0.2, 0.2)
+    usual[:clipped, 0] = 2**15 - 1
+    assert ("end of its converter" in levels(gain_V_per_m=-2400.0).wrong(usual)) == told
+
+
+@pytest.mark.parametrize(("amplitudes", "told"), [(2.5, False), (2.9, False), (3.2, True), (5.0, True)])
+def test_three_amplitudes_are_borne(amplitudes: float, told: bool) -> None:
+    small = levels(gain_V_per_m=-100.0)
+    assert ("swings by" in small.wrong(codes(amplitudes * 0.01, amplitudes * 0.01))) == told
+
+
+@pytest.mark.parametrize(("deviations", "told"), [(4.0, False), (5.8, False), (6.2, True), (10.0, True)])
+def test_six_deviations_of_the_offset_are_borne_beside_the_swing(deviations: float, told: bool) -> None:
+    quiet = levels(offset_sd_V=0.01, gain_V_per_m=-1.0, noise_V=1e-5)
+    assert ("sits at" in quiet.wrong(codes(middle_V=deviations * 0.01, noise_V=1e-5))) == told
+
+
+@pytest.mark.parametrize(("deviations", "told"), [(5.0, False), (7.0, True)])
+def test_six_deviations_of_the_noise_are_borne_where_nothing_swings(deviations: float, told: bool) -> None:
+    """Of the mean, and of a single sample."""
+    noise_V = 100.0 * SCALE_V
+    resting = levels(gain_V_per_m=-0.1, offset_sd_V=0.0, noise_V=noise_V)
+    off = round(deviations * noise_V / SCALE_V)
+    flicker = np.tile([[0], [1]], (N // 2, 2))  # so that it does not stand still
+    assert ("sits at" in resting.wrong(off + flicker)) == told
+    flicker[7] = off
+    assert ("swings by" in resting.wrong(flicker)) == told

@@ -2,13 +2,17 @@
 
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from estimator.kernel.layout import MAX_LATENCY
 from hil.bench import Bench, override
+from hil.bench.plausible import FASTEST_HZ, LARGEST_V
+from hil.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.errors import InputError
+from hil.loop import preflight
 from hil.loop.preflight import (
     configure,
     require_clock,
@@ -17,8 +21,10 @@ from hil.loop.preflight import (
     require_unchanged,
     require_undone,
 )
+from hil.wire import endpoint
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
+from hil.wire.link import Link
 from hil.wire.messages import (
     Capabilities,
     Identity,
@@ -29,6 +35,7 @@ from hil.wire.messages import (
     TimeSync,
 )
 from hil.wire.spec import SPEC
+from hil.wire.stream import Receiver, Transmitter
 from tests.loop import gyro
 from tests.loop.misbehaving import Board
 from tests.loop.on_a_pty import Far, connected
@@ -300,3 +307,168 @@ def test_a_board_that_tells_no_time_has_none(ends: tuple[Endpoint, Far]) -> None
     require_clock(ends[0])
     clock(ends[1], 3.0, every=2)
     require_clock(ends[0])
+
+
+class ByTheClock(Link):
+    """A board that answers TIME_SYNC after `late_s`, `pace` times its own time in it, with a clock that only waiting
+    moves; the first `deaf` questions it does not hear.
+    """
+
+    name = "board"
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, pace: float, late_s: float = 0.0, deaf: int = 0) -> None:
+        self.now_ns, self.asked_ns = 10**12, list[int]()
+        self._pace, self._late_ns, self._deaf = pace, round(1e9 * late_s), deaf
+        self._due: list[tuple[int, bytes]] = []
+        self._rx, self._tx = Receiver(), Transmitter()
+        clock = SimpleNamespace(
+            monotonic=lambda: 1e-9 * self.now_ns, monotonic_ns=lambda: self.now_ns, sleep=self.pass_s
+        )
+        for module in (preflight, endpoint):
+            monkeypatch.setattr(module, "time", clock)
+
+    def pass_s(self, seconds: float) -> None:
+        self.now_ns += max(round(1e9 * seconds), 1)
+
+    def fileno(self) -> int:
+        return 0
+
+    def send(self, data: bytes) -> None:
+        for item in self._rx.feed(data):
+            assert isinstance(item.message, TimeSync)
+            self.asked_ns.append(self.now_ns - 10**12)
+            if len(self.asked_ns) > self._deaf:
+                answer = item.message._replace(board_ns=round(self._pace * (self.now_ns + self._late_ns // 2)))
+                self._due.append((self.now_ns + self._late_ns, self._tx.encode(answer, 0)))
+
+    def receive(self, timeout_s: float | None) -> bytes:
+        assert timeout_s is not None
+        if self._due and self._due[0][0] <= self.now_ns + round(1e9 * timeout_s):
+            at_ns, data = self._due.pop(0)
+            self.now_ns = max(self.now_ns, at_ns)
+            return data
+        self.pass_s(timeout_s)
+        return b""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    @property
+    def passed_s(self) -> float:
+        return pytest.approx(1e-9 * (self.now_ns - 10**12), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pace", "good"), [(0.899, False), (0.901, True), (1.099, True), (1.101, False), (1e-3, False), (1e3, False)]
+)
+def test_a_tenth_is_borne_over_a_twentieth_of_a_second(
+    monkeypatch: pytest.MonkeyPatch, pace: float, good: bool
+) -> None:
+    link = ByTheClock(monkeypatch, pace)
+    host = Endpoint(link)
+    if good:
+        require_clock(host)
+    else:
+        with pytest.raises(ProtocolError, match=rf"board: .* went on by {0.05 * pace:.3g} s in 0.05 s; correct"):
+            require_clock(host)
+    assert link.passed_s == 0.05
+    assert not host.exchanges
+
+
+@pytest.mark.parametrize(("excess", "good"), [(0.99, True), (1.01, False)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_so_much_more_as_the_round_trips_leave_open(
+    monkeypatch: pytest.MonkeyPatch, sign: int, excess: float, good: bool
+) -> None:
+    """Each answer may have been given at any time of its round trip: 10 ms each, of 60 ms between the two."""
+    bound = 1.1 * (0.06 + 0.02) / 0.06 if sign > 0 else 0.9 * (0.06 - 0.02) / 0.06
+    pace = bound * (excess if sign > 0 else 1.0 / excess)
+    host = Endpoint(ByTheClock(monkeypatch, pace, late_s=0.01))
+    if good:
+        require_clock(host)
+    else:
+        with pytest.raises(ProtocolError, match=r"in 0\.06 s"):
+            require_clock(host)
+
+
+@pytest.mark.parametrize(("deaf", "passed_s"), [(9, 0.1), (0, 0.15)])
+def test_an_answer_is_waited_for_a_tenth_of_a_second(
+    monkeypatch: pytest.MonkeyPatch, deaf: int, passed_s: float
+) -> None:
+    link = ByTheClock(monkeypatch, 3.0, deaf=deaf)
+    if not deaf:  # it hears the first question alone
+        plain = link.send
+        monkeypatch.setattr(link, "send", lambda data: plain(data) if not link.asked_ns else None)
+    require_clock(Endpoint(link))
+    assert link.passed_s == passed_s
+
+
+def test_an_answer_to_an_earlier_question_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that came late; samples that come meanwhile are kept."""
+    link = ByTheClock(monkeypatch, 3.0, late_s=0.12)
+    host = Endpoint(link)
+    link.send(Transmitter().encode(TimeSync(5, 0), 0))
+    link.pass_s(0.11)
+    require_clock(host)
+    assert link.passed_s == 0.21
+
+
+# ------------------------------------------------------------------------------------------- where exactly a bound lies
+
+
+@pytest.mark.parametrize(
+    ("field", "least", "most"),
+    [
+        ("tick_rate_Hz", 1e-3, FASTEST_HZ),
+        ("sense_scale_V", 1e-15, LARGEST_V),
+        ("drive_scale_mps2", 1e-15, 1e6),
+    ],
+)
+def test_a_scale_at_its_bound_is_plausible_and_beyond_it_is_none(field: str, least: float, most: float) -> None:
+    for value in (least, most):
+        require_plausible(GOOD._replace(**{field: value}), LINK)
+    for value in (0.9 * least, 1.1 * most):
+        with pytest.raises(InputError, match=rf"IDENTITY\.{field} is .*, no board has that"):
+            require_plausible(GOOD._replace(**{field: value}), LINK)
+
+
+def test_two_codes_are_the_least_swing_and_half_the_range_the_most() -> None:
+    def swings(gain: float) -> Bench:
+        return bench(device={"amplitude_m": 100e-6, "sense": {"gain_V_per_m": (gain, gain)}})
+
+    code, half = GOOD.sense_scale_V / 100e-6, GOOD.sense_scale_V * 2**15 / 100e-6
+    for good in (2.01 * code, 0.99 * half):
+        require_suitable(swings(good), GOOD, LINK)
+    assert "nothing could be measured" in refused(GOOD, bench=swings(1.99 * code))
+    assert "converter ends at" in refused(GOOD, bench=swings(1.01 * half))
+
+
+def test_a_drive_of_a_single_code_is_a_drive() -> None:
+    device = {"drive": {"full_scale": 0.1}}
+    require_suitable(bench(device=device), GOOD._replace(drive_scale_mps2=0.1 / 1.01), LINK)
+
+
+def test_a_watchdog_is_two_ticks_at_least(ends: tuple[Endpoint, Far]) -> None:
+    Registers(ends[1])
+    short = bench(link={"timeout_s": 0.5, "watchdog_s": 0.02})
+    assert configure(ends[0], GOOD._replace(tick_rate_Hz=10.0), short)["WATCHDOG_TICKS"] == 2
+    assert configure(ends[0], GOOD._replace(tick_rate_Hz=400.0), short)["WATCHDOG_TICKS"] == 8
+
+
+def test_the_matrices_of_a_board_filter_are_in_the_registers_of_their_names(ends: tuple[Endpoint, Far]) -> None:
+    Registers(ends[1])
+    declared = bench(loop=GAIN)
+    held, board = configure(ends[0], GOOD, declared), board_filter_of(declared)
+    for i in range(2):
+        assert (held[f"FILTER_B{i + 1}"], held[f"FILTER_C{i + 1}"]) == (board.b[i], board.c[i])
+        for j in range(2):
+            assert held[f"FILTER_A{i + 1}{j + 1}"] == board.a[i][j]
+    assert held["FILTER_DELAY"] == board.delay
+    assert (held["DITHER_AMPLITUDE"], held["DITHER_SEED"]) == board_dither_of(declared, GOOD)
+    assert held["DRIVE_LIMIT"] == drive_limit_of(declared, GOOD)
+
+
+@pytest.mark.parametrize(("clock", "number"), [("lockstep", 0), ("paced", 1)])
+def test_the_clock_is_that_of_the_bench_file(ends: tuple[Endpoint, Far], clock: str, number: int) -> None:
+    Registers(ends[1])
+    assert configure(ends[0], GOOD, bench(clock))["CLOCK_MODE"] == number

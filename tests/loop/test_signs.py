@@ -1,6 +1,7 @@
 """A drive or a sense channel that is the wrong way round is told as such, with its axis; a right one never."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.opening import Opening
 from hil.loop.preflight import configure
 from hil.loop.run import run
-from hil.loop.signs import wrong_way
+from hil.loop.signs import samples_needed, wrong_way
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
 from hil.wire import client
@@ -122,3 +123,87 @@ def test_two_samples_are_looked_at_and_one_is_not(samples: int) -> None:
         with pytest.raises(NotImplementedError):
             wrong_way(bench, observer, seen, seen)
     assert len(asked) == samples - 1
+
+
+# ------------------------------------------------------------------------------ the rule itself, on innovations by hand
+
+
+class Foresees:
+    """In an observer's place: `nis` says by the signs of the drive how well it foresees the samples, from row
+    `BEGIN` on, where the drive begins; before that and where samples are lost, it foresees nothing.
+    """
+
+    BEGIN, LOST, ROWS = 3, 6, 9
+
+    def __init__(self, nis: dict[tuple[int, int], float]) -> None:
+        self.nis = nis
+        self.asked: list[tuple[int, int]] = []
+
+    def run(self, sense_V: np.ndarray, drive: np.ndarray) -> SimpleNamespace:
+        signs = (int(drive[-1, 0]) or 1, int(drive[-1, 1]) or 1)
+        self.asked.append(signs)
+        spread = np.full((self.ROWS, 2), 0.5)
+        size = np.sqrt(self.nis[signs] * np.array([0.5, 1.5]))  # the axes count alike
+        innovation = np.tile(size, (self.ROWS, 1)) * spread
+        innovation[: self.BEGIN] = 1e3
+        innovation[self.LOST] = 1e6
+        return SimpleNamespace(innovation=innovation, innovation_deviation=spread)
+
+    def told(self, driven: tuple[int, int] = (1, 1)) -> str:
+        drive = np.zeros((self.ROWS, 2))
+        drive[self.BEGIN :] = driven
+        sense = np.zeros((self.ROWS, 2))
+        sense[self.LOST] = np.nan
+        return wrong_way(gyro.bench(0.6), lambda: self, sense, drive)
+
+
+ALL_WELL = {(1, 1): 1.0, (1, -1): 1.0, (-1, 1): 1.0, (-1, -1): 1.0}
+
+
+@pytest.mark.parametrize(
+    ("declared", "turned", "told"),
+    [
+        (100.0, 1.0, True),
+        (4.5, 1.0, True),  # four times worse is worse
+        (3.5, 1.0, False),
+        (100.0, 3.5, True),  # four is foreseen well enough
+        (100.0, 4.5, False),
+        (2.0, 0.45, True),
+        (0.45, 1.0, False),
+        (float("nan"), 1.0, True),  # an observer that is lost foresees nothing
+        (100.0, float("nan"), False),
+    ],
+)
+def test_other_signs_have_to_foresee_well_and_the_declared_ones_far_worse(
+    declared: float, turned: float, told: bool
+) -> None:
+    usual = dict.fromkeys(ALL_WELL, 200.0)
+    found = Foresees(usual | {(1, 1): declared, (1, -1): turned}).told()
+    assert found.startswith("the drive of y acts the wrong way round: check the sign of") == told
+    assert bool(found) == told
+
+
+def test_only_signs_of_axes_that_were_driven_are_tried() -> None:
+    for driven, signs in (((1, 0), {(1, 1), (-1, 1)}), ((0, 1), {(1, 1), (1, -1)}), ((1, 1), set(ALL_WELL))):
+        observer = Foresees(ALL_WELL)
+        assert observer.told(driven) == ""
+        assert len(observer.asked) == len(signs)
+        assert set(observer.asked) == signs
+    assert Foresees(ALL_WELL).told((0, 0)) == ""
+
+
+def test_of_a_record_without_a_single_sample_after_the_first_drive_nobody_can_tell() -> None:
+    observer = Foresees(dict.fromkeys(ALL_WELL, 100.0) | {(-1, 1): 1.0})
+    drive = np.zeros((observer.ROWS, 2))
+    drive[observer.BEGIN :] = 1.0
+    lost = np.full((observer.ROWS, 2), np.nan)
+    assert wrong_way(gyro.bench(0.6), lambda: observer, lost, drive) == ""
+
+
+def test_forty_cycles_after_acquisition_are_looked_at_but_no_more_than_twenty_thousand_samples() -> None:
+    bench = gyro.bench(0.6)
+    bench = bench.model_copy(update={"observer": bench.observer.model_copy(update={"acquisition_s": 0.5})})
+    rate_Hz, resonance_Hz = bench.device.sample_rate_Hz, bench.device.resonance_Hz
+    assert samples_needed(bench) - 1 <= 0.5 * rate_Hz + 40.0 * rate_Hz / resonance_Hz < samples_needed(bench)
+    long = bench.model_copy(update={"observer": bench.observer.model_copy(update={"acquisition_s": 1e6})})
+    assert samples_needed(long) == 20_000

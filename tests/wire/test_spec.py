@@ -153,3 +153,30 @@ def test_spec_cannot_be_changed_by_accident():
     with pytest.raises(AttributeError):
         SPEC.protocol = 2
     assert replace(SPEC, protocol=2).protocol == 2
+
+
+def test_a_situation_goes_where_its_row_says_and_stays_where_none_does():
+    """hil/wire/spec.toml, [[transitions]]: what is not listed changes nothing and says nothing."""
+    states = SPEC.states
+    assert states.table["BOOT", "HELLO"] == spec.Transition("IDLE", answer="IDENTITY")
+    assert states.table["SAFE", "HELLO"] == spec.Transition("SAFE", answer="IDENTITY")
+    assert set(states.table) == {(name, event) for name in states.situations for event in states.events}
+    assert states.state["SAFE_LATCHED"] == "SAFE"
+    without = TEXT.replace('from = ["BOOT"]\nevent = "HELLO"\nnext = "IDLE"', 'from = []\nevent = "HELLO"')
+    assert parse_spec(without).states.table["BOOT", "HELLO"] == spec.Transition("BOOT")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('from = ["SAFE_LATCHED"]\nevent = "HELLO"', 'from = ["SAFE"]\nevent = "HELLO"'),
+        ('from = ["BOOT"]\nevent = "HELLO"', 'from = ["COT"]\nevent = "HELLO"'),
+        ('from = ["BOOT"]\nevent = "HELLO"', 'from = ["BOOT"]\nevent = "HULLO"'),
+        ('event = "HELLO"\nnext = "IDLE"', 'event = "HELLO"\nnext = "IDEAL"'),
+    ],
+    ids=["listed twice", "no such situation", "no such event", "goes nowhere"],
+)
+def test_a_transition_that_contradicts_the_table_is_refused(old, new):
+    assert TEXT.count(old) == 1
+    with pytest.raises(KeyError, match="transitions: "):
+        parse_spec(TEXT.replace(old, new))

@@ -1,0 +1,190 @@
+"""How a serial port and the board's end of a pty are opened and given back, call by call (docs/wire.md, Links)."""
+
+import errno
+import os
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import serial
+
+from hil.wire import serial_link
+from hil.wire.errors import LinkClosed, LinkError
+from hil.wire.fd_link import FdLink
+from hil.wire.links import open_link
+from hil.wire.pty_link import PtyLink, open_pty
+from hil.wire.serial_link import open_serial
+
+
+class Port:
+    """In the place of pyserial's: how it was opened, and what it was told then."""
+
+    opened: "list[Port]" = []  # noqa: RUF012
+
+    def __init__(self, *place: Any, **how: Any) -> None:
+        self.place, self.how, self.low_latency, self.closes = place, how, None, 0
+        self.read_end, self.write_end = os.pipe()
+        Port.opened.append(self)
+
+    def fileno(self) -> int:
+        return self.read_end
+
+    def set_low_latency_mode(self, on: bool) -> None:
+        self.low_latency = on
+
+    def close(self) -> None:
+        self.closes += 1
+        if self.closes == 1:
+            os.close(self.read_end)
+            os.close(self.write_end)
+
+
+@pytest.fixture
+def ports(monkeypatch: pytest.MonkeyPatch) -> list[Port]:
+    monkeypatch.setattr(serial, "Serial", Port)
+    monkeypatch.setattr(Port, "opened", [])
+    return Port.opened
+
+
+def test_a_port_is_opened_raw_exclusively_and_quick(ports: list[Port]) -> None:
+    """3 MBd unless the link's name says otherwise; VMIN = 1, which an inter-byte timeout of 0 sets in pyserial."""
+    for url, baud in (("serial:/dev/ttyX", 3_000_000), ("serial:/dev/ttyX?baud=115200", 115200)):
+        link = open_link(url)
+        port = ports[-1]
+        assert port.place == ("/dev/ttyX", baud)
+        assert port.how == {"timeout": 0, "inter_byte_timeout": 0, "exclusive": True}
+        assert port.low_latency is True
+        assert link.fileno() == port.read_end
+        link.close()
+        assert (link.fileno(), port.closes) == (-1, 1)
+    open_serial("/dev/ttyY").close()
+    assert ports[-1].place == ("/dev/ttyY", 3_000_000)
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.EAGAIN, "in use by another program"),
+        (errno.EBUSY, "in use by another program"),
+        (errno.ENOENT, "no such port; connect the board or name another port (found: /dev/ttyA, /dev/ttyB)"),
+        (errno.ENXIO, "no such port"),
+        (errno.ENODEV, "no such port"),
+        (errno.EACCES, "no permission"),
+    ],
+)
+def test_each_way_a_port_fails_has_its_remedy(monkeypatch: pytest.MonkeyPatch, number: int, words: str) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise serial.SerialException(number, "")
+
+    found = [SimpleNamespace(device=name) for name in ("/dev/ttyB", "/dev/ttyA")]
+    monkeypatch.setattr(serial, "Serial", fail)
+    monkeypatch.setattr(serial_link.list_ports, "comports", lambda: found)
+    with pytest.raises(LinkError) as told:
+        open_serial("/dev/ttyX")
+    assert words in str(told.value)
+    found.clear()
+    if number == errno.ENOENT:
+        with pytest.raises(LinkError, match=r"\(found: none\)"):
+            open_serial("/dev/ttyX")
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_what_is_no_terminal_is_asked_and_closed_again(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    before = descriptors()
+    with pytest.raises(LinkError, match="not a serial port"):
+        open_serial(str(tmp_path / "file"))
+    assert descriptors() == before
+
+
+def test_a_read_takes_4096_bytes_at_most() -> None:
+    reading, writing = os.pipe()
+    link = FdLink(reading, "pipe")
+    os.write(writing, bytes(5000))
+    assert [len(link.receive(1.0)), len(link.receive(1.0)), link.receive(0.0)] == [4096, 904, b""]
+    os.close(writing)
+    with pytest.raises(LinkClosed, match="pipe: the other end hung up"):
+        link.receive(1.0)
+    link.close()
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF])
+def test_each_way_to_hang_up_is_one(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """And what is none is told as the system does."""
+    reading, writing = os.pipe()
+    os.write(writing, b"a")
+    link = FdLink(reading, "pipe")
+
+    def fail(*_: Any) -> int:
+        raise OSError(number, "a strange thing")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "read", fail)
+        patched.setattr(os, "write", fail)
+        for attempt in (lambda: link.receive(0.1), lambda: link.offer(b"a")):
+            with pytest.raises(LinkClosed, match="pipe: the other end hung up"):
+                attempt()
+        number = errno.ENOMEM
+        with pytest.raises(LinkClosed, match="pipe: a strange thing"):
+            link.offer(b"a")
+    link.close()
+    os.close(writing)
+
+
+def test_nobody_waits_on_a_descriptor_that_is_not_ready_after_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another reader may have been quicker."""
+    reading, writing = os.pipe()
+    os.write(writing, b"a")
+    link = FdLink(reading, "pipe")
+
+    def nothing(*_: Any) -> int:
+        raise BlockingIOError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "read", nothing)
+        patched.setattr(os, "write", nothing)
+        assert link.receive(0.1) == b""
+        assert link.offer(b"a") == 0
+    link.close()
+    os.close(writing)
+
+
+@pytest.fixture
+def board() -> PtyLink:
+    link = open_pty()
+    yield link
+    link.close()
+
+
+def test_a_pty_keeps_its_own_end_open_until_a_host_has_spoken(board: PtyLink) -> None:
+    """Without it the kernel would tell a hang-up before anybody was there; with it for ever, none at all."""
+    assert (board.drop_when_full, board.dropped_bytes, board.url) == (False, 0, f"serial:{board.path}")
+    before = descriptors()
+    host = open_serial(board.path)
+    host.send(b"hi")
+    assert board.receive(5.0) == b"hi"
+    host.close()
+    assert descriptors() == before - 1
+    with pytest.raises(LinkClosed, match="hung up"):
+        board.receive(5.0)
+    board.await_host()
+    board.await_host()
+    assert descriptors() == before
+    assert board.receive(0.0) == b""
+    board.close()
+    assert descriptors() == before - 2
+
+
+def test_what_a_board_drops_is_what_did_not_fit(board: PtyLink) -> None:
+    board.drop_when_full = True
+    host = open_serial(board.path)
+    fits = board.offer(bytes(50_000))
+    board.send(bytes(700))
+    board.send(bytes(50))
+    assert board.dropped_bytes == 750
+    assert 0 < fits < 50_000
+    host.close()
