@@ -165,7 +165,7 @@ def _of_run(result: Result) -> Iterator[tuple[str, _Value]]:
     if result.score is not None:
         yield "angle per rotation", ("", result.score.angle_per_rotation, None)
     yield "rate error, rms", ("rad/s", result.rate_error_rms_rad_s, None)
-    yield "residual, rms", ("V", result.innovation_rms, None)
+    yield "innovation, rms", ("V", result.innovation_rms, None)
     yield "noise floor", ("V", result.noise_floor, None)
     for name, parameter in result.parameters.items():
         yield name, (parameter.unit, parameter.value, _half(*parameter.ci95))

@@ -31,34 +31,20 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool, added: Path |
     if as_json:
         print(printable_json((folder / "diagnosis.json").read_text(encoding="utf-8")), end="")
     else:
+        from hil.report.diagnosis.next_step import next_of
+
         print_diagnosis(diagnosis)
         print()
         print(printable(f"diagnosis  {folder / 'diagnosis.json'}"))
         if (folder / "force.arrow").exists():
             print(printable(f"force      {folder / 'force.arrow'}"))
-        if (folder / "report.html").exists():
-            print(printable(f"report     {folder / 'report.html'}"))
-        if (command := next_of(folder, diagnosis, added)) is not None:
+        page = folder / "report.html"
+        if page.exists():
+            print(printable(f"report     {page}"))
+        opened = f"xdg-open {shlex.quote(str(page))}" if page.exists() else None
+        if (command := next_of(folder, diagnosis, added) or opened) is not None:
             print(printable(f"next       {command}"))
     raise typer.Exit(0 if diagnosis.verdict in _COMPLETE else SOMETHING_LEFT)
-
-
-def next_of(folder: Path, diagnosis: "Diagnosis", added: Path | None = None) -> str | None:
-    """The command that comes next: a run with what was found, a bench file that declares it, or the experiment that
-    tells look-alikes apart; else the page. None where there is none.
-    """
-    quoted = shlex.quote
-    if added is not None:
-        return f"hil run {quoted(str(added))}"
-    record, bench = folder.parent / diagnosis.record, folder / "bench.toml"
-    again = f"hil trace {quoted(str(record))} --bench {quoted(str(bench))}"
-    if record.is_dir() and bench.exists():
-        if diagnosis.verdict == "explained":
-            return f"{again} --add better.bench.toml"
-        if any(pair.separate_by is not None for pair in diagnosis.confusable):
-            return f"{again} --live"
-    page = folder / "report.html"
-    return f"xdg-open {quoted(str(page))}" if page.exists() else None
 
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:

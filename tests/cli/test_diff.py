@@ -60,7 +60,7 @@ def test_a_difference_is_b_less_a_with_the_uncertainty_of_two_records(two: tuple
         assert found["difference"] == pytest.approx(b.value - a.value)
         assert found["uncertainty"] == pytest.approx(math.sqrt(halves[0] ** 2 + halves[1] ** 2))
         assert found["unit"] == a.unit
-    assert named(told["figures"], "residual, rms")["uncertainty"] is None
+    assert named(told["figures"], "innovation, rms")["uncertainty"] is None
 
 
 def test_the_interval_of_a_difference_holds_it_as_often_as_it_says() -> None:
