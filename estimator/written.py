@@ -45,5 +45,14 @@ def typeset(text: str) -> str:
     return sign + whole + point + fraction
 
 
+def power_of_ten(exponent: int) -> str:
+    """10 with the exponent raised.
+
+    >>> power_of_ten(-6)
+    '10⁻⁶'
+    """
+    return f"10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
 def _power(mantissa: str, exponent: int) -> str:
-    return f"{typeset(mantissa)} × 10{str(exponent).translate(_SUPERSCRIPT)}"
+    return f"{typeset(mantissa)} × {power_of_ten(exponent)}"

@@ -204,7 +204,7 @@ def compare(
 
 
 def score(run: Run | Path | str, truth: Path | str) -> Run:
-    """Compare a run with the truth that its emulated board wrote; the figures are in `.result` then, and on its page."""
+    """Compare a run with the truth that its emulated board wrote; figures are in `.result` then, and on the page."""
     from hil.report import write_report
     from hil.scoring import score as compare
 

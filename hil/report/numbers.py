@@ -3,8 +3,8 @@
 import math
 
 from estimator.written import plus_minus as plus_minus
+from estimator.written import power_of_ten, typeset
 from estimator.written import significant as significant
-from estimator.written import typeset
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _PREFIXED = ("V", "rad", "rad/s")
@@ -21,6 +21,18 @@ def prefix_for(size: float, most: int = 9) -> tuple[float, str]:
         return 1.0, ""
     exponent = min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), -15), most)
     return 10.0**-exponent, _PREFIXES[exponent]
+
+
+def in_thousands(value: float) -> tuple[float, str]:
+    """Factor that takes a long number to between 1 and 1000, and the power of ten that then stands before its unit.
+
+    >>> in_thousands(1e13), in_thousands(0.2)
+    ((1e-12, '10¹² '), (1.0, ''))
+    """
+    if not math.isfinite(value) or value == 0 or 1e-3 <= abs(value) < 1e7:
+        return 1.0, ""
+    exponent = 3 * math.floor(math.log10(abs(value)) / 3 + 1e-12)
+    return 10.0**-exponent, f"{power_of_ten(exponent)} "
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:

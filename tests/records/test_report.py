@@ -14,11 +14,10 @@ from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
-from hil.records.result import Part, Result, load_result, save_result
+from hil.records.result import Part, load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.numbers import quantity
-from hil.report.verdict import key_figures
 from hil.scoring import score
 from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import answer
@@ -45,15 +44,6 @@ def undrawn(monkeypatch):
         return f'<svg role="img" aria-label="{key}"></svg>'
 
     monkeypatch.setattr("hil.report.numbering.inline_svg", empty)
-
-
-def test_the_angle_with_its_uncertainty_stands_first_among_the_figures():
-    known = {"run": "r", "seconds": 1.0, "samples": 990, "lost": 0, "complete": True}
-    angle = {"kind": "pattern", "rad": -0.3364}
-    entries = key_figures(Result.model_validate(known | {"angle": angle, "angle_u_rad": 0.28298}))
-    assert [part.replace("\u00a0", " ") for part in entries[0]] == [
-        "Angle", "−336 mrad", "± 280 mrad (k = 2), since scoring starts",
-    ]  # fmt: skip
 
 
 def figures(page):
