@@ -151,6 +151,7 @@ def _alarm(result: "Result") -> str:
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     from hil.emulation import is_emulated
+    from hil.report.numbers import quantity
 
     if result.link is not None:
         kind, _, place = result.link.partition(":")
@@ -193,15 +194,15 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
             times = sensor.latency_us
             yield "its latency p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
     if result.innovation_rms is not None:
-        floor = "" if result.noise_floor is None else f"; noise floor {_volts(result.noise_floor)}"
-        yield "innovation, rms", f"{_volts(result.innovation_rms)}{floor}"
+        floor = "" if result.noise_floor is None else f"; noise floor {quantity(result.noise_floor, 'V')}"
+        yield "innovation, rms", f"{quantity(result.innovation_rms, 'V')}{floor}"
     yield from _angle(result)
     if result.angle_error_rms_rad is not None:
-        yield "angle error, rms", f"{result.angle_error_rms_rad:.3g} rad"
+        yield "angle error, rms", quantity(result.angle_error_rms_rad, "rad")
     if result.score is not None and result.score.angle_per_rotation is not None:
         yield "angle per rotation", f"{result.score.angle_per_rotation:.6f}"
     if result.rate_error_rms_rad_s is not None:
-        yield "rate error, rms", f"{result.rate_error_rms_rad_s:.3g} rad/s"
+        yield "rate error, rms", quantity(result.rate_error_rms_rad_s, "rad/s")
     if result.score is not None and (nees := result.score.nees) is not None:
         low, high = nees.band
         yield "NEES per entry", f"{nees.mean:.3g} of {nees.entries} entries; 95 % band {low:.2f} to {high:.2f}"
@@ -235,7 +236,3 @@ def _parameters(result: "Result") -> "Table":
         cells = ("" if number is None else f"{number:.7g}" for number in numbers)
         table.add_row(Text(printable(name)), *cells, Text(printable(parameter.unit)))
     return table
-
-
-def _volts(value: float) -> str:
-    return f"{1e6 * value:.3g} µV" if value < 1e-3 else f"{1e3 * value:.3g} mV"

@@ -1,7 +1,6 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
 import shlex
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hil.records.diagnosis import Diagnosis, Finding, Fit
+    from hil.records.diagnosis import Diagnosis, Finding
 
 _STYLE = {"adequate": "green", "explained": "green", "partly explained": "yellow", "unexplained": "red"}
 _COMPLETE = ("adequate", "explained")
@@ -133,29 +132,12 @@ def _say(console: "Console", text: str, *, style: str | None = None, end: str = 
 def _fits(diagnosis: "Diagnosis") -> "Table":
     from rich.table import Table
 
-    table = Table("", box=None, pad_edge=False, header_style="dim")
-    fits: tuple[Fit, ...] = (diagnosis.before, diagnosis.after, diagnosis.held_out.before, diagnosis.held_out.after)
-    headings: tuple[str, ...] = ("fitted, before", "after", "held out, before", "after")
-    if not diagnosis.effects:
-        fits, headings = fits[::2], ("fitted", "held out")
+    from hil.report.diagnosis.tables import fit_rows
+
+    (first, *headings), rows = fit_rows(diagnosis)
+    table = Table(first, box=None, pad_edge=False, header_style="dim")
     for heading in headings:
         table.add_column(heading, justify="right")
-    for label, cells in _rows(fits, diagnosis.sense_unit):
-        if any(cells):
-            table.add_row(label, *cells)
+    for row in rows:
+        table.add_row(*row)
     return table
-
-
-def _rows(fits: "tuple[Fit, ...]", own: str) -> Iterator[tuple[str, list[str]]]:
-    from hil.report.numbers import sensed
-
-    def shown(value: float | None, unit: str) -> str:
-        return "" if value is None else sensed(value, unit)
-
-    yield "residual, rms", [shown(fit.innovation_rms, own) for fit in fits]
-    yield "noise floor", [shown(fit.noise_floor, own) for fit in fits]
-    yield "residual / floor", ["" if fit.ratio is None else f"{fit.ratio:.4g}" for fit in fits]
-    yield "white? (Ljung–Box p)", ["" if fit.whiteness_p is None else f"{fit.whiteness_p:.2g}" for fit in fits]
-    yield "free run, rms error", [shown(fit.simulation_rmse, own) for fit in fits]
-    yield "angle error, rms", [shown(fit.angle_error_rms_rad, "rad") for fit in fits]
-    yield "rate error, rms", [shown(fit.rate_error_rms_rad_s, "rad/s") for fit in fits]

@@ -118,7 +118,7 @@ def test_two_traces(tmp_path: Path, hil: Hil) -> None:
     found = named(told["figures"], f"{effect.name}: {symbol}")
     assert (found["a"], found["b"]) == (None, one.value)
     assert found["difference"] is None
-    assert named(told["figures"], "residual / floor, held out, after")["b"] == after.held_out.after.ratio
+    assert named(told["figures"], "residual over floor, held out, after")["b"] == after.held_out.after.ratio
     code, out, _ = hil("diff", A, B)
     assert code == 0
     assert f"{effect.name}: {symbol}" in out

@@ -23,6 +23,16 @@ _FIGURES = {
 
 def fits(diagnosis: Diagnosis) -> str:
     """Before and after, fitted and held out; where nothing was added there is one of each."""
+    head, rows = fit_rows(diagnosis)
+    caption = (
+        f"Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the choice "
+        "never saw"
+    )
+    return table(caption, head, rows, range(1, len(head)))
+
+
+def fit_rows(diagnosis: Diagnosis) -> tuple[list[str], list[tuple[str, ...]]]:
+    """The same as words: headings, and a row for each figure that is known."""
     columns = [diagnosis.before, diagnosis.after, diagnosis.held_out.before, diagnosis.held_out.after]
     head = ["", "fitted, before", "after", "held out, before", "after"]
     if not diagnosis.effects:
@@ -33,11 +43,7 @@ def fits(diagnosis: Diagnosis) -> str:
         if any(value is not None for value in values):
             own = diagnosis.sense_unit if unit == "V" else unit
             rows.append((label, *(_chance(value) if key == "whiteness_p" else _shown(value, own) for value in values)))
-    caption = (
-        f"Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the choice "
-        "never saw"
-    )
-    return table(caption, head, rows, range(1, len(head)))
+    return head, rows
 
 
 def coefficients(diagnosis: Diagnosis, truth: Mapping[str, float | None] | None = None) -> str:
