@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hil as library
+from hil.cli.diff import _cells, _readable
 from hil.comparison import Figure, compare
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.records.result import load_result, save_result
@@ -45,6 +46,20 @@ def traced(folder: Path, *, found: bool) -> None:
 def named(figures: list[dict], name: str) -> dict:
     (found,) = [one for one in figures if one["name"] == name]
     return found
+
+
+@pytest.mark.parametrize(
+    ("figure", "shown"),
+    [
+        (Figure("noise floor", "V", 9.0e-5, 9.2e-5), ("90", "92", "+2", "µV")),
+        (Figure("k3x", "1/(m²·s²)", 1e13, 1.001e13, 1e10, 1e10), ("10", "10.01", "0.010 ± 0.014", "10¹² 1/(m²·s²)")),
+        (Figure("kxx", "1/s²", 1610721.0, 1610719.0), ("1610721", "1610719", "-2", "1/s²")),
+        (Figure("late", "", None, 3.0), ("", "3", "", "")),
+    ],
+)
+def test_a_long_number_is_shown_in_a_prefix_or_a_power_of_its_unit(figure: Figure, shown: tuple[str, ...]) -> None:
+    one = _readable(figure)
+    assert (*_cells(one), one.unit) == shown
 
 
 def test_a_difference_is_b_less_a_with_the_uncertainty_of_two_records(two: tuple[Path, Path], hil: Hil) -> None:
