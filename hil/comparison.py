@@ -165,7 +165,7 @@ def _of_run(result: Result) -> Iterator[tuple[str, _Value]]:
     if result.score is not None:
         yield "angle per rotation", ("", result.score.angle_per_rotation, None)
     yield "rate error, rms", ("rad/s", result.rate_error_rms_rad_s, None)
-    yield "residual, rms", ("V", result.innovation_rms, None)
+    yield "innovation, rms", ("V", result.innovation_rms, None)
     yield "noise floor", ("V", result.noise_floor, None)
     for name, parameter in result.parameters.items():
         yield name, (parameter.unit, parameter.value, _half(*parameter.ci95))
@@ -179,7 +179,7 @@ def _of_run(result: Result) -> Iterator[tuple[str, _Value]]:
 
 def _of_trace(found: Any) -> Iterator[tuple[str, _Value]]:
     for part, fit in (("before", found.held_out.before), ("after", found.held_out.after)):
-        yield f"residual / floor, held out, {part}", ("", fit.ratio, None)
+        yield f"residual over floor, held out, {part}", ("", fit.ratio, None)
         yield f"residual, rms, held out, {part}", (found.sense_unit, fit.innovation_rms, None)
     yield "angle moves, at most", ("rad", found.angle_moved_rad, None)
     for effect in found.effects:

@@ -63,12 +63,13 @@ def score(run: Path, truth_file: Path) -> Result:
     covariance = folder.covariance
     honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.settle_s)
     mass_kg = reporting_mass_kg(folder)
+    effects = folder.bench.get("effects", {}).keys()
     before = folder.result or summarise(folder)
     result = before.model_copy(
         update={
             "angle_error_rms_rad": found.angle.rms,
             "rate_error_rms_rad_s": found.rate.rms,
-            "parameters": parameters(folder.estimates, mass_kg=mass_kg, truth=truth),
+            "parameters": parameters(folder.estimates, mass_kg=mass_kg, truth=truth, effects=effects),
             "score": found.figures().model_copy(update={"nees": honesty}),
             "remarks": (*before.remarks, *(remark for remark in remarks if remark not in before.remarks)),
         }

@@ -26,6 +26,7 @@ from estimator.trace.problem import Problem
 from estimator.trace.scan import Scan
 from estimator.trace.searched import NOTHING
 from estimator.trace.width import second_thoughts, shortlist
+from estimator.written import plus_minus
 
 _TRIED = 3
 _BESIDE = 1  # tried beside them, of another kind
@@ -64,16 +65,11 @@ def in_words(lacks: Sequence[Lacking], harmless: Sequence[Lacking], left: Sequen
 def told(item: Lacking) -> str:
     """An effect that is lacking, in one line."""
     sizes = ", ".join(
-        f"{symbol} {signed(c.value)} ± {0.5 * (c.high - c.low):.2g}" + (f" {c.unit}" if c.unit != "1" else "")
+        f"{symbol} = {plus_minus(c.value, 0.5 * (c.high - c.low))}" + (f" {c.unit}" if c.unit != "1" else "")
         for symbol, c in item.coefficients.items()
     )
     like = f" (or {', '.join(item.alike)})" if item.alike else ""
     return f"lacks {item.effect}{like}: {sizes}; the angle may be off by {item.angle.value:.3g} rad"
-
-
-def signed(value: float) -> str:
-    """With its sign, a minus being one and no hyphen; what has no unit and is small, in per cent."""
-    return f"{value:+.3g}".replace("-", "−")
 
 
 def leading(

@@ -1,5 +1,6 @@
 """``hil diff``: two runs, or two traces, side by side."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -73,10 +74,21 @@ def _figures(found: "Comparison") -> "Table":
         table.add_column(heading, justify="right")
     table.add_column("")
     table.add_column("", style="yellow")
-    for one in found.figures:
+    for one in map(_readable, found.figures):
         unit = Text(printable(one.unit))
         table.add_row(Text(printable(one.name)), *_cells(one), unit, "apart" if one.apart else "")
     return table
+
+
+def _readable(one: "Figure") -> "Figure":
+    """In a prefix or a power of ten of its unit, where the number by itself would be long."""
+    from hil.report.numbers import in_thousands, prefix_for
+
+    size = max((abs(value) for value in (one.a, one.b) if value is not None), default=0.0)
+    factor, prefix = prefix_for(size) if one.unit == "V" else in_thousands(size)
+    values = {name: getattr(one, name) for name in ("a", "b", "u_a", "u_b")}
+    scaled: dict[str, Any] = {name: None if value is None else factor * value for name, value in values.items()}
+    return replace(one, unit=(prefix + one.unit).strip(), **scaled)
 
 
 def _cells(one: "Figure") -> tuple[str, str, str]:

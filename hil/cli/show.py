@@ -71,7 +71,7 @@ def print_before_and_after(circle: "Circle") -> None:
     table = Table("", "before", "after", box=None, pad_edge=False, header_style="dim")
     results = [load_result(RunFolder(run).result_path) for run in (circle.before, circle.after)]
     before, after = (dict(_figures(result)) for result in results)
-    for label in ("angle error, rms", "angle per rotation", "rate error, rms", "residual, rms", _IN_TIME):
+    for label in ("angle error, rms", "angle per rotation", "rate error, rms", "innovation, rms", _IN_TIME):
         table.add_row(label, before.get(label, ""), after.get(label, ""))
     print("\nthe loop without it and with it")
     Console(highlight=False, soft_wrap=True).print(table)
@@ -138,7 +138,7 @@ def _print_verdict(console: "Console", result: "Result") -> None:
             continue
         colour = _MACHINE_STYLE if name == "machine" and part.against else _OUTCOME_STYLE.get(part.outcome, "red")
         console.print(f"         {name:<9}[{colour}]{part.outcome:<9}[/]", end="")
-        console.print(printable(part.reason), markup=False)
+        console.print(printable(part.beside_outcome), markup=False)
         if part.next is not None and part.next != result.next:
             console.print(printable(f"{'':<27}next: {part.next}"), markup=False)
 
@@ -151,6 +151,7 @@ def _alarm(result: "Result") -> str:
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     from hil.emulation import is_emulated
+    from hil.report.numbers import quantity
 
     if result.link is not None:
         kind, _, place = result.link.partition(":")
@@ -193,15 +194,15 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
             times = sensor.latency_us
             yield "its latency p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
     if result.innovation_rms is not None:
-        floor = "" if result.noise_floor is None else f"; noise floor {_volts(result.noise_floor)}"
-        yield "residual, rms", f"{_volts(result.innovation_rms)}{floor}"
+        floor = "" if result.noise_floor is None else f"; noise floor {quantity(result.noise_floor, 'V')}"
+        yield "innovation, rms", f"{quantity(result.innovation_rms, 'V')}{floor}"
     yield from _angle(result)
     if result.angle_error_rms_rad is not None:
-        yield "angle error, rms", f"{result.angle_error_rms_rad:.3g} rad"
+        yield "angle error, rms", quantity(result.angle_error_rms_rad, "rad")
     if result.score is not None and result.score.angle_per_rotation is not None:
         yield "angle per rotation", f"{result.score.angle_per_rotation:.6f}"
     if result.rate_error_rms_rad_s is not None:
-        yield "rate error, rms", f"{result.rate_error_rms_rad_s:.3g} rad/s"
+        yield "rate error, rms", quantity(result.rate_error_rms_rad_s, "rad/s")
     if result.score is not None and (nees := result.score.nees) is not None:
         low, high = nees.band
         yield "NEES per entry", f"{nees.mean:.3g} of {nees.entries} entries; 95 % band {low:.2f} to {high:.2f}"
@@ -217,7 +218,7 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
         told = " (assumed)" if largest.assumed else ""
         yield "most of it uncertain by", f"{largest.source}{told}, {largest.contribution_rad:.2g} rad"
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
-        yield "by formula (11), as its source", f"{angle.plain_rad:+.5g} rad"
+        yield "by the patent's formula (11)", f"{angle.plain_rad:+.5g} rad"
         yield "control imperfection, rms", f"{angle.control_imperfection_rms_rad:.2g} rad, taken off of the angle"
 
 
@@ -226,15 +227,12 @@ def _parameters(result: "Result") -> "Table":
     from rich.text import Text
 
     table = Table("parameter", box=None, pad_edge=False, header_style="dim")
-    for heading in ("estimate", "95 % interval", "", "truth"):
+    scored = any(parameter.truth is not None for parameter in result.parameters.values())
+    for heading in ("estimate", "95 % interval", "", *(("truth",) if scored else ())):
         table.add_column(heading, justify="right")
     table.add_column("")
     for name, parameter in result.parameters.items():
-        value, *interval = (f"{number:.7g}" for number in (parameter.value, *parameter.ci95))
-        truth = "" if parameter.truth is None else f"{parameter.truth:.7g}"
-        table.add_row(Text(printable(name)), value, *interval, truth, Text(printable(parameter.unit)))
+        numbers = (parameter.value, *parameter.ci95, *((parameter.truth,) if scored else ()))
+        cells = ("" if number is None else f"{number:.7g}" for number in numbers)
+        table.add_row(Text(printable(name)), *cells, Text(printable(parameter.unit)))
     return table
-
-
-def _volts(value: float) -> str:
-    return f"{1e6 * value:.3g} µV" if value < 1e-3 else f"{1e3 * value:.3g} mV"

@@ -1,7 +1,6 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
 import shlex
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hil.records.diagnosis import Diagnosis, Finding, Fit
+    from hil.records.diagnosis import Diagnosis, Finding
 
 _STYLE = {"adequate": "green", "explained": "green", "partly explained": "yellow", "unexplained": "red"}
 _COMPLETE = ("adequate", "explained")
@@ -31,34 +30,20 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool, added: Path |
     if as_json:
         print(printable_json((folder / "diagnosis.json").read_text(encoding="utf-8")), end="")
     else:
+        from hil.report.diagnosis.next_step import next_of
+
         print_diagnosis(diagnosis)
         print()
         print(printable(f"diagnosis  {folder / 'diagnosis.json'}"))
         if (folder / "force.arrow").exists():
             print(printable(f"force      {folder / 'force.arrow'}"))
-        if (folder / "report.html").exists():
-            print(printable(f"report     {folder / 'report.html'}"))
-        if (command := next_of(folder, diagnosis, added)) is not None:
+        page = folder / "report.html"
+        if page.exists():
+            print(printable(f"report     {page}"))
+        opened = f"xdg-open {shlex.quote(str(page))}" if page.exists() else None
+        if (command := next_of(folder, diagnosis, added) or opened) is not None:
             print(printable(f"next       {command}"))
     raise typer.Exit(0 if diagnosis.verdict in _COMPLETE else SOMETHING_LEFT)
-
-
-def next_of(folder: Path, diagnosis: "Diagnosis", added: Path | None = None) -> str | None:
-    """The command that comes next: a run with what was found, a bench file that declares it, or the experiment that
-    tells look-alikes apart; else the page. None where there is none.
-    """
-    quoted = shlex.quote
-    if added is not None:
-        return f"hil run {quoted(str(added))}"
-    record, bench = folder.parent / diagnosis.record, folder / "bench.toml"
-    again = f"hil trace {quoted(str(record))} --bench {quoted(str(bench))}"
-    if record.is_dir() and bench.exists():
-        if diagnosis.verdict == "explained":
-            return f"{again} --add better.bench.toml"
-        if any(pair.separate_by is not None for pair in diagnosis.confusable):
-            return f"{again} --live"
-    page = folder / "report.html"
-    return f"xdg-open {quoted(str(page))}" if page.exists() else None
 
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:
@@ -147,29 +132,12 @@ def _say(console: "Console", text: str, *, style: str | None = None, end: str = 
 def _fits(diagnosis: "Diagnosis") -> "Table":
     from rich.table import Table
 
-    table = Table("", box=None, pad_edge=False, header_style="dim")
-    fits: tuple[Fit, ...] = (diagnosis.before, diagnosis.after, diagnosis.held_out.before, diagnosis.held_out.after)
-    headings: tuple[str, ...] = ("fitted, before", "after", "held out, before", "after")
-    if not diagnosis.effects:
-        fits, headings = fits[::2], ("fitted", "held out")
+    from hil.report.diagnosis.tables import fit_rows
+
+    (first, *headings), rows = fit_rows(diagnosis)
+    table = Table(first, box=None, pad_edge=False, header_style="dim")
     for heading in headings:
         table.add_column(heading, justify="right")
-    for label, cells in _rows(fits, diagnosis.sense_unit):
-        if any(cells):
-            table.add_row(label, *cells)
+    for row in rows:
+        table.add_row(*row)
     return table
-
-
-def _rows(fits: "tuple[Fit, ...]", own: str) -> Iterator[tuple[str, list[str]]]:
-    from hil.report.numbers import sensed
-
-    def shown(value: float | None, unit: str) -> str:
-        return "" if value is None else sensed(value, unit)
-
-    yield "residual, rms", [shown(fit.innovation_rms, own) for fit in fits]
-    yield "noise floor", [shown(fit.noise_floor, own) for fit in fits]
-    yield "residual / floor", ["" if fit.ratio is None else f"{fit.ratio:.4g}" for fit in fits]
-    yield "white? (Ljung–Box p)", ["" if fit.whiteness_p is None else f"{fit.whiteness_p:.2g}" for fit in fits]
-    yield "free run, rms error", [shown(fit.simulation_rmse, own) for fit in fits]
-    yield "angle error, rms", [shown(fit.angle_error_rms_rad, "rad") for fit in fits]
-    yield "rate error, rms", [shown(fit.rate_error_rms_rad_s, "rad/s") for fit in fits]

@@ -204,11 +204,14 @@ def compare(
 
 
 def score(run: Run | Path | str, truth: Path | str) -> Run:
-    """Compare a run with the truth that its emulated board wrote; the figures are in `.result` then."""
+    """Compare a run with the truth that its emulated board wrote; figures are in `.result` then, and on the page."""
+    from hil.report import write_report
     from hil.scoring import score as compare
 
     place = run.path if isinstance(run, Run) else named(run)
     compare(place, Path(truth))
+    if RunFolder(place).report_path.exists():
+        write_report(place, Path(truth))
     return _run_at(place)
 
 

@@ -34,6 +34,11 @@ class Part(_Model):
         """Whether this part speaks against the run."""
         return self.outcome in ("lacks", "failed", "unsafe")
 
+    @property
+    def beside_outcome(self) -> str:
+        """The reason as it reads after the outcome, whose word it need not say again."""
+        return self.reason.removeprefix(f"{self.outcome} ")
+
     @classmethod
     def of(cls, reasons: Sequence[str], *, good: PartOutcome = "good", bad: PartOutcome = "failed") -> Self:
         """`good` where there is no reason against, else `bad` with the reasons in one line."""
@@ -92,7 +97,7 @@ class BoardClock(_Model):
     def line(self) -> str:
         """The relation in one line."""
         if (found := self.relation) is None:
-            return f"not related to the host's: {self.unknown}"
+            return f"not related to the host's; {self.unknown}"
         return (
             f"{found.skew_ppm:+.2f} ± {found.skew_uncertainty_ppm:.2f} ppm beside the host's, offset "
             f"{1e-9 * found.offset_ns:.6f} s ± {1e-3 * found.offset_uncertainty_ns:.1f} µs "

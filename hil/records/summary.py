@@ -1,7 +1,7 @@
 """The figures that a run folder's records give by themselves, without any truth."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from hil.records.units import symbol_of
 SD_95 = 1.959964
 """Half width of a 95 % interval in standard deviations of a normal variable."""
 
-_ONE_CLOCK = "in lockstep no clock runs: there is nothing to relate"
+_ONE_CLOCK = "in lockstep no clock runs"
 _NOT_ASKED = "nobody asked the board for its time"
 _LEDGER_ROWS, _STRETCHES = 1 << 20, 16
 _BACK_ROWS = 4096
@@ -81,9 +81,9 @@ def answers(capture: Capture | None, timing: Timing | None, counters: Mapping[st
 
 
 def parameters(
-    estimates: Estimates, *, mass_kg: float | None = None, truth: Truth | None = None
+    estimates: Estimates, *, mass_kg: float | None = None, truth: Truth | None = None, effects: Collection[str] = ()
 ) -> dict[str, Parameter]:
-    """Constants and offsets at the last estimate, with value ± 1.96 standard deviations.
+    """Constants and offsets at the last estimate, with value ± 1.96 standard deviations; `effects`: those carried.
 
     An estimate that diverged (not finite) is left out. Per unit mass, or with `mass_kg` in N/m and N·s/m.
     The truth of an offset is its value at the last common instant, since offsets may drift.
@@ -100,7 +100,7 @@ def parameters(
         value, spread = float(last[name][0]), SD_95 * float(last.sd(name)[0])
         if not np.isfinite([value, spread]).all():
             continue
-        true = None if truth is None else _true_value(name, estimates, truth)
+        true = None if truth is None else _true_value(name, estimates, truth, effects)
         table[symbol_of(name)] = Parameter(
             value=factor * value,
             ci95=(factor * (value - spread), factor * (value + spread)),
@@ -220,9 +220,10 @@ def _seconds(capture: Capture | None, estimates: Estimates | None) -> float:
     return float(record.part(len(record) - 1, len(record)).t_s[0] - record.part(0, 1).t_s[0])
 
 
-def _true_value(name: str, estimates: Estimates, truth: Truth) -> float | None:
-    if name in truth.constants:
-        return truth.constants[name]
+def _true_value(name: str, estimates: Estimates, truth: Truth, effects: Collection[str]) -> float | None:
+    constants = truth.constants | truth.coefficients(effects)
+    if name in constants:
+        return constants[name]
     if name not in truth.columns:
         return None
     for start in range(len(estimates) - 1, -1, -_BACK_ROWS):  # the last instant that both have is near the end

@@ -1,6 +1,6 @@
 """The truth an emulated board wrote about itself. Opened by the score only, after the run."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,15 @@ class Truth(Table):
         stiffness = zip(("kxx_per_s2", "kyy_per_s2", "kxy_per_s2"), self.header["stiffness_per_s2"], strict=False)
         damping = zip(("dxx_per_s", "dyy_per_s", "dxy_per_s"), self.header["damping_per_s"], strict=False)
         return {name: float(value) for name, value in (*stiffness, *damping)}
+
+    def coefficients(self, effects: Collection[str]) -> dict[str, float]:
+        """Coefficients of those hidden effects that are among `effects`, by their symbols, which board and observer
+        share. None where the sense gain of x is off: it scales the unit of length that they are counted in.
+        """
+        hidden = {one["name"]: one["coefficients"] for one in self.header.get("effects", ())}
+        if hidden.get("sense_gain", {}).get("gx", 0.0):
+            return {}
+        return {symbol: float(value) for name in hidden.keys() & effects for symbol, value in hidden[name].items()}
 
     @property
     def codes(self) -> tuple[str, ...]:

@@ -1,13 +1,16 @@
 """The few pieces of HTML that the page is made of. Every text that comes from outside is escaped here."""
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 
 from hil.report.verdict import Headline
 
 Row = Sequence[str]
+_LONG = 30
+"""Letters from which on a cell is a sentence."""
+_TYPED = ("hil ", "sudo ", "xdg-open ")
 
 
 def page(
@@ -57,11 +60,14 @@ def _contents(sections: str) -> Iterable[str]:
 
 
 def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int] = ()) -> str:
-    """A table with header cells; columns in `numbers` are set flush right."""
-    heading = "".join(
-        f'<th scope="col"{_figure(index, numbers)}>{escape(cell)}</th>' for index, cell in enumerate(head)
-    )
-    body = "".join(f"<tr>{_cells(row, numbers)}</tr>" for row in rows)
+    """A table with header cells; columns in `numbers` are set flush right, those of sentences kept wide enough to
+    read on a phone.
+    """
+    rows = list(rows)
+    kinds = {index: "long" for row in rows for index, cell in enumerate(row) if len(cell) > _LONG}
+    kinds |= dict.fromkeys(numbers, "n")
+    heading = "".join(f'<th scope="col"{_class(index, kinds)}>{escape(cell)}</th>' for index, cell in enumerate(head))
+    body = "".join(f"<tr>{_cells(row, kinds)}</tr>" for row in rows)
     return (
         f'<div class="wide"><table><caption>{escape(caption)}</caption>'
         f"<thead><tr>{heading}</tr></thead><tbody>{body}</tbody></table></div>"
@@ -89,12 +95,17 @@ def verdict(parts: Iterable[tuple[str, str, str, str, str]], command: str | None
     """The parts of a verdict, (tone, name, outcome, reason, next), and the command that comes next."""
     rows = "".join(
         f'<div class="{tone}"><dt>{escape(name)}</dt><dd><b>{escape(outcome)}</b> {escape(reason)}'
-        + (f' <span class="do">Next: <code>{escape(after)}</code></span>' if after and after != command else "")
+        + (f' <span class="do">Next: {_command(after)}</span>' if after and after != command else "")
         + "</dd></div>"
         for tone, name, outcome, reason, after in parts
     )
     listed = f'<dl class="parts">{rows}</dl>' if rows else ""
-    return listed + (f'<p class="next">Next: <code>{escape(command)}</code></p>' if command else "")
+    return listed + (f'<p class="next">Next: {_command(command)}</p>' if command else "")
+
+
+def _command(text: str) -> str:
+    """In fixed pitch what can be typed, as prose what a person has to do."""
+    return f"<code>{escape(text)}</code>" if text.startswith(_TYPED) else escape(text)
 
 
 def section(key: str, title: str, *parts: str) -> str:
@@ -114,11 +125,11 @@ def listing(text: str) -> str:
     return f'<details><summary>{lines} lines</summary><pre tabindex="0"><code>{escape(text)}</code></pre></details>'
 
 
-def _cells(row: Row, numbers: Collection[int]) -> str:
+def _cells(row: Row, kinds: Mapping[int, str]) -> str:
     first, *rest = row
-    cells = "".join(f"<td{_figure(index, numbers)}>{escape(cell)}</td>" for index, cell in enumerate(rest, 1))
-    return f'<th scope="row">{escape(first)}</th>{cells}'
+    cells = "".join(f"<td{_class(index, kinds)}>{escape(cell)}</td>" for index, cell in enumerate(rest, 1))
+    return f'<th scope="row"{_class(0, kinds)}>{escape(first)}</th>{cells}'
 
 
-def _figure(index: int, numbers: Collection[int]) -> str:
-    return ' class="n"' if index in numbers else ""
+def _class(index: int, kinds: Mapping[int, str]) -> str:
+    return f' class="{kinds[index]}"' if index in kinds else ""

@@ -24,9 +24,9 @@ def section(material: Material) -> str:
     )
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         said += (
-            f" Formula (11) as its source has it, less the virtual rotation alone, gives {_both(angle.plain_rad)}; "
-            "what forces turned the pattern by beside that, the imperfection of the control, is "
-            f"{_both(angle.control_imperfection_rms_rad)} rms and is taken off."
+            " The patent's formula (11), which takes off the virtual rotation only, gives "
+            f"{_both(angle.plain_rad)}. The other forces turned the pattern by "
+            f"{_both(angle.control_imperfection_rms_rad)} rms (control imperfection); the angle has that taken off too."
         )
     else:
         said += " It is the integrated rate, the parameters being taken as known."

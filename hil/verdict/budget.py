@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from estimator.uncertainty import Course, sensitivities
+from estimator.written import significant
 from hil.bench import Bench
 from hil.records.estimates import Estimates
 from hil.records.result import Angle, Contribution
@@ -147,8 +148,8 @@ def _calibration(bench: Bench, course: Course, information: "Information | None"
                 source=name.replace("_", " "),
                 value=item.u,
                 unit=item.unit,
-                sensitivity=f"{words[name]} = {declared:.2g} rad"
-                + (f"; the record leaves {contribution:.2g} rad of it" if name in left else ""),
+                sensitivity=f"{words[name]} = {significant(declared, 2)} rad"
+                + (f"; the record leaves {significant(contribution, 2)} rad of it" if name in left else ""),
                 contribution_rad=contribution,
                 assumed=item.assumed,
             )
@@ -189,7 +190,7 @@ def _beyond(bench: Bench, information: "Information") -> list[Contribution]:
             value=contribution,
             unit="rad",
             sensitivity=f"1: {effect.partition(':')[0]}, were it there and as large as the record allows, at most"
-            + (f"; {found:.2g} rad by what the scan found and calls harmless" if found else ""),
+            + (f"; {significant(found, 2)} rad by what the scan found and calls harmless" if found else ""),
             contribution_rad=contribution,
         )
     ]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hil as library
+from hil.cli.diff import _cells, _readable
 from hil.comparison import Figure, compare
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.records.result import load_result, save_result
@@ -47,6 +48,20 @@ def named(figures: list[dict], name: str) -> dict:
     return found
 
 
+@pytest.mark.parametrize(
+    ("figure", "shown"),
+    [
+        (Figure("noise floor", "V", 9.0e-5, 9.2e-5), ("90", "92", "+2", "µV")),
+        (Figure("k3x", "1/(m²·s²)", 1e13, 1.001e13, 1e10, 1e10), ("10", "10.01", "0.010 ± 0.014", "10¹² 1/(m²·s²)")),
+        (Figure("kxx", "1/s²", 1610721.0, 1610719.0), ("1610721", "1610719", "-2", "1/s²")),
+        (Figure("late", "", None, 3.0), ("", "3", "", "")),
+    ],
+)
+def test_a_long_number_is_shown_in_a_prefix_or_a_power_of_its_unit(figure: Figure, shown: tuple[str, ...]) -> None:
+    one = _readable(figure)
+    assert (*_cells(one), one.unit) == shown
+
+
 def test_a_difference_is_b_less_a_with_the_uncertainty_of_two_records(two: tuple[Path, Path], hil: Hil) -> None:
     code, out, _ = hil("diff", str(two[0]), str(two[1]), "--json")
     assert code == 0
@@ -60,7 +75,7 @@ def test_a_difference_is_b_less_a_with_the_uncertainty_of_two_records(two: tuple
         assert found["difference"] == pytest.approx(b.value - a.value)
         assert found["uncertainty"] == pytest.approx(math.sqrt(halves[0] ** 2 + halves[1] ** 2))
         assert found["unit"] == a.unit
-    assert named(told["figures"], "residual, rms")["uncertainty"] is None
+    assert named(told["figures"], "innovation, rms")["uncertainty"] is None
 
 
 def test_the_interval_of_a_difference_holds_it_as_often_as_it_says() -> None:
@@ -118,7 +133,7 @@ def test_two_traces(tmp_path: Path, hil: Hil) -> None:
     found = named(told["figures"], f"{effect.name}: {symbol}")
     assert (found["a"], found["b"]) == (None, one.value)
     assert found["difference"] is None
-    assert named(told["figures"], "residual / floor, held out, after")["b"] == after.held_out.after.ratio
+    assert named(told["figures"], "residual over floor, held out, after")["b"] == after.held_out.after.ratio
     code, out, _ = hil("diff", A, B)
     assert code == 0
     assert f"{effect.name}: {symbol}" in out

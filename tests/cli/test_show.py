@@ -57,6 +57,23 @@ def test_each_part_says_what_it_came_to(tmp_path: Path, capfd: pytest.CaptureFix
     assert lines[-1] == "next     hil doctor"
 
 
+def test_what_is_lacking_is_said_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    parts = PARTS | {"model": Part(outcome="lacks", reason="lacks drag: dq = 1 1/m")}
+    _, lines, _ = shown(tmp_path, capfd, verdict="failed", parts=parts)
+    assert any(row.split() == ["model", "lacks", "drag:", "dq", "=", "1", "1/m"] for row in lines)
+
+
+def test_truth_has_a_column_where_it_is_known_only(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    known = {"value": 1.0, "ci95": (0.5, 1.5), "unit": "1/s"}
+    _, lines, _ = shown(tmp_path, capfd, parameters={"dxx": known})
+    assert (line(lines, "parameter").split()[-1], line(lines, "dxx").split()) == (
+        "interval", ["dxx", "1", "0.5", "1.5", "1/s"],
+    )  # fmt: skip
+    _, lines, _ = shown(tmp_path, capfd, parameters={"dxx": known | {"truth": 1.25}, "dyy": known})
+    assert line(lines, "parameter").split()[-1] == "truth"
+    assert line(lines, "dxx").split() == ["dxx", "1", "0.5", "1.5", "1.25", "1/s"]
+
+
 def test_a_part_that_nobody_could_judge_is_left_out(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     parts = PARTS | {"machine": Part(outcome="unknown"), "model": Part(outcome="unknown", reason="too short")}
     _, lines, _ = shown(tmp_path, capfd, verdict="good", parts=parts)

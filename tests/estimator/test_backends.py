@@ -14,8 +14,8 @@ from estimator.backend import Backend, make_observer
 from estimator.errors import ModelError
 from estimator.hold import Hold, drive_polynomials
 from estimator.observer import Observer
-from estimator.oracle.agreement import disagreement
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
+from tests.estimator.agreement import disagreement
 from tests.estimator.gyro_loop import Array, Record, Truth, close_loop, observer_of, swing
 
 ORACLES: tuple[Backend, ...] = ("numpy", "filterpy")

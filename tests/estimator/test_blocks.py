@@ -14,8 +14,8 @@ from estimator.kernel.controller import command
 from estimator.kernel.observer import workspace
 from estimator.kernel.stationary import Course, gather_gains
 from estimator.observer import Observer
-from estimator.oracle.agreement import disagreement
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread, Variant
+from tests.estimator.agreement import disagreement
 from tests.estimator.gyro_loop import Array, Truth, free_motion
 from tests.estimator.test_backends import free_record, single_axis
 

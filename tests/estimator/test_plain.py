@@ -11,8 +11,8 @@ from estimator.kernel.lanes import gather, lane, put, put_columns, take
 from estimator.kernel.plain import is_plain
 from estimator.kernel.scan_plain import scans_plainly
 from estimator.observer import Observer
-from estimator.oracle.agreement import disagreement
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread, Variant
+from tests.estimator.agreement import disagreement
 from tests.estimator.gyro_loop import Array, Record, Truth, troubled
 
 TRUTH = Truth(force_noise=1e-5)

@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from estimator.kernel import steps
 from estimator.observer import Observer
-from estimator.oracle.agreement import disagreement
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Variant
+from tests.estimator.agreement import disagreement
 from tests.estimator.gyro_loop import Array, Record, Truth, troubled
 
 TRUTH = Truth(force_noise=1e-5)

@@ -122,6 +122,7 @@ def test_a_score_puts_the_truth_beside_the_run(run: hil.Run) -> None:
     scored = hil.score(run, run.path.parent / "truth.arrow")
     assert scored.result.angle is not None
     assert run.result is not None
+    assert "Angle per rotation" in scored.report().read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,11 @@ from estimator.settings import Device, ObserverSettings
 from hil.addition import additions
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
-from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
+from hil.records.diagnosis import Probabilities, load_diagnosis, save_diagnosis, to_model
 from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
-from hil.report.diagnosis.page import headline
+from hil.report.diagnosis.page import Pictures, headline, write_page
+from hil.report.diagnosis.tables import coefficients, probable
 
 N, RATE, RESONANCE, NOISE = 16000, 4000.0, 200.0, 9e-5
 DEVICE = Device(
@@ -242,6 +243,39 @@ def test_a_trace_ends_with_the_command_that_comes_next(tmp_path: Path, capsys: p
     assert told(traced.Verdict.ADEQUATE, found=False) == f"xdg-open '{folder}/report.html'"
 
 
+def test_the_page_says_what_comes_next_above_everything_else(tmp_path: Path) -> None:
+    folder, said = tmp_path / "trace", to_model(answer(), record="ride", bench="S-test")
+    folder.mkdir()
+    (tmp_path / "ride").mkdir()
+    (folder / "bench.toml").write_text("[device]\n", encoding="utf-8")
+    page = write_page(folder, said, Pictures(), ("Record", "4 s", "")).read_text(encoding="utf-8")
+    command = f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"
+    assert page.index(f'<p class="next">Next: <code>{command}</code>') < page.index('<dl class="key">')
+    (folder / "bench.toml").unlink()
+    assert "Next:" not in write_page(folder, said, Pictures(), ("Record", "4 s", "")).read_text(encoding="utf-8")
+
+
+def test_the_truth_of_an_effect_stands_beside_what_was_found() -> None:
+    said = to_model(answer(), record="ride", bench="S-test")
+    table = coefficients(said, {"k3x": 1.0002e13, "kxx": None})
+    heads = re.findall(r"<th scope=\"col\"[^>]*>([^<]*)", table)
+    assert heads == ["coefficient", "estimate", "truth", "95 % interval", "unit"]
+    (k3x,) = re.findall(r"k3x</th>(.*?)</tr>", table)
+    assert re.findall(r">([^<]+)</td>", k3x)[:2] == ["(1.000 ± 0.010) × 10¹³", "1.000 × 10¹³"]
+    assert "truth" not in coefficients(said, {"kxx": None})
+    assert "truth" not in coefficients(said)
+
+
+def test_how_probable_an_account_is_names_the_effect_only_where_another_is_meant() -> None:
+    assert probable(Probabilities(effect="drag", classes={"drag": 0.9, "sense_gain": 0.1})) == (
+        "how probable: drag 90%, sense gain 10%"
+    )
+    assert probable(Probabilities(effect="drag", classes={"sense_gain": 1.0})) == (
+        "how probable in place of drag: sense gain 100%"
+    )
+    assert probable(Probabilities(effect=None, classes={"nothing": 1.0})) == "how probable: nothing 100%"
+
+
 def test_a_terminal_says_what_a_part_acts_like_and_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     print_diagnosis(to_model(partly(), record="ride", bench="S-test"))
     out = capsys.readouterr().out
@@ -328,6 +362,6 @@ def test_how_probable_each_account_is_stands_in_the_file_and_on_the_page(tmp_pat
     assert kept["undetermined"] == [sentence]
     assert load_diagnosis(tmp_path / "diagnosis.json") == said
     page = written(tmp_path, found)
-    assert "of cubic stiffness: cubic stiffness 90%, sense cubic 10%" in page
+    assert "How probable: cubic stiffness 90%, sense cubic 10%" in page
     assert "drag 0%" not in page
     assert "oes not determine kxx and drive_gain_x" in page

@@ -1,6 +1,7 @@
 """The score against runs whose errors are known by construction."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -45,6 +46,21 @@ def test_a_good_run(make_run):
         "phi_y_V",
         "rate_rad_s",
     }
+
+
+def test_what_is_hidden_in_the_board_is_the_truth_of_the_effect_of_that_name(make_run):
+    _, truth_file = make_run()
+    truth = read_truth(truth_file)
+    hidden = [
+        {"name": "cubic_stiffness", "coefficients": {"k3x": 1e13, "k3y": 3e12}},
+        {"name": "base_vibration", "coefficients": {"ax": 2.0, "frequency": 50.0}},
+    ]
+    board = replace(truth, header=truth.header | {"effects": hidden})
+    assert board.coefficients(["cubic_stiffness", "constant_force"]) == {"k3x": 1e13, "k3y": 3e12}
+    assert truth.coefficients(["cubic_stiffness"]) == {}
+    gain = {"name": "sense_gain", "coefficients": {"gx": 0.01, "gy": 0.0}}
+    scaled = replace(truth, header=truth.header | {"effects": [*hidden, gain]})
+    assert scaled.coefficients(["cubic_stiffness"]) == {}
 
 
 def test_parameters_stand_beside_their_truth(make_run):

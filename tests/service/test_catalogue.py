@@ -472,7 +472,7 @@ def test_compared_as_the_library_compares(source: Path, runs: Path, catalogue: C
     catalogue.look()
     ours = {one["name"]: one for one in compare(catalogue, first.name, second.name)["figures"]}
     theirs = {one["name"]: one for one in hil.diff(first, second).as_json()["figures"]}
-    for name, other in (("kxx", "kxx"), ("angle_rad", "angle at the end"), ("innovation_rms", "residual, rms")):
+    for name, other in (("kxx", "kxx"), ("angle_rad", "angle at the end"), ("innovation_rms", "innovation, rms")):
         for key in ("a", "b", "difference", "uncertainty", "apart"):
             assert ours[name][key] == theirs[other][key], (name, key)
 

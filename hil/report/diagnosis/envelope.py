@@ -4,9 +4,8 @@ from pathlib import Path
 
 from estimator import diagnosis as traced
 from estimator.envelope.record import Envelope
-from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
-from hil.report.diagnosis.page import Pictures, page_of
+from hil.report.diagnosis.page import Pictures, write_page
 from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
 from hil.report.numbers import count, significant
@@ -19,11 +18,7 @@ def write_envelope_report(folder: Path, envelope: Envelope, found: traced.Diagno
     pictures = Pictures(error=figures.add(lambda: draw(envelope, found, diagnosis.sense_unit)))
     seconds = f"{significant(float(envelope.time[-1]))} s"
     record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {count(diagnosis.split)} of them fitted")
-    listing = folder / "bench.toml"
-    text = listing.read_text(encoding="utf-8") if listing.exists() else ""
-    path = folder / "report.html"
-    write_text(path, page_of(diagnosis, pictures, text, record, declarable=False, made=path.parent.name))
-    return path
+    return write_page(folder, diagnosis, pictures, record, declarable=False)
 
 
 def draw(envelope: Envelope, found: traced.Diagnosis, unit: str) -> Drawing:

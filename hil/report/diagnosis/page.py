@@ -25,6 +25,7 @@ from hil.report.diagnosis import (
 )
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.material import Material
+from hil.report.diagnosis.next_step import next_of
 from hil.report.facts import date_of
 from hil.report.numbering import Figures
 from hil.report.numbers import count, quantity, sensed, significant
@@ -58,12 +59,10 @@ def write_report(
     found: the engine's answer about `record`; diagnosis: the same as written; device, settings: the model as it was;
     force: what it lacks, without a name, where that was asked.
     """
-    listing = folder / "bench.toml"
-    text = listing.read_text(encoding="utf-8") if listing.exists() else ""
-    material = Material(found, diagnosis, record, device, settings, text, force)
-    path = folder / "report.html"
-    write_text(path, render(material, folder.name))
-    return path
+    material = Material(found, diagnosis, record, device, settings, _bench_text(folder), force)
+    page = render(material, folder.name, next_of(folder, diagnosis))
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
 
 
 @dataclass(frozen=True)
@@ -77,8 +76,20 @@ class Pictures:
     candidates: str = ""
 
 
-def render(material: Material, made: str = "") -> str:
-    """The page as text; `made` is the name of its folder, which has the date."""
+def write_page(
+    folder: Path, diagnosis: Diagnosis, pictures: Pictures, record: tuple[str, str, str], *, declarable: bool = True
+) -> Path:
+    """Write `folder/report.html` from the diagnosis as written and the figures, whole or not at all, and return its
+    path; the rest as `page_of` takes it.
+    """
+    text, command = _bench_text(folder), next_of(folder, diagnosis)
+    page = page_of(diagnosis, pictures, text, record, declarable=declarable, made=folder.name, command=command)
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
+
+
+def render(material: Material, made: str = "", command: str | None = None) -> str:
+    """The page as text; `made` is the name of its folder, which has the date, `command` what comes next."""
     figures = Figures()
     pictures = Pictures(
         effect=figures.add(lambda: intervals.draw(material)),
@@ -92,7 +103,7 @@ def render(material: Material, made: str = "") -> str:
     held_out = f"{significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % held out"
     seconds = f"{significant(float(material.record.time[-1]))} s"
     record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {held_out}")
-    return page_of(diagnosis, pictures, material.bench_text, record, made=made)
+    return page_of(diagnosis, pictures, material.bench_text, record, made=made, command=command)
 
 
 def page_of(
@@ -103,10 +114,11 @@ def page_of(
     *,
     declarable: bool = True,
     made: str = "",
+    command: str | None = None,
 ) -> str:
     """The page as text, from the diagnosis as written and the figures; `record` is the last of the key figures.
 
-    declarable: whether a bench file can declare the effects; made: name of its folder.
+    declarable: whether a bench file can declare the effects; made: name of its folder; command: what comes next.
     """
     tone, word = _WORDS[diagnosis.verdict]
     said = (
@@ -139,12 +151,13 @@ def page_of(
         markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
     ]
     return markup.page(
-        kind="Gyro bench · trace of a residual",
-        title=f"{diagnosis.bench}: {diagnosis.record}",
+        kind="Gyro bench · trace",
+        title=diagnosis.record,
         line=Headline(tone, word, headline(diagnosis)),
         key=markup.key_figures([*_key_figures(diagnosis), record]),
         sections="".join(sections),
-        facts=(word for word in (date_of(made), f"record {diagnosis.record}", f"gyrohil {version('gyrohil')}") if word),
+        verdict=markup.verdict((), command),
+        facts=(word for word in (date_of(made), f"bench {diagnosis.bench}", f"gyrohil {version('gyrohil')}") if word),
     )
 
 
@@ -232,6 +245,11 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     if diagnosis.angle_moved_rad is not None:
         entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), "at most, by what was found"))
     return entries
+
+
+def _bench_text(folder: Path) -> str:
+    listing = folder / "bench.toml"
+    return listing.read_text(encoding="utf-8") if listing.exists() else ""
 
 
 def _rms(value: float | None, unit: str) -> str:

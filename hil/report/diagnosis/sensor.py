@@ -6,9 +6,8 @@ import numpy as np
 
 from estimator.rate_sensor.trace import SensorDiagnosis
 from estimator.scaling import Array
-from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
-from hil.report.diagnosis.page import Pictures, page_of
+from hil.report.diagnosis.page import Pictures, write_page
 from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
 from hil.report.numbers import count, prefix_for
@@ -20,10 +19,7 @@ def write_sensor_report(folder: Path, found: SensorDiagnosis, diagnosis: Diagnos
     figures = Figures()
     pictures = Pictures(error=figures.add(lambda: draw(found, rate_rad_s)))
     record = ("Record", count(diagnosis.samples), f"samples, {count(diagnosis.split)} of them fitted")
-    text = (folder / "bench.toml").read_text(encoding="utf-8")
-    path = folder / "report.html"
-    write_text(path, page_of(diagnosis, pictures, text, record, declarable=False, made=path.parent.name))
-    return path
+    return write_page(folder, diagnosis, pictures, record, declarable=False)
 
 
 def draw(found: SensorDiagnosis, rate_rad_s: Array) -> Drawing:

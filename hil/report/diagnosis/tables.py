@@ -1,7 +1,7 @@
 """The tables of the page of a trace."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities
 from hil.report.markup import table
@@ -23,6 +23,16 @@ _FIGURES = {
 
 def fits(diagnosis: Diagnosis) -> str:
     """Before and after, fitted and held out; where nothing was added there is one of each."""
+    head, rows = fit_rows(diagnosis)
+    caption = (
+        f"Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the choice "
+        "never saw"
+    )
+    return table(caption, head, rows, range(1, len(head)))
+
+
+def fit_rows(diagnosis: Diagnosis) -> tuple[list[str], list[tuple[str, ...]]]:
+    """The same as words: headings, and a row for each figure that is known."""
     columns = [diagnosis.before, diagnosis.after, diagnosis.held_out.before, diagnosis.held_out.after]
     head = ["", "fitted, before", "after", "held out, before", "after"]
     if not diagnosis.effects:
@@ -33,25 +43,29 @@ def fits(diagnosis: Diagnosis) -> str:
         if any(value is not None for value in values):
             own = diagnosis.sense_unit if unit == "V" else unit
             rows.append((label, *(_chance(value) if key == "whiteness_p" else _shown(value, own) for value in values)))
-    caption = (
-        f"Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the choice "
-        "never saw"
-    )
-    return table(caption, head, rows, range(1, len(head)))
+    return head, rows
 
 
-def coefficients(diagnosis: Diagnosis) -> str:
-    """What was found, SI per unit mass."""
+def coefficients(diagnosis: Diagnosis, truth: Mapping[str, float | None] | None = None) -> str:
+    """What was found, SI per unit mass; `truth` by symbol, where a run that carries it has been scored."""
+    known = {symbol: value for symbol, value in (truth or {}).items() if value is not None}
+    several = len(diagnosis.effects) > 1
     rows = [
-        (symbol, _estimate(found), interval(found), shown_unit(found.unit), effect.title)
+        [
+            symbol,
+            _estimate(found),
+            *([_true(found, known.get(symbol))] if known else []),
+            interval(found),
+            shown_unit(found.unit),
+            *([effect.title] if several else []),
+        ]
         for effect in diagnosis.effects
         for symbol, found in effect.coefficients.items()
     ]
-    head = ["coefficient", "estimate", "95 % interval", "unit", "of"]
-    if len(diagnosis.effects) == 1:
-        head.pop()
+    true, of = ["truth"] if known else [], ["of"] if several else []
+    head = ["coefficient", "estimate", *true, "95 % interval", "unit", *of]
     caption = "Coefficients, SI per unit mass, ± half of the 95 % interval"
-    return table(caption, head, [row[: len(head)] for row in rows], (1, 2)) if rows else ""
+    return table(caption, head, rows, range(1, len(head) - 1 - len(of))) if rows else ""
 
 
 def dependences(diagnosis: Diagnosis) -> str:
@@ -128,8 +142,9 @@ def rejected(diagnosis: Diagnosis) -> str:
 def probable(one: Probabilities) -> str:
     """How probable each account is that has 1 % at least, in a line."""
     shares = [f"{_plain(name)} {share:.0%}" for name, share in one.classes.items() if share >= _SHOWN]
-    about = f"of {_plain(one.effect)}: " if one.effect else ""
-    return f"probability, {about}{', '.join(shares)}"
+    itself = one.effect is None or one.classes.get(one.effect, 0.0) >= _SHOWN
+    about = "" if itself else f" in place of {_plain(str(one.effect))}"
+    return f"how probable{about}: {', '.join(shares)}"
 
 
 def _shown(value: float | None, unit: str) -> str:
@@ -147,6 +162,15 @@ def _chance(value: float | None) -> str:
 def estimate(found: Coefficient) -> str:
     """Value, half of its 95 % interval, unit."""
     return f"{_estimate(found)} {shown_unit(found.unit)}".rstrip()
+
+
+def _true(found: Coefficient, truth: float | None) -> str:
+    low, high = found.ci95
+    if truth is None:
+        return "–"
+    if found.value is None or low is None or high is None:
+        return significant(truth, 6)
+    return plus_minus(found.value, (high - low) / 2.0, beside=truth)
 
 
 def _estimate(found: Coefficient) -> str:

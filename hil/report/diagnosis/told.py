@@ -15,7 +15,7 @@ def told(material: Material) -> str:
     parts = [
         markup.paragraph(f"Traced in {diagnosis.record}. {headline(diagnosis)}."),
         equations_of(diagnosis),
-        coefficients(diagnosis),
+        coefficients(diagnosis, {name: found.truth for name, found in material.result.parameters.items()}),
     ]
     if material.earlier is not None:
         parts.append(_beside(material.earlier.result, material.result))

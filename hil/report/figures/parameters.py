@@ -13,7 +13,7 @@ from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.names import rank, shown, shown_unit
-from hil.report.numbers import prefix_for
+from hil.report.numbers import in_thousands, prefix_for
 from hil.report.theme import FIRST, INK, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:
@@ -95,8 +95,8 @@ def _panel(material: Material, estimates: Estimates, name: str) -> _Panel:
     value, low, high = (float(column[0]) for column in series(estimates.part(len(estimates) - 1, len(estimates))))
     if known is None:
         unit = estimates.unit(name)
-        factor, prefix = prefix_for(abs(value)) if unit == "V" else (1.0, "")
-        unit, zero = prefix + shown_unit(unit), None
+        factor, prefix = prefix_for(abs(value)) if unit == "V" else in_thousands(value)
+        unit, zero = (prefix + shown_unit(unit)).strip(), None
     else:
         size = float(np.fmax(abs(drawn.held.low[_LOWER]), abs(drawn.held.high[_UPPER])))
         factor, unit = (1e6, "ppm") if size < 1e-3 else (1e2, "%")

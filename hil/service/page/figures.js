@@ -8,7 +8,7 @@ const NAMES = {
   rate_error_rms_rad_s: "rate error, rms",
   angle_u_rad: "angle uncertainty U (k = 2)",
   angle_rad: "angle at the end",
-  innovation_rms: "residual, rms",
+  innovation_rms: "innovation, rms",
   noise_floor: "noise floor",
   residual_ratio: "residual over noise floor",
   ratio_before: "residual over noise floor, before",
