@@ -3,7 +3,9 @@
 One pass from the declared values finds the constants, a second begins with them and with a spread of many of their
 standard deviations: linearised about the right place from the first sample on, its likelihood and covariance mean what
 they say, while what is counted twice is one part in a hundred.  Where a coefficient leaves even that spread, as one may
-that acts by more than its first power, the pass was linearised about the wrong place and another follows.
+that acts by more than its first power, the pass was linearised about the wrong place and another follows.  Beside
+innovations that are larger than the observer takes them to be, the standard deviations are so many times larger, too:
+where much is left, an average moves from pass to pass by more than noise would move it, and is no nearer for it.
 """
 
 from dataclasses import dataclass, replace
@@ -28,12 +30,15 @@ _SET = THRESHOLDS.start
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model after the fitting part: its observer, what it predicted there, twice its log-likelihood."""
+    """A model after the fitting part: its observer, what it predicted there, twice its log-likelihood; settled: whether
+    another pass, linearised about what this one found, would come to the same.
+    """
 
     settings: ObserverSettings
     observer: Observer
     estimates: Estimates
     likelihood: float
+    settled: bool = True
 
 
 def log_likelihood(innovation: Array, deviation: Array) -> float:
@@ -45,7 +50,11 @@ def log_likelihood(innovation: Array, deviation: Array) -> float:
 
 def widening(model: Fitted) -> float:
     """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger."""
-    normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
+    return _widening(model.estimates)
+
+
+def _widening(estimates: Estimates) -> float:
+    normalised = (estimates.innovation / estimates.innovation_deviation) ** 2
     return max(float(np.sqrt(np.nanmean(normalised))), 1.0)
 
 
@@ -111,16 +120,24 @@ def run(observer: Observer, record: Record, every: int | None = None) -> Estimat
     return replace(estimates, innovation=np.where(np.isfinite(record.sense), estimates.innovation, np.nan))
 
 
-def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None) -> Fitted:
+def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None, again: bool = True) -> Fitted:
     """The model of the record (`_fit`); where it comes to nothing, the best of those from elsewhere, as an effect's
-    coefficients declare where.
+    coefficients declare where.  Without `again`, by no more than those passes, whether they came near enough or not.
     """
-    found = _fit(problem, passes, about)
+    more = _SET.again if again else 0
+    found = _fit(problem, passes, about, more)
     if about is not None or widening(found) ** 2 < 1.0 + THRESHOLDS.width.power:
         return found
     starts = [problem.carrying(effects) for effects in _other_starts(problem)]
-    others = side_by_side([partial(_fit, start, passes, None) for start in starts])
+    others = side_by_side([partial(_fit, start, passes, None, more) for start in starts])
     return max((found, *others), key=lambda fitted: fitted.likelihood)
+
+
+def finished(problem: Problem, model: Fitted) -> Fitted:
+    """`model`, which `fit` came to without `again`, after those that it was spared."""
+    if model.settled or not np.isfinite(model.likelihood):
+        return model
+    return _fit(problem.under(model.settings), 1, model.observer, _SET.again - 1)
 
 
 def _other_starts(problem: Problem) -> list[dict[str, dict[str, float]]]:
@@ -143,9 +160,9 @@ def _other_starts(problem: Problem) -> list[dict[str, dict[str, float]]]:
     return starts
 
 
-def _fit(problem: Problem, passes: int, about: Observer | None) -> Fitted:
+def _fit(problem: Problem, passes: int, about: Observer | None, again: int) -> Fitted:
     """Estimate constants and effects over the record without forgetting, beginning again with what was found; with
-    `passes` of two, more often where the second shows that the first did not come near enough.
+    `passes` of two, up to `again` more where the second shows that the first did not come near enough.
 
     about: an observer with the same effects that a pass over part of the record came to, whose settings the problem
     has: begun about it, one pass is as good as a second, and followed by others where that would be.
@@ -154,7 +171,8 @@ def _fit(problem: Problem, passes: int, about: Observer | None) -> Fitted:
     current = replace(problem.settings, gain=Gain.EKF)
     previous = about
     opening = _opening(problem) if passes > 1 and about is None else problem
-    for number in range(passes + (_SET.again if passes > 1 or about is not None else 0)):
+    settled = False
+    for number in range(passes + (again if passes > 1 or about is not None else 0)):
         observer = Observer(device, current, problem.controller)
         if not problem.effects and device.axes == 2 and current.variant is Variant.FULL:
             observer.carry_both()
@@ -166,14 +184,15 @@ def _fit(problem: Problem, passes: int, about: Observer | None) -> Fitted:
         previous = observer
         if not np.all(np.isfinite(observer.x)):
             if number == 0 and opening is not problem:
-                return _fit(problem, 1, None)
+                return _fit(problem, 1, None, 0)
             break
         found = constants_of(observer) | _steady_rate(problem, observer)
         current = replace(current, initial={**current.initial, **found}, effects=coefficients_of(observer))
-        if number + 1 >= passes and np.all(np.abs(observer.x[coefficients] - begun) <= spread):
+        settled = bool(np.all(np.abs(observer.x[coefficients] - begun) <= _widening(estimates) * spread))
+        if number + 1 >= passes and settled:
             break
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)
-    return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf)
+    return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf, settled)
 
 
 def _opening(problem: Problem) -> Problem:

@@ -15,7 +15,7 @@ from estimator.trace.candidates import of_resonance_alone, searched_by
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.criterion import TIE, chance_gain, schwarz
 from estimator.trace.engine import Estimate, Score, Trial, leader
-from estimator.trace.fitting import Fitted, coefficients_of, fit, foresight, leads, parameters_of
+from estimator.trace.fitting import Fitted, coefficients_of, finished, fit, foresight, leads, parameters_of
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.parameters import refine_parameters
@@ -23,7 +23,7 @@ from estimator.trace.problem import Problem
 from estimator.trace.same_number import surer
 from estimator.trace.screening import spoken_for
 from estimator.trace.searched import NOTHING, Searched
-from estimator.trace.width import hopeful, worth_refining
+from estimator.trace.width import hopeful, worth_finishing, worth_refining
 
 _SET = THRESHOLDS.choice
 
@@ -31,12 +31,13 @@ _SET = THRESHOLDS.choice
 @dataclass(frozen=True, eq=False)
 class Carrying:
     """A model that was fitted to the record of `problem`, and how surely the parameters of what it carries were found,
-    by effect.
+    by effect; less: what `ObserverModel.without` made of it, since it is asked again when all have been taken.
     """
 
     problem: Problem
     fitted: Fitted
     searched: Mapping[str, Searched] = field(default_factory=dict)
+    less: dict[str, "tuple[Carrying, Score]"] = field(default_factory=dict, repr=False)
 
     @cached_property
     def look(self) -> Look:
@@ -85,19 +86,22 @@ class ObserverModel:
     def fit(
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]
     ) -> Mapping[str, Carrying | str]:
-        """Each beside what `current` carries; parameters of those near the best are searched.  What turns into
-        a simpler effect on the way is none.
+        """Each beside what `current` carries, those that one pass leaves far behind by that pass; parameters of those
+        near the best are searched.  What turns into a simpler effect on the way is none.
         """
         base = current.fitted
         effects = coefficients_of(base.observer)
         carried = side_by_side(
-            [partial(fit, self.problem.carrying({**effects, name: look.watched[name]})) for name in names],
+            [partial(fit, self.problem.carrying({**effects, name: look.watched[name]}), again=False) for name in names],
             lambda done: self.progress("candidates", done, len(names)),
         )
         models = dict(zip(names, carried, strict=True))
         searched: dict[str, Searched] = {}
         reached = tried[leader(tried)].score.gain if tried else -np.inf
         gains = {name: trial.score.gain for name, trial in tried.items()}
+        going_on = worth_finishing(models, base, gains)
+        ends = side_by_side([partial(finished, self.problem, models[name]) for name in going_on])
+        models |= dict(zip(going_on, ends, strict=True))
         near = worth_refining(models, base, gains, look.watched)
         for done, name in enumerate(near, 1):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
@@ -139,6 +143,11 @@ class ObserverModel:
 
     def without(self, current: Carrying, name: str) -> tuple[Carrying, Score]:
         """Of one pass about what was found; what is lost must be more than chance gives."""
+        if name not in current.less:
+            current.less[name] = self._without(current, name)
+        return current.less[name]
+
+    def _without(self, current: Carrying, name: str) -> tuple[Carrying, Score]:
         model = current.fitted
         rest = {other: given for other, given in coefficients_of(model.observer).items() if other != name}
         less = fit(self.problem.under(model.settings).carrying(rest), passes=1)

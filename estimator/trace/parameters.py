@@ -84,7 +84,7 @@ def _refined_in_two(
     share = len(beginning.record) / len(problem.record)
     begun = fit(beginning.under(model.settings), passes=1)
     behind = begun.likelihood + share * (to_beat - model.likelihood)
-    found, searched = _refined(beginning, begun, name, names, None, behind)
+    found, searched = _refined(beginning, begun, name, names, None, behind, moves=False)
     effects = {other: dict(given) for other, given in model.settings.effects.items()}
     effects[name] |= {which: found.settings.effects[name][which] for which in names}
     moved = fit(problem.under(model.settings).carrying(effects), passes=1, about=model.observer)
@@ -105,8 +105,18 @@ def _unknown(name: str, names: tuple[str, ...], problem: Problem) -> Searched:
 
 
 def _refined(
-    problem: Problem, model: Fitted, name: str, names: tuple[str, ...], before: Searched | None, to_beat: float
+    problem: Problem,
+    model: Fitted,
+    name: str,
+    names: tuple[str, ...],
+    before: Searched | None,
+    to_beat: float,
+    *,
+    moves: bool = True,
 ) -> tuple[Fitted, Searched]:
+    """The parameters `names` moved to the top; without `moves`, what they move the coefficients by is not asked, for
+    it costs two models a parameter, and is left zero.
+    """
     _, effect = effect_for(name, problem.device.axes, problem.device.own)
     given = model.settings.effects[name]
     hill = Hill(problem, model, name, names)
@@ -117,6 +127,7 @@ def _refined(
         known = np.sqrt(np.diagonal(before.covariance))
         width = np.where(known > 0.0, np.minimum(width, _SET.fine * known), width)
     top, deviation = start, np.zeros(len(names))
+    nothing = np.zeros((len(effect.coefficients), len(names)))
 
     def hopeless() -> bool:
         return model.likelihood + _SET.hope * (hill.highest - hill.at(start)) + _SET.rough_start < to_beat
@@ -124,13 +135,12 @@ def _refined(
     for i in range(len(names)):
         top, deviation[i] = hill.climb(top, i, float(width[i]), hopeless)
         if hopeless() or hill.turned(top):
-            nothing = np.zeros((len(effect.coefficients), len(names)))
             return hill.fitted(top), Searched(names, np.diag(deviation**2) / hill.variance, nothing)
     covariance = np.diag(deviation**2)
     if len(names) > 1 and np.all(deviation > 0.0):
         top, covariance = hill.together(top, deviation)
-    moves = hill.moves(top, deviation)
-    return hill.fitted(top), Searched(names, covariance / hill.variance, moves)
+    moved = hill.moves(top, deviation) if moves else nothing
+    return hill.fitted(top), Searched(names, covariance / hill.variance, moved)
 
 
 class Hill:

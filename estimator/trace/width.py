@@ -100,6 +100,18 @@ def second_thoughts(found: Mapping[str, Evidence], tried: Collection[str]) -> li
     return names
 
 
+def worth_finishing(models: Mapping[str, Fitted], base: Fitted, tried: Mapping[str, float]) -> list[str]:
+    """Of those that one pass was made of, the ones that another may matter for: with a good share of the best gain, or
+    behind it by no more than a start may take off a likelihood.
+
+    tried: gains over `base` of those that were carried before.
+    """
+    gains = {name: fitted.likelihood - base.likelihood for name, fitted in models.items()}
+    best = max((*tried.values(), *gains.values()))
+    bar = min(_SET.as_good * best, best - THRESHOLDS.parameters.rough_start)
+    return [name for name in models if gains[name] > bar]
+
+
 def worth_refining(
     models: Mapping[str, Fitted],
     base: Fitted,

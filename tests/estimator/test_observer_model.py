@@ -26,26 +26,35 @@ WATCHED: dict[str, dict[str, float]] = {
 }
 
 
-def fitted(effects: Any, likelihood: float) -> Any:
+def fitted(effects: Any, likelihood: float, *, settled: bool = True) -> Any:
     return SimpleNamespace(
         likelihood=likelihood,
         settings=ObserverSettings(effects=effects),
         observer=SimpleNamespace(effects=effects),
         estimates=SimpleNamespace(innovation=np.zeros((N, 2))),
+        settled=settled,
     )
 
 
 @pytest.fixture
 def fits(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, tuple[str, ...], int]]:
-    """What is fitted: samples, effects, passes; a model's likelihood is what its effects are worth together."""
+    """What is fitted: samples, effects, passes, none where it is finished; a model's likelihood is what its effects are
+    worth together, and one more when it is finished.
+    """
     done: list[tuple[int, tuple[str, ...], int]] = []
     worth = {"known": 0.0, "sense_gain": 500.0, "drive_gain": 450.0, "drag": 300.0, "interference:1": 100.0}
 
-    def fit(asked: Problem, passes: int = 2) -> Any:
+    def fit(asked: Problem, passes: int = 2, *, again: bool = True) -> Any:
         done.append((len(asked.record), tuple(asked.effects), passes))
-        return fitted(dict(asked.effects), 1000.0 + sum(worth[name] for name in asked.effects))
+        return fitted(dict(asked.effects), 1000.0 + sum(worth[name] for name in asked.effects), settled=again)
+
+    def finished(asked: Problem, model: Any) -> Any:
+        assert not model.settled
+        done.append((len(asked.record), tuple(model.settings.effects), 0))
+        return fitted(model.settings.effects, model.likelihood + 1.0)
 
     monkeypatch.setattr(observer_model, "fit", fit)
+    monkeypatch.setattr(observer_model, "finished", finished)
     monkeypatch.setattr(observer_model, "coefficients_of", lambda observer: dict(observer.effects))
     monkeypatch.setattr(observer_model, "parameters_of", lambda model, name: model.settings.effects[name])
     monkeypatch.setattr(observer_model, "turned_into", lambda asked, name, given: None)
@@ -80,9 +89,10 @@ def test_those_near_the_best_are_improved_and_all_are_beside_what_is_carried(
     monkeypatch.setattr(observer_model, "refine_parameters", refine)
     model = ObserverModel(PROBLEM, lambda *what: told.append(what))
     found: Any = model.fit(BASE, LOOK, ["sense_gain", "interference:1"], {})
-    assert fits == [(N, ("known", "sense_gain"), 2), (N, ("known", "interference:1"), 2)]
+    first = [(N, ("known", "sense_gain"), 2), (N, ("known", "interference:1"), 2)]
+    assert fits == [*first, (N, ("known", "sense_gain"), 0)]  # the line is behind by 400
     assert asked == {
-        "models": {"sense_gain", "interference:1"}, "tried": {}, "base": 1000.0, "to_beat": 1500.0,
+        "models": {"sense_gain", "interference:1"}, "tried": {}, "base": 1000.0, "to_beat": 1501.0,
     }  # fmt: skip
     assert found["interference:1"].fitted.likelihood == 2000.0
     assert found["interference:1"].searched == {"known": NOTHING, "interference:1": "searched"}
@@ -112,6 +122,8 @@ def test_taking_one_out_loses_what_the_model_without_it_lacks(fits: Any) -> None
     assert score.price == pytest.approx(2 * np.log(2 * N))  # two coefficients, of samples of two axes
     assert score.bar == pytest.approx(-2.0 * np.log(1e-4 / 30.0))  # χ² of two, for one of thirty
     assert set(less.searched) == {"known", "sense_gain"}
+    assert ObserverModel(PROBLEM).without(current, "drag")[0] is less  # of one pass, however often it is asked
+    assert len(fits) == 1
 
 
 def test_a_short_part_is_asked_about_each_in_place_of_the_best(monkeypatch: pytest.MonkeyPatch) -> None:

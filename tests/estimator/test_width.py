@@ -9,7 +9,7 @@ from estimator.trace import width
 from estimator.trace.criterion import TIE
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look
-from estimator.trace.width import hopeful, is_small, shortlist, within_reach, worth_refining
+from estimator.trace.width import hopeful, is_small, shortlist, within_reach, worth_finishing, worth_refining
 
 KINDS = [f"kind{n}" for n in range(30)]
 
@@ -192,6 +192,21 @@ def test_a_law_of_damping_is_improved_that_has_half_of_what_the_best_has() -> No
     without = {name: model for name, model in models.items() if name != "drag"}
     assert worth_refining(without, base, {"drag": 861.0}, watched) == ["dry_friction:2"]
     assert worth_refining(without, base, {"law": 861.0}, watched) == []
+
+
+@pytest.mark.parametrize(
+    ("gains", "tried", "ends"),
+    [
+        # half of the best gain, or no further behind than 300 of twice the log-likelihood
+        ({"drag": 2000.0, "drive_gain": 1001.0, "law": 999.0}, {}, ["drag", "drive_gain"]),
+        ({"drag": 2000.0, "drive_gain": 1001.0, "law": 999.0}, {"best": 2010.0}, ["drag"]),
+        ({"drag": 400.0, "drive_gain": 101.0, "law": 99.0}, {}, ["drag", "drive_gain"]),
+        ({"drag": 10.0, "drive_gain": -20.0, "law": -np.inf}, {}, ["drag", "drive_gain"]),
+    ],
+)
+def test_who_is_far_behind_after_one_pass_is_not_asked_for_another(gains, tried, ends) -> None:
+    models = {name: SimpleNamespace(likelihood=1000.0 + gain) for name, gain in gains.items()}
+    assert worth_finishing(models, SimpleNamespace(likelihood=1000.0), tried) == ends
 
 
 def test_who_is_within_a_tenth_of_the_best_gain_has_its_parameters_improved() -> None:
