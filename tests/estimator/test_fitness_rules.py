@@ -258,20 +258,26 @@ def test_half_of_the_stretches_must_be_run_into() -> None:
 
 def test_of_a_long_stretch_as_much_is_looked_at_as_before_it() -> None:
     """Twenty samples at most, four at least."""
-    seen = []
-    own = np.polyfit
+    seen, ahead = [], []
+    own, carried_on = np.polyfit, np.polyval
 
     def polyfit(at: Array, values: Array, degree: int) -> Array:
         seen.append((len(at), degree))
         return own(at, values, degree)
 
+    def polyval(parabola: Array, at: Array) -> Array:
+        ahead.append(at.tolist())
+        return np.asarray(carried_on(parabola, at))
+
     rise = 100.0 - np.arange(60.0, 0.0, -1.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(np, "polyfit", polyfit)
+        patch.setattr(np, "polyval", polyval)
         for stand in (1, 9, 50):
             reached_at_speed(np.concatenate([rise, [100.0] * stand, rise[::-1]]), 1.0)
         reached_at_speed(np.tile([*rise, 100.0], 300), 1.0)
     assert seen[:3] == [(4, 2), (9, 2), (20, 2)]
+    assert ahead[:3] == [[0], [*range(9)], [*range(20)]]  # carried on over the stretch, and no farther than that
     assert len(seen) == 3 + 200  # of many stretches the first two hundred
 
 
