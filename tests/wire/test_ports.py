@@ -2,6 +2,7 @@
 
 import errno
 import os
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -110,6 +111,27 @@ def test_a_read_takes_4096_bytes_at_most() -> None:
     with pytest.raises(LinkClosed, match="pipe: the other end hung up"):
         link.receive(1.0)
     link.close()
+
+
+def test_more_than_there_is_room_for_is_sent_as_room_comes() -> None:
+    reading, writing = os.pipe()
+    link = FdLink(writing, "pipe")
+    data = os.urandom(300_000)
+    got = bytearray()
+
+    def read() -> None:
+        while len(got) < len(data) and (chunk := os.read(reading, 20_000)):
+            got.extend(chunk)
+
+    other = threading.Thread(target=read)
+    other.start()
+    try:
+        link.send(data)
+    finally:
+        link.close()
+        other.join(10.0)
+        os.close(reading)
+    assert bytes(got) == data
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF])
