@@ -134,7 +134,7 @@ _WIRE = {
     "generate.golden": "wire/test_golden",
     "inproc": "wire/test_endpoint wire/test_links wire/test_light",
     "generate.keyed_page": "wire/test_keyed wire/test_docs",
-    "link": "wire/test_endpoint wire/test_links",
+    "link": "wire/test_ports wire/test_endpoint",
     "links": "wire/test_links wire/test_datagram_links wire/test_light",
     "messages": "wire/test_codec wire/test_golden wire/test_sense wire/test_endpoint",
     "pty_link": "wire/test_ports wire/test_links",

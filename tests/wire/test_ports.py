@@ -15,6 +15,7 @@ from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.fd_link import FdLink
 from hil.wire.links import open_link
 from hil.wire.pty_link import PtyLink, open_pty
+from hil.wire.serial_format import SERIAL
 from hil.wire.serial_link import open_serial
 
 
@@ -201,12 +202,14 @@ def test_a_pty_keeps_its_own_end_open_until_a_host_has_spoken(board: PtyLink) ->
     assert descriptors() == before - 2
 
 
-def test_what_a_board_drops_is_what_did_not_fit(board: PtyLink) -> None:
+def test_what_a_board_drops_is_what_did_not_fit(board: PtyLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(board, "offer", lambda data: min(len(data), 100))
     board.drop_when_full = True
-    host = open_serial(board.path)
-    fits = board.offer(bytes(50_000))
-    board.send(bytes(700))
-    board.send(bytes(50))
-    assert board.dropped_bytes == 750
-    assert 0 < fits < 50_000
-    host.close()
+    for size, dropped in ((700, 600), (50, 600), (150, 650)):
+        board.send(bytes(size))
+        assert board.dropped_bytes == dropped
+
+
+def test_nobody_stamps_what_comes_by_a_port(board: PtyLink) -> None:
+    assert (board.arrived_ns, board.format) == (0, SERIAL)
+    assert board.advice == "is it a gyro board, on, at this baud rate?"
