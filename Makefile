@@ -16,7 +16,7 @@ help:
 	@echo "make test     all tests"
 	@echo "make test-vcan  those of them that need a CAN interface, in user-mode Linux where the kernel has no CAN"
 	@echo "make coverage all tests again, and which lines they run"
-	@echo "make quick    the tests of daily work, under a minute"
+	@echo "make quick    the tests of daily work"
 	@echo "make check    lint, types (those of the page as well), import contracts"
 	@echo "make bench    speed, each figure beside a peer in the same run, as one table, and into runs/bench.json"
 	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; docs/results/undeclared.md"

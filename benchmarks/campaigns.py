@@ -199,8 +199,8 @@ def throughput(place: Path, say: Say) -> list[Row]:
         )
         found.append(Row(f"throughput, {workers} workers, least ratio of {TURNS} turns", min(ratios), "1"))
         found.append(Row(f"throughput, {workers} workers, with the start", statistics.median(whole[workers]), "runs/s"))
-    logs = np.log([[workers, statistics.median(steady[workers])] for workers in WORKERS]).T
-    return [*found, Row("throughput ~ workers to the power of", float(np.polyfit(*logs, 1)[0]), "1")]
+    many, rates = np.log([[workers, statistics.median(steady[workers])] for workers in WORKERS]).T
+    return [*found, Row("throughput ~ workers to the power of", float(np.polyfit(many, rates, 1)[0]), "1")]
 
 
 def scheduler_of_a_task(address: str, scheduler: int, size: int) -> float:

@@ -116,7 +116,7 @@ def angle_gradient(motion: Floats, k: float) -> Floats:
     x, vx, y, vy = motion
     s, c = 2.0 * (k * x * y + vx * vy), k * (x * x - y * y) + vx * vx - vy * vy
     ds, dc = 2.0 * np.array([k * y, vy, k * x, vx]), 2.0 * np.array([k * x, vx, -k * y, -vy])
-    return 0.5 * (c * ds - s * dc) / (s * s + c * c)
+    return np.asarray(0.5 * (c * ds - s * dc) / (s * s + c * c))
 
 
 def bound(run: ClosedLoop, bench: Bench, start: Floats) -> Floats:

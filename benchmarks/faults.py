@@ -1,10 +1,12 @@
 """A minute of S-slow in lockstep on a bad line, beside the same minute on a clean one, and what was noticed of it."""
 
+from typing import Any
+
 from benchmarks.lockstep import ClosedLoop, bench_of, close_loop, rms, scenario_of
 from benchmarks.row import Row, Say
 
 SECONDS, SETTLED_S, SEED = 60.0, 8.0, 1
-LINES = {
+LINES: dict[str, dict[str, Any]] = {
     "clean": {},
     "1 % lost, 0.1 % corrupted": {"lost": 0.01, "corrupted": 0.001},
     "the same, 1 % each repeated, reordered, delayed": {
@@ -42,7 +44,7 @@ WAYS = ("host", "board")
 def rows(say: Say) -> list[Row]:
     """Angle errors, their ratio to the clean run's, and the books."""
     figures = []
-    clean = None
+    clean: float | None = None
     for name, faults in LINES.items():
         run = on_a_line(dict(faults))
         error = angle_error(run)

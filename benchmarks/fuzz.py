@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.row import Row, Say
-from hil.wire.can_format import BOARD, HOST, RECORD_SIZE, CanFormat
+from hil.wire.can_format import RECORD_SIZE, CanFormat
 from hil.wire.codec import unpack
 from hil.wire.errors import ProtocolError
-from hil.wire.framing import Decoder, Frame, encode_frame
+from hil.wire.frame_format import BOARD, HOST, Frame
+from hil.wire.framing import Decoder, encode_frame
 from hil.wire.spec import SPEC
 
 BYTES = 100_000_000

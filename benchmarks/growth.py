@@ -135,7 +135,7 @@ def records(place: Path, say: Say) -> list[Row]:
 
 def traces(place: Path, say: Say) -> list[Row]:
     """A trace of an undeclared effect, of growing length, the whole catalogue, one worker."""
-    costs = []
+    costs: list[Cost] = []
     for samples in TRACED:
         folder, _ = recorded(place, "s-undeclared", samples)
         verb = ("-m", "hil", "trace", str(folder), "--bench", str(folder / "bench.toml"), "--no-report")

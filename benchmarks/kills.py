@@ -153,7 +153,7 @@ def _kill(place: Path, bench: Path, mode: str, victim: str, after_s: float, boar
 
 def _bench(place: Path, mode: str) -> Path:
     """S-slow, long enough for anything to happen to it."""
-    loop = {"duration_s": 600.0, "clock": "paced"}
+    loop: dict[str, Any] = {"duration_s": 600.0, "clock": "paced"}
     if mode == "gain":
         loop |= {"mode": "gain", "block": 40, "estimate_every": 40}
     changes = {"loop": loop, "link": {"watchdog_s": WATCHDOG_S[mode], "timeout_s": 1.0}}

@@ -15,7 +15,12 @@ def main() -> None:
     """That share of one core."""
     share = min(float(sys.argv[1]), 1.0)
     ended = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+
+    def wait_for_the_end() -> None:
+        sys.stdin.read()
+        ended.set()
+
+    threading.Thread(target=wait_for_the_end, daemon=True).start()
     while not ended.is_set():
         until = time.perf_counter() + share * PERIOD_S
         while time.perf_counter() < until:

@@ -126,7 +126,8 @@ def traced(one: Drawn) -> Diagnosis:
 
 def rows(say: Say) -> list[Row]:
     """Of each group what was named, and how far the coefficients are off, in half-widths of their intervals."""
-    table, off = [], []
+    table: list[Row] = []
+    off: list[float] = []
     for group, number in (("with", WITH), ("clean", CLEAN), ("within", WITHIN)):
         seen: Counter[str] = Counter()
         for each in range(number):

@@ -37,10 +37,10 @@ def bound(run: ClosedLoop, bench: Bench) -> Floats:
     true[1:, :7] = np.stack([run.truth[name][: n - 1] for name in MOTION], axis=1)
     true[0, :7] = true[1, :7]
     true[:, 7:] = list(run.constants.values())
-    scale = run.observer.drive_quantum
+    drive = np.asarray(run.capture[:, 3:5] * run.observer.drive_quantum, dtype=float)
     unforgetting = override(bench, {"observer": {"gain": "ekf"}}, "bound")
     observer = Observer(device_of(unforgetting), observer_settings_of(unforgetting))
-    found = observer.run(np.zeros((n, 2)), run.capture[:, 3:5] * scale, every=EVERY, truth=true)
+    found = observer.run(np.zeros((n, 2)), drive, every=EVERY, truth=true)
     return found.deviation[:, found.names.index("rate")]
 
 

@@ -56,7 +56,7 @@ def _of(order: Order, say: Say) -> float:
         place = make(order, Path(folder), SHORT)
         begin, spent = time.perf_counter(), time.process_time()
         try:
-            said = trace_file(
+            said: str = trace_file(
                 place / "capture.arrow", place / "bench.toml", Path(folder) / "traces",
                 name=None, fraction=None, report=False, progress=lambda _: None,
             ).diagnosis.verdict  # fmt: skip

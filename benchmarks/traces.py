@@ -60,7 +60,8 @@ def _timed(work: Callable[[], object]) -> float:
 
 def _pass(run: ClosedLoop, bench: Bench) -> None:
     observer = Observer(device_of(bench), observer_settings_of(bench))
-    sense, drive = run.capture[:, 1:3] * run.observer.sense_quantum, run.capture[:, 3:5] * run.observer.drive_quantum
+    sense = np.asarray(run.capture[:, 1:3] * run.observer.sense_quantum, dtype=float)
+    drive = np.asarray(run.capture[:, 3:5] * run.observer.drive_quantum, dtype=float)
     for first in range(0, len(sense), BLOCK):
         part = slice(first, first + BLOCK)
         observer.run(sense[part], drive[part], every=BLOCK)

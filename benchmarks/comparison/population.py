@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from benchmarks.lockstep import ClosedLoop, bench_of, close_loop
 from benchmarks.verdicts.campaign import toml_of
@@ -109,7 +110,7 @@ def _columns(run: ClosedLoop) -> dict[str, Any]:
 
 def _truth(run: ClosedLoop, bench: Bench) -> Truth:
     n = len(run.capture)
-    columns = {name: values[:n] for name, values in run.truth.items()}
+    columns: dict[str, npt.NDArray[Any]] = {name: values[:n] for name, values in run.truth.items()}
     columns["tick"] = np.arange(n)
     named = list(run.constants.values())
     header = {

@@ -111,9 +111,9 @@ def _edits(tree: ast.Module, compiled: bool) -> Iterator[tuple[ast.stmt | ast.ex
                     yield node, lambda node=node, field=field, name=other_name: setattr(node.func, field, name)
             case ast.Constant(value=bool()):
                 yield node, lambda node=node: setattr(node, "value", not node.value)
-            case ast.Constant(value=int() | float()):
-                for value in (1, 0) if node.value in (0, 1) else (2 * node.value, 0):
-                    if value != node.value:
+            case ast.Constant(value=int() | float() as number):
+                for value in (1, 0) if number in (0, 1) else (2 * number, 0):
+                    if value != number:
                         yield node, lambda node=node, value=value: setattr(node, "value", type(node.value)(value))
             case ast.FunctionDef():
                 first = next((item for item in node.body if not _is_words(item)), None)

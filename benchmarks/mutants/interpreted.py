@@ -16,9 +16,9 @@ import numpy as np
 
 def install() -> None:
     """From now on, in this process, for what is imported from here on."""
-    settings: Any = numba.config
-    settings.DISABLE_JIT = True
-    numba.njit = interpreted
+    settings: Any = numba
+    settings.config.DISABLE_JIT = True
+    settings.njit = interpreted
     sys.modules["estimator.kernel.lanes"] = _lanes()
     np.seterr(all="ignore")  # a division by zero gives infinity, as in a compiled kernel
 
@@ -44,8 +44,9 @@ def _readable(given: Any) -> Any:
         case np.ndarray() if given.dtype.names is not None and not isinstance(given, np.recarray):
             return given.view(np.recarray)
         case np.void() if not isinstance(given, np.record):
-            assert given.base.shape == (1,), "a record is looked at through an array of its own"
-            return given.base.view(np.recarray)[0]
+            whole: Any = given.base
+            assert whole.shape == (1,), "a record is looked at through an array of its own"
+            return whole.view(np.recarray)[0]
         case float():
             return np.float64(given)
         case tuple() if hasattr(given, "_fields"):

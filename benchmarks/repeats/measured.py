@@ -36,7 +36,7 @@ def silverbox(data: Path, work: Path) -> list[Repeated]:
     for symbol in symbols:
         ends = np.array([one.fit.interval(symbol) for one in fits])
         values = [one.fit.value(symbol) for one in fits]
-        made.append(Repeated("Silverbox, seven realisations", symbol, values, 0.5 * np.diff(ends)[:, 0]))
+        made.append(Repeated("Silverbox, seven realisations", symbol, values, (0.5 * np.diff(ends)[:, 0]).tolist()))
     return made
 
 

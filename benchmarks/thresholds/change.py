@@ -57,7 +57,7 @@ def watch(seen: set[str]) -> None:
     known = {one.name for one in each(whole)}
     groups = {type(getattr(whole, name)): name for name in {name.partition(".")[0] for name in known}}
     for kind, group in groups.items():
-        kind.__getattribute__ = _noting(group, known, seen)  # type: ignore[method-assign]
+        kind.__getattribute__ = _noting(group, known, seen)
 
 
 def _noting(group: str, known: set[str], seen: set[str]) -> Any:

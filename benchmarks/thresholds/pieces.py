@@ -132,7 +132,7 @@ def _cliff() -> Answer:
     from estimator.trace.parameters import Hill
 
     hill = Hill.__new__(Hill)
-    asked = set()
+    asked: set[Any] = set()
 
     def at_each(places: Any) -> list[float]:
         asked.update(float(place[0]) for place in places)
@@ -150,7 +150,8 @@ def _lobe() -> Answer:
     """A line's likelihood over its frequency, begun 4 rad over the record beside its top, within its first lobe."""
     from estimator.trace import parameters
 
-    span, asked = 1000.0 / _RATE, set()
+    span = 1000.0 / _RATE
+    asked: set[Any] = set()
 
     class Lobe(parameters.Hill):
         def __init__(self, *given: Any) -> None:

@@ -121,7 +121,7 @@ class _Job:
 
 def same(one: Answer, other: Answer) -> bool:
     """Whether two answers say the same."""
-    return one["verdict"] == other["verdict"] and one["words"] == other["words"]
+    return bool(one["verdict"] == other["verdict"] and one["words"] == other["words"])
 
 
 def screen(

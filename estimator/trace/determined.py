@@ -55,7 +55,7 @@ def _own(fit: Refined, names: Sequence[str]) -> Array:
         others = fit.information[np.ix_(rest, rest)]
         cross = fit.information[np.ix_(at, rest)]
         scale = np.sqrt(np.maximum(np.diagonal(others), np.finfo(float).tiny))
-        inverse = np.linalg.pinv(others / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+        inverse = np.linalg.pinv(others / np.outer(scale, scale)) / np.outer(scale, scale)
         information = information - cross @ inverse @ cross.T
     return np.asarray(information * np.outer(size, size))
 

@@ -64,7 +64,7 @@ def evidence(scan: Scan) -> dict[str, Evidence]:
             shift, rank = solve(part_normal, part_left)
             misfit += float(part_left @ shift)
             freedom += rank
-        information = np.maximum(np.diag(np.linalg.pinv(normal, rcond=_SET.blind, hermitian=True)), 0.0)
+        information = np.maximum(np.diag(np.linalg.pinv(normal, rcond=_SET.blind)), 0.0)
         found.append(
             Evidence(
                 name,

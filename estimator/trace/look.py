@@ -50,7 +50,7 @@ def look_at(problem: Problem, model: Fitted) -> Look:
         left, deviation = base.innovation, base.deviation
     everything = watch_list(problem.record, problem.device, left, deviation, problem.asked)
     watched = fresh(everything, model.settings.effects, problem.span)
-    seen = scan(scanned, watched, model.observer)
+    seen = scan(scanned, watched, model.observer, halves=True)
     return Look(watched, seen, evidence(seen))
 
 

@@ -1,7 +1,8 @@
 """One pass over a record with an observer that lacks the effects it watches: how much each would explain."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,7 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain
-from estimator.side_by_side import stop_if_abandoned
+from estimator.side_by_side import side_by_side, stop_if_abandoned, workers
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
 from estimator.trace.start import begin_about
@@ -65,73 +66,123 @@ def scan(
     *,
     weighed: bool = True,
     vector: bool = True,
+    halves: bool = False,
 ) -> Scan:
     """Run the observer of `problem` over its record and follow the signatures of the effects in `watched`.
 
     watched: by name, each with its parameters in SI; previous: an observer whose pass over the record came before.
     Without `weighed` there are no normal equations: zeros.  Without `vector`, the general kernel runs where the quick
-    one could.
+    one could.  With `halves`, where two may work at a time, each follows half of the effects, with an observer of its
+    own; the numbers are the same, and `observer` is that of the first half.
     Raises ModelError as `Observer` does.
     """
-    record, device, settings = problem.record, problem.device, problem.settings
-    carrying = replace(settings, effects={**settings.effects, **watched})
-    observer = Observer(device, carrying, problem.controller, watched=len(watched))
-    if previous is not None:
-        begin_about(observer, previous)
-    columns, plausible, first = {}, [], 0
-    for _, effect in observer.effects[observer.carried :]:
-        columns[effect.name] = slice(first, first + len(effect.coefficients))
-        first += len(effect.coefficients)
-        plausible += [coefficient.plausible for coefficient in effect.coefficients]
-    scale = np.array(plausible)
-    z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
-    observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
-    rows = np.zeros(len(record), OUTPUT)
-    delta = np.zeros((observer.states + len(observer.active), first))
-    normal, score = np.zeros((PARTS, first, first)), np.zeros((PARTS, first))
-    width = first + BLOCK - first % BLOCK  # with a column for the innovation
-    turned, course = np.zeros(first), np.zeros((PARTS * COURSE, first))
-    edges = np.linspace(0, len(record), PARTS + 1).astype(int)
-    level = _SET.jump
-    if settings.gain is Gain.EKF and vector:
-        observer.carry_both()
-    arrays = observer.arrays
-    quick = vector and bool(scans_plainly(arrays.settings, arrays.active, arrays.x[: len(arrays.x) - first]))
-    for part, (begin, end) in enumerate(pairwise(edges)):
+    names = list(watched)
+    middle = (len(names) + 1) // 2 if halves and workers() > 1 else len(names)
+    passes = [
+        _Pass(problem, {name: watched[name] for name in share}, previous, weighed=weighed, vector=vector)
+        for share in ([names[:middle], names[middle:]] if middle < len(names) else [names])
+    ]
+    size = sum(len(one.plausible) for one in passes)
+    width = size + BLOCK - size % BLOCK  # with a column for the innovation
+    normal, score = np.zeros((PARTS, size, size)), np.zeros((PARTS, size))
+    edges = np.linspace(0, len(problem.record), PARTS + 1).astype(int)
+    for part, (begin, end) in enumerate(pairwise(edges.tolist())):
         stop_if_abandoned()
-        equations = np.zeros((device.axes * (end - begin) if weighed else 0, width))
-        instants = course[part * COURSE : (part + 1) * COURSE]
-        for start, stop, read, spread in _uninterrupted(record, int(begin), int(end)):
-            span, lines = slice(start, stop), slice(device.axes * (start - begin), device.axes * (stop - begin))
-            block = Block(z[span], u[span], h[span], warmth[span], rows[span])
-            signatures = Signatures(delta, level, equations[lines], turned, instants[read])
-            _advance(observer, block, signatures, quick=quick)
-            if spread is not None:
-                observer.unsettle(spread)
+        shown = side_by_side([partial(one.advance, part, begin, end) for one in passes])
         if weighed:
+            equations = shown[0] if len(shown) == 1 else _beside(shown, [len(one.plausible) for one in passes], width)
             products = np.zeros(width * width)
             add_gram(equations.ravel(), width, products)
             upper = np.triu(products.reshape(width, width))
-            normal[part] = upper[:first, :first] + np.triu(upper[:first, :first], 1).T
-            score[part] = upper[:first, first]
-        with np.errstate(all="ignore"):
-            own = rows[begin:end]
-            nis = own["nu"][:, : device.axes] ** 2 / own["s"][:, : device.axes]
-        if not np.isnan(nis).all():
-            level = _SET.jump * max(1.0, float(np.nanmedian(nis)) / 0.455)
-    factors = observer.factors[len(observer.names) - first :]
-    volts = np.array([observer.scaling.sense(axis) for axis in range(device.axes)])
-    variance = rows["s"][:, : device.axes]
+            normal[part] = upper[:size, :size] + np.triu(upper[:size, :size], 1).T
+            score[part] = upper[:size, size]
+    columns: dict[str, slice] = {}
+    for one in passes:
+        at = max((taken.stop for taken in columns.values()), default=0)
+        columns |= {name: slice(at + own.start, at + own.stop) for name, own in one.columns.items()}
+    scale = np.concatenate([one.plausible for one in passes])
+    first = passes[0]
+    volts = np.array([first.observer.scaling.sense(axis) for axis in range(problem.device.axes)])
+    variance = first.rows["s"][:, : problem.device.axes]
     return Scan(
         columns=columns,
         normal=normal * np.outer(scale, scale),
         score=score * scale,
-        plausible=scale * np.abs(factors),
-        innovation=np.where(np.isfinite(record.sense), rows["nu"][:, : device.axes] * volts, np.nan),
+        plausible=scale * np.abs(np.concatenate([one.factors for one in passes])),
+        innovation=np.where(
+            np.isfinite(problem.record.sense), first.rows["nu"][:, : problem.device.axes] * volts, np.nan
+        ),
         deviation=np.sqrt(np.where(variance > 0.0, variance, np.nan)) * np.abs(volts),
-        observer=observer,
-        course=course / factors,
+        observer=first.observer,
+        course=np.concatenate([one.course / one.factors for one in passes], axis=1),
     )
+
+
+def _beside(shown: Sequence[Array], sizes: Sequence[int], width: int) -> Array:
+    """Equations of all columns, by those of each share and the innovation behind them (lines, width)."""
+    both = np.zeros((len(shown[0]), width))
+    at = 0
+    for own, size in zip(shown, sizes, strict=True):
+        both[:, at : at + size + 1] = own[:, : size + 1]
+        at += size
+    return both
+
+
+class _Pass:
+    """An observer on its way over the record, and what it follows of the effects in `watched`.
+
+    columns: those of each effect; plausible, factors (k,): scaled sizes and SI units of them; rows: what was observed;
+    course: as `Scan` has it, scaled.
+    """
+
+    def __init__(
+        self, problem: Problem, watched: Watched, previous: Observer | None, *, weighed: bool, vector: bool
+    ) -> None:
+        self.record, settings, self.weighed = problem.record, problem.settings, weighed
+        carrying = replace(settings, effects={**settings.effects, **watched})
+        self.observer = observer = Observer(problem.device, carrying, problem.controller, watched=len(watched))
+        if previous is not None:
+            begin_about(observer, previous)
+        self.columns: dict[str, slice] = {}
+        sizes: list[float] = []
+        for _, effect in observer.effects[observer.carried :]:
+            self.columns[effect.name] = slice(len(sizes), len(sizes) + len(effect.coefficients))
+            sizes += [coefficient.plausible for coefficient in effect.coefficients]
+        self.plausible = np.array(sizes)
+        k = len(sizes)
+        self.factors = observer.factors[len(observer.names) - k :]
+        record = problem.record
+        self.scaled = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
+        _, u, h, _ = self.scaled
+        observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
+        self.rows = np.zeros(len(record), OUTPUT)
+        self.delta = np.zeros((observer.states + len(observer.active), k))
+        self.turned, self.course = np.zeros(k), np.zeros((PARTS * COURSE, k))
+        self.level = _SET.jump
+        if settings.gain is Gain.EKF and vector:
+            observer.carry_both()
+        arrays = observer.arrays
+        self.quick = vector and bool(scans_plainly(arrays.settings, arrays.active, arrays.x[: len(arrays.x) - k]))
+
+    def advance(self, part: int, begin: int, end: int) -> Array:
+        """Over one part of the record; its equations (axes · samples, columns, the innovation and some to spare)."""
+        z, u, h, warmth = self.scaled
+        axes, k = self.observer.device.axes, len(self.plausible)
+        equations = np.zeros((axes * (end - begin) if self.weighed else 0, k + BLOCK - k % BLOCK))
+        instants = self.course[part * COURSE : (part + 1) * COURSE]
+        for start, stop, read, spread in _uninterrupted(self.record, begin, end):
+            span, lines = slice(start, stop), slice(axes * (start - begin), axes * (stop - begin))
+            block = Block(z[span], u[span], h[span], warmth[span], self.rows[span])
+            signatures = Signatures(self.delta, self.level, equations[lines], self.turned, instants[read])
+            _advance(self.observer, block, signatures, quick=self.quick)
+            if spread is not None:
+                self.observer.unsettle(spread)
+        with np.errstate(all="ignore"):
+            own = self.rows[begin:end]
+            nis = own["nu"][:, :axes] ** 2 / own["s"][:, :axes]
+        if not np.isnan(nis).all():
+            self.level = _SET.jump * max(1.0, float(np.nanmedian(nis)) / 0.455)
+        return equations
 
 
 def _advance(observer: Observer, block: Block, signatures: Signatures, *, quick: bool) -> None:

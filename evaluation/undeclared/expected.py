@@ -7,7 +7,7 @@ phase differs by ω Ts.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,7 +43,7 @@ _SAME = {
 }
 
 
-def expected(name: str, tables: list[Table], sections: Table, device: Table) -> Expected:
+def expected(name: str, tables: Sequence[Table], sections: Table, device: Table) -> Expected:
     """What is right for the drawn effect `name`; `device` as in truth.json."""
     gain = device["gain_V_per_m"]
     if name == "sense_high_pass":

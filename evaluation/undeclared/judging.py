@@ -1,7 +1,7 @@
 """What tracing said of a record beside what the record really was."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,7 +146,7 @@ def _kept(held_out: Mapping[str, Any]) -> bool:
     return bool(fell and after["ratio"] is not None and after["ratio"] <= AT_FLOOR)
 
 
-def class_of(name: str, confusable: list[Mapping[str, Any]]) -> set[str]:
+def class_of(name: str, confusable: Iterable[Mapping[str, Any]]) -> set[str]:
     """An effect and all that the record cannot tell from it."""
     members = {name}
     for pair in confusable:

@@ -53,7 +53,8 @@ class Loop(Section):
     def _something_to_score(self) -> Self:
         if self.settle_s >= self.duration_s:
             raise ValueError(
-                f"settle_s: {self.settle_s:g} s leaves nothing to score of duration_s = {self.duration_s:g} s"
+                f"settle_s: {self.settle_s:g} s leaves nothing to score of duration_s = {self.duration_s:g} s; "
+                "run for longer, or lower it"
             )
         if self.mode == "gain" and self.block % self.estimate_every and self.estimate_every % self.block:
             raise ValueError(

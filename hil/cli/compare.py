@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out, Report
 
 if TYPE_CHECKING:
     from hil.methods.comparing import Compared
@@ -29,7 +29,6 @@ Traced = Annotated[
 ]
 Trace = Annotated[bool, typer.Option("--trace", help="Trace the record first, and do so with what is found.")]
 _WIDTH = 200  # the table is not cut where nobody says how wide the terminal is
-Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw report.html; without it, for many records.")]
 
 
 def compare(

@@ -82,23 +82,23 @@ def _figures(found: "Comparison") -> "Table":
 
 def _readable(one: "Figure") -> "Figure":
     """In a prefix or a power of ten of its unit, where the number by itself would be long."""
-    from hil.report.numbers import in_thousands, prefix_for
+    from hil.report.numbers import PREFIXED, in_thousands, prefix_for
 
     size = max((abs(value) for value in (one.a, one.b) if value is not None), default=0.0)
-    factor, prefix = prefix_for(size) if one.unit == "V" else in_thousands(size)
+    factor, prefix = prefix_for(size, most=0) if one.unit in PREFIXED else in_thousands(size)
     values = {name: getattr(one, name) for name in ("a", "b", "u_a", "u_b")}
     scaled: dict[str, Any] = {name: None if value is None else factor * value for name, value in values.items()}
     return replace(one, unit=(prefix + one.unit).strip(), **scaled)
 
 
 def _cells(one: "Figure") -> tuple[str, str, str]:
-    from hil.report.numbers import plus_minus
+    from hil.report.numbers import plus_minus, signed
 
     difference, u = one.difference, one.uncertainty
     if difference is None:
         told = ""
     elif u is None or u == 0.0:
-        told = f"{difference:+.3g}" if difference else "0"
+        told = signed(difference) if difference else "0"
     else:
         told = plus_minus(difference, u)
     return _number(one.a), _number(one.b), told

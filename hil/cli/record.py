@@ -4,13 +4,11 @@ from typing import Annotated
 
 import typer
 
-from hil.cli.options import RUNS, Json, Out
+from hil.cli.options import RUNS, Json, Note, Out, Report
 
 PortLink = Annotated[str, typer.Argument(metavar="LINK", help="NAME:PATH[?baud=N], NAME being an adapter.")]
 Seconds = Annotated[float, typer.Option("--duration", min=0.1, help="Seconds of the sensor's time.")]
 RunName = Annotated[str | None, typer.Option("--name", help="Name of the run folder.  [default: the adapter's]")]
-Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
-Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw report.html; without it, for many records.")]
 
 
 def record(

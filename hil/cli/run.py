@@ -5,13 +5,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Out, Replace, Seed, Truth
+from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Note, Out, Replace, Seed, Truth
 
 Clock = Annotated[
     Literal["lockstep", "paced", "real"] | None,
     typer.Option("--clock", help="Whose clock the run follows.  [default: the bench's]"),
 ]
-Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")]
 DryRun = Annotated[
     bool,

@@ -44,7 +44,7 @@ def finish(folder: Path, *, as_json: bool) -> NoReturn:
     result = load_result(run.result_path)
     if as_json:
         if result.verdict == "unsafe":
-            say(f"UNSAFE: {_alarm(result)}")
+            say(f"UNSAFE: {result.alarm}")
         print(printable_json(run.result_path.read_text(encoding="utf-8")), end="")
     else:
         _print_tables(result, run.report_path)
@@ -100,7 +100,7 @@ def _print_tables(result: "Result", report: Path) -> None:
     console = Console(highlight=False, soft_wrap=True)
     if result.verdict == "unsafe":
         console.print(f"[{_VERDICT_STYLE['unsafe']}] UNSAFE [/] ", end="")
-        console.print(printable(_alarm(result)), markup=False, style="bold red")
+        console.print(printable(result.alarm), markup=False, style="bold red")
         console.print()
     console.print(printable(result.run), style="bold", markup=False)
     console.print()
@@ -143,12 +143,6 @@ def _print_verdict(console: "Console", result: "Result") -> None:
             console.print(printable(f"{'':<27}next: {part.next}"), markup=False)
 
 
-def _alarm(result: "Result") -> str:
-    """What an unsafe run says before anything else."""
-    safety = result.parts.get("safety")
-    return safety.reason if safety is not None and safety.reason else "a stop was not confirmed: cut the supply"
-
-
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     from hil.emulation import is_emulated
     from hil.report.numbers import quantity
@@ -170,18 +164,15 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     else:
         yield "lost, damaged", f"{result.lost}, {result.counters['crc_errors']}"
     if result.turnaround_us is not None:
-        times = result.turnaround_us
-        yield "turnaround p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+        yield "turnaround p50, p99, p99.9", result.turnaround_us.line
     if result.ledger_us is not None:
-        times = result.ledger_us.total
-        yield "sample to effect p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+        yield "sample to effect p50, p99, p99.9", result.ledger_us.total.line
     if result.board_clock is not None:
         yield "board's clock", result.board_clock.line
     if result.load is not None:
         yield "host's loop, recorder", f"{result.load.loop:.0%}, {result.load.recorder:.0%} of a core"
     if result.bare_turnaround_us is not None:
-        times = result.bare_turnaround_us
-        yield "the same of a bare read and write", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+        yield "the same of a bare read and write", result.bare_turnaround_us.line
     if (sensor := result.sensor) is not None:
         yield "sensor", f"{sensor.device}, {sensor.sample_rate_Hz:g} samples a second by its own clock"
         if sensor.host_rate_Hz is not None:
@@ -191,8 +182,7 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
             noise = "" if channel.noise_rad_s is None else f", noise {math.degrees(channel.noise_rad_s):.3g} °/s rms"
             yield f"rate {axis}", f"{math.degrees(channel.mean_rad_s):+.5g} °/s mean{noise}"
         if sensor.latency_us is not None:
-            times = sensor.latency_us
-            yield "its latency p50, p99, p99.9", f"{times.p50:.0f}, {times.p99:.0f}, {times.p999:.0f} µs"
+            yield "its latency p50, p99, p99.9", sensor.latency_us.line
     if result.innovation_rms is not None:
         floor = "" if result.noise_floor is None else f"; noise floor {quantity(result.noise_floor, 'V')}"
         yield "innovation, rms", f"{quantity(result.innovation_rms, 'V')}{floor}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, NoReturn
 
 import typer
 
-from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out, Replace
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out, Replace, Report
 
 if TYPE_CHECKING:
     from hil.bench import Bench
@@ -31,7 +31,6 @@ Live = Annotated[
     bool,
     typer.Option("--live", help="Make the experiment that tells apart what the record cannot, on the board at --link."),
 ]
-Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw report.html; without it, for many records.")]
 More = Annotated[
     list[Path] | None,
     typer.Argument(metavar="[CAPTURE …]", help="Further records of the same device, to be traced together with it."),

@@ -52,6 +52,11 @@ class Percentiles(_Model):
     p99: NonNegative
     p999: NonNegative
 
+    @property
+    def line(self) -> str:
+        """The three in one line."""
+        return f"{self.p50:.0f}, {self.p99:.0f}, {self.p999:.0f} µs"
+
 
 class Ledger(_Model):
     """Where the time of a block of samples goes, in force mode of a single one; over those whose answer is known to
@@ -370,6 +375,12 @@ class Result(_Model):
         default=(), description="What the system refused the loop and what went wrong on the way, one line each"
     )
     complete: bool = Field(description="False when the capture lacks its end marker")
+
+    @property
+    def alarm(self) -> str:
+        """What an unsafe run says before anything else."""
+        safety = self.parts.get("safety")
+        return (safety and safety.reason) or "a stop was not confirmed: cut the supply"
 
 
 def save_result(path: Path, result: Result) -> None:

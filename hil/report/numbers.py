@@ -7,7 +7,8 @@ from estimator.written import power_of_ten, typeset
 from estimator.written import significant as significant
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_PREFIXED = ("V", "rad", "rad/s")
+PREFIXED = ("V", "rad", "rad/s")
+"""Units that take a prefix."""
 _SPACE = "\u00a0"
 
 
@@ -49,7 +50,7 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 
 def sensed(value: float, unit: str, digits: int = 3) -> str:
     """What a sense channel shows: volts with a prefix, a sensor's own unit, as px or µstrain, as it is."""
-    return quantity(value, unit, digits) if unit in _PREFIXED else f"{significant(value, digits)}{_SPACE}{unit}"
+    return quantity(value, unit, digits) if unit in PREFIXED else f"{significant(value, digits)}{_SPACE}{unit}"
 
 
 def relative(value: float) -> str:
@@ -57,8 +58,8 @@ def relative(value: float) -> str:
     if not math.isfinite(value):
         return significant(value)
     if abs(value) >= 1e-3:
-        return f"{_signed(value * 100)}{_SPACE}%"
-    return f"{_signed(value * 1e6)}{_SPACE}ppm"
+        return f"{signed(value * 100)}{_SPACE}%"
+    return f"{signed(value * 1e6)}{_SPACE}ppm"
 
 
 def percent(fraction: float, decimals: int = 1) -> str:
@@ -84,5 +85,6 @@ def count(value: int) -> str:
     return typeset(str(value))
 
 
-def _signed(value: float) -> str:
+def signed(value: float) -> str:
+    """Three significant digits, with a sign that is told of what is positive, too."""
     return ("+" if value >= 0 else "") + significant(value)

@@ -36,11 +36,7 @@ def headline(result: Result) -> Headline:
 
 def alarm(result: Result) -> str:
     """What stands above everything else on the page of an unsafe run, else nothing."""
-    if result.verdict != "unsafe":
-        return ""
-    safety = result.parts.get("safety")
-    said = safety.reason if safety is not None and safety.reason else "a stop was not confirmed: cut the supply"
-    return said[0].upper() + said[1:]
+    return result.alarm[:1].upper() + result.alarm[1:] if result.verdict == "unsafe" else ""
 
 
 def parts(result: Result) -> list[tuple[str, str, str, str, str]]:

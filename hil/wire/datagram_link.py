@@ -119,7 +119,7 @@ class DatagramLink(ABC):
         if not frames:
             return b""
         self.arrived_ns = stamp_ns(stamp)
-        return frames[0] if len(frames) == 1 else b"".join(frames)
+        return b"".join(frames)
 
     def await_host(self) -> None:
         """Be ready for another host: what the last one left unread is dropped. Hosts come and go unseen."""

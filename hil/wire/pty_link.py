@@ -74,6 +74,5 @@ def open_pty() -> PtyLink:
         master, slave = os.openpty()
     except OSError as error:
         raise LinkError(f"pty: {error.strerror}; is /dev/pts mounted, and is kernel.pty.max reached?") from None
-    tty.setraw(master)
-    tty.setraw(slave)
+    tty.setraw(master)  # of both: Linux keeps one setting for the pair
     return PtyLink(master, slave)

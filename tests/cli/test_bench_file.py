@@ -102,7 +102,10 @@ def test_offset_deviation_comes_from_the_data_sheet_unless_overridden(tmp_path: 
             "[loop]\nname = 'a/b'",
             "[loop] name: 'a/b' is no name of a run; take letters, digits, '.', '-', '_', a letter or digit first",
         ),
-        ("[loop]\nsettle_s = 30", "[loop] settle_s: 30 s leaves nothing to score of duration_s = 30 s"),
+        (
+            "[loop]\nsettle_s = 30",
+            "[loop] settle_s: 30 s leaves nothing to score of duration_s = 30 s; run for longer, or lower it",
+        ),
         ("[controller]\nenabled = 1", "[controller] enabled: expected true or false, not 1"),
         ("[link]\nwatchdog_s = 1e-4", "[link] watchdog_s: shorter than two samples (0.0005 s)"),
         (

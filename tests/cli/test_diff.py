@@ -51,9 +51,11 @@ def named(figures: list[dict], name: str) -> dict:
 @pytest.mark.parametrize(
     ("figure", "shown"),
     [
-        (Figure("noise floor", "V", 9.0e-5, 9.2e-5), ("90", "92", "+2", "µV")),
+        (Figure("noise floor", "V", 9.0e-5, 9.2e-5), ("90", "92", "+2.00", "µV")),
         (Figure("k3x", "1/(m²·s²)", 1e13, 1.001e13, 1e10, 1e10), ("10", "10.01", "0.010 ± 0.014", "10¹² 1/(m²·s²)")),
-        (Figure("kxx", "1/s²", 1610721.0, 1610719.0), ("1610721", "1610719", "-2", "1/s²")),
+        (Figure("kxx", "1/s²", 1610721.0, 1610719.0), ("1610721", "1610719", "−2.00", "1/s²")),
+        (Figure("angle error, rms", "rad", None, 5.5e-4), ("", "550", "", "µrad")),
+        (Figure("turnaround p99.9", "µs", 12140.0, 7880.0), ("12140", "7880", "−4260", "µs")),
         (Figure("late", "", None, 3.0), ("", "3", "", "")),
     ],
 )

@@ -59,7 +59,10 @@ def test_bad_bench_file_names_file_section_and_key(hil: Hil, tmp_path: Path) -> 
 
 def test_options_are_checked_like_the_file(hil: Hil) -> None:
     line = refused(hil("run", "s-slow", "--duration", "2"))
-    assert line.endswith("with the options given: [loop] settle_s: 8 s leaves nothing to score of duration_s = 2 s")
+    assert line.endswith(
+        "with the options given: [loop] settle_s: 8 s leaves nothing to score of duration_s = 2 s; run for longer, or "
+        "lower it"
+    )
 
 
 def test_real_link_is_not_armed_without_consent(hil: Hil, tmp_path: Path) -> None:

@@ -205,6 +205,13 @@ def test_what_gains_no_more_than_chance_lets_nothing_be(reconciled: Any) -> None
     assert reconciled(every - {"sense_delay"}, GAINS | {"sense_delay": 21.7})[0][0] == "sense_delay"
 
 
+def test_what_gains_as_much_as_chance_gives_lets_nothing_be(monkeypatch: pytest.MonkeyPatch, reconciled: Any) -> None:
+    monkeypatch.setattr(conflict, "chance_gain", lambda degrees, candidates: 10.0 * degrees)
+    others = set(GAINS) - {"sense_delay"}
+    assert reconciled(others, GAINS | {"sense_delay": 20.0})[0] is None
+    assert reconciled(others, GAINS | {"sense_delay": 20.5})[0][0] == "sense_delay"
+
+
 def test_what_friction_would_let_be_is_told_of_it(reconciled: Any) -> None:
     (name, found), _, _ = reconciled(set())
     assert (name, set(found.rivals["dry_friction"])) == ("dry_friction", set())

@@ -290,6 +290,14 @@ def test_one_that_came_near_is_asked_again_beside_what_was_taken_since():
     assert "reading" in family.later  # the part without a vote was heard
 
 
+@pytest.mark.parametrize(("behind", "kept"), [(7.0, ["cubic", "reading"]), (6.0, ["force", "cubic"])])
+def test_what_is_better_by_no_more_than_a_tie_takes_no_place(
+    monkeypatch: pytest.MonkeyPatch, behind: float, kept: list[str]
+) -> None:
+    monkeypatch.setattr("estimator.trace.engine.TIE", 6.0)
+    assert names(drawn(behind=behind)[1]) == kept
+
+
 def test_nobody_is_asked_again_where_the_rules_do_not_say_so():
     family, found = drawn(near=None)
     assert names(found) == ["force", "cubic"]

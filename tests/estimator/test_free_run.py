@@ -239,7 +239,9 @@ GYRO = Device(
 )
 def test_masses_are_told_where_nothing_drives(named: tuple[str, ...], driven: float, mass: float | None) -> None:
     """kxy + kn and kxy − kn are one coupling over two masses; a sense gain of 1 + g over √m."""
-    record = Record(np.zeros((9, 2)), np.full((9, 2, 1), driven), np.full(9, 1 / 4000.0))
+    drive = np.zeros((9, 2, 1))
+    drive[7, 1] = driven  # a single sample of one axis
+    record = Record(np.zeros((9, 2)), drive, np.full(9, 1 / 4000.0))
     values = {"kxy": 5.0, "kn": 1.0, "gy": 0.1}
     trace: Any = SimpleNamespace(after=SimpleNamespace(value=values.__getitem__))
     said = free_run._unequal_masses(Problem(record, GYRO, ObserverSettings()), trace, named)

@@ -77,7 +77,8 @@ def test_lines_are_seen_in_what_the_model_left_and_all_that_is_not_carried_is_sc
     scans, asked_about = [], []
     fitted = model(0.2 if lost else 0.01)
 
-    def scan(asked: Problem, watched: Any, previous: Any) -> Any:
+    def scan(asked: Problem, watched: Any, previous: Any, *, halves: bool = False) -> Any:
+        assert halves is bool(watched)  # what is dear, nothing else runs beside it
         scans.append((asked.settings.gain, set(asked.effects), set(watched), previous))
         return SimpleNamespace(innovation="seen", deviation="sure", of=watched)
 

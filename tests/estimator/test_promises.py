@@ -347,6 +347,10 @@ CALM = Claim(
         ({"contest": None}, False),
         ({"contest": Contest(-1.5, 5.0, -0.9, 1000)}, True),
         ({"contest": Contest(-1.5, 5.0, -1.1, 1000)}, False),  # a force without a name predicts it better
+        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=-TIE)}, False),  # told apart, by so much
+        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=math.nextafter(-TIE, 0.0))}, True),
+        ({"contest": Contest(-1.5, TIE, 0.0, 1000)}, False),
+        ({"contest": Contest(-1.5, math.nextafter(TIE, 0.0), 0.0, 1000)}, True),
         ({"effects": {}}, False),
         ({"effects": {"sense_high_pass": {"hpx": Estimate(-2.0, -3.0, -1.0, positive=True)}}}, False),
         ({"effects": {"sense_high_pass": {"hpx": Estimate(0.5, -0.5, 1.5)}}}, False),

@@ -13,6 +13,7 @@ from estimator.kernel.scan import Block, Signatures
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
+from estimator.settings import Gain
 from estimator.trace import scan as scanning
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
@@ -57,6 +58,27 @@ def test_normal_equations_are_those_of_what_carrying_an_effect_does_part_by_part
     assert not unweighed.normal.any()
     assert not unweighed.score.any()
     np.testing.assert_array_equal(unweighed.course, seen.course)
+
+
+@pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
+@pytest.mark.parametrize("more", [{}, {"sense_delay": {}}])
+def test_two_halves_of_what_is_watched_say_what_all_of_it_does(
+    monkeypatch: pytest.MonkeyPatch, record: Record, gain: Gain, more: dict[str, dict[str, float]]
+) -> None:
+    """Each by an observer of its own, where two may work at a time; an odd number of effects and an even one."""
+    lost = replace(record, sense=np.where(np.arange(len(record))[:, None] % 97 == 5, np.nan, record.sense))
+    problem, watched = Problem(lost, UNLIKE, replace(SETTINGS, gain=gain)), {**WATCHED, **more}
+    monkeypatch.setattr(scanning, "workers", lambda: 1)
+    whole = scan(problem, watched, halves=True)
+    assert len(whole.observer.effects) == len(watched)
+    monkeypatch.setattr(scanning, "workers", lambda: 2)
+    assert len(scan(problem, watched).observer.effects) == len(watched)
+    halves = scan(problem, watched, halves=True)
+    assert len(halves.observer.effects) == 2
+    assert halves.columns == whole.columns
+    assert np.any(whole.normal[:, 0, 4])  # of one half and the other
+    for what in ("normal", "score", "plausible", "innovation", "deviation", "course"):
+        np.testing.assert_array_equal(getattr(halves, what), getattr(whole, what), err_msg=what)
 
 
 def test_a_scan_can_be_abandoned_before_each_of_its_parts(monkeypatch: pytest.MonkeyPatch, record: Record) -> None:

@@ -5,6 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from estimator.errors import ModelError
+from estimator.kernel.observer import workspace
+from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.observer import Observer
 from estimator.refinement import refine
 from estimator.scaling import Array
@@ -121,3 +123,37 @@ def test_the_observer_follows_and_its_innovation_is_the_noise(sensed: Sensed, dr
 def test_what_is_known_of_a_displacement_only_is_refused() -> None:
     with pytest.raises(ModelError, match="displacement only"):
         Observer(device(Sensed.VELOCITY), ObserverSettings(effects={"sense_delay": {}}))
+
+
+def shown(sensed: Sensed, c: Array, s: Array, u: float) -> tuple[float, Array, Array]:
+    """What the channel shows at one state under phi, k, d, b, k3, d3 and a2, and its derivatives by both; scaled."""
+    carried: dict[str, dict[str, float]] = {"cubic_stiffness": {}, "nonlinear_damping": {}, "sense_quadratic": {}}
+    made = Observer(device(sensed), ObserverSettings(gain=Gain.EKF, effects=carried))
+    assert made.names[2:] == ("phi_x", "kxx", "dxx", "drive_gain_x", "k3x", "d3x", "a2x")
+    settings = made.arrays.settings[0]
+    push = workspace(settings, len(made.arrays.p), len(made.x)).flow.push
+    push.drive[0] = u
+    predicted, by_states, by_constants = np.zeros(2), np.full((2, 2), 9.0), np.full((2, 7), 9.0)
+    assert senses_otherwise(settings) is (sensed is not Sensed.DISPLACEMENT)
+    sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
+    return predicted[0], by_states[0], by_constants[0]
+
+
+@pytest.mark.parametrize("sensed", list(Sensed))
+def test_a_channel_shows_the_equation_at_any_one_state(sensed: Sensed) -> None:
+    """x, ẋ or ẍ of the whole equation, effects included, beside offset and square of it; derivatives by differences."""
+
+    def formula(c: Array, s: Array) -> float:
+        phi, k, d, b, k3, d3, a2 = c
+        x, v = s
+        q = (x, v, -k * x - d * v - k3 * x**3 - d3 * x**2 * v + b * 0.7)[sensed.value]
+        return float(q + phi + a2 * q**2)
+
+    c, s = np.array([0.05, 1.1, 0.2, 0.9, 0.3, 0.15, 0.4]), np.array([0.8, -0.4])
+    value, by_states, by_constants = shown(sensed, c, s, 0.7)
+    assert value == pytest.approx(formula(c, s), rel=1e-9)
+    for place, found in ((s, by_states), (c, by_constants)):
+        for i, derivative in enumerate(found):
+            step = 1e-6 * np.eye(len(place))[i]
+            ends = [formula(c + sign * step, s) if place is c else formula(c, s + sign * step) for sign in (1, -1)]
+            assert derivative == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-8), (i, len(place))

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from estimator.diagnosis import Interval
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.model import gyro
+from estimator.trace import symmetries
 from estimator.trace.symmetries import (
     Constants,
     System,
@@ -384,3 +385,62 @@ def test_a_sense_gain_of_one_axis_is_a_drive_gain_of_that_axis(axis: int, symbol
     assert [one for one in equivalents(named, constants, is_(-kn, 1e-6)) if one.other == "sense_gain"] == []
     both = {"drive_gain": {"hx": is_(g, 1e-4), "hy": is_(g, 1e-4)}}
     assert [one for one in equivalents(both, constants, is_(kn, 1e-6)) if one.other == "sense_gain"] == []
+
+
+def between(low: float, value: float, high: float) -> Interval:
+    return Interval(value, low, high, "1")
+
+
+@pytest.mark.parametrize(
+    ("found", "expected", "shows"),
+    [
+        (between(0.5, 1.0, 1.5), 0.5, True),
+        (between(0.5, 1.0, 1.5), 1.5, True),
+        (between(0.5, 1.0, 1.5), 1.51, False),
+        (between(0.5, 1.0, 1.5), 0.49, False),
+        (between(9.9, 10.0, 10.1), 9.0, True),  # a tenth off: a second, smaller cause may be there
+        (between(9.9, 10.0, 10.1), 8.99, False),
+        (between(-10.1, -10.0, -9.9), 10.0, False),
+    ],
+)
+def test_a_coefficient_may_be_what_is_in_its_interval_or_a_tenth_off(
+    found: Interval, expected: float, *, shows: bool
+) -> None:
+    assert symmetries._shows(found, expected) is shows
+
+
+@pytest.mark.parametrize(
+    ("one", "beside", "nothing"),
+    [
+        (between(0.0, 1.0, 2.0), between(1.0, 2.0, 3.0), True),
+        (between(-2.0, -1.0, 0.0), between(-3.0, -2.0, -1.0), True),
+        (between(0.5, 1.0, 1.5), between(9.0, 10.0, 11.0), True),  # a tenth of it
+        (between(0.5, 1.1, 1.5), between(9.0, 10.0, 11.0), False),
+        (between(-1.0, 0.1, 1.0), between(0.0, 2.0, 3.0), False),  # the other may be nothing, too
+        (between(-1.0, 0.1, 1.0), between(-3.0, -2.0, 0.0), False),
+    ],
+)
+def test_of_two_one_is_nothing_where_it_may_be_zero_or_is_small_and_the_other_is_something(
+    one: Interval, beside: Interval, *, nothing: bool
+) -> None:
+    assert symmetries._nothing(one, beside) is nothing
+
+
+@pytest.mark.parametrize(("gain", "others"), [(-0.2, 3), (0.25, 3), (-1.0, 0), (-1.5, 0)])
+def test_a_common_drive_gain_is_a_scale_as_long_as_it_drives_the_same_way(gain: float, others: int) -> None:
+    """With g = 1 + h: of time by √g, of the mass by 1/g, of what is sensed by g."""
+    named = {"drive_gain": {axis: between(gain - 0.01, gain, gain + 0.01) for axis in ("hx", "hy")}}
+    constants = Constants((1.0, 1.0, 0.0), (0.1, 0.1, 0.0), (1.0, 1.0, 0.0), 9.0)
+    found = {one.other: one.size for one in equivalents(named, constants, None)}
+    scales = {name: found[name] for name in ("clock_rate", "mass_scale", "sense_scale") if name in found}
+    assert len(scales) == others
+    if others:
+        expected = {"clock_rate": math.sqrt(1.0 + gain), "mass_scale": 1.0 / (1.0 + gain), "sense_scale": 1.0 + gain}
+        assert scales == {name: pytest.approx(one - 1.0) for name, one in expected.items()}
+
+
+def test_a_polarity_changes_a_gain_by_twice_its_size() -> None:
+    named = {"drive_gain": {"hx": between(-2.1, -2.0, -1.9), "hy": between(-0.1, 0.0, 0.1)}}
+    constants = Constants((1.0, 1.0, 0.0), (0.1, 0.1, 0.0), (1.0, 1.0, 0.0), 9.0)
+    found = {one.other: one.size for one in equivalents(named, constants, None)}
+    assert (found["drive_polarity"], found["sense_polarity"]) == (-2.0, -2.0)

@@ -138,6 +138,7 @@ class Foresees:
     def __init__(self, nis: dict[tuple[int, int], float]) -> None:
         self.nis = nis
         self.asked: list[tuple[int, int]] = []
+        self.gone: tuple[int, int] | None = None  # signs with which it is lost at the last row
 
     def run(self, sense_V: np.ndarray, drive: np.ndarray) -> SimpleNamespace:
         signs = (int(drive[-1, 0]) or 1, int(drive[-1, 1]) or 1)
@@ -147,6 +148,8 @@ class Foresees:
         innovation = np.tile(size, (self.ROWS, 1)) * spread
         innovation[: self.BEGIN] = 1e3
         innovation[self.LOST] = 1e6
+        if signs == self.gone:
+            innovation[-1] = np.nan
         return SimpleNamespace(innovation=innovation, innovation_deviation=spread)
 
     def told(self, driven: tuple[int, int] = (1, 1)) -> str:
@@ -181,6 +184,13 @@ def test_other_signs_have_to_foresee_well_and_the_declared_ones_far_worse(
     found = Foresees(usual | {(1, 1): declared, (1, -1): turned}).told()
     assert found.startswith("the drive of y acts the wrong way round: check the sign of") == told
     assert bool(found) == told
+
+
+def test_an_observer_that_is_lost_at_a_single_row_foresees_nothing() -> None:
+    observer = Foresees(dict.fromkeys(ALL_WELL, 100.0) | {(1, 1): 2.0, (1, -1): 1.0})
+    assert observer.told() == ""
+    observer.gone = 1, 1
+    assert observer.told().startswith("the drive of y acts")
 
 
 def test_only_signs_of_axes_that_were_driven_are_tried() -> None:
