@@ -35,10 +35,10 @@ class Truth(Table):
 
     def coefficients(self, effects: Collection[str]) -> dict[str, float]:
         """Coefficients of those hidden effects that are among `effects`, by their symbols, which board and observer
-        share. None where the sense gain of x is off: it scales the unit of length that they are counted in.
+        share. None where the sense gain of x is off (gx): it scales the unit of length that they are counted in.
         """
         hidden = {one["name"]: one["coefficients"] for one in self.header.get("effects", ())}
-        if hidden.get("sense_gain", {}).get("gx", 0.0):
+        if any(coefficients.get("gx", 0.0) for coefficients in hidden.values()):
             return {}
         return {symbol: float(value) for name in hidden.keys() & effects for symbol, value in hidden[name].items()}
 
