@@ -128,8 +128,15 @@ class CanDecoder:
                     frames.append(frame)
         return frames
 
-    def row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
+    def row(self, data: bytes, seq: int | None) -> tuple[int, int, int, int, int, int] | None:
         """As `FrameDecoder.row`."""
+        row = self._row(data)
+        if row is None or row[0] != seq:
+            return None
+        self._count(data)
+        return row[1:]
+
+    def _row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
         if len(data) != RECORD_SIZE or self._rest or self._unfinished:
             return None
         start = data[:5]
@@ -148,15 +155,17 @@ class CanDecoder:
             )  # fmt: skip
         return None
 
-    def drive(self, data: bytes) -> tuple[int, int, int, int, int] | None:
+    def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
         """As `FrameDecoder.drive`."""
         if len(data) != RECORD_SIZE or self._rest or self._unfinished or data[:5] != self._drive:
             return None
-        seq, tick, size, part, ux, uy, effective_tick = _DRIVE_PART.unpack_from(data, HEAD.size)
-        return (seq, tick, ux, uy, effective_tick) if size == _DRIVE_SIZE and part == 0 else None
+        found, tick, size, part, ux, uy, effective_tick = _DRIVE_PART.unpack_from(data, HEAD.size)
+        if found != seq or size != _DRIVE_SIZE or part != 0:
+            return None
+        self._count(data)
+        return tick, ux, uy, effective_tick
 
-    def took(self, data: bytes) -> None:
-        """As `FrameDecoder.took`."""
+    def _count(self, data: bytes) -> None:
         self.frames += 1
         self.bytes += len(data)
 

@@ -33,17 +33,13 @@ class FrameDecoder(Protocol):
         """The intact frames that `data` completes, in order."""
         ...
 
-    def row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
-        """(seq, tick, vx, vy, ux, uy, flags) if `data` is exactly one SENSE with one row and nothing is pending, else
-        None; changes nothing. Whoever uses it says so by `took`, whoever does not gives the same data to `feed`."""
+    def row(self, data: bytes, seq: int | None) -> tuple[int, int, int, int, int, int] | None:
+        """(tick, vx, vy, ux, uy, flags) if `data` is exactly one SENSE with one row and that sequence number, and
+        nothing is pending; it is counted then. Else None, nothing changes, and `data` is still to be fed."""
         ...
 
-    def drive(self, data: bytes) -> tuple[int, int, int, int, int] | None:
-        """(seq, tick, ux, uy, effective tick) if `data` is exactly one DRIVE_FORCE; otherwise as `row`."""
-        ...
-
-    def took(self, data: bytes) -> None:
-        """Count the frame that `row` or `drive` gave."""
+    def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
+        """(tick, ux, uy, effective tick) if `data` is exactly one DRIVE_FORCE with that number; otherwise as `row`."""
         ...
 
 

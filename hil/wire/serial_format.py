@@ -17,21 +17,27 @@ class SerialDecoder(Decoder):
 
     __slots__ = ()
 
-    def row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
+    def row(self, data: bytes, seq: int | None) -> tuple[int, int, int, int, int, int] | None:
         """As `FrameDecoder.row`."""
         body = self.peek(data)
-        return None if body is None else split_row_body(body)
+        row = None if body is None else split_row_body(body)
+        if row is None or row[0] != seq:
+            return None
+        self._count(data)
+        return row[1:]
 
-    def drive(self, data: bytes) -> tuple[int, int, int, int, int] | None:
+    def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
         """As `FrameDecoder.drive`."""
         body = self.peek(data)
         if body is None or len(body) != _DRIVE_BODY_SIZE or body[0] != _DRIVE:
             return None
-        _, seq, tick, ux, uy, effective_tick = _DRIVE_BODY.unpack_from(body)
-        return seq, tick, ux, uy, effective_tick
+        _, found, tick, ux, uy, effective_tick = _DRIVE_BODY.unpack_from(body)
+        if found != seq:
+            return None
+        self._count(data)
+        return tick, ux, uy, effective_tick
 
-    def took(self, data: bytes) -> None:
-        """As `FrameDecoder.took`."""
+    def _count(self, data: bytes) -> None:
         self.frames += 1
         self.bytes += len(data)
 

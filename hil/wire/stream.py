@@ -165,26 +165,27 @@ class Receiver:
     def take_row(self, data: bytes) -> SenseRow | None:
         """The sample if `data` is exactly one SENSE with one row, next in sequence; otherwise None, nothing
         is counted, and `data` still has to be fed."""
-        row = self.decoder.row(data)
-        if row is None or row[0] != self._expected:
+        row = self.decoder.row(data, self._expected)
+        if row is None:
             return None
-        seq, low, vx, vy, ux, uy, flags = row
-        self._took(data, seq, low)
+        low, vx, vy, ux, uy, flags = row
+        self._follow(low)
         return self.tick, vx, vy, ux, uy, flags
 
     def take_drive(self, data: bytes) -> tuple[int, int, int] | None:
         """(ux, uy, effective tick, low 32 bits) if `data` is exactly one DRIVE_FORCE, next in sequence;
         otherwise None, nothing is counted, and `data` still has to be fed."""
-        drive = self.decoder.drive(data)
-        if drive is None or drive[0] != self._expected:
+        drive = self.decoder.drive(data, self._expected)
+        if drive is None:
             return None
-        seq, low, ux, uy, effective = drive
-        self._took(data, seq, low)
+        low, ux, uy, effective = drive
+        self._follow(low)
         return ux, uy, effective
 
-    def _took(self, data: bytes, seq: int, low: int) -> None:
-        self.decoder.took(data)
-        self._expected = (seq + 1) & 0xFFFF
+    def _follow(self, low: int) -> None:
+        """After the frame that was expected."""
+        assert self._expected is not None  # or none would have been taken
+        self._expected = (self._expected + 1) & 0xFFFF
         self._run = 0
         self.tick = unwrap(low, self.tick)
 

@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from hil.wire import client, spec
+from hil.wire.can_format import CanFormat
 from hil.wire.claim import Claim
 from hil.wire.codec import pack, type_of
 from hil.wire.errors import LinkClosed, LinkError
+from hil.wire.frame_format import BOARD, HOST, FrameFormat
 from hil.wire.links import open_board_link, open_link
 from hil.wire.messages import DriveForce, RegisterRead, RegisterValue, Safe
 from hil.wire.pty_link import open_pty
@@ -83,11 +85,28 @@ def test_a_drive_in_one_step_is_the_frame_of_the_codec(tick: int) -> None:
     assert quick == SERIAL.encode(type_, 9, tick & 0xFFFFFFFF, payload)[0]
 
 
-def test_a_drive_is_read_in_one_step_and_nothing_else_is() -> None:
+@pytest.mark.parametrize("ends", [(SERIAL, SERIAL), (CanFormat(3, HOST), CanFormat(3, BOARD))], ids=["serial", "CAN"])
+def test_a_drive_or_a_row_that_is_expected_is_read_in_one_step_and_counted(ends: tuple[FrameFormat, ...]) -> None:
+    host, board = ends
+    drive, row = host.encode_drive(9, 5, -3, 400, 8), board.encode_row(9, 5, 1, -2, 3, -4, 0, 2)
+    of_drives, of_rows = board.decoder(), host.decoder()
+    for another in (8, 10, None):
+        assert of_drives.drive(drive, another) is None
+        assert of_rows.row(row, another) is None
+    assert of_drives.row(drive, 9) is None
+    assert of_rows.drive(row, 9) is None
+    counted = [(one.frames, one.bytes) for one in (of_drives, of_rows)]
+    assert counted == [(0, 0), (0, 0)]
+    assert of_drives.drive(drive, 9) == (5, -3, 400, 8)
+    assert of_rows.row(row, 9) == (5, 1, -2, 3, -4, 0)
+    counted = [(one.frames, one.bytes) for one in (of_drives, of_rows)]
+    assert counted == [(1, len(drive)), (1, len(row))]
+
+
+def test_what_is_no_drive_is_not_read_as_one() -> None:
     decoder = SERIAL.decoder()
-    assert decoder.drive(SERIAL.encode_drive(9, 5, -3, 400, 8)) == (9, 5, -3, 400, 8)
-    assert decoder.drive(SERIAL.encode(type_of(Safe), type_of(DriveForce), 5, bytes(12))[0]) is None
-    assert decoder.drive(SERIAL.encode(type_of(Safe), 9, 5, bytes(1))[0]) is None
+    assert decoder.drive(SERIAL.encode(type_of(Safe), type_of(DriveForce), 5, bytes(12))[0], 9) is None
+    assert decoder.drive(SERIAL.encode(type_of(Safe), 9, 5, bytes(1))[0], 9) is None
 
 
 def test_numbers_that_add_up_are_flags_and_others_are_not() -> None:
