@@ -190,7 +190,8 @@ def promises_of(
     derivative = simulation.sensitivity[choice][valid]
     carried = [observer.names.index(name) for name in current.free]
     sizes = np.linalg.norm(derivative[:, carried], axis=0)
-    basis = np.linalg.qr(derivative[:, carried] / np.where(sizes > 0.0, sizes, 1.0))[0]
+    there = sizes > 0.0  # of a column of zeros Q has a direction all the same, which would be taken off
+    basis = np.linalg.qr(derivative[:, carried][:, there] / sizes[there])[0]
     residual = residual - basis @ (basis.T @ residual)
     power = float(residual @ residual)
     samples = effective_samples(residual)

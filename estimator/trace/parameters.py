@@ -61,10 +61,20 @@ def _one_number(
         return stepped, NOTHING
     found, searched = max(stepped, model, key=lambda fitted: fitted.likelihood), before
     for _ in range(_SET.sweeps):  # each parameter climbs with the others where they are: not yet right in the first
+        begun = found.settings.effects[name]
         found, searched = _refined(problem, found, name, tuple(same_numbers(effect)), searched, to_beat)
         if found.likelihood > stepped.likelihood and agree(problem, found, name, searched):
             return found, searched
+        if _stand(found.settings.effects[name], begun, searched):  # another sweep would come to the same
+            break
     return stepped, NOTHING
+
+
+def _stand(parameters: Mapping[str, float], begun: Mapping[str, float], searched: Searched) -> bool:
+    """Whether a search left all of its parameters where it began, as near as a top is asked for."""
+    return all(
+        abs(parameters[which] - begun[which]) <= _SET.near * searched.deviation(which) for which in searched.names
+    )
 
 
 def _beginning(problem: Problem, given: Mapping[str, float]) -> Problem | None:

@@ -119,6 +119,17 @@ def test_what_is_known_to_show_is_asked_however_little_of_it_is_its_own(monkeypa
     assert said["friction"].gain > 0.0
 
 
+def test_what_is_fitted_and_shows_nothing_takes_nothing_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    played = Played(monkeypatch)
+    played.sensitivity[:, :, 1] = 0.0
+    problem = Problem(record(), DEVICE, SETTINGS)
+    with_it, without = (
+        promises_of(problem, (), ("drag",), found(free, np.zeros((N, 1))), slice(0, N))
+        for free in (("x", "vx", "kxx"), ("x", "kxx"))
+    )
+    assert with_it["drag"].gain == pytest.approx(without["drag"].gain)
+
+
 def test_what_would_explain_everything_promises_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played(monkeypatch)
     played.sensed = -2.0 * played.sensitivity[:, :, 4]

@@ -601,18 +601,45 @@ def test_a_parameter_that_its_coefficient_does_not_tell_is_searched_for(
 
     def refined(problem: Any, model: Any, name: str, names: Any, before: Any, to_beat: float) -> Any:
         searches.append((names, before))
-        return leaky(40.0 + len(searches), 1.0), f"search {len(searches)}"
+        return leaky(40.0 + len(searches), 1.0), known[len(searches)]
 
+    known = [half_known() for _ in range(4)]
     monkeypatch.setattr(parameters, "_refined", refined)
     monkeypatch.setattr(parameters, "agree", lambda *_: len(searches) >= agreeing)
     found, searched = refine_parameters(PROBLEM, leaky(10.0), "sense_high_pass")
     assert seen == asked
-    befores = [None, "search 1", "search 2"]
+    befores = [None, known[1], known[2]]
     assert searches == [(("leak_x", "leak_y"), before) for before in befores[: min(agreeing, 3)]]
     if agreeing < 4:
-        assert (searched, found.observer.leak) == (f"search {agreeing}", 40.0 + agreeing)
+        assert (searched, found.observer.leak) == (known[agreeing], 40.0 + agreeing)
     else:
         assert (searched, found.observer.leak) == (NOTHING, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("moves", "searches"), [([1.0, 0.11, 0.0], 3), ([1.0, 0.09], 2), ([-0.09], 1), ([-0.11, 0.0], 2)]
+)
+def test_a_search_that_moves_no_parameter_is_not_made_again(
+    monkeypatch: pytest.MonkeyPatch, moves: list[float], searches: int
+) -> None:
+    """None by more than a fifth of a deviation, here of 0.5."""
+    leaking(monkeypatch, lambda leak: -3.0)
+    leaks: list[float] = []
+
+    def refined(problem: Any, model: Any, name: str, names: Any, before: Any, to_beat: float) -> Any:
+        leaks.append(model.observer.leak + moves[len(leaks)])
+        return leaky(leaks[-1], 1.0), half_known()
+
+    monkeypatch.setattr(parameters, "_refined", refined)
+    monkeypatch.setattr(parameters, "agree", lambda *_: False)
+    found, searched = refine_parameters(PROBLEM, leaky(10.0), "sense_high_pass")
+    assert len(leaks) == searches
+    assert (searched, found.observer.leak) == (NOTHING, 10.0)
+
+
+def half_known() -> Searched:
+    """Both corners within a standard deviation of 0.5."""
+    return Searched(("leak_x", "leak_y"), 0.25 * np.eye(2), np.zeros((2, 2)))
 
 
 def leaky(leak: float, likelihood: float = 0.0, size: float = 1.0) -> Any:

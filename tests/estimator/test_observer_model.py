@@ -212,3 +212,10 @@ def test_what_bears_out_and_what_speaks_against_is_more_than_the_bound_itself(mo
     assert borne_out(monkeypatch, chance, np.nextafter(chance, 99.0))
     assert not borne_out(monkeypatch, below, -TIE)
     assert borne_out(monkeypatch, below, np.nextafter(-TIE, 0.0))
+
+
+def test_coefficients_are_those_of_the_model_with_what_was_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(observer_model, "estimates_of", lambda model, searched: (model, searched))
+    model: Any = "model"
+    carrying = Carrying(PROBLEM, model, {"drag": NOTHING})
+    assert ObserverModel(PROBLEM).coefficients(carrying) == ("model", {"drag": NOTHING})

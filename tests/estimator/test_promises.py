@@ -84,6 +84,13 @@ def test_what_is_within_the_promise_is_let_through(part: dict) -> None:
     assert guards_against(replace(HOLDS, **part)) == set()
 
 
+def test_gains_are_told_in_four_digits_with_a_true_minus() -> None:
+    less = replace(HOLDS, residual=Errors(3.0, 1.0, 1.0, 1e5, gain=-12345.6))
+    assert promises.fell(less) == ("the part held out is not predicted better: −1.235e+04 in twice the log-likelihood",)
+    (outdone,) = promises.outdone(replace(HOLDS, contest=Contest(100.0, 987.65, 100.0, 1000)))
+    assert "987.6 in twice the log-likelihood, what is named 100" in outdone
+
+
 def test_a_residual_without_a_likelihood_falls_by_its_rms() -> None:
     assert Errors(1.8, 1.79, 1.0).fell
     assert not Errors(1.8, 1.8, 1.0).fell

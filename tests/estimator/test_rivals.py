@@ -8,7 +8,7 @@ import pytest
 
 from estimator.trace import observer_model
 from estimator.trace.engine import Score, Step, Trial
-from estimator.trace.fitting import leads
+from estimator.trace.fitting import deficit, leads
 from estimator.trace.probability import NOTHING
 from estimator.trace.rivals import accounts, dispersion, left_out, rivals
 from estimator.trace.scan import PARTS
@@ -139,7 +139,7 @@ def test_all_that_was_asked_has_its_account() -> None:
     assert set(found) == {"drive_gain", "sense_gain", "cubic_stiffness", NOTHING}
     assert found["drive_gain"] == 0.0
     assert found["sense_gain"] == pytest.approx(lead + 3.0, abs=0.05 * lead)
-    assert found[NOTHING] == pytest.approx(500.0 - 10.0, abs=0.05 * 500.0)
+    assert found[NOTHING] == pytest.approx(deficit(models.trial.fit.fitted, without) - 10.0)
     price = 2.0 * math.log(2 * N)
     assert found["cubic_stiffness"] == pytest.approx((500.0 - 10.0) - (600.0 / 3.0 - price))
 

@@ -115,6 +115,13 @@ def test_a_corner_follows_its_size_until_that_moves_it_no_more(monkeypatch: pyte
     assert asked[1] == ({**kept, "hpx": 3.2, "hpy": 2.2, "leak_x": 3.2, "leak_y": 2.2}, 1, second.observer)
 
 
+def test_a_corner_may_be_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = at(0.5, 2.0, (3.0, 2.0)), at(0.5, 2.0, (0.5, 2.0))
+    asked = fits(monkeypatch, second)
+    assert in_step(PROBLEM, first, NAME) == (second, True)
+    assert asked[0][0]["leak_x"] == 0.5
+
+
 @pytest.mark.parametrize(
     ("hpx", "size", "as_it_is"),
     [
@@ -178,7 +185,9 @@ def test_a_number_is_as_sure_as_the_innovations_are_as_large_as_predicted() -> N
 
 
 def test_two_that_are_known_as_well_are_the_filters() -> None:
+    """And so is one along which the likelihood had no top."""
     assert surer(DEVICE, model(3.4, 2.5), NAME, searched(0.3, 0.3)) == {}
+    assert surer(DEVICE, model(3.4, 2.5), NAME, searched(0.0, 0.0)) == {}
 
 
 @pytest.mark.parametrize(("hpx", "agreed"), [(5.0, True), (np.nextafter(5.0, 6.0), False)])

@@ -444,3 +444,20 @@ def test_a_polarity_changes_a_gain_by_twice_its_size() -> None:
     constants = Constants((1.0, 1.0, 0.0), (0.1, 0.1, 0.0), (1.0, 1.0, 0.0), 9.0)
     found = {one.other: one.size for one in equivalents(named, constants, None)}
     assert (found["drive_polarity"], found["sense_polarity"]) == (-2.0, -2.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_large_drive_gain_of_one_axis_is_a_sense_gain_with_a_coupling_to_match(axis: int) -> None:
+    """In coordinates scaled by g the couplings kxy + kn and kxy − kn are as one to g²."""
+    gain, kxy = 1.5, 0.03
+    kn = kxy * (gain**2 - 1.0) / (gain**2 + 1.0) * (1.0 if axis == 0 else -1.0)
+    drive = [between(-1e-3, 0.0, 1e-3), between(-1e-3, 0.0, 1e-3)]
+    drive[axis] = between(0.49, 0.5, 0.51)
+    named = {"drive_gain": dict(zip(("hx", "hy"), drive, strict=True))}
+    found = {one.other: one for one in equivalents(named, CONSTANTS, between(kn - 1e-6, kn, kn + 1e-6))}
+    other = found["sense_gain"]
+    assert other.size == pytest.approx(0.5)
+    scale = np.ones(2)
+    scale[axis] = gain
+    np.testing.assert_allclose(other.system.sense, np.diag(scale))
+    assert "sense_gain" not in {one.other for one in equivalents(named, CONSTANTS, between(-kn, -0.8 * kn, -0.7 * kn))}

@@ -129,3 +129,32 @@ def test_a_register_is_waited_for_two_seconds_where_nobody_says(monkeypatch: pyt
     assert client.read_register(None, name) == 1.5
     assert client.read_register(None, name, 0.3) == 1.5
     assert asked == [2.0, 0.3]
+
+
+def test_a_frame_on_a_stream_takes_one_number_and_is_sealed() -> None:
+    data, spent = SERIAL.encode(type_of(Safe), 9, 5, b"\1")
+    assert (spent, SERIAL.sealed) == (1, True)
+    assert SERIAL.kind(data) == type_of(Safe)
+    assert SERIAL.kind(data[:-3] + b"\0") is None
+
+
+def test_a_stretch_of_a_stream_is_cut_into_its_frames_and_the_rest() -> None:
+    one, two = (SERIAL.encode(type_of(Safe), seq, 5, b"\1")[0] for seq in (1, 2))
+    assert (one[0], one[-1]) == (0, 0)
+    assert SERIAL.cut(one + two + b"\0rest") == ([one, two], b"rest")
+    assert SERIAL.cut(one[1:] + b"\0\0" + two) == ([one, two], b"")
+    assert SERIAL.cut(b"rest") == ([], b"rest")
+
+
+@pytest.mark.parametrize("width", [2, 3])
+def test_a_row_in_one_step_is_read_in_one_step_and_counted_when_it_is_taken(width: int) -> None:
+    data = SERIAL.encode_row(9, 2**32 + 5, 1, -2, 3, -4, 5, width)
+    decoder = SERIAL.decoder()
+    assert decoder.row(data) == (9, 5, 1, -2, 3, -4, 5)
+    assert (decoder.frames, decoder.bytes) == (0, 0)
+    decoder.took(data)
+    decoder.took(data)
+    assert (decoder.frames, decoder.bytes) == (2, 2 * len(data))
+    assert decoder.row(SERIAL.encode(type_of(Safe), 9, 5, bytes(1))[0]) is None
+    assert decoder.row(b"\0junk\0") is None
+    assert decoder.drive(b"\0junk\0") is None
