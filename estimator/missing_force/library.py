@@ -9,6 +9,7 @@ from the record.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import sympy as sp
 
@@ -102,11 +103,17 @@ def library(axes: int, extent: Extent) -> tuple[Term, ...]:
     return tuple(terms)
 
 
+class Law(NamedTuple):
+    """A term of one axis: its form in words, its expression, and the powers of a length and of a time in its unit."""
+
+    form: str
+    expression: sp.Expr
+    length: float
+    time: float
+
+
 def of_axis(
-    form: str,
-    expression: sp.Expr,
-    length: float,
-    time: float,
+    law: Law,
     *,
     axes: int,
     sense: bool = False,
@@ -120,43 +127,45 @@ def of_axis(
     for axis in range(axes):
         if axis not in only:
             continue
-        own = sp.sympify(expression).subs({symbol: pair[axis] for symbol, pair in _OTHER.items()}, simultaneous=True)
+        of_axes = {symbol: pair[axis] for symbol, pair in _OTHER.items()}
+        own = sp.sympify(law.expression).subs(of_axes, simultaneous=True)
         zero = sp.Integer(0)
         columns.append((own, zero) if axis == 0 else (zero, own))
         named.append("xy"[axis])
+    form, _, length, time = law
     general = Term(
         form, form, tuple(columns), length, time, tuple(named), sense, threshold, None, tuple(columns), sign=sign
     )
     return general if threshold is None else general.at(threshold[1])
 
 
-_POLYNOMIALS: tuple[tuple[str, sp.Expr, float, float], ...] = (
-    ("q²", q**2, 2, 0),
-    ("q³", q**3, 3, 0),
-    ("q⁵", q**5, 5, 0),
-    ("|q| q", sp.Abs(q) * q, 2, 0),
-    ("q² v", q**2 * v, 3, -1),
-    ("|q| v", sp.Abs(q) * v, 2, -1),
-    ("|v| v", sp.Abs(v) * v, 2, -2),
-    ("v³", v**3, 3, -3),
-    ("v²", v**2, 2, -2),
-    ("q v", q * v, 2, -1),
-    ("q v²", q * v**2, 3, -2),
+_POLYNOMIALS = (
+    Law("q²", q**2, 2, 0),
+    Law("q³", q**3, 3, 0),
+    Law("q⁵", q**5, 5, 0),
+    Law("|q| q", sp.Abs(q) * q, 2, 0),
+    Law("q² v", q**2 * v, 3, -1),
+    Law("|q| v", sp.Abs(q) * v, 2, -1),
+    Law("|v| v", sp.Abs(v) * v, 2, -2),
+    Law("v³", v**3, 3, -3),
+    Law("v²", v**2, 2, -2),
+    Law("q v", q * v, 2, -1),
+    Law("q v²", q * v**2, 3, -2),
 )
-_DRIVEN: tuple[tuple[str, sp.Expr, float, float], ...] = (
-    ("u²", u**2, 2, -4),
-    ("u³", u**3, 3, -6),
-    ("|u| u", sp.Abs(u) * u, 2, -4),
-    ("q u", q * u, 2, -2),
+_DRIVEN = (
+    Law("u²", u**2, 2, -4),
+    Law("u³", u**3, 3, -6),
+    Law("|u| u", sp.Abs(u) * u, 2, -4),
+    Law("q u", q * u, 2, -2),
 )
-_CROSSED: tuple[tuple[str, sp.Expr, float, float], ...] = (
-    ("p²", p**2, 2, 0),
-    ("q p", q * p, 2, 0),
-    ("q² p", q**2 * p, 3, 0),
-    ("p³", p**3, 3, 0),
-    ("q p²", q * p**2, 3, 0),
-    ("p² v", p**2 * v, 3, -1),
-    ("w² q", w**2 * q, 3, -2),
+_CROSSED = (
+    Law("p²", p**2, 2, 0),
+    Law("q p", q * p, 2, 0),
+    Law("q² p", q**2 * p, 3, 0),
+    Law("p³", p**3, 3, 0),
+    Law("q p²", q * p**2, 3, 0),
+    Law("p² v", p**2 * v, 3, -1),
+    Law("w² q", w**2 * q, 3, -2),
 )
 _FRICTION = (0.003, 0.01, 0.03, 0.1)
 _GAPS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
@@ -169,46 +178,46 @@ _REACHES = (0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.56)
 
 
 def _of_an_axis(axes: int, extent: Extent) -> Iterator[Term]:
-    for form, expression, length, time in _POLYNOMIALS:
-        yield of_axis(form, expression, length, time, axes=axes)
+    for law in _POLYNOMIALS:
+        yield of_axis(law, axes=axes)
     for share in _FRICTION:
         speed = ("v0", share * extent.velocity, 1, -1)
         turn = sp.tanh(v / THRESHOLD)
-        yield of_axis("tanh(v/v0)", turn, 0, 0, axes=axes, threshold=speed)
-        yield of_axis("tanh²(v/v0)", turn**2, 0, 0, axes=axes, threshold=speed)
+        yield of_axis(Law("tanh(v/v0)", turn, 0, 0), axes=axes, threshold=speed)
+        yield of_axis(Law("tanh²(v/v0)", turn**2, 0, 0), axes=axes, threshold=speed)
     for share in _GAPS:
         gap = ("g", share * extent.position, 1, 0)
-        yield of_axis("q beyond ±g", _beyond(q), 1, 0, axes=axes, threshold=gap)
+        yield of_axis(Law("q beyond ±g", _beyond(q), 1, 0), axes=axes, threshold=gap)
     for share in _REACHES:
         reach = ("g", share * extent.position, 1, 0)
         for form, rounded in (("hysteresis of q, reach g", False), ("rounded hysteresis of q, reach g", True)):
             columns, own = _series("z", axes), tuple("xy"[:axes])
             yield Term(form, "hysteresis", columns, 1, 0, own, False, reach, "z", columns, rounded)
-    yield of_axis("t q", t * q, 1, 1, axes=axes)
-    yield of_axis("t v", t * v, 1, 0, axes=axes)
+    yield of_axis(Law("t q", t * q, 1, 1), axes=axes)
+    yield of_axis(Law("t v", t * v, 1, 0), axes=axes)
     if extent.warm:
-        yield of_axis("T q", temperature * q, 1, 0, axes=axes)
-        yield of_axis("T v", temperature * v, 1, -1, axes=axes)
+        yield of_axis(Law("T q", temperature * q, 1, 0), axes=axes)
+        yield of_axis(Law("T v", temperature * v, 1, -1), axes=axes)
     for frequency in extent.lines:
         yield _line(axes, frequency, sense=False)
     for frequency in extent.modulations:
         yield _modulated(axes, frequency)
     if not extent.driven:
         return
-    for form, expression, length, time in _DRIVEN:
-        yield of_axis(form, expression, length, time, axes=axes)
+    for law in _DRIVEN:
+        yield of_axis(law, axes=axes)
     if axes == 2:
-        yield of_axis("u", u, 1, -2, axes=axes)
-        yield of_axis("s", s, 1, -2, axes=axes)
-        for form, expression, length, time in _CROSSED:
-            yield of_axis(form, expression, length, time, axes=axes)
+        yield of_axis(Law("u", u, 1, -2), axes=axes)
+        yield of_axis(Law("s", s, 1, -2), axes=axes)
+        for law in _CROSSED:
+            yield of_axis(law, axes=axes)
     for share in _LIMITS:
         limit = ("L", share * extent.drive, 1, -2)
-        yield of_axis("u beyond ±L", _beyond(u), 1, -2, axes=axes, threshold=limit)
+        yield of_axis(Law("u beyond ±L", _beyond(u), 1, -2), axes=axes, threshold=limit)
     for share in _BANDS:
         band = ("L", share * extent.drive, 1, -2)
         within = u - _beyond(u)
-        yield of_axis("u within ±L", within, 1, -2, axes=axes, threshold=band)
+        yield of_axis(Law("u within ±L", within, 1, -2), axes=axes, threshold=band)
     if extent.held:
         # The column is the drive of before less that of now: late is positive.
         yield Term("du/dt", "du/dt", _series("du", axes), 1, -3, tuple("xy"[:axes]), series="du", sign=1)
@@ -299,24 +308,23 @@ def _of_the_plane(extent: Extent) -> Iterator[Term]:
 
 def _of_reading(axes: int, extent: Extent) -> Iterator[Term]:
     if axes == 2:
-        yield of_axis("q", q, 1, 0, axes=axes, sense=True, only=(1,))
-        yield of_axis("p", p, 1, 0, axes=axes, sense=True)
-    yield of_axis("q²", q**2, 2, 0, axes=axes, sense=True)
-    yield of_axis("q³", q**3, 3, 0, axes=axes, sense=True)
+        yield of_axis(Law("q", q, 1, 0), axes=axes, sense=True, only=(1,))
+        yield of_axis(Law("p", p, 1, 0), axes=axes, sense=True)
+    yield of_axis(Law("q²", q**2, 2, 0), axes=axes, sense=True)
+    yield of_axis(Law("q³", q**3, 3, 0), axes=axes, sense=True)
     both = tuple("xy"[:axes])
     # A chain is late or leaks: it knows nothing beforehand, and gives nothing back.
-    yield of_axis("v", v, 1, -1, axes=axes, sense=True, sign=-1)
+    yield of_axis(Law("v", v, 1, -1), axes=axes, sense=True, sign=-1)
     yield Term("∫q dt", "∫q dt", _series("iq", axes), 1, 1, both, sense=True, series="iq", sign=-1)
     for share in _DECAYS:
         for axis, name in enumerate(both):  # each by itself: it has its own k
             decay = ("k", share, 0, -1)
-            term = of_axis(
-                "exp(-k t)", sp.exp(-THRESHOLD * t), 0, 0, axes=axes, sense=True, threshold=decay, only=(axis,)
-            )
+            dying = Law("exp(-k t)", sp.exp(-THRESHOLD * t), 0, 0)
+            term = of_axis(dying, axes=axes, sense=True, threshold=decay, only=(axis,))
             yield replace(term, family=f"decay of {name}")
     for share in _TOPS:
         top = ("L", share * extent.position, 1, 0)
-        yield of_axis("q beyond ±L", _beyond(q), 1, 0, axes=axes, sense=True, threshold=top, sign=-1)
+        yield of_axis(Law("q beyond ±L", _beyond(q), 1, 0), axes=axes, sense=True, threshold=top, sign=-1)
     if extent.rail is not None:
         columns = _beyond_rail(axes)
         rail = Term(
@@ -333,13 +341,13 @@ def _of_reading(axes: int, extent: Extent) -> Iterator[Term]:
         columns = tuple(_series("level", axes)[axis] for axis in switching)
         named, price = tuple("xy"[axis] for axis in switching), sum(extent.flips[:axes])
         yield Term("offset of two levels", "levels", columns, 0, 0, named, True, series="levels", price=price)
-    yield of_axis("t", t, 0, 1, axes=axes, sense=True)
+    yield of_axis(Law("t", t, 0, 1), axes=axes, sense=True)
     if extent.warm:
-        yield of_axis("T", temperature, 0, 0, axes=axes, sense=True)
+        yield of_axis(Law("T", temperature, 0, 0), axes=axes, sense=True)
     for frequency in extent.lines:
         yield _line(axes, frequency, sense=True)
     if extent.driven:
-        yield of_axis("u", u, 1, -2, axes=axes, sense=True)
+        yield of_axis(Law("u", u, 1, -2), axes=axes, sense=True)
 
 
 def written(term: Term, axis: int) -> str:

@@ -179,27 +179,25 @@ def board_layout(
     latency_ticks: int,
     sense_scale_V: float,
     drive_scale: float,
-    drive_unit: DriveUnit = "mps2",
-    hold: Hold = "zoh",
     identity: Mapping[str, Any] | None = None,
     lockstep: bool = False,
 ) -> Layout:
     """Layout of a capture recorded from a board: tick, codes (`vx_code`, …, `uy_code`), flags.
 
-    `sense_scale_V` is volts per code, `drive_scale` is `drive_unit` per code; `identity` (JSON values) is
+    `sense_scale_V` is volts per code, `drive_scale` is m/s² per code, held until the next; `identity` (JSON values) is
     what the board said of itself. `lockstep` says that the board waited for the host at every tick.
     """
     names = _AXES[:axes]
     columns = (
         TICK,
         *(Column(f"v{axis}_code", "i4", "V", sense_scale_V) for axis in names),
-        *(Column(f"u{axis}_code", "i4", drive_unit, drive_scale) for axis in names),
+        *(Column(f"u{axis}_code", "i4", "mps2", drive_scale) for axis in names),
         Column("flags", "u1"),
     )
     header = {
         "tick_rate_Hz": tick_rate_Hz,
         "axes": axes,
-        "hold": hold,
+        "hold": "zoh",
         "latency_ticks": latency_ticks,
         "time": TIME_LOCKSTEP if lockstep else TIME_RUNNING,
         "identity": dict(identity) if identity is not None else None,
