@@ -39,6 +39,7 @@ def test_estimator_imports_neither_bench_nor_emulator() -> None:
     assert rooms(loaded_after_all_of("estimator")) == {"estimator"}
 
 
+@pytest.mark.slow
 def test_emulator_loads_no_estimator_and_of_the_bench_the_wire_only() -> None:
     modules = loaded_after_all_of("device_emulator")
     assert rooms(modules) == {"device_emulator", "hil"}
@@ -47,6 +48,7 @@ def test_emulator_loads_no_estimator_and_of_the_bench_the_wire_only() -> None:
     }
 
 
+@pytest.mark.slow
 def test_wire_imports_nothing_else_of_the_bench() -> None:
     modules = loaded_after_all_of("hil.wire")
     assert rooms(modules) == {"hil"}

@@ -24,6 +24,7 @@ def run(pytester: pytest.Pytester, text: str, *options: str) -> pytest.RunResult
     return pytester.runpytest_subprocess(*PLUGIN, "-rs", *options)
 
 
+@pytest.mark.slow
 def test_an_unrelated_project_pays_for_nothing() -> None:
     heavy = ["numba", "numpy", "scipy", "sympy", "pyarrow", "pydantic", "typer", "serial", "can", "hil.wire"]
     said = subprocess.run(

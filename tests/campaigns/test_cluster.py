@@ -61,6 +61,7 @@ def test_a_worker_and_then_the_scheduler_killed_lose_nothing_and_double_nothing(
     assert bytes_in(swept.path) == whole
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil.sweeping.cluster._CONNECT_S", 0.5)
     address = f"tcp://127.0.0.1:{free_port()}"

@@ -156,6 +156,7 @@ def test_a_seed_that_is_too_large(capsys: pytest.CaptureFixture[str]) -> None:
     assert_one_plain_line(*told(capsys, "emulate", "s-slow", "--seed", str(2**63)))
 
 
+@pytest.mark.slow
 def test_a_folder_that_takes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     place = "/proc/self/fdinfo"  # nobody can make a file there, root neither
     run = ["run", "s-slow", "--link", "inproc:s-slow", "--clock", "lockstep"]

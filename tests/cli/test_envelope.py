@@ -57,6 +57,7 @@ def reed(tmp_path, drag):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_law_is_named_from_a_file_of_decibels(hil, reed):
     assert hil("import", "reed.csv", "--map", "reed.map.toml")[0] == 0
     code, out, err = hil("trace", "reed.arrow", "--bench", "reed.bench.toml", "--json")

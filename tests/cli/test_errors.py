@@ -81,6 +81,7 @@ def test_scenario_of_a_link_has_to_exist(hil: Hil) -> None:
     assert "s-fast: no such scenario file" in refused(hil("emulate", "s-fast"))
 
 
+@pytest.mark.slow
 def test_bad_scenario_is_told_by_the_emulator(hil: Hil, tmp_path: Path) -> None:
     text = examples.find("scenario", "s-slow").read_text(encoding="utf-8")
     (tmp_path / "odd.scenario.toml").write_text(text.replace("mass_kg", "mas_kg"), encoding="utf-8")
@@ -88,6 +89,7 @@ def test_bad_scenario_is_told_by_the_emulator(hil: Hil, tmp_path: Path) -> None:
     assert line == "emulated board: odd.scenario.toml: [truth] mas_kg: unknown key; did you mean mass_kg?"
 
 
+@pytest.mark.slow
 def test_unwritable_truth_is_told_by_the_emulator(hil: Hil) -> None:
     assert "absent/t.arrow" in refused(hil("emulate", "s-slow", "--truth", "absent/t.arrow"))
 

@@ -140,6 +140,7 @@ def test_hidden_forces(name: str) -> None:
     assert_same_motion(states(record(what, codes).truth), reference(what, codes * (10.0 / 32768), force))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rest", [0.003, 0.02])
 @pytest.mark.parametrize("name", ["dry_friction", "dry_friction_asymmetric"])
 def test_friction_turns_over_within_a_step(name: str, rest: float) -> None:

@@ -68,6 +68,7 @@ def test_friction_beside_drag_are_both_named():
         assert effect.coefficients[symbol].low < size < effect.coefficients[symbol].high
 
 
+@pytest.mark.slow
 def test_an_amplitude_in_a_unit_of_its_own_has_the_same_law():
     symbol, size, force = LAWS["drag"]
     time, amplitude = envelope_of([(size, force)], 8.0)
@@ -79,6 +80,7 @@ def test_an_amplitude_in_a_unit_of_its_own_has_the_same_law():
     assert effect.coefficients[symbol].low < size < effect.coefficients[symbol].high
 
 
+@pytest.mark.slow
 def test_noise_that_is_taken_for_amplitude_is_no_law():
     """√(a² + n²): the end of the ring-down is flat, as if it were fed."""
     time, amplitude = envelope_of([], 16.0)
@@ -90,6 +92,7 @@ def test_noise_that_is_taken_for_amplitude_is_no_law():
     assert interval.low < floor < interval.high
 
 
+@pytest.mark.slow
 def test_what_the_resonance_is_known_to_widens_what_hangs_on_it():
     _, size, force = LAWS["drag"]
     time, amplitude = envelope_of([(size, force)], 8.0)
@@ -100,6 +103,7 @@ def test_what_the_resonance_is_known_to_widens_what_hangs_on_it():
     )
 
 
+@pytest.mark.slow
 def test_another_law_than_those_of_the_catalogue_is_not_given_a_name():
     """A damping that switches at half of the amplitude."""
     size = 3.0 * DAMPING

@@ -182,6 +182,7 @@ def test_warmth_reaches_the_effects_that_move_with_it(record: tuple[Array, Array
     np.testing.assert_allclose(one.covariances[0][:13, :13], other.covariances[0], rtol=1e-4, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit() -> None:
     """The last gain of the recursion beside one that NumPy's oracle of the same filter has there."""
     settings = ObserverSettings(gain=Gain.FADING, memory=0.05, process_noise=NOISE)

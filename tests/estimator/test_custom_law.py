@@ -220,6 +220,7 @@ def said(text: str) -> str | None:
     return None
 
 
+@pytest.mark.slow
 @given(st.one_of(st.text(max_size=60), st.text(alphabet="xyk0129.+-*/() esin", max_size=60)))
 @settings(max_examples=800, deadline=1000)
 def test_any_text_is_a_law_or_refused_in_one_line(text: str) -> None:

@@ -342,6 +342,7 @@ def test_measurement_and_its_jacobian(name: str) -> None:
             np.testing.assert_allclose(jacobian[:, column], (predicted(ahead) - predicted(behind)) / 2e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [(0.3, 0.7), (0.05, 1.4), (0.0, 0.2)])
 def test_a_late_drive_is_the_recorded_one_moved(delay: tuple[float, float]) -> None:
     """delay in intervals: the drive of the interval before, then this one's, through SciPy's integrator."""
@@ -379,6 +380,7 @@ def test_a_late_drive_is_the_recorded_one_moved(delay: tuple[float, float]) -> N
         np.testing.assert_allclose(flown[:, column], (moved[0] - moved[1]) / 2e-6, rtol=0, atol=2e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [(0.3, 0.7), (0.05, 1.4)])
 def test_a_late_sense_path_shows_what_was(delay: tuple[float, float]) -> None:
     observer = carrying("sense_delay")

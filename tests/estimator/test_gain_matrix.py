@@ -150,6 +150,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=str)
 @pytest.mark.parametrize("kind", ["luenberger", "pair", "late pair"])
 def test_the_loop_has_the_frequencies_that_were_asked_for(case: Case, kind: str) -> None:
@@ -175,6 +176,7 @@ def test_the_poles_of_the_default_filter() -> None:
     np.testing.assert_allclose(sorted(poles, key=np.imag), 0.7 * np.exp([-0.3j, 0.3j]), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [Case(latency=0), Case(), Case(latency=2), Case(split=0.4)], ids=str)
 def test_the_pattern_turns_as_it_should_in_a_continuous_gyro(case: Case) -> None:
     """Integrated in continuous time under the held drive, offsets and all: θ̇ = −(Ω + Ωv), no decay, no ellipse.

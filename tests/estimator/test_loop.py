@@ -50,6 +50,7 @@ def test_control_law_is_formula_9_with_velocities_and_the_additions_around_it() 
     np.testing.assert_allclose(out - formula, 0.01 * (0.5 - energy) / 0.5 * seen, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "latency", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(3, marks=pytest.mark.slow)]
 )
@@ -106,6 +107,7 @@ def test_amplitude_modulation_is_followed() -> None:
     assert apart(record.angle, record) < 4e-3
 
 
+@pytest.mark.slow
 def test_virtual_rotation_excites_what_a_tuned_device_at_rest_hides() -> None:
     """At Ω ≈ 0 the pattern of a tuned device stands still: a line at one frequency excites 4 of the 7 unknowns."""
     settings = replace(SETTINGS, memory=0.1)

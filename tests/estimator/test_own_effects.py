@@ -145,6 +145,7 @@ def test_the_control_law_undoes_it_alike(name: str) -> None:
     assert commands[-1] != theirs.tick(*sense[99], *drive[99])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vector", [True, False])
 def test_the_scan_follows_its_signature_alike(vector: bool) -> None:
     declared, _ = ALIKE["cubic_stiffness"]
@@ -173,6 +174,7 @@ def test_a_free_run_has_it_too() -> None:
     np.testing.assert_allclose(runs[0].sensitivity, runs[1].sensitivity, rtol=1e-7, atol=1e-20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law",
     [

@@ -96,6 +96,7 @@ def test_gradient_of_the_angle_is_that_of_finite_differences() -> None:
         assert found[entry] == pytest.approx((ends[0] - ends[1]) / (2 * d), abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_reported_rotation_is_plus_the_integral_of_the_rate_over_turns(sign: float) -> None:
     """φ = +∫Ω dt, from the volts of an ideal board, without drive; three turns and a half."""

@@ -36,6 +36,7 @@ def run(device=DEVICE, samples=400, drive=None, sensitive=False, **values):
     return simulate(observer, state, np.zeros((samples, 1)) if drive is None else drive, sensitive=sensitive)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kp", "width"), [(KP, WIDTH), (0.2 * K, 6e-4), (0.05 * K, 1e-5), (KP, 1.3e-3), (0.02 * K, 1.04e-3)]
 )

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from estimator.bound import posterior_bound
 from estimator.rotation_bound import rotation_bound
@@ -15,6 +16,7 @@ TRUTH = Truth(stiffness=(1.0, 1.0, 0.0), damping=(0.0, 0.0, 0.0))
 SETTINGS = ObserverSettings(process_noise=ProcessNoise(force=1e-4, rate=1.0, offset=1e-4, stiffness=1e-4))
 
 
+@pytest.mark.slow
 def test_of_the_states_it_is_the_bound_of_the_states():
     n = 1200
     truth = along(n)

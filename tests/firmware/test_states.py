@@ -157,6 +157,7 @@ def make(request: pytest.FixtureRequest) -> Callable[[], Bench]:
     return lambda: Bench(Board(what, Device(what), (ClockMode.PACED, ClockMode.LOCKSTEP)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("situation", "event"), [pair for pair in STATES.table if pair not in CANNOT_BE])
 def test_cell(make: Callable[[], Bench], situation: str, event: str) -> None:
     cell = STATES.table[situation, event]

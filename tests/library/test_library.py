@@ -36,6 +36,7 @@ def test_opening_what_is_there_loads_no_estimator(run: hil.Run) -> None:
     assert done.stdout.strip() == ""
 
 
+@pytest.mark.slow
 def test_arrays_need_no_models_of_figures(run: hil.Run) -> None:
     program = f"import hil, sys; run = hil.load({str(run.path)!r}); run.angle.values[-1], run.rate, run.innovation; "
     program += "print('pydantic' in sys.modules)"

@@ -71,6 +71,7 @@ def test_nothing_begins_before_it_is_asked_for(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_what_cannot_begin_is_raised_where_the_blocks_are_asked_for(tmp_path: Path) -> None:
     with pytest.raises(hil.InputError, match="needs arm=True"):
         hil.open("s-slow", link="serial:/dev/ttyACM0")

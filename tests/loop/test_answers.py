@@ -111,6 +111,7 @@ def parts(answers: Answers) -> dict[str, int]:
     return answers.model_dump(include=set(NOTHING))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("declared", [force(), gain()])
 def test_an_undisturbed_run_is_answered_in_time(tmp_path: Path, declared: Bench) -> None:
     answers = counted(tmp_path, declared)
@@ -192,6 +193,7 @@ def test_a_board_that_was_stopped(tmp_path: Path) -> None:
     assert (alone.lost_to_host, alone.stopped) == (answers.stopped, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("declared", "waits", "width"), [(force(), 300, 1), (gain(watchdog_s=0.02), 15, BLOCK)])
 def test_rows_from_before_a_stop_that_come_after_it(
     tmp_path: Path, declared: Bench, waits: int, width: int, monkeypatch: pytest.MonkeyPatch

@@ -28,6 +28,7 @@ def test_a_snapshot_that_was_not_finished_leaves_the_one_before(tmp_path: Path) 
     assert restored[0].samples == 50_000
 
 
+@pytest.mark.slow
 def test_energy_leaves_out_what_was_before_the_loop_had_settled(tmp_path: Path) -> None:
     marks = endurance.endure(tmp_path, 300_000, 150_000, lambda _: None)
     assert marks[0].energy_worst == 0.0

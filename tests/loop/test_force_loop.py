@@ -189,12 +189,14 @@ def test_it_is_armed_again_when_the_news_was_lost_as_well(tmp_path: Path) -> Non
     assert [first for first, _ in gaps(run)] == [1550]
 
 
+@pytest.mark.slow
 def test_late_refusals_do_not_arm_it_twice(tmp_path: Path) -> None:
     """A line that gives less than a sample at a time: each is answered, and refused, before the host knows why."""
     _, host, device = paced(tmp_path, stops={1500: 300}, chunk=20)
     assert (host["rearmed"], device["watchdog_trips"]) == (1, 1)
 
 
+@pytest.mark.slow
 def test_stopped_again_and_again(tmp_path: Path) -> None:
     run, host, device = paced(tmp_path, stops=dict.fromkeys(range(1000, 2600, 400), 200), rearm=4)
     assert host["rearmed"] == device["watchdog_trips"] == 4

@@ -24,6 +24,7 @@ def error_rad(folder: Path) -> float:
     return float(np.abs(angle_errors(run, truth, 0.25)).max())
 
 
+@pytest.mark.slow
 def test_what_was_held_while_a_sample_was_missing_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     knowing = error_rad(tmp_path / "knowing")
     monkeypatch.setattr(hindsight, "MARGIN", np.inf)

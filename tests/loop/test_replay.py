@@ -65,6 +65,7 @@ def test_a_replay_is_the_live_run_again(tmp_path: Path, gain: str) -> None:
     assert (again.result.link, again.result.clock, again.result.samples) == (None, None, 4000)
 
 
+@pytest.mark.slow
 def test_late_answers_change_nothing_about_that(tmp_path: Path) -> None:
     """The record holds the drive that was applied, so it does not matter which one the host had sent."""
     link = HandPaced(
@@ -78,6 +79,7 @@ def test_late_answers_change_nothing_about_that(tmp_path: Path) -> None:
     assert_same(run, replayed(run.capture_path, declared, tmp_path / "runs"))
 
 
+@pytest.mark.slow
 def test_over_lost_samples_a_replay_can_only_assume_the_drive(tmp_path: Path) -> None:
     """What the host had sent for them is not in the record.  It stays with the live run to within a few deviations."""
     link = HandPaced(board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED), lost=range(1000, 3900, 170))

@@ -129,6 +129,7 @@ def test_a_watcher_that_fails_leaves_no_board_driven(tmp_path: Path) -> None:
     assert read_capture(folder / "capture.arrow").complete
 
 
+@pytest.mark.slow
 def test_another_protocol_is_refused(tmp_path: Path) -> None:
     with served(SmallBoard(protocol=SPEC.protocol + 1)) as link:
         message = refused(ProtocolError, gyro.bench(), link, tmp_path / "runs")
@@ -137,6 +138,7 @@ def test_another_protocol_is_refused(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_another_spec_is_refused_by_its_first_difference(tmp_path: Path) -> None:
     board = SmallBoard(spec_hash=SPEC.hash ^ 1)
     at, entry = next((at, entry) for at, entry in enumerate(SPEC.table) if entry.field == "vx")
@@ -179,6 +181,7 @@ def test_a_board_that_refuses_to_be_armed(tmp_path: Path) -> None:
     assert message.startswith(f"{board.url}: the board refused ARM: NOT_SUPPORTED; it cannot run like this")
 
 
+@pytest.mark.slow
 def test_no_board_behind_the_port(tmp_path: Path) -> None:
     declared = gyro.bench(link={"timeout_s": 0.2})
     link = open_pty()

@@ -72,6 +72,7 @@ def test_it_listens_for_two_blocks_where_they_take_longer(ends: tuple[Endpoint, 
     assert 0.25 <= time.monotonic() - begin < 2.0
 
 
+@pytest.mark.slow
 def test_a_board_that_does_not_answer_is_not_confirmed(ends: tuple[Endpoint, Far]) -> None:
     host, far = ends
     begin = time.monotonic()
@@ -120,6 +121,7 @@ def test_a_board_in_this_process_is_told_eight_times_at_once() -> None:
     assert len(link.sent) == 8
 
 
+@pytest.mark.slow
 def test_lines_lose_frames(ends: tuple[Endpoint, Far]) -> None:
     host, far = ends
     far.answer = lambda message: [status(tick=TICK)] if far.count(Safe) == 5 else []
@@ -222,12 +224,14 @@ def test_a_board_that_does_not_answer_and_drives_on_is_told_as_such(
     assert far.count(Safe) <= 8  # however much it says
 
 
+@pytest.mark.slow
 def test_one_that_does_not_answer_and_streams_no_drive_is_not_called_driven(ends: tuple[Endpoint, Far]) -> None:
     host, far = ends
     far.answer = to_safe(rows(ZERO))
     assert "still shows a drive" not in stop(host).why
 
 
+@pytest.mark.slow
 def test_rows_that_may_be_from_before_safe_reached_it_say_nothing(ends: tuple[Endpoint, Far]) -> None:
     host, far = ends
     far.answer = lambda message: [rows(DRIVEN)] if far.count(Safe) == 1 else []
@@ -242,6 +246,7 @@ def test_a_link_that_hangs_up_confirms_nothing(ends: tuple[Endpoint, Far]) -> No
     assert "cannot be told SAFE any more" in found.why
 
 
+@pytest.mark.slow
 def test_a_drive_before_a_late_answer_is_none_after_it(ends: tuple[Endpoint, Far]) -> None:
     """The board's clock went on while it did not answer: rows up to the tick of its answer were sampled before it."""
     host, far = ends

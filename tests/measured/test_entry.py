@@ -22,6 +22,7 @@ def run(*arguments):
     )
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_not_there_is_one_line(tmp_path):
     done = run("--data", str(tmp_path / "none"), "--out", str(tmp_path / "m.json"))
     assert done.returncode == 2
@@ -29,6 +30,7 @@ def test_a_folder_that_is_not_there_is_one_line(tmp_path):
     assert not (tmp_path / "m.json").exists()
 
 
+@pytest.mark.slow
 def test_absent_records_are_named_and_nothing_is_written_over(tmp_path):
     (tmp_path / "m.json").write_text(json.dumps([ROW._asdict()]))
     page = tmp_path / "page.md"

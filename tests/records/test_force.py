@@ -82,6 +82,7 @@ def test_over_what_moves_slowly_the_part_in_step_is_that_of_the_law() -> None:
     assert np.mean(stiff.mean[along > 35.0]) < 1.5 * np.mean(stiff.mean[along < 10.0]) < 0.0
 
 
+@pytest.mark.slow
 def test_diagnosis_and_page_have_it_as_a_form(tmp_path) -> None:
     force = cubic()
     found = answer(found=False, verdict=Verdict.UNEXPLAINED)

@@ -15,6 +15,7 @@ def parts(values, size):
     return lambda: (values[at : at + size] for at in range(0, len(values), size))
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64).filter(lambda x: abs(x) < 1e300), min_size=1),
     st.integers(1, 7),

@@ -41,6 +41,7 @@ def rings_left():
     return {path.name for path in Path("/dev/shm").glob(f"gyrohil-{os.getpid()}-*")}
 
 
+@pytest.mark.slow
 def test_a_process_of_its_own_writes_the_same_bytes(tmp_path):
     for folder, start in (("here", record_here), ("apart", record_apart)):
         (tmp_path / folder).mkdir()
@@ -61,6 +62,7 @@ def test_a_loop_that_may_wait_loses_nothing_in_a_small_ring(tmp_path):
     np.testing.assert_array_equal(capture.tick, np.arange(2000))
 
 
+@pytest.mark.slow
 def test_a_loop_that_may_not_wait_leaves_a_flagged_gap(tmp_path):
     with record_apart(tmp_path, {"capture": LAYOUTS["capture"]}, ring_rows={"capture": 16}) as recording:
         rows = np.zeros(50, LAYOUTS["capture"].dtype)
@@ -76,6 +78,7 @@ def test_a_loop_that_may_not_wait_leaves_a_flagged_gap(tmp_path):
     np.testing.assert_array_equal(np.flatnonzero(capture.flags), [16])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [record_here, record_apart])
 def test_a_body_that_raises_leaves_interrupted_files(tmp_path, start):
     def interrupted():
@@ -116,6 +119,7 @@ def test_a_killed_loop_keeps_everything_it_had_pushed(tmp_path):
     assert (timing.tick.size, timing.complete) == (750, False)
 
 
+@pytest.mark.slow
 def test_a_dead_recorder_is_told_of_and_holds_nobody_up(tmp_path):
     def abandoned():
         with record_apart(tmp_path, LAYOUTS, wait=True, ring_rows=dict.fromkeys(LAYOUTS, 64)) as recording:
@@ -130,6 +134,7 @@ def test_a_dead_recorder_is_told_of_and_holds_nobody_up(tmp_path):
     assert not rings_left()
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_not_there_is_told_at_the_start(tmp_path):
     with pytest.raises(OSError, match="the recorder did not start"):
         record_apart(tmp_path / "gone", LAYOUTS)
@@ -264,6 +269,7 @@ def test_what_a_signal_interrupts_is_done_again(monkeypatch, tmp_path):
         assert [path.name for path in folder.iterdir()] == ["some.txt"]
 
 
+@pytest.mark.slow
 def test_a_long_record_gets_its_pyramid_from_the_recorder(tmp_path: Path) -> None:
     layout = board_layout(tick_rate_Hz=1e5, axes=1, latency_ticks=1, sense_scale_V=1.0, drive_scale=1.0)
     with record_apart(tmp_path, {"capture": layout}, wait=True) as recording:
@@ -282,6 +288,7 @@ def test_a_long_record_gets_its_pyramid_from_the_recorder(tmp_path: Path) -> Non
     assert not list((tmp_path / "pyramid").glob(".*"))
 
 
+@pytest.mark.slow
 def test_a_pyramid_that_cannot_be_written_costs_the_record_nothing(tmp_path: Path) -> None:
     layout = board_layout(tick_rate_Hz=1e5, axes=1, latency_ticks=1, sense_scale_V=1.0, drive_scale=1.0)
     (tmp_path / "pyramid").write_text("in the way")

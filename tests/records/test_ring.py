@@ -145,6 +145,7 @@ def test_two_processes_lose_nothing_when_the_producer_waits(name):
     assert ring.path.exists() is False
 
 
+@pytest.mark.slow
 def test_two_processes_see_whole_rows_and_count_what_is_missing(name):
     with Ring.create(name, DTYPE, 256) as ring, produce(name, 200_000, "drop") as child:
         received = drain(ring, child)
@@ -157,6 +158,7 @@ def test_two_processes_see_whole_rows_and_count_what_is_missing(name):
         np.testing.assert_array_equal(received[field], rows(0, 200_000)[field][received["tick"]])
 
 
+@pytest.mark.slow
 def test_a_killed_producer_leaves_whole_rows(name):
     with Ring.create(name, DTYPE, 4096) as ring, produce(name, 10**9, "wait") as child:
         received = [ring.pop()]

@@ -477,6 +477,7 @@ def test_compared_as_the_library_compares(source: Path, runs: Path, catalogue: C
             assert ours[name][key] == theirs[other][key], (name, key)
 
 
+@pytest.mark.slow
 def test_verdicts_as_junit(source: Path, runs: Path, tmp_path: Path) -> None:
     another(source, runs, "20250101-000000-good", {"verdict": "good"})
     another(source, runs, "20250102-000000-bad", {"verdict": "failed", "reasons": ['a <b> & "c" \x07']})

@@ -131,6 +131,7 @@ def test_a_campaign_tells_how_long_it_takes_is_cancelled_and_goes_on(watched: Wa
     assert (watched.runs / "few" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_a_campaign_is_named_not_located(watched: Watched, campaign: str) -> None:
     for name in ("../few", "/etc/passwd", "nothing"):
         with pytest.raises(InputError, match="no campaign file of this bench"):
@@ -177,6 +178,7 @@ def test_what_waits_can_be_cancelled_and_what_ended_forgotten(bench: Path, tmp_p
     watched.jobs.close()
 
 
+@pytest.mark.slow
 def test_a_failure_is_one_line_and_leaves_no_run(watched: Watched) -> None:
     row = ended(watched, AskedRun(kind="run", bench="short", duration_s=0.1))
     assert row["state"] == "failed"
@@ -271,6 +273,7 @@ def test_ending_the_service_ends_its_jobs_well(bench: Path, tmp_path: Path) -> N
     later.jobs.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torn", ["order.json", "outcome.json"])
 def test_a_job_whose_files_are_damaged_stops_nobody(watched: Watched, tmp_path: Path, torn: str) -> None:
     row = ended(watched, AskedRun(kind="run", bench="short", duration_s=0.1))
@@ -324,6 +327,7 @@ def _ride(rows: int = 3_000) -> bytes:
     return "\n".join(["t_s,vx_V,vy_V,ux_mps2,uy_mps2", *lines]).encode() + b"\n"
 
 
+@pytest.mark.slow
 def test_an_upload_becomes_a_record(watched: Watched) -> None:
     upload = _upload(watched.uploads, "../../My Ride.CSV", _ride())
     row = ended(watched, AskedImport(kind="import", upload=upload, name="ride"))
@@ -334,6 +338,7 @@ def test_an_upload_becomes_a_record(watched: Watched) -> None:
     assert {path.name for path in watched.uploads._folder.iterdir()} == {upload}
 
 
+@pytest.mark.slow
 def test_an_upload_with_its_own_map(watched: Watched) -> None:
     text = _ride().replace(b"t_s,vx_V,vy_V,ux_mps2,uy_mps2", b"time,a,b,c,d")
     given = b"""sampling_rate_Hz = 1000.0
@@ -351,6 +356,7 @@ vy = { column = "b", unit = "V" }
         assert row["result"]["tick_rate_Hz"] == 1000.0
 
 
+@pytest.mark.slow
 def test_parquet_comes_back_as_it_was_exported(watched: Watched, source: Path, tmp_path: Path) -> None:
     hil.export(source, tmp_path / "out.parquet", what="capture")
     upload = _upload(watched.uploads, "out.parquet", (tmp_path / "out.parquet").read_bytes())
@@ -379,6 +385,7 @@ def test_what_is_no_record_is_told_in_one_line(watched: Watched, name: str, data
     assert not list(watched.runs.iterdir())
 
 
+@pytest.mark.slow
 def test_an_import_cannot_take_all_memory_nor_all_the_disk(
     watched: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -416,6 +423,7 @@ def test_old_uploads_are_removed(tmp_path: Path) -> None:
     assert list((tmp_path / "uploads").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_pyramid_is_made_once(watched: Watched) -> None:
     import numpy as np
 

@@ -216,6 +216,7 @@ def test_a_trace_by_a_job_and_its_effect_added(bench: Serving) -> None:
     assert ratio["b"] < 1.1 < ratio["a"]
 
 
+@pytest.mark.slow
 def test_an_upload_is_bounded_and_imported(bench: Serving) -> None:
     lines = "\n".join(f"{0.001 * n:.4f},{n % 7},{n % 5},0.1,0.2" for n in range(500))
     files = {"record": ("../ride.csv", f"t_s,vx_V,vy_V,ux_mps2,uy_mps2\n{lines}\n")}

@@ -102,6 +102,7 @@ def test_the_pyramid_is_what_is_read_of_a_long_window(folder: Path, monkeypatch:
     assert read["capture.arrow"] < 200_000  # checks that they belong together, and the place of the first row
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ended", [True, False])
 def test_made_afterwards_it_is_the_same_to_the_byte(tmp_path: Path, gapped: npt.NDArray[np.int64], ended: bool) -> None:
     along, after = tmp_path / "along", tmp_path / "after"

@@ -156,6 +156,7 @@ def test_a_record_of_another_draw_in_its_place_is_one_line(tmp_path: Path, capsy
     assert "give another --folder" in told
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_units_are_those_that_the_law_needs(axes: int, term: Term) -> None:
         assert own.declared("form_1").coefficients.keys() == {"c_one"}
 
 
+@pytest.mark.slow
 def test_another_frequency_is_another_number_and_not_another_law() -> None:
     lines = [one for one in library(2, Extent(1, 1, 1, lines=(0.3, 0.9))) if one.family == "line" and not one.sense]
     for a, b in pairwise(in_si(one, np.ones(4), np.ones(4), LENGTH, OMEGA) for one in lines):

@@ -42,6 +42,7 @@ def test_friction_is_what_it_does_though_the_velocity_runs_through_its_width_wit
     assert worst < 0.02 * STEP
 
 
+@pytest.mark.slow
 def test_a_drive_that_changes_no_faster_ramps_and_stays() -> None:
     """1 is asked for at once; with 2 per unit of time it is there after half of one."""
     drive = np.where(np.arange(SAMPLES) < 10, 0.0, 1.0)

@@ -8,6 +8,7 @@ from estimator.missing_force import switching
 CYCLE = 20.0
 
 
+@pytest.mark.slow
 def test_levels_and_changes_are_those_that_were_made() -> None:
     rng = np.random.default_rng(2)
     made = np.repeat([1.0, -1.0, 1.0, 1.0, -1.0], 400)
