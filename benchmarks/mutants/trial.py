@@ -17,6 +17,7 @@ from benchmarks.mutants.changes import Mutant, mutants
 _PROJECT = ("hil", "estimator", "device_emulator", "tests", "examples")
 _LIBRARIES = (
     *("pytest", "_pytest.assertion.rewrite", "numpy", "scipy.special", "scipy.linalg", "scipy.signal"),
+    *("sympy", "sympy.printing.pycode", "scipy.optimize", "scipy.integrate", "scipy.stats", "mpmath"),
     *("numba", "pyarrow.ipc", "pydantic", "typer", "rich", "can", "serial", "msgpack", "cobs.cobs", "crc32c"),
 )
 _LONGER, _AT_LEAST_S = 4.0, 60.0  # than the tests without a change, on a machine that does other things, too
