@@ -16,7 +16,8 @@ from benchmarks.mutants.changes import Mutant, mutants
 
 _PROJECT = ("hil", "estimator", "device_emulator", "tests", "examples")
 _LIBRARIES = (
-    *("pytest", "_pytest.assertion.rewrite", "numpy", "scipy.special", "scipy.linalg", "scipy.signal", "sympy"),
+    *("pytest", "_pytest.assertion.rewrite", "numpy", "scipy.special", "scipy.linalg", "scipy.signal"),
+    *("sympy", "sympy.printing.pycode", "scipy.optimize", "scipy.integrate", "scipy.stats", "mpmath"),
     *("numba", "pyarrow.ipc", "pydantic", "typer", "rich", "can", "serial", "msgpack", "cobs.cobs", "crc32c"),
 )
 _UNUSED = ("cacheprovider", "schemathesis", "xdist", "xdist.looponfail", "pytest_cov", "anyio")  # plugins of pytest

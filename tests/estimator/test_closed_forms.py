@@ -109,6 +109,17 @@ def test_a_lead_is_the_difference_of_the_likelihoods_whatever_is_predicted() -> 
     assert np.sum(fitting.leads(one, two)) == pytest.approx(expected[0] - expected[1])
 
 
+def test_a_deficit_is_that_behind_the_first_part_where_it_is_less_there() -> None:
+    """Of 32 parts with an innovation of 1: those of 2 lose 3 a number."""
+    one, two = np.ones((640, 2)), np.ones((640, 2))
+    two[:20] = 2.0
+    assert fitting.deficit(of(one, 1.0), of(two, 1.0)) == 0.0
+    two[20:40] = 2.0
+    assert fitting.deficit(of(one, 1.0), of(two, 1.0)) == pytest.approx(20 * 2 * 3.0)
+    assert fitting.deficit(of(one, 1.0), of(two, 1.0), 2) == 0.0
+    assert fitting.deficit(of(two, 1.0), of(one, 1.0)) == pytest.approx(-2 * 20 * 2 * 3.0)
+
+
 def test_an_observer_one_of_whose_states_diverged_foresees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     diverged = SimpleNamespace(observer=SimpleNamespace(x=np.array([1.0, np.nan])))
     monkeypatch.setattr(fitting, "fit", lambda part: diverged)

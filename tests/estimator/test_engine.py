@@ -521,3 +521,11 @@ def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:
     assert found == {"over": Trial(("over", 1.0), Score(1.0, 2.0, 3.0, 4.0))}
     assert set(_near(family, "less", "look", step, {"carried"}, replace(rules, signs=False))) == {"over", "wrong"}
     assert _near(family, "less", "look", step, (), replace(rules, near=None)) == {}
+
+
+def test_a_coefficient_may_have_either_sign_and_is_a_size_unless_it_is_said_otherwise() -> None:
+    assert Estimate(1.0, 0.0, 2.0) == Estimate(1.0, 0.0, 2.0, positive=False, shape=False)
+
+
+def test_signs_count_and_nobody_is_tried_anew_or_asked_again_unless_the_rules_say_so() -> None:
+    assert Rules(3, Dissent.ENDS) == Rules(3, Dissent.ENDS, signs=True, anew=False, near=None)

@@ -241,6 +241,7 @@ def test_a_contest_is_over_the_rows_that_the_model_as_it_was_has_and_as_wide_as_
 def test_what_is_ahead_and_what_is_left_is_told_beside_the_effects() -> None:
     found = Contest(named=7.0, nameless=4.0, both=9.0, samples=9)
     assert (found.lead, found.left) == (5.0, 2.0)
+    assert found.dispersions == (1.0, 1.0)  # as sure as white innovations, unless it is said otherwise
 
 
 def test_a_lead_is_bound_by_odds_of_twenty_or_more_where_it_is_less_sure() -> None:

@@ -370,3 +370,7 @@ def test_what_only_the_beginning_shows_has_nothing_for_or_against_it_in_the_part
     part: dict, *, shows: bool
 ) -> None:
     assert promises.shows_at_first(replace(CALM, **part)) is shows
+
+
+def test_a_constant_may_have_either_sign_unless_it_is_said_otherwise() -> None:
+    assert not Constant("kxy", -5.0, -6.0, -4.0, declared=-5.0, deviation=1.0).positive

@@ -12,7 +12,7 @@ from estimator.settings import ObserverSettings
 from estimator.trace import observer_model, same_number
 from estimator.trace.problem import Problem
 from estimator.trace.same_number import agree, effects_of, in_step, same_numbers, surer
-from estimator.trace.searched import Searched
+from estimator.trace.searched import NOTHING, Searched
 from tests.estimator.device import NOMINAL as DEVICE
 
 NAME = "sense_high_pass"
@@ -194,3 +194,7 @@ def test_two_that_are_known_as_well_are_the_filters() -> None:
 def test_four_deviations_apart_still_agree(hpx: float, agreed: bool) -> None:
     """Deviations of 0.3 and 0.4 make 0.5."""
     assert agree(PROBLEM, model(hpx, 2.0), NAME, searched(0.4, 0.4)) is agreed
+
+
+def test_of_an_effect_without_parameters_nothing_was_searched_for() -> None:
+    assert (NOTHING.names, NOTHING.covariance.shape, NOTHING.moves.shape) == ((), (0, 0), (0, 0))
