@@ -119,7 +119,7 @@ _RATE_SENSOR = (
 )
 
 _WIRE = {
-    "generate.c_header": "firmware/test_spec wire/test_golden",
+    "generate.c_header": "firmware/test_spec wire/test_golden wire/test_generators",
     "can_adapter": "wire/test_adapter wire/test_datagram_links wire/test_wire_log",
     "can_format": "wire/test_can_format wire/test_datagram_links",
     "can_link": "wire/test_can_kernel wire/test_datagram_links",
@@ -127,13 +127,13 @@ _WIRE = {
     "client": "wire/test_waiting wire/test_endpoint wire/test_small_promises wire/test_light",
     "codec": "wire/test_codec wire/test_golden wire/test_stream",
     "datagram_link": "wire/test_datagrams wire/test_datagram_links",
-    "generate.dbc": "firmware/test_dbc wire/test_spec",
-    "generate.docs": "wire/test_docs",
+    "generate.dbc": "firmware/test_dbc wire/test_spec wire/test_generators",
+    "generate.docs": "wire/test_docs wire/test_generators",
     "endpoint": "wire/test_endpoint wire/test_keeping",
     "fd_link": "wire/test_ports wire/test_small_promises wire/test_links",
     "frame_format": "wire/test_can_format wire/test_framing wire/test_golden",
     "framing": "wire/test_framing wire/test_golden wire/test_corpus",
-    "generate.golden": "wire/test_golden",
+    "generate.golden": "wire/test_golden wire/test_generators",
     "inproc": "wire/test_endpoint wire/test_links wire/test_light",
     "generate.keyed_page": "wire/test_keyed wire/test_docs",
     "link": "wire/test_ports wire/test_endpoint",

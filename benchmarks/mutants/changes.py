@@ -117,8 +117,8 @@ def _edits(tree: ast.Module, compiled: bool) -> Iterator[tuple[ast.stmt | ast.ex
                         yield node, lambda node=node, value=value: setattr(node, "value", type(node.value)(value))
             case ast.FunctionDef():
                 first = next((item for item in node.body if not _is_words(item)), None)
-                if first is not None and not isinstance(first, ast.Pass) and not _is_stub(first):
-                    early = ast.parse(f"return {_neutral(node.returns)}").body[0]
+                early = ast.parse(f"return {_neutral(node.returns)}").body[0]
+                if first is not None and not _does_nothing(first, early):
                     shown = ast.Expr(ast.Constant(f"def {node.name}"), lineno=node.lineno)
                     yield shown, lambda node=node, early=early, shown=shown: _return_early(node, early, shown)
             case ast.Expr(value=ast.Call()):
@@ -129,9 +129,9 @@ def _is_compiled(function: ast.FunctionDef) -> bool:
     return any(name in ast.unparse(mark) for mark in function.decorator_list for name in _COMPILED)
 
 
-def _is_stub(statement: ast.stmt) -> bool:
-    """Whether it is the `...` of a protocol, which nothing runs."""
-    return ast.unparse(statement) == "..."
+def _does_nothing(first: ast.stmt, early: ast.stmt) -> bool:
+    """Whether it is the `...` of a protocol, which nothing runs, or returns at once what `early` does."""
+    return ast.unparse(first) in ("...", "pass", "return", ast.unparse(early))
 
 
 def _return_early(node: ast.FunctionDef, early: ast.stmt, shown: ast.Expr) -> None:

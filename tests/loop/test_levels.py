@@ -142,8 +142,12 @@ def test_they_are_judged_by_the_rows_of_acquisition_or_a_cycle() -> None:
     assert rows(1000.0) <= 20_000  # a bound in time and memory
     cycle = 400.0 / declared().device.resonance_Hz
     assert cycle <= rows(0.0) < 10 * cycle
-    slow = declared().device.model_copy(update={"stiffness_N_per_m": (0.6, 0.6, 0.0), "sample_rate_Hz": 400.0})
-    assert rows_of(slow) == math.ceil(400.0 / slow.resonance_Hz)
+    device = declared().device
+    for resonance_Hz in (0.5, 2.5):
+        stiffness = device.mass_kg * (2.0 * math.pi * resonance_Hz) ** 2
+        slow = device.model_copy(update={"stiffness_N_per_m": (stiffness, stiffness, 0.0), "sample_rate_Hz": 400.0})
+        assert slow.resonance_Hz == pytest.approx(resonance_Hz)
+        assert rows_of(slow) == math.ceil(400.0 / slow.resonance_Hz)
     assert rows_of(slow.model_copy(update={"stiffness_N_per_m": (0.0, 0.0, 0.0)})) == 50  # no spring, no cycle
 
 
