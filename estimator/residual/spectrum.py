@@ -80,7 +80,8 @@ def periodogram(series: Array, sample_rate: float, resonance: float) -> Periodog
     n = len(series)
     valid = np.isfinite(series)
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n) + 0.5) / n)
-    centred = np.where(valid, series - np.nanmean(series, axis=0), 0.0)
+    there = np.maximum(np.sum(valid, axis=0), 1)  # a channel may have none: its observer diverged at once
+    centred = np.where(valid, series - np.sum(series, axis=0, where=valid) / there, 0.0)
     transform = np.fft.rfft(centred * window[:, None], axis=0)
     scale = 2.0 / (sample_rate * np.sum(window[:, None] ** 2 * valid, axis=0))
     rows = slice(1, (n + 1) // 2)

@@ -55,8 +55,9 @@ class Scan:
 
     @property
     def ratio(self) -> float:
-        """Innovation over what was predicted of it, rms."""
-        return float(np.sqrt(np.nanmean((self.innovation / self.deviation) ** 2)))
+        """Innovation over what was predicted of it, rms; no number where the observer never had one."""
+        normalised = (self.innovation / self.deviation) ** 2
+        return float(np.sqrt(np.nanmean(normalised))) if not np.isnan(normalised).all() else np.nan
 
 
 def scan(

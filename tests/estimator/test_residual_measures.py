@@ -619,3 +619,14 @@ def test_a_limiting_distribution_is_corrected_for_the_count() -> None:
     root = math.sqrt(count)
     assert limiting.p == pytest.approx(stats.kstwobign.sf((root + 0.12 + 0.11 / root) * limiting.statistic))
     assert limiting.p == pytest.approx(exact.p, rel=0.02)
+
+
+def test_a_channel_without_a_single_sample_leaves_the_other_as_it_is() -> None:
+    """An observer that diverges at its first sample foresees nothing; nobody is warned by NumPy of that."""
+    series = np.random.default_rng(3).standard_normal((4096, 2))
+    series[100:140, 0] = np.nan
+    alone = periodogram(series[:, :1], 4000.0, 200.0)
+    series[:, 1] = np.nan
+    with np.errstate(all="ignore"):
+        beside = periodogram(series, 4000.0, 200.0)
+    np.testing.assert_allclose(beside.density[:, 0], alone.density[:, 0], rtol=1e-6)

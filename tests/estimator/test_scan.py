@@ -103,3 +103,12 @@ def test_a_low_pass_far_above_looks_like_a_delay_and_nothing_like_a_cubic() -> N
     alike = likeness(seen, "sense_delay", np.array([1e-6, 2e-6]))
     assert alike["sense_low_pass"] > 0.9999
     assert alike["cubic_stiffness"] < 0.9
+
+
+def test_the_ratio_of_an_observer_that_never_foresaw_anything_is_no_number() -> None:
+    """As of one that diverges at once; a single loud sample counts, a lost one does not."""
+    some = scan(Problem(record().part(slice(0, 200)), DEVICE, SETTINGS), {"sense_gain": {}})
+    lost = np.full_like(some.innovation, np.nan)
+    assert np.isnan(replace(some, innovation=lost).ratio)
+    lost[7, 0] = 3.0 * some.deviation[7, 0]
+    assert replace(some, innovation=lost).ratio == pytest.approx(3.0)
