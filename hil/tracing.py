@@ -1,7 +1,7 @@
 """From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
-from hil.also import effects_asked
+from hil.also import effects_asked, not_tried
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
@@ -120,6 +120,9 @@ def trace(
         found = interruptible(lambda: search(problem, split=split, progress=told))
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
+    if found.verdict.is_open:
+        tried = {one.name for one in found.effects} | {one.name for one in found.rejected}
+        found = replace(found, reasons=(*found.reasons, *not_tried(device, tried)))
     unnamed: MissingForce | None = None
     about: WrittenForce | None = None
     if force or (force is None and report and found.verdict.is_open):
