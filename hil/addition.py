@@ -76,12 +76,13 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
     """Write the bench file `source` with the form of the missing force to `target`, a [effects.custom] for each term.
 
     record: on which it was found.  Gives the names that were written, and the terms that were not, as that grammar has
-    no memory; where nothing can be written, `target` is not.  InputError as of `write_custom`.
+    no memory; a term of which each coefficient may as well be zero is left out.  Where nothing can be written, `target`
+    is not.  InputError as of `write_custom`.
     """
     text = source.read_text(encoding="utf-8")
     written: list[str] = []
     for term in missing.form:
-        if not term.laws:
+        if not term.laws or all(_may_be_zero(one) for one in term.coefficients.values()):
             continue
         symbols = {label: f"c_{label.replace(' ', '_')}" for label in term.coefficients}
         along = [
@@ -109,6 +110,11 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
         parse_table(expected, Bench, str(target))
         write_text(target, text)
     return written, [term.form for term in missing.form if not term.laws]
+
+
+def _may_be_zero(one: Coefficient) -> bool:
+    low, high = one.ci95
+    return (low is None or low <= 0.0) and (high is None or high >= 0.0)
 
 
 def write_custom(

@@ -163,7 +163,9 @@ def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
         named = ", ".join(f"[effects.custom.{name}]" for name in written)
         say(f"{target}: written; no effect accounts for what is missing, so that it declares its form: {named}{memory}")
     else:
-        say(f"{target}: not written; there is nothing to add{memory}")
+        zero = missing is not None and missing.form and not unwritten
+        doubtful = ": each term of the form may as well be zero" if zero else ""
+        say(f"{target}: not written; there is nothing to add{doubtful}{memory}")
     return bool(written)
 
 

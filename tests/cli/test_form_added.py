@@ -57,6 +57,21 @@ def test_each_term_becomes_an_effect_of_its_own(tmp_path: Path) -> None:
     assert "a form, no cause; traced in runs/first" in target.read_text(encoding="utf-8")
 
 
+def test_a_term_that_may_as_well_be_nothing_is_not_written(tmp_path: Path) -> None:
+    """The next run would carry noise."""
+    target, bench = tmp_path / "form.bench.toml", find("bench", "s-slow")
+    doubtful = {
+        "x": {"value": 87.0, "ci95": [-913.0, 1087.0], "unit": "1/(m²·s²)"},
+        "y": {"value": None, "ci95": [None, None], "unit": "1/(m²·s²)"},
+    }
+    assert add_form(bench, target, missing(CUBIC | {"coefficients": doubtful}), "r") == ([], [])
+    assert not target.exists()
+    one_sure = doubtful | {"y": {"value": -2.0, "ci95": [-3.0, -1.0], "unit": "1/(m²·s²)"}}
+    mixed = missing(CUBIC | {"coefficients": doubtful}, CUBIC | {"coefficients": one_sure})
+    assert add_form(bench, target, mixed, "r")[0] == ["form_1"]
+    assert load_bench(target).effects.custom["form_1"].force_y == "c_y*(y**3)"
+
+
 def test_friction_turns_over_at_the_speed_of_the_form(tmp_path: Path) -> None:
     target = tmp_path / "form.bench.toml"
     assert add_form(find("bench", "s-slow"), target, missing(FRICTION, CUBIC), "runs/first")[0] == ["form_1", "form_2"]
