@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from estimator.effects.declaration import Source
 from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.angle_error import correct_angle, note_gradient, recall_angle, refer_angle
-from estimator.kernel.controller import advance_queue, command, control_law, dither_force, holds, undo_effects
+from estimator.kernel.controller import acting, advance_queue, command, control_law, dither_force, holds, undo_effects
 from estimator.kernel.layout import MAX_SIGNALS, OUTPUT, PHI_X, RATE
 from estimator.kernel.observer import workspace
 from estimator.kernel.pattern import pattern
@@ -445,3 +445,19 @@ def test_only_a_direction_turns_over_with_the_motion() -> None:
     expected[[1, 2]] = y, x
     expected[[MAX_SIGNALS + 1, MAX_SIGNALS + 2]] = (1.0 - y * y) / 0.1, (1.0 - x * x) / 0.2
     np.testing.assert_allclose(values, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_a_virtual_rotation_turns_round_where_its_drive_acts(latency: int) -> None:
+    """The drive computed from a sample acts `latency` samples on: its rotation is that of then, docs/decisions/
+    virtual-rotation-reversed.md: forward for half a period about zero, then back.
+    """
+    made = observer(virtual_rotation=0.02)
+    settings, memory = made.arrays.settings[0], made.arrays.memory[0]
+    settings["latency"], settings["reversal"] = latency, 40.0 * settings["h"]
+    asked = []
+    for sample in range(100):
+        memory["time"] = sample * settings["h"]
+        asked.append(acting(settings, memory) / float(settings["virtual_rate"]))
+    expected = [-1.0 if math.floor((sample + latency + 0.5) / 40.0 + 0.5) % 2 else 1.0 for sample in range(100)]
+    assert asked == pytest.approx(expected)

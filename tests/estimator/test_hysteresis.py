@@ -117,3 +117,18 @@ def test_what_it_is_not_known_of_is_refused():
     many = {f"hysteretic_stiffness:{number}": {} for number in range(5)}
     with pytest.raises(ModelError, match="more than 4 springs that slip"):
         Observer(DEVICE, ObserverSettings(effects=many))
+
+
+@pytest.mark.parametrize(
+    ("z", "way", "after"),
+    [(-0.3, -0.5, -0.8), (0.0, -0.5, -0.5), (-0.8, 0.5, -0.3), (-0.5, 0.5, 0.0)],
+)
+def test_against_the_motion_a_slip_moves_as_the_mass_does(z: float, way: float, after: float) -> None:
+    assert slid(z, way, 1.0) == pytest.approx((after, 1.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(("z", "way"), [(0.2, 0.4), (0.6, -0.1), (-0.2, 0.7)])
+def test_along_the_motion_a_slip_is_that_of_its_equation(z: float, way: float) -> None:
+    """dz/dway = 1 − z/reach where z is along the motion, 1 where it is against it."""
+    whole = solve_ivp(lambda _, at: 1.0 - np.maximum(at, 0.0) / 0.9, (0.0, way), [z], rtol=1e-10, atol=1e-12)
+    assert slid(z, way, 0.9)[0] == pytest.approx(whole.y[0, -1], rel=1e-6)

@@ -156,3 +156,9 @@ def test_a_row_of_either_width_is_read_in_one_step_and_junk_is_not(width: int) -
     assert decoder.row(SERIAL.encode(type_of(Safe), 9, 5, bytes(1))[0], 9) is None
     assert decoder.row(b"\0junk\0", 9) is None
     assert decoder.drive(b"\0junk\0", 9) is None
+
+
+def test_a_refusal_is_told_in_its_own_words() -> None:
+    refusal = client.Refused("the board refused ARM: not ready", 3)
+    assert str(refusal) == "the board refused ARM: not ready"
+    assert refusal.reason == 3
