@@ -321,7 +321,7 @@ def test_what_is_no_group_and_port(place: str) -> None:
         (errno.ENODEV, "no network interface has the address 127.0.0.1; see `ip address`"),
         (errno.ENETUNREACH, "no network interface has the address 127.0.0.1; see `ip address`"),
         (errno.EADDRNOTAVAIL, "no network interface has the address 127.0.0.1; see `ip address`"),
-        (errno.EADDRINUSE, f"another program has port {GROUP[1]}; end it, or take another port"),
+        (errno.EADDRINUSE, "another program has port {port}; end it, or take another port"),
         (errno.EPERM, "Operation not permitted"),
     ],
 )
@@ -341,7 +341,7 @@ def test_what_a_socket_is_refused_for(monkeypatch: pytest.MonkeyPatch, number: i
     for _ in range(2):
         with pytest.raises(LinkError) as told:
             open_udp(PLACE, None, None, BOARD)
-        assert str(told.value) == f"udp:{PLACE}: {words}"
+        assert str(told.value) == f"udp:{PLACE}: {words.format(port=GROUP[1])}"
     assert all(one.fileno() == -1 for one in bound)
 
 
