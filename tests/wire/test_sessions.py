@@ -6,9 +6,11 @@ The datagrams are what docs/wire.md (Keyed datagrams) says; a tag is made here b
 import hashlib
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
+from hil.wire import keyed
 from hil.wire.keyed import Incoming, KeyedBoard, KeyedHost, Outgoing
 from hil.wire.messages import Arm, Hello, Message
 from hil.wire.session import LEFT, PEER_S, Heard, Peer, PlainBoard, PlainHost, is_hello
@@ -308,3 +310,12 @@ def test_a_board_is_taken_until_its_host_leaves_or_is_silent_for_a_second(monkey
     peer.leave()
     assert not peer.taken(host)
     assert peer.address is None
+
+
+def test_the_first_byte_of_each_keyed_datagram_is_that_of_the_page() -> None:
+    """docs/wire.md, the table of datagrams: a board in another language has it from there, and not from here."""
+    page = (Path(__file__).parents[2] / "docs" / "wire.md").read_text(encoding="utf-8")
+    known = {"CALL": keyed.CALL, "CHALLENGE": keyed.CHALLENGE, "OPEN": keyed.OPEN, "FRAME": keyed.FRAME}
+    for name, byte in known.items():
+        row = next(line for line in page.splitlines() if line.startswith(f"| {name} |") and "`c" in line)
+        assert int(row.split("`")[1][:2], 16) == byte
