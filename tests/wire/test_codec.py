@@ -1,13 +1,15 @@
 """Messages: packed and back, and everything that does not fit refused."""
 
+import runpy
 import struct
+import sys
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.wire import messages
+from hil.wire import messages, spec
 from hil.wire.codec import KNOWN_TYPES, check_against, field_value, pack, type_of, unpack
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveForce, DriveGains, FieldValue, RegisterValue, Safe, Status, version_of
@@ -143,6 +145,13 @@ def test_names_and_spec_cannot_drift_apart(old, new, words):
     assert TEXT.count(old) == 1
     with pytest.raises(TypeError, match=words):
         check_against(parse_spec(TEXT.replace(old, new)))
+
+
+def test_the_module_is_not_loaded_beside_a_spec_of_other_names(monkeypatch):
+    monkeypatch.setattr(spec, "SPEC", parse_spec(TEXT.replace("[messages.ARM]", "[messages.LEG]")))
+    monkeypatch.delitem(sys.modules, "hil.wire.codec")
+    with pytest.raises(TypeError, match=r"messages differ from spec.toml: \['ARM', 'LEG'\]"):
+        runpy.run_module("hil.wire.codec", run_name="again")
 
 
 @pytest.mark.parametrize(
