@@ -155,12 +155,12 @@ def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path
     parts, answers = result["parts"], result["answers"]
     assert code == (0 if result["verdict"] == "good" else 1), err
     assert out.index("[effects.cubic_stiffness]") < out.index("the loop without it and with it") < out.index("verdict ")
-    before, after = (
-        float(number) for number in re.findall(r"([\d.e-]+) rad(?: |$)", line_with(out, "angle error, rms"))
-    )
+    before, after = angles_rad(line_with(out, "angle error, rms"))
     # A loop that is open for a part of the time has errors of its own beside those of the model: nothing is claimed.
     (first,) = (tmp_path / "runs").glob("*-busy-before")
     earlier = json.loads((first / "result.json").read_text(encoding="utf-8"))
+    told = (earlier["angle_error_rms_rad"], result["angle_error_rms_rad"])
+    assert (before, after) == pytest.approx(told, rel=1e-2)
     slow = "failed" in (parts["machine"]["outcome"], earlier["parts"]["machine"]["outcome"])
     assert slow == ("do not\ncompare the models" in out)
     share = min(of["in_time"] / of["ticks"] for of in (answers, earlier["answers"]))
@@ -180,6 +180,12 @@ def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path
         assert "this machine was too busy" in parts["machine"]["reason"]
         assert line_with(out, "verdict ").startswith(f"verdict  {result['verdict']}")
         assert out.splitlines()[-1] == f"next     {result['next']}"
+
+
+def angles_rad(line: str) -> list[float]:
+    """Every angle that a line tells with a prefix, as "210 µrad"."""
+    sizes = {"": 1.0, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
+    return [float(number) * sizes[prefix] for number, prefix in re.findall(r"([\d.]+)\s([mµn]?)rad(?!/)", line)]
 
 
 def line_with(text: str, start: str) -> str:
