@@ -249,7 +249,7 @@ def reconsidered(
             current, steps = less, others
             rounds = [*rounds[:at], _untaken(rounds[at], lost), *rounds[at + 1 :]]
             continue
-        trials = _near(model, less, rounds[at].look, step, {one.name for one in steps}, rules)
+        trials = _near(model, less, rounds[at].look, step, Trial(current, kept), {one.name for one in steps}, rules)
         if not trials:
             continue
         best = leader(trials)
@@ -263,14 +263,22 @@ def reconsidered(
 
 
 def _near(
-    model: Reducible[Fit, Look], less: Fit, look: Look, step: Step[Fit], known: Collection[str], rules: Rules
+    model: Reducible[Fit, Look],
+    less: Fit,
+    look: Look,
+    step: Step[Fit],
+    holder: Trial[Fit],
+    known: Collection[str],
+    rules: Rules,
 ) -> dict[str, Trial[Fit]]:
-    """Beside `less`, those that came near a step when it was taken, as far as there is a model of the right signs."""
+    """Beside `less`, those that came near a step when it was taken, as far as there is a model of the right signs;
+    holder: the step beside `less`, whose place it is.
+    """
     enough = math.inf if rules.near is None else rules.near * step.trial.score.gain
     names = [name for name, one in step.beside.items() if one.score.gain > enough and name not in known]
     fits = {
         name: found
-        for name, found in (model.fit(less, look, names, {}) if names else {}).items()
+        for name, found in (model.fit(less, look, names, {step.name: holder}) if names else {}).items()
         if not isinstance(found, str) and not (rules.signs and unphysical(model.coefficients(found)))
     }
     scores = model.score(less, look, fits) if fits else {}

@@ -15,7 +15,7 @@ from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
+from estimator.trace.fitting import Fitted, coefficients_of, fit, parameters_of, widening
 from estimator.trace.nested import turned_into
 from estimator.trace.problem import Problem
 from estimator.trace.same_number import agree, in_step, same_numbers
@@ -36,7 +36,8 @@ def refine_parameters(
     they are known.
 
     before: how surely they were found earlier, with less of the record or fewer effects; to_beat: twice the
-    log-likelihood that another model has: one that comes nowhere near it is left as it is.
+    log-likelihood that another model has: one that comes nowhere near it is left as it is, and so is one that the
+    search only made worse.
     """
     _, effect = effect_for(name, problem.device.axes, problem.device.own)
     given = model.settings.effects[name]
@@ -45,8 +46,14 @@ def refine_parameters(
         return _one_number(problem, model, name, before, to_beat)
     beginning = _beginning(problem, given)
     if before is None and beginning is not None:
-        return _refined_in_two(problem, beginning, model, name, names, to_beat)
-    return _refined(problem, model, name, names, before, to_beat)
+        found, searched = _refined_in_two(problem, beginning, model, name, names, to_beat)
+    else:
+        found, searched = _refined(problem, model, name, names, before, to_beat)
+    # Where much is left, a pass from a wide spread may come nowhere near what the passes before the search came to.
+    worse = found.likelihood < model.likelihood - _SET.rough_start
+    if worse and turned_into(problem, name, parameters_of(found, name)) is None:
+        return model, _unknown(name, names, problem)
+    return found, searched
 
 
 def _one_number(
@@ -65,7 +72,7 @@ def _one_number(
         found, searched = _refined(problem, found, name, tuple(same_numbers(effect)), searched, to_beat)
         if found.likelihood > stepped.likelihood and agree(problem, found, name, searched):
             return found, searched
-        if _stand(found.settings.effects[name], begun, searched):  # another sweep would come to the same
+        if searched.at_top or _stand(found.settings.effects[name], begun, searched):  # another would come to the same
             break
     return stepped, NOTHING
 
@@ -146,11 +153,11 @@ def _refined(
         top, deviation[i] = hill.climb(top, i, float(width[i]), hopeless)
         if hopeless() or hill.turned(top):
             return hill.fitted(top), Searched(names, np.diag(deviation**2) / hill.variance, nothing)
-    covariance = np.diag(deviation**2)
+    covariance, at_top = np.diag(deviation**2), False
     if len(names) > 1 and np.all(deviation > 0.0):
-        top, covariance = hill.together(top, deviation)
+        top, covariance, at_top = hill.together(top, deviation)
     moved = hill.moves(top, deviation) if moves else nothing
-    return hill.fitted(top), Searched(names, covariance / hill.variance, moved)
+    return hill.fitted(top), Searched(names, covariance / hill.variance, moved, at_top)
 
 
 class Hill:
@@ -293,13 +300,13 @@ class Hill:
         here, there, *_ = self.at_each(places)
         return first if np.isfinite(there) and there > here + _SET.seen * self.variance else 0.0
 
-    def together(self, place: Array, deviation: Array) -> tuple[Array, Array]:
-        """All parameters at once, by Newton's method with differences over their deviations; place and covariance, the
-        `variance` counted in.
+    def together(self, place: Array, deviation: Array) -> tuple[Array, Array, bool]:
+        """All parameters at once, by Newton's method with differences over their deviations; place, covariance, the
+        `variance` counted in, and whether that is the top.
         """
         n = len(place)
         steps = np.diag(deviation)
-        covariance = steps**2
+        covariance, at_top = steps**2, False
         for _ in range(_SET.together):
             pairs = [(i, j) for i in range(n) for j in range(i)]
             both = [steps[i] + steps[j] for i, j in pairs]
@@ -319,9 +326,10 @@ class Hill:
                 shift = shift / 2.0
             gained = self.at(place + shift) - here
             if gained <= _SET.seen * self.variance:
+                at_top = bool(gained >= -_SET.seen * self.variance)
                 break
             place = place + shift
-        return place, covariance
+        return place, covariance, at_top
 
     def moves(self, place: Array, deviation: Array) -> Array:
         """By how much one unit of each of the n parameters moves each of the k coefficients (k, n)."""

@@ -10,12 +10,14 @@ from estimator.scaling import Array
 @dataclass(frozen=True)
 class Searched:
     """How surely n parameters were found: their covariance (n, n), as where the innovations are what the observer takes
-    them to be, and what one unit of each moves each of the k coefficients of the effect by (k, n), SI.
+    them to be, and what one unit of each moves each of the k coefficients of the effect by (k, n), SI; at_top: whether
+    all of them together came to the top, so that another search would end where this one did.
     """
 
     names: tuple[str, ...]
     covariance: Array
     moves: Array
+    at_top: bool = False
 
     def deviation(self, name: str) -> float:
         """Standard deviation of a parameter."""

@@ -291,7 +291,7 @@ def hill(moved: Any = None) -> Hill:
 
 
 def test_all_parameters_at_once_go_to_the_top_of_a_parabola_with_its_covariance() -> None:
-    place, covariance = hill().together(np.array([1.7, 5.5]), np.array([0.2, 0.3]))
+    place, covariance, _ = hill().together(np.array([1.7, 5.5]), np.array([0.2, 0.3]))
     np.testing.assert_allclose(place, TOP, rtol=1e-9)
     np.testing.assert_allclose(covariance, COVARIANCE, rtol=1e-9)
 

@@ -502,7 +502,7 @@ def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:
 
     class Family:
         def fit(self, less: str, look: str, names: list[str], tried: object) -> dict[str, str | tuple[str, float]]:
-            assert (less, look, tried) == ("less", "look", {})
+            assert (less, look, tried) == ("less", "look", {"taken": holder})
             return {name: "no model" if name == "impossible" else (name, 1.0) for name in names}
 
         def coefficients(self, fit: tuple[str, float]) -> dict[str, dict[str, Estimate]]:
@@ -516,11 +516,13 @@ def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:
     beside = {name: Trial(name, Score(0.0, gain, 0.0, 0.0)) for name, gain in gains.items()}
     step: Any = Step("taken", Trial("fit", Score(0.0, 100.0, 0.0, 0.0)), "before", beside)
     family: Any = Family()
+    holder: Any = Trial("fit", Score(0.0, 70.0, 0.0, 0.0))
     rules = Rules(3, Dissent.ENDS, near=0.9)
-    found = _near(family, "less", "look", step, {"carried"}, rules)
+    found = _near(family, "less", "look", step, holder, {"carried"}, rules)
     assert found == {"over": Trial(("over", 1.0), Score(1.0, 2.0, 3.0, 4.0))}
-    assert set(_near(family, "less", "look", step, {"carried"}, replace(rules, signs=False))) == {"over", "wrong"}
-    assert _near(family, "less", "look", step, (), replace(rules, near=None)) == {}
+    unsigned = replace(rules, signs=False)
+    assert set(_near(family, "less", "look", step, holder, {"carried"}, unsigned)) == {"over", "wrong"}
+    assert _near(family, "less", "look", step, holder, (), replace(rules, near=None)) == {}
 
 
 def test_a_coefficient_may_have_either_sign_and_is_a_size_unless_it_is_said_otherwise() -> None:

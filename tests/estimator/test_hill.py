@@ -130,7 +130,7 @@ def test_where_much_is_left_a_climb_is_as_short_and_a_top_as_wide_as_that_makes_
 def test_several_together_are_as_unsure_as_what_is_left_makes_them() -> None:
     counted = Counted(quadratic(np.array([2.0, 5.0, 1.0]), C))
     counted.hill.variance = 16.0
-    place, covariance = counted.hill.together(np.array([1.7, 5.5, 1.05]), np.array([0.2, 0.3, 0.1]))
+    place, covariance, _ = counted.hill.together(np.array([1.7, 5.5, 1.05]), np.array([0.2, 0.3, 0.1]))
     np.testing.assert_allclose(covariance, 16.0 * C, atol=1e-11)
     np.testing.assert_allclose(place, [2.0, 5.0, 1.0], rtol=1e-9)
 
@@ -212,7 +212,8 @@ C = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, -0.02], [0.0, -0.02, 0.01]])
 def test_three_together_go_to_the_top_in_one_step_and_see_that_it_is_one() -> None:
     top = np.array([2.0, 5.0, 1.0])
     counted = Counted(quadratic(top, C))
-    place, covariance = counted.hill.together(np.array([1.7, 5.5, 1.05]), np.array([0.2, 0.3, 0.1]))
+    place, covariance, at_top = counted.hill.together(np.array([1.7, 5.5, 1.05]), np.array([0.2, 0.3, 0.1]))
+    assert at_top
     np.testing.assert_allclose(place, top, rtol=1e-9)
     np.testing.assert_allclose(covariance, C, atol=1e-12)
     assert len(counted.models) <= 21  # twice the ten of a quadratic in three numbers, and one that gains nothing
@@ -220,7 +221,8 @@ def test_three_together_go_to_the_top_in_one_step_and_see_that_it_is_one() -> No
 
 def test_from_a_saddle_none_is_moved_and_each_stays_as_sure_as_it_was() -> None:
     counted = Counted(lambda place: float(place[0] ** 2 - place[1] ** 2))
-    place, covariance = counted.hill.together(np.array([3.0, 4.0]), np.array([0.2, 0.3]))
+    place, covariance, at_top = counted.hill.together(np.array([3.0, 4.0]), np.array([0.2, 0.3]))
+    assert not at_top
     np.testing.assert_array_equal(place, [3.0, 4.0])
     np.testing.assert_allclose(covariance, np.diag([0.04, 0.09]))
     lost = Counted(lambda place: np.nan)
@@ -229,7 +231,7 @@ def test_from_a_saddle_none_is_moved_and_each_stays_as_sure_as_it_was() -> None:
 
 def test_no_step_makes_a_parameter_negative() -> None:
     counted = Counted(quadratic(np.array([-3.0, 4.0]), np.diag([1.0, 1.0])))
-    place, _ = counted.hill.together(np.array([1.0, 4.0]), np.array([0.1, 0.1]))
+    place, _, _ = counted.hill.together(np.array([1.0, 4.0]), np.array([0.1, 0.1]))
     assert np.all(np.array(counted.models) > -0.1 * (1.0 + 1e-9))  # but for the differences
     assert 0.0 < place[0] < 0.1
 
@@ -237,8 +239,9 @@ def test_no_step_makes_a_parameter_negative() -> None:
 def test_a_step_that_gains_nothing_is_not_taken() -> None:
     """A parabola at its foot, and no more than that: the likelihood falls where its top should be."""
     counted = Counted(lambda place: -float(np.sum((place - 1.0) ** 2)) if place[0] > 1.9 else -99.0)
-    place, _ = counted.hill.together(np.array([2.0, 2.0]), np.array([0.05, 0.05]))
+    place, _, at_top = counted.hill.together(np.array([2.0, 2.0]), np.array([0.05, 0.05]))
     np.testing.assert_array_equal(place, [2.0, 2.0])
+    assert not at_top
 
 
 # -- the hill itself --------------------------------------------------------------------------------------------------
@@ -366,6 +369,7 @@ class Climbs:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.asked: list[tuple[tuple[float, ...], int, float]] = []
         self.deviations, self.is_turned, self.highest, self.variance = [0.5, 0.25], False, -np.inf, 1.0
+        self.at_top = True
         monkeypatch.setattr(parameters, "Hill", self)
 
     def __call__(self, problem: Problem, model: Any, name: str, names: tuple[str, ...]) -> "Climbs":
@@ -383,15 +387,22 @@ class Climbs:
     def turned(self, place: Array) -> bool:
         return self.is_turned
 
-    def together(self, place: Array, deviation: Array) -> tuple[Array, Array]:
+    def together(self, place: Array, deviation: Array) -> tuple[Array, Array, bool]:
         assert deviation.tolist() == self.deviations
-        return place * 10.0, np.array([[9.0, 1.0], [1.0, 4.0]])
+        return place * 10.0, np.array([[9.0, 1.0], [1.0, 4.0]]), self.at_top
 
     def moves(self, place: Array, deviation: Array) -> Array:
         return np.full((12, len(place)), 7.0)
 
     def fitted(self, place: Array) -> Any:
-        return tuple(place.tolist())
+        return Place(place.tolist())
+
+
+class Place(tuple[float, ...]):
+    """Where a climb ended, as good a model as any."""
+
+    __slots__ = ()
+    likelihood = np.inf
 
 
 MODE, LINE = {"omega": 600.0, "zeta": 0.01}, {"omega": 600.0}
@@ -467,6 +478,46 @@ def test_a_climb_that_turns_into_a_simpler_effect_ends_there(monkeypatch: pytest
     climbs.is_turned = True
     found, _ = refine_parameters(PROBLEM, carrying("parasitic_mode", MODE), "parasitic_mode")
     assert (len(climbs.asked), found) == (1, (601.0, 1.01))
+
+
+@pytest.mark.parametrize(("reached", "kept"), [(-100.1, True), (-99.9, False)])
+def test_what_a_search_made_worse_by_more_than_a_start_takes_off_stays_as_it_was(
+    monkeypatch: pytest.MonkeyPatch, reached: float, *, kept: bool
+) -> None:
+    """From 200, and a start may take 300 off."""
+    Climbs(monkeypatch)
+    monkeypatch.setattr(Place, "likelihood", reached)
+    monkeypatch.setattr(parameters, "parameters_of", lambda found, name: {"omega": found[0]})
+    turned: dict[float, str] = {}
+    monkeypatch.setattr(parameters, "turned_into", lambda problem, name, given: turned.get(given["omega"]))
+    model = carrying("parasitic_mode", MODE, 200.0)
+    found, searched = refine_parameters(PROBLEM, model, "parasitic_mode")
+    assert (found is model) == kept
+    assert np.any(searched.covariance) != kept  # of what was left nothing is known
+    assert (searched.names, searched.covariance.shape) == (("omega", "zeta"), (2, 2))
+    turned[6020.0] = "a constant force"  # that is said, however much worse it is
+    found, _ = refine_parameters(PROBLEM, model, "parasitic_mode")
+    assert found == pytest.approx((6020.0, 20.1))
+
+
+@pytest.mark.parametrize(("at_top", "sweeps"), [(True, 1), (False, 3)])
+def test_what_came_to_the_top_together_is_searched_for_once(
+    monkeypatch: pytest.MonkeyPatch, *, at_top: bool, sweeps: int
+) -> None:
+    monkeypatch.setattr(parameters, "in_step", lambda problem, model, name: (model, False))
+    monkeypatch.setattr(parameters, "agree", lambda problem, model, name, searched: False)
+    searches: list[float] = []
+
+    def refined(problem: Problem, model: Any, name: str, names: tuple[str, ...], *rest: Any) -> Any:
+        searches.append(model.likelihood)
+        given = {which: 2.0 * value for which, value in model.settings.effects[name].items()}
+        unsure = Searched(names, np.eye(len(names)), np.zeros((4, len(names))), at_top)
+        return carrying(name, given, model.likelihood + 10.0), unsure
+
+    monkeypatch.setattr(parameters, "_refined", refined)
+    model = carrying("sense_high_pass", {"leak_x": 100.0, "leak_y": 100.0})
+    assert refine_parameters(PROBLEM, model, "sense_high_pass") == (model, NOTHING)
+    assert len(searches) == sweeps
 
 
 def test_without_parameters_there_is_nothing_to_search(monkeypatch: pytest.MonkeyPatch) -> None:
