@@ -22,6 +22,7 @@ from hil.declared import device_of, observer_settings_of
 from hil.envelope import trace_ring_down
 from hil.errors import InputError
 from hil.loop.run import new_folder
+from hil.parts import FRACTION, Part, moving, parts_of, sample_of
 from hil.progress import Progress, Watcher
 from hil.rate_sensor import fitting_rows, trace_rate_sensor
 from hil.records.atomic import make_run_folder, write_text
@@ -32,9 +33,6 @@ from hil.records.force import refused, save_force
 from hil.records.force import to_model as force_model
 from hil.replaying import require_fit
 from hil.time_left import TimeLeft
-
-FRACTION = 0.6
-"""Share of a record that is fitted, where it does not say so itself; the rest is held out."""
 
 _CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped
 
@@ -104,8 +102,10 @@ def trace(
     captured, held_out = parts_of(captured, fraction)
     device, settings = device_of(bench, captured.noise_gain), observer_settings_of(bench)
     asked = effects_asked(also, device)
-    record = record_of(captured, drives_of(captured, device))
-    split = int(captured.tick[held_out] - captured.tick[0]) if captured.uniform else held_out
+    part = Part(captured, record_of(captured, drives_of(captured, device)), sample_of(captured, held_out))
+    if fraction is None and "train" not in captured.segments:
+        part = moving(part, device)
+    captured, record, split = part.captured, part.record, part.split
     try:
         _require_unclipped(captured)
         require_traceable(record, device, split)
@@ -133,7 +133,7 @@ def trace(
         record=called(capture),
         bench=bench.device.name,
         sense_unit=bench.device.sense.unit,
-        prepared=(*captured.prepared, *remarks(record, device)),
+        prepared=(*captured.prepared, *part.said, *remarks(record, device)),
         missing_force=about,
     )
     folder = new_folder(out, bench)
@@ -157,20 +157,6 @@ def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, Writte
     except ModelError as error:
         return None, refused(str(error))
     return found, force_model(found)
-
-
-def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:
-    """The part of a record to be traced, and its first row that is held out."""
-    if fraction is not None and not 0.0 < fraction < 1.0:
-        raise InputError(f"--fraction: {fraction:g} is no share of the record; give a number between 0 and 1")
-    segments = captured.segments
-    if fraction is None and "train" in segments:
-        start, stop = segments["train"]
-        following = [end for first, end in segments.values() if first == stop]
-        if following:
-            return captured.part(start, max(following)), stop - start
-    held_out = round((FRACTION if fraction is None else fraction) * len(captured))
-    return captured, min(max(held_out, 1), len(captured) - 1)
 
 
 def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path, name: str, *, report: bool) -> Traced:

@@ -20,7 +20,7 @@ def require_traceable(record: Record, device: Device, split: int) -> None:
     """
     _require_numbers(record)
     _require_samples_per_cycle(record, device)
-    _require_length(record, device, split)
+    require_length(record, device, split)
     for axis in range(record.sense.shape[1]):
         name = f"sense channel {'xy'[axis]}"
         series = record.sense[:, axis]
@@ -28,13 +28,11 @@ def require_traceable(record: Record, device: Device, split: int) -> None:
     _require_excitation(record, device)
 
 
-def _require_numbers(record: Record) -> None:
-    lost = 1.0 - float(np.mean(np.all(np.isfinite(record.sense), axis=1))) if len(record) else 0.0
-    if lost > _SET.lost_share:
-        raise ModelError(f"{lost:.0%} of the samples are lost; mend the link and record again")
+def require_length(record: Record, device: Device, split: int) -> None:
+    """Refuse a record of which one of the two parts is too short; split: first sample of the one that is held out.
 
-
-def _require_length(record: Record, device: Device, split: int) -> None:
+    Raises ModelError with how long a record is needed.
+    """
     fewest = 0.0 if device.axes == 1 else _SET.fewest_driven_cycles if np.any(record.drive) else _SET.fewest_free_cycles
     frequency = math.sqrt(max(device.target, 0.0)) / (2.0 * math.pi)
     needed = max(fewest / frequency if frequency else 0.0, _SET.fewest_samples * float(np.mean(record.step)))
@@ -47,6 +45,12 @@ def _require_length(record: Record, device: Device, split: int) -> None:
                 f"too short: the part to be {part} has {len(steps)} samples, {cycles:.3g} cycles of the resonance; "
                 f"{longer}"
             )
+
+
+def _require_numbers(record: Record) -> None:
+    lost = 1.0 - float(np.mean(np.all(np.isfinite(record.sense), axis=1))) if len(record) else 0.0
+    if lost > _SET.lost_share:
+        raise ModelError(f"{lost:.0%} of the samples are lost; mend the link and record again")
 
 
 def _require_samples_per_cycle(record: Record, device: Device) -> None:

@@ -65,7 +65,7 @@ def test_both_parts_must_be_long_enough_and_the_advice_is_for_the_shorter(
     samples: int, split: int, axes: int, said: str | None, *, driven: bool
 ) -> None:
     device = SINGLE if axes == 1 else GYRO
-    told = refused(fitness._require_length, record(samples, axes, driven=driven), device, split)
+    told = refused(fitness.require_length, record(samples, axes, driven=driven), device, split)
     if said is None:
         assert told is None
     else:
@@ -76,15 +76,15 @@ def test_both_parts_must_be_long_enough_and_the_advice_is_for_the_shorter(
 
 def test_a_free_response_of_few_cycles_is_told_how_long_it_should_be() -> None:
     """Five cycles of each part, sampled a hundred times a cycle."""
-    told = refused(fitness._require_length, record(900, driven=False, rate=20_000.0), GYRO, 500)
+    told = refused(fitness.require_length, record(900, driven=False, rate=20_000.0), GYRO, 500)
     assert told is not None
     assert "held out has 400 samples, 4 cycles of the resonance; record 0.057 s or longer" in told
-    assert refused(fitness._require_length, record(1000, driven=False, rate=20_000.0), GYRO, 500) is None
+    assert refused(fitness.require_length, record(1000, driven=False, rate=20_000.0), GYRO, 500) is None
 
 
 def test_a_device_without_a_resonance_is_asked_for_samples_only() -> None:
     still = replace(GYRO, stiffness=(0.0, 0.0, 0.0), target_stiffness=0.0)
-    told = refused(fitness._require_length, record(100, driven=False), still, 50)
+    told = refused(fitness.require_length, record(100, driven=False), still, 50)
     assert told is not None
     assert told.endswith("record 0.076 s or longer")  # of 150 samples
 

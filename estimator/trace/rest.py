@@ -1,0 +1,37 @@
+"""Up to where a motion that nothing drives is seen: a mass that has come to rest tells no more of what stopped it."""
+
+import math
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimator.record import Record
+from estimator.settings import Device
+from estimator.thresholds import THRESHOLDS
+
+_CYCLES = 2  # of the resonance, looked at together: eight samples at least, or the record is refused
+
+
+def moves_until(record: Record, device: Device) -> int:
+    """How many samples of a free response show a motion that comes to rest: up to the last stretch of two
+    cycles of the declared resonance that shows more than the declared noise about one value, in which it stops.  All of
+    them where a drive acts, and where it moves to the end.
+
+    Where nothing moves, the sum of squares of n samples over the variance of the noise is χ² of n − 1 degrees.
+    """
+    samples = len(record)
+    if np.any(record.drive) or device.target <= 0.0:
+        return samples
+    period = 2.0 * math.pi / math.sqrt(device.target)
+    length = max(math.ceil(_CYCLES * period / float(np.median(record.step))), 2)
+    stretches = samples // length
+    last = -1
+    for series, noise in zip(record.sense.T, device.noise, strict=True):
+        rows = series[: stretches * length].reshape(stretches, length)
+        seen = np.sum(np.isfinite(rows), axis=1)
+        mean = np.nansum(rows, axis=1) / np.maximum(seen, 1)
+        squares = np.nansum((rows - mean[:, None]) ** 2, axis=1) / noise**2
+        chance = THRESHOLDS.criterion.chance / max(stretches, 1)
+        moving = np.flatnonzero(squares > chi2.isf(chance, np.maximum(seen - 1, 1)))
+        last = max(last, *moving.tolist(), -1)
+    return samples if last >= stretches - 1 else max(last, 0) * length
