@@ -369,5 +369,18 @@ def test_a_candidate_that_was_carried_is_told_with_what_it_gained(outcome: Outco
     assert said == f"carried, it gains 4.5e+04 in twice the log-likelihood{': ' if 'chance' in says else '; '}{says}"
 
 
+@pytest.mark.parametrize(
+    ("gain", "says"),
+    [
+        (-9.0, "carried, it gains -9 in twice the log-likelihood: no more than chance"),
+        (-9.1, "the model with it loses 9.1 in twice the log-likelihood: the search did not reach its coefficients"),
+        (-math.inf, "the model with it diverges: the search did not reach its coefficients, which says nothing against"),
+    ],
+)
+def test_a_larger_model_that_does_worse_was_not_found_and_is_not_refuted(gain: float, says: str) -> None:
+    """With its coefficients at zero it would do as well as without: by more than its bar no chance takes off."""
+    assert tried_reason(Tried("a", Outcome.TOO_DEAR, "", Score(0.0, gain, 1.0, 9.0), {}), None).startswith(says)
+
+
 def test_a_candidate_without_a_model_is_told_by_its_reason() -> None:
     assert tried_reason(Tried("a", Outcome.IMPOSSIBLE, "no run with it", None, {}), None) == "no run with it"
