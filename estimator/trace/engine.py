@@ -328,7 +328,8 @@ def tried_reason(tried: Tried, taken: str | None) -> str:
     if tried.score is None:
         return tried.reason
     if tried.outcome is Outcome.TOO_DEAR and tried.score.gain < -tried.score.bar:
-        how = "diverges" if tried.score.gain == -math.inf else f"loses {-tried.score.gain:.4g} in twice the log-likelihood"
+        lost = -tried.score.gain
+        how = f"loses {lost:.4g} in twice the log-likelihood" if math.isfinite(lost) else "diverges"
         return f"the model with it {how}: the search did not reach its coefficients, which says nothing against it"
     if tried.outcome is Outcome.TOO_DEAR:
         return f"{gained(tried.score.gain)}: no more than chance"
