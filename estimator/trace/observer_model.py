@@ -14,13 +14,13 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import of_resonance_alone, searched_by
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.criterion import TIE, chance_gain, schwarz
-from estimator.trace.engine import Estimate, Score, Trial, leader
+from estimator.trace.engine import Estimate, Score, Trial, leader, unphysical
 from estimator.trace.fitting import Fitted, coefficients_of, finished, fit, foresight, leads, parameters_of
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.parameters import refine_parameters
 from estimator.trace.problem import Problem
-from estimator.trace.same_number import surer
+from estimator.trace.same_number import same_numbers, surer
 from estimator.trace.screening import spoken_for
 from estimator.trace.searched import NOTHING, Searched
 from estimator.trace.width import hopeful, worth_finishing, worth_refining
@@ -103,6 +103,7 @@ class ObserverModel:
         ends = side_by_side([partial(finished, self.problem, models[name]) for name in going_on])
         models |= dict(zip(going_on, ends, strict=True))
         near = worth_refining(models, base, gains, look.watched)
+        near = [name for name in near if not self._is_reversed(models[name], name)]
         for done, name in enumerate(near, 1):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
             models[name], searched[name] = refine_parameters(self.problem, models[name], name, to_beat=best)
@@ -156,6 +157,15 @@ class ObserverModel:
         score = Score(model.likelihood, loss, price, chance_gain(self._degrees(name), _SET.rivals))
         searched = {other: found for other, found in current.searched.items() if other != name}
         return Carrying(self.problem, less, searched), score
+
+    def _is_reversed(self, model: Fitted, name: str) -> bool:
+        """Whether an effect comes out of the wrong sign that has a parameter which is the same number as a coefficient.
+
+        Such a parameter says by how much a filter turns the phase of a vibration, which is between nothing and a
+        quarter turn wherever its corner lies: no search for the corner makes a lead of a lag.
+        """
+        _, effect = effect_for(name, self.problem.device.axes, self.problem.device.own)
+        return bool(same_numbers(effect)) and unphysical({name: estimates_of(model, {})[name]}) is not None
 
     def _degrees(self, name: str) -> int:
         return degrees(name, self.problem.device)

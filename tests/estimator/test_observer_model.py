@@ -10,7 +10,7 @@ from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import observer_model
 from estimator.trace.criterion import TIE, chance_gain
-from estimator.trace.engine import Score, Trial
+from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.observer_model import Carrying, ObserverModel
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING
@@ -101,6 +101,30 @@ def test_those_near_the_best_are_improved_and_all_are_beside_what_is_carried(
     # What was tried in the round before counts, too: the best of it gains 900 over the base.
     model.fit(BASE, LOOK, ["sense_gain", "interference:1"], {"drag": trial("drag", 900.0)})
     assert (asked["tried"], asked["to_beat"]) == ({"drag": 900.0}, 1900.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "high", "searched"),
+    [("sense_high_pass:3", -1.0, False), ("sense_high_pass:3", 1.0, True), ("drag", -1.0, True)],
+)
+def test_no_search_for_the_corner_of_a_filter_that_would_have_to_run_backwards(
+    monkeypatch: pytest.MonkeyPatch, fits: Any, name: str, high: float, *, searched: bool
+) -> None:
+    """Elsewhere a coefficient of the wrong sign may stand for a parameter that is not there yet."""
+    monkeypatch.setattr(observer_model, "fit", lambda asked, **how: fitted(dict(asked.effects), 1500.0, settled=False))
+    given = {"c": Estimate(-8.5, -9.0, high, positive=True), "other": Estimate(0.01, -1.0, 1.0, positive=True)}
+    monkeypatch.setattr(observer_model, "estimates_of", lambda model, searches: {name: given})
+    monkeypatch.setattr(observer_model, "worth_refining", lambda *asked: [name])
+    asked: list[str] = []
+
+    def refine(problem: Problem, model: Any, name: str, *, to_beat: float) -> Any:
+        asked.append(name)
+        return model, NOTHING
+
+    monkeypatch.setattr(observer_model, "refine_parameters", refine)
+    look: Any = SimpleNamespace(watched={name: {}})
+    assert isinstance(ObserverModel(PROBLEM).fit(BASE, look, [name], {})[name], Carrying)
+    assert asked == ([name] if searched else [])
 
 
 def test_what_turns_into_a_simpler_effect_is_no_model(monkeypatch: pytest.MonkeyPatch, fits: Any) -> None:
