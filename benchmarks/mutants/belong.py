@@ -185,7 +185,8 @@ _KERNEL = {
     " gain_matrix::test_holds_are_in_it_and_no_faster_than_the_host gain_matrix::test_offsets_cause_no_force",
     "generated.step": f"{_ORACLES} scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
     "gram": "filter_pieces",
-    "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles",
+    "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles"
+    " effects::test_measurement_and_its_jacobian effects::test_a_late_sense_path_shows_what_was",
     "pattern": "control_pieces filter_pieces",
     "scan": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less"
     " scan_pieces::test_the_course_is_kept_at_equal_distances"
