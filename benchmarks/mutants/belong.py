@@ -152,7 +152,10 @@ _WIRE = {
 
 
 _ORACLES = "blocks::test_estimates_are_the_oracles blocks::test_forgetting_in_haste_and_recalling_are_the_oracles"
-_FOLLOWED = "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
+_FOLLOWED = (
+    "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
+    " scan_pieces::test_both_kernels_follow_alike_through_uneven_steps_and_warmth"
+)
 _KERNEL = {
     "angle": "control_pieces",
     "angle_error": "control_pieces filter_pieces blocks::test_estimates_are_the_oracles",
@@ -191,7 +194,12 @@ _KERNEL = {
     "scan": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less"
     " scan_pieces::test_the_course_is_kept_at_equal_distances"
     " scan_pieces::test_an_impulse_leaves_at_the_end_what_the_matrix_exponential_says"
-    " scan_pieces::test_rows_and_pulls_are_products angle_sensitivity",
+    " scan_pieces::test_rows_and_pulls_are_products"
+    " scan_pieces::test_what_followed_forces_push_is_their_integral_along_the_motion"
+    " scan_pieces::test_what_followed_effects_show_is_taken_off_with_its_sign"
+    " scan_pieces::test_a_turn_is_the_gradient_along_what_is_followed"
+    " scan_pieces::test_a_pattern_that_is_none_has_no_gradient"
+    " scan_pieces::test_recalling_pulls_along_what_is_followed angle_sensitivity",
     "scan_plain": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less",
     "sensing": "sensing::test_a_channel_shows_the_equation_at_any_one_state"
     " sensing::test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_differences",
