@@ -152,7 +152,10 @@ _WIRE = {
 
 
 _ORACLES = "blocks::test_estimates_are_the_oracles blocks::test_forgetting_in_haste_and_recalling_are_the_oracles"
-_FOLLOWED = "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
+_FOLLOWED = (
+    "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
+    " scan_pieces::test_both_kernels_follow_alike_through_uneven_steps_and_warmth"
+)
 _KERNEL = {
     "angle": "control_pieces",
     "angle_error": "control_pieces filter_pieces blocks::test_estimates_are_the_oracles",
@@ -166,11 +169,16 @@ _KERNEL = {
             "test_a_tick_answers_with_the_command_for_its_sample",
             "test_a_drive_is_turned_by_the_virtual_rotation_while_it_acts",
             "test_warmth_reaches_the_effects_that_move_with_it",
+            "test_from_its_reference_on_an_angle_is_counted_from_a_value_that_is_exact",
         )
     ),
     "controller": "control_pieces filter_pieces",
     "experiment": "scan_pieces::test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for",
-    "flow": "model::test_flow_is_that_of_an_integrator"
+    "flow": "flow_pieces hysteresis::test_a_way_slides_it_as_its_equation_says_and_back"
+    " hysteresis::test_against_the_motion_a_slip_moves_as_the_mass_does"
+    " hysteresis::test_along_the_motion_a_slip_is_that_of_its_equation"
+    " play::test_the_force_along_a_cycle_encloses_the_closed_form_and_that_of_the_foot_alone_would_drive"
+    " model::test_flow_is_that_of_an_integrator"
     " effects::test_jacobian_of_friction_is_that_of_an_integrator"
     " effects::test_a_late_drive_is_the_recorded_one_moved effects::test_a_late_sense_path_shows_what_was"
     " effects::test_a_late_sense_path_shows_what_a_spring_did_on_the_way"
@@ -180,15 +188,22 @@ _KERNEL = {
     " gain_matrix::test_holds_are_in_it_and_no_faster_than_the_host gain_matrix::test_offsets_cause_no_force",
     "generated.step": f"{_ORACLES} scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
     "gram": "filter_pieces",
-    "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles",
+    "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles"
+    " effects::test_measurement_and_its_jacobian effects::test_a_late_sense_path_shows_what_was",
     "pattern": "control_pieces filter_pieces",
     "scan": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less"
     " scan_pieces::test_the_course_is_kept_at_equal_distances"
     " scan_pieces::test_an_impulse_leaves_at_the_end_what_the_matrix_exponential_says"
-    " scan_pieces::test_rows_and_pulls_are_products angle_sensitivity",
+    " scan_pieces::test_rows_and_pulls_are_products"
+    " scan_pieces::test_what_followed_forces_push_is_their_integral_along_the_motion"
+    " scan_pieces::test_what_followed_effects_show_is_taken_off_with_its_sign"
+    " scan_pieces::test_a_turn_is_the_gradient_along_what_is_followed"
+    " scan_pieces::test_a_pattern_that_is_none_has_no_gradient"
+    " scan_pieces::test_recalling_pulls_along_what_is_followed angle_sensitivity",
     "scan_plain": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less",
-    "sensing": "sensing::test_a_channel_shows_the_equation_at_any_one_state",
-    "signals": "control_pieces "
+    "sensing": "sensing::test_a_channel_shows_the_equation_at_any_one_state"
+    " sensing::test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_differences",
+    "signals": "signal_pieces control_pieces "
     + " ".join(
         f"effects::test_{name}"
         for name in (
@@ -199,9 +214,11 @@ _KERNEL = {
             "friction_is_followed_through_turning_points",
         )
     ),
-    "simulation": "simulation::test_a_driven_single_axis_with_effects_runs_as_an_independent_integrator_says"
+    "simulation": "signal_pieces::test_a_free_run_keeps_the_time_of_forces_and_of_what_is_sensed"
+    " simulation::test_a_driven_single_axis_with_effects_runs_as_an_independent_integrator_says"
     " simulation::test_derivatives_are_those_of_differences",
     "stationary": "control_pieces::test_the_ideal_orbit_is_held_by_the_holding_force"
+    " control_pieces::test_gains_are_gathered_at_the_nearest_angle_and_phase"
     " blocks::test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit",
 }
 

@@ -284,3 +284,23 @@ def test_a_late_path_finds_the_drives_of_the_intervals_before(
     one.run(sense[5:6], drive[5:6])
     kept = one.arrays.memory["past"][0, :6, :, 0] * one.scaling.drive
     np.testing.assert_allclose(kept, drive[5::-1] if effects else np.zeros((6, 2)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("general", [0, 1])
+def test_from_its_reference_on_an_angle_is_counted_from_a_value_that_is_exact(
+    record: tuple[Array, Array], general: int
+) -> None:
+    """At that instant it has no variance, and nothing that it shares with the state: then only what has come since."""
+    device = replace(TRUTH.device(), angular_gain=0.8)
+    one = Observer(device, replace(settings_of(Variant.FULL, Gain.FADING), reference=3.5 / TRUTH.sample_rate))
+    one.arrays.settings["general"] = general
+    before = one.run(record[0][:3], record[1][:3])
+    assert np.all(before.angle_deviation > 0.0)
+    assert one.arrays.memory["angle_cross"].any()
+    at = one.run(record[0][3:4], record[1][3:4])
+    assert at.angle_deviation[0] == 0.0
+    assert not one.arrays.memory["angle_cross"].any()
+    rate = float(one.covariances[1][6, 6])
+    after = one.run(np.full((1, 2), np.nan), np.zeros((1, 2)))
+    assert one.arrays.memory["angle_variance"][0] == pytest.approx(rate * one.h**2, rel=1e-9)
+    assert after.angle_deviation[0] == pytest.approx(np.sqrt(rate) * one.h / 0.8, rel=1e-9)

@@ -16,7 +16,7 @@ from estimator.kernel.layout import MAX_SIGNALS, OUTPUT, PHI_X, RATE
 from estimator.kernel.observer import workspace
 from estimator.kernel.pattern import pattern
 from estimator.kernel.signals import directions
-from estimator.kernel.stationary import holding_force, orbit
+from estimator.kernel.stationary import Course, gather_gains, holding_force, orbit
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, ObserverSettings
 from tests.estimator.gyro_loop import Array, Truth
@@ -428,6 +428,35 @@ def test_the_ideal_orbit_is_held_by_the_holding_force() -> None:
     assert math.sin(double + 2 * rotation * 7.0) == pytest.approx(0.0, abs=1e-12)
     assert energy == pytest.approx(0.5 * (1.0 + rotation**2), rel=1e-12)
     assert momentum == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(("angles", "phases"), [(4, 6), (6, 4)])
+def test_gains_are_gathered_at_the_nearest_angle_and_phase(angles: int, phases: int) -> None:
+    """Of an orbit whose pattern goes round: by (11) in NumPy, half a turn on with the phase half a cycle on. What
+    settles it does not count; all cells together have the gains of a run that has a single one.
+    """
+    settle, samples = 3, 40
+    runs = []
+    for shape in ((angles, phases), (1, 1)):
+        made = observer()
+        a = made.arrays
+        total, weight = np.zeros((*shape, 13, 2)), np.zeros(shape)
+        gather_gains(a._replace(p=a.p.copy()), Course(0.12, 0.7, settle, samples), total, weight)
+        runs.append((total, weight))
+    expected, s = np.zeros((angles, phases)), np.zeros(4)
+    for m in range(settle, settle + samples):
+        orbit((m + 1) * 0.7, 0.12, s)
+        x, vx, y, vy = s
+        theta = 0.5 * math.atan2(2.0 * (x * y + vx * vy), x * x - y * y + vx * vx - vy * vy)
+        along = complex(x * math.cos(theta) + y * math.sin(theta), -vx * math.cos(theta) - vy * math.sin(theta))
+        phase = math.atan2(along.imag, along.real)
+        cell = round((theta + 0.5 * math.pi) * angles / math.pi)
+        if cell == angles:  # half a turn on is the same pattern, gone through from its other end
+            cell, phase = 0, phase + math.pi
+        expected[cell, round((phase + math.pi) * phases / (2.0 * math.pi)) % phases] += 1.0
+    np.testing.assert_array_equal(runs[0][1], expected)
+    assert np.all(expected.sum(axis=1) > 0.0)
+    np.testing.assert_allclose(runs[0][0].sum(axis=(0, 1)), runs[1][0][0, 0], rtol=1e-9, atol=1e-12)
 
 
 def test_only_a_direction_turns_over_with_the_motion() -> None:

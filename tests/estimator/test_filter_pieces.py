@@ -12,6 +12,7 @@ from estimator.kernel.observer import (
     ATTENTION,
     add_correction,
     add_process_noise,
+    correct,
     fading_factor,
     joseph,
     kalman_gain,
@@ -28,7 +29,7 @@ from estimator.kernel.observer import (
     widened,
     workspace,
 )
-from estimator.kernel.structures import Constants, Estimate
+from estimator.kernel.structures import Constants, Estimate, Sample
 from estimator.observer import Observer
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise
 from tests.estimator.gyro_loop import Array, Truth
@@ -261,6 +262,46 @@ def test_a_tabulated_gain_is_bilinear_and_goes_round(theta: float, phase: float)
     around = 0.75 * 0.75 * table[i, j] + 0.75 * 0.25 * table[i, j + 1]
     around += 0.25 * 0.75 * table[i + 1, j] + 0.25 * 0.25 * table[i + 1, j + 1]
     np.testing.assert_allclose(gain, around, atol=1e-12)
+
+
+@pytest.mark.parametrize("lost", [(), (0,), (1,), (0, 1)])
+def test_a_correction_by_a_tabulated_gain_leaves_the_assumed_covariance_alone(lost: tuple[int, ...]) -> None:
+    """State, actual covariance and what is known of the angle go by the gain of the table, in NumPy; where a channel is
+    lost, by that of the other, and nothing is given back of initial values.
+    """
+    made = observer()
+    a, n = made.arrays, 13
+    settings, memory = a.settings[0], a.memory[0]
+    settings["stationary"], settings["takeover"], memory["time"] = 1, 5.0, 5.0
+    whole = covariance(n + 1)
+    a.p[:], a.c[:], a.x[:] = covariance(n), whole[:n, :n], 0.1 * RANDOM.standard_normal(n)
+    memory["angle_cross"][:n], memory["angle_variance"] = whole[:n, n], whole[n, n]
+    memory["gradient"] = RANDOM.standard_normal(4)
+    x, p, nis = a.x.copy(), a.p.copy(), float(memory["nis"])
+    table = RANDOM.standard_normal((4, 4, n, 2))
+    gain = np.zeros((n, 2))
+    tabulated_gain(table, x[:4], gain)
+    z = np.array([0.7, -0.3])
+    z[list(lost)] = np.nan
+    nu, h = z - x[[0, 2]] - x[[4, 5]], np.zeros((2, n))
+    h[0, [0, 4]] = h[1, [2, 5]] = 1.0
+    nu[list(lost)], h[list(lost)], gain[:, list(lost)] = 0.0, 0.0, 0.0
+    work = workspace(settings, n, n)
+    constants = Constants(a.intensity, a.prior, a.spread, a.initial)
+    sample = Sample(z, np.zeros((2, 1)), made.h)
+    correct(settings, a.active, constants, table, Estimate(a.x, a.p, a.c, memory), sample, work)
+    noise = np.diag(settings["noise"])
+    k = np.vstack([gain, -memory["gradient"] @ gain[:4]])
+    rest = np.eye(n + 1) - k @ np.column_stack([h, np.zeros(2)])
+    expected = rest @ whole @ rest.T + k @ noise @ k.T
+    np.testing.assert_allclose(a.x, x + gain @ nu, rtol=1e-12)
+    np.testing.assert_allclose(a.c, expected[:n, :n], rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(memory["angle_cross"][:n], expected[:n, n], rtol=1e-9, atol=1e-11)
+    assert memory["angle_variance"] == pytest.approx(expected[n, n], rel=1e-9)
+    np.testing.assert_array_equal(a.p, p)
+    assert memory["nis"] == nis
+    np.testing.assert_allclose(work.innovation, nu, rtol=1e-12)
+    np.testing.assert_allclose(work.variance, np.diagonal(h @ whole[:n, :n] @ h.T + noise), rtol=1e-12)
 
 
 def test_a_table_takes_over_when_its_time_has_come() -> None:

@@ -11,12 +11,29 @@ from scipy.linalg import expm
 
 from estimator.kernel.experiment import Plan, experiment_block
 from estimator.kernel.layout import OUTPUT
-from estimator.kernel.scan import Block, Signatures, multiply_rows, pull, responses, scan_block
+from estimator.kernel.observer import workspace
+from estimator.kernel.scan import (
+    Block,
+    Signatures,
+    add_forced,
+    add_turn,
+    following,
+    multiply_rows,
+    pattern_gradient,
+    pull,
+    recall,
+    responses,
+    scan_block,
+    watch_sensed,
+)
 from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
+from estimator.kernel.signals import signal_values
+from estimator.kernel.structures import Constants, Estimate, Sample
 from estimator.observer import Observer
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
 from tests.estimator.gyro_loop import Array, Truth, free_motion
 from tests.estimator.test_backends import free_record
+from tests.estimator.test_effects import base, values
 
 TRUTH = Truth(force_noise=1e-5)
 N = 90
@@ -62,6 +79,8 @@ def scanned(
     level: float = 1e12,
     open_loop: bool = False,
     instants: int = N,
+    step: Array | None = None,
+    warmth: Array | None = None,
 ) -> tuple[Observer, np.ndarray, Signatures]:
     one = made(replace(settings, effects=watched), len(watched), open_loop)
     if settings.gain is Gain.EKF and quick:
@@ -69,7 +88,7 @@ def scanned(
     count = len(one.names) - 13
     a = one.arrays
     assert quick == bool(scans_plainly(a.settings, a.active, a.x[:13])) or not quick
-    z, u, h, warmth = one.scaled(*record, None, None)
+    z, u, h, warmth = one.scaled(*record, step, warmth)
     rows = np.zeros(N, OUTPUT)
     signatures = Signatures(
         np.zeros((13, count)), level, np.zeros((2 * N, count + 1)), np.zeros(count), np.zeros((instants, count))
@@ -218,3 +237,156 @@ def test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for(la
         commands = [*commands[1:], codes]
     assert np.any(drive[5:] != 0.0)
     np.testing.assert_allclose(one.x, other.x, rtol=1e-9, atol=1e-12)
+
+
+def watching(effects: dict[str, dict[str, float]]) -> Observer:
+    """An observer that follows these and carries none, at a warmth of 4 and a time of 3.7."""
+    one = made(replace(SETTINGS, effects=effects), len(effects))
+    one.arrays.memory["temperature"], one.arrays.memory["time"] = 4.0, 3.7
+    return one
+
+
+def at_one(one: Observer, name: str, what: str, s: Array, u: Array, time: float) -> list[Array]:
+    """By the declarations: what each coefficient of a followed effect adds to both axes where it is 1."""
+    effect = next(effect for _, effect in one.effects if effect.name == name)
+    of = values(effect, what)
+    return [of(s, u, own, time, one.x[4:13]) for own in np.eye(len(effect.coefficients))]
+
+
+def test_what_followed_forces_push_is_their_integral_along_the_motion() -> None:
+    """∫ Φ(h − t) B f(t) dt by Gauss–Legendre of ten nodes in NumPy, with a drive that varies, a force of the time, of
+    the direction and of the warmth; and of a late drive what it lags behind and what it jumps by.
+    """
+    built = made(SETTINGS).scaling
+    names = ("drive_gain", "cubic_stiffness", "base_vibration", "dry_friction", "temperature_stiffness", "drive_delay")
+    given = {name: {} for name in names} | {
+        "base_vibration": {"omega": 0.7 * built.omega0},
+        "dry_friction": {"v0": 0.02 * TRUTH.amplitude * built.omega0},
+    }
+    one = watching(given)
+    settings, memory, h, x = one.arrays.settings[0], one.arrays.memory[0], one.h, one.x
+    x[6] = 0.03
+    count = len(x) - 13
+    u = np.array([[0.4, -0.3, 0.2], [-0.2, 0.6, 0.1]])
+    memory["past"][1, :, :2] = [[0.3, 0.1], [-0.5, 0.2]]
+    before, work = np.array([0.8, 0.5, -0.3, 0.7]), workspace(settings, 13, len(x))
+    start = np.random.default_rng(2).standard_normal((13, count))
+    signatures = Signatures(start.copy(), 1.0, np.zeros((0, count + 1)), np.zeros(count), np.zeros((0, count)))
+    follow = following(signatures, len(x) - 4 - count, -1, len(x) - 4)
+    response = responses(settings, x[4:], h, work.flow.term, work.flow.out)
+    signal_values(settings, memory, memory["time"], work.flow.push.signals)
+    add_forced(settings, memory, before, x, Sample(np.zeros(2), u, h), response, follow, work)
+
+    def drive(t: float) -> Array:
+        return u @ (t / h) ** np.arange(3.0)
+
+    moved = solve_ivp(
+        lambda t, s: base(x[4:], s, drive(t)), (0.0, h), before, "DOP853", rtol=1e-12, atol=1e-14, dense_output=True
+    )
+    free = free_motion(*x[6:13])
+    expected = start.copy()
+    for node, weight in zip(*np.polynomial.legendre.leggauss(10), strict=True):
+        t = 0.5 * h * (node + 1.0)
+        pushed = [
+            force
+            for name in names
+            if name != "drive_delay"
+            for force in at_one(one, name, "force", moved.sol(t), drive(t), 3.7 - h + t)
+        ]
+        rising = u @ np.array([0.0, 1.0, 2.0 * t / h]) / h
+        pushed += [np.array([-rising[0], 0.0]), np.array([0.0, -rising[1]])]
+        expected[:4] += 0.5 * h * weight * expm(free * (h - t))[:, [1, 3]] @ np.transpose(pushed)
+    jump = memory["past"][1].sum(axis=1) - u[:, 0]
+    expected[:4, -2:] += expm(free * h)[:, [1, 3]] * jump
+    np.testing.assert_allclose(signatures.delta, expected, atol=2e-6)
+    assert np.all(np.abs(expected - start)[:4].max(axis=0) > 1e-3)
+
+
+def test_what_followed_effects_show_is_taken_off_with_its_sign() -> None:
+    names = ("sense_gain", "drive_feedthrough", "interference", "sense_delay")
+    one = watching({name: {} for name in names} | {"interference": {"omega": 0.7 * made(SETTINGS).scaling.omega0}})
+    settings, memory, x = one.arrays.settings[0], one.arrays.memory[0], one.x
+    count = len(x) - 13
+    x[:4] = 0.8, 0.5, -0.3, 0.7
+    u, work = np.array([[0.4, -0.3], [-0.2, 0.6]]), workspace(settings, 13, len(x))
+    signatures = Signatures(np.zeros((13, count)), 1.0, np.zeros((0, count + 1)), np.zeros(count), np.zeros((0, count)))
+    follow = following(signatures, len(x) - 4 - count, -1, len(x) - 4)
+    signal_values(settings, memory, memory["time"], work.flow.push.signals)
+    watch_sensed(settings, x, u, follow, work)
+    shown = [
+        one_shown
+        for name in names
+        if name != "sense_delay"
+        for one_shown in at_one(one, name, "sense", x[:4], u.sum(axis=1), 3.7)
+    ]
+    shown += [np.array([-x[1], 0.0]), np.array([0.0, -x[3]])]  # what was shown a little earlier
+    np.testing.assert_allclose(follow.signature, -np.transpose(shown), rtol=1e-12)
+
+
+@pytest.mark.parametrize("rate_row", [-1, 6])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_turn_is_the_gradient_along_what_is_followed(sign: float, rate_row: int) -> None:
+    random = np.random.default_rng(6)
+    one = made(SETTINGS)
+    one.retarget(1.2, 1.0)
+    delta, begun, s = random.standard_normal((13, 3)), random.standard_normal(3), np.array([0.7, 0.2, -0.4, 0.5])
+    signatures = Signatures(delta, 1.0, np.zeros((0, 4)), begun.copy(), np.zeros((0, 3)))
+    follow = following(signatures, 9, rate_row, 9)
+    gradient = np.zeros(5)
+    pattern_gradient(s, 1.2, 0.05, 0.02, gradient)
+    add_turn(one.arrays.settings[0], s, 0.05, 0.02, sign, follow)
+    expected = begun + sign * gradient[:4] @ delta[:4]
+    if rate_row >= 0:
+        expected += sign * gradient[4] * delta[rate_row]
+    np.testing.assert_allclose(signatures.turned, expected, rtol=1e-12)
+
+
+def test_a_pattern_that_is_none_has_no_gradient() -> None:
+    found = np.full(5, 9.0)
+    pattern_gradient(np.zeros(4), 1.2, 0.05, 0.02, found)
+    assert not found.any()
+
+
+def test_recalling_pulls_along_what_is_followed() -> None:
+    """The constant whose turn it is, with what was forgotten of it; then each that is wider than it began."""
+    one = made(SETTINGS)
+    a, random = one.arrays, np.random.default_rng(7)
+    a.settings["two_covariances"] = 0
+    prior, spread = np.zeros(9), np.full(9, 100.0)
+    prior[3], spread[0], spread[5], spread[7] = 0.5, 0.1, 0.3, 0.0
+    root = random.standard_normal((13, 13))
+    p, delta = root @ root.T / 13.0 + 0.1 * np.eye(13), random.standard_normal((13, 3))
+    a.p[:] = p
+    a.memory["cursor"] = 3
+    found = delta.copy()
+    constants = Constants(a.intensity, prior, spread, np.zeros(9))
+    estimate = Estimate(a.x, a.p, a.c, a.memory[0])
+    recall(a.settings[0], a.active, constants, estimate, np.zeros((2, 13)), found)
+    for index in (3, 0, 5):
+        row = 4 + index
+        wide = p[row, row]
+        noise = 0.5 if index == 3 else wide * spread[index] / (wide - spread[index])
+        assert noise > 0.0
+        gain = p[:, row] / (wide + noise)
+        delta = delta - np.outer(gain, delta[row])
+        p = p - np.outer(gain, p[row])
+    np.testing.assert_allclose(found, delta, rtol=1e-9)
+    np.testing.assert_allclose(a.p, p, rtol=1e-9, atol=1e-12)
+
+
+def test_both_kernels_follow_alike_through_uneven_steps_and_warmth(record: tuple[Array, Array]) -> None:
+    """Each of them makes the responses of a step anew where it has another length, and takes each sample's warmth."""
+    watched: dict[str, dict[str, float]] = {"drive_gain": {}, "temperature_stiffness": {}}
+    random = np.random.default_rng(9)
+    step, warmth = random.uniform(0.8, 1.2, N) / TRUTH.sample_rate, 20.0 + random.uniform(0.0, 5.0, N)
+    settings = replace(SETTINGS, gain=Gain.FADING)
+    ways = [scanned(settings, watched, record, quick=quick, step=step, warmth=warmth) for quick in (False, True)]
+    (general, rows, one), (plain, others, other) = ways
+    size = np.linalg.norm(one.equations, axis=0)
+    assert np.all(size > 1e-3)
+    np.testing.assert_array_less(np.linalg.norm(other.equations - one.equations, axis=0), 1e-3 * size)
+    np.testing.assert_allclose(other.course, one.course, atol=1e-3 * np.abs(one.course).max())
+    for name in ("nu", "angle", "angle_pattern", "angle_rate_integral"):
+        np.testing.assert_allclose(others[name], rows[name], rtol=1e-6, atol=1e-9)
+    for name in ("temperature", "time", "virtual_integral", "forced"):
+        assert general.arrays.memory[name][0] == pytest.approx(float(plain.arrays.memory[name][0]), rel=1e-6, abs=1e-9)

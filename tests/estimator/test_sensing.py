@@ -12,6 +12,8 @@ from estimator.refinement import refine
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed
 from estimator.simulation import simulate
+from tests.estimator.gyro_loop import Truth, free_motion
+from tests.estimator.test_effects import base, values
 
 RATE, K, D, B, K3, D3 = 400.0, (2 * np.pi * 20.0) ** 2, 2.5, 1.3, 6.0e8, 1.0e5
 AMPLITUDE, SAMPLES = 1e-3, 1200
@@ -134,7 +136,7 @@ def shown(sensed: Sensed, c: Array, s: Array, u: float) -> tuple[float, Array, A
     push = workspace(settings, len(made.arrays.p), len(made.x)).flow.push
     push.drive[0] = u
     predicted, by_states, by_constants = np.zeros(2), np.full((2, 2), 9.0), np.full((2, 7), 9.0)
-    assert senses_otherwise(settings) is (sensed is not Sensed.DISPLACEMENT)
+    assert bool(senses_otherwise(settings)) is (sensed is not Sensed.DISPLACEMENT)
     sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
     return predicted[0], by_states[0], by_constants[0]
 
@@ -157,3 +159,65 @@ def test_a_channel_shows_the_equation_at_any_one_state(sensed: Sensed) -> None:
             step = 1e-6 * np.eye(len(place))[i]
             ends = [formula(c + sign * step, s) if place is c else formula(c, s + sign * step) for sign in (1, -1)]
             assert derivative == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-8), (i, len(place))
+
+
+BOTH_AXES: tuple[str, ...] = ("cubic_stiffness", "nonlinear_damping", "sense_cross_coupling", "sense_low_pass")
+
+
+def seen_of_two(made: Observer, sensed: tuple[int, int], c: Array, s: Array, u: Array) -> Array:
+    """What channels of two axes show, from the declarations alone: q and its rate in the place of a displacement and
+    its velocity, of an acceleration the rate that the linear part has along the whole slope.
+    """
+    constants, first, pushed = c[:9], 9, np.zeros(2)
+    parts = []
+    for _, effect in made.effects:
+        own = c[first : first + len(effect.coefficients)]
+        first += len(effect.coefficients)
+        parts.append((effect, own))
+    for effect, own in parts:
+        if any(one != 0 for one in effect.force):
+            pushed = pushed + values(effect, "force")(s, u, own, 0.0, constants)
+    slope = base(c, s, u) + np.array([0.0, pushed[0], 0.0, pushed[1]])
+    q = s.copy()
+    for axis, kind in enumerate(sensed):
+        row = 2 * axis
+        if kind == 1:
+            q[row : row + 2] = s[row + 1], slope[row + 1]
+        elif kind == 2:
+            q[row : row + 2] = slope[row + 1], free_motion(*c[2:9])[row + 1] @ slope
+    shown = q[[0, 2]] + c[:2]
+    for effect, own in parts:
+        if any(one != 0 for one in effect.sense):
+            shown = shown + values(effect, "sense")(q, u, own, 0.0, constants)
+    return np.asarray(shown)
+
+
+@pytest.mark.parametrize("sensed", [(1, 0), (0, 1), (2, 1), (1, 2), (2, 2)])
+def test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_differences(sensed: tuple[int, int]) -> None:
+    """A low-pass takes the rate of what is shown, a cross-coupling what the other channel shows: every row of the
+    derivatives that the sense chain is given counts.
+    """
+    made = Observer(Truth().device(), ObserverSettings(gain=Gain.EKF, effects={name: {} for name in BOTH_AXES}))
+    settings = made.arrays.settings[0]
+    settings["sensed"] = sensed
+    assert senses_otherwise(settings)
+    push = workspace(settings, len(made.arrays.p), len(made.x)).flow.push
+    push.signals[:] = 0.3  # as `values` has what memory holds
+    u = np.array([0.7, -0.4])
+    push.drive[:] = u
+    s = np.array([0.8, -0.4, 0.3, 0.6])
+    c = np.array([0.05, -0.03, 0.15, 1.1, 0.9, 0.07, 0.2, 0.3, 0.1, *0.1 * np.arange(2.0, 2.0 + len(made.x) - 13)])
+    predicted, by_states, by_constants = np.zeros(2), np.full((2, 4), 9.0), np.full((2, len(c)), 9.0)
+    sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
+    np.testing.assert_allclose(predicted, seen_of_two(made, sensed, c, s, u), rtol=1e-10)
+    for place, found in ((s, by_states), (c, by_constants)):
+        for i in range(len(place)):
+            step = 1e-6 * np.eye(len(place))[i]
+            ahead, behind = (
+                seen_of_two(made, sensed, c + side * step, s, u)
+                if place is c
+                else seen_of_two(made, sensed, c, s + side * step, u)
+                for side in (1.0, -1.0)
+            )
+            np.testing.assert_allclose(found[:, i], (ahead - behind) / 2e-6, atol=1e-7, err_msg=f"{i} of {len(place)}")
+    assert np.all(np.abs(by_states).max(axis=0) > 1e-3)
