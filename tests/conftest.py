@@ -1,6 +1,7 @@
 """What every test run needs before anything is imported."""
 
 import os
+import re
 import signal
 from collections import defaultdict
 from collections.abc import Generator
@@ -24,9 +25,22 @@ settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
 
 
+_WHOLLY_SLOW = re.compile(r"^pytestmark = (?:\[[^\]]*)?pytest\.mark\.slow\b", re.MULTILINE)
 _SLOW_S = 4.0
 _QUICK_S = 0.1
 _FLOOR = pytest.StashKey[Floor]()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """A file of which `-m` leaves nothing is not even loaded, by each of the processes: its text says so."""
+    if not collection_path.match("test_*.py"):
+        return None
+    wanted = config.getoption("markexpr").split(" and ")
+    if "not slow" in wanted and _WHOLLY_SLOW.search(collection_path.read_text(encoding="utf-8")):
+        return True
+    if "realtime" in wanted and "realtime" not in collection_path.read_text(encoding="utf-8"):
+        return True
+    return None
 
 
 @pytest.hookimpl(trylast=True)  # of what `-m` has left

@@ -69,7 +69,8 @@ class Term:
         """The same with another threshold, scaled."""
         assert self.threshold is not None
         name, _, length, time = self.threshold
-        columns = tuple((one.subs(THRESHOLD, value), two.subs(THRESHOLD, value)) for one, two in self.general)
+        given = {THRESHOLD: sp.Float(value)}
+        columns = tuple((one.xreplace(given), two.xreplace(given)) for one, two in self.general)
         return replace(self, columns=columns, threshold=(name, value, length, time))
 
 
@@ -127,8 +128,7 @@ def of_axis(
     for axis in range(axes):
         if axis not in only:
             continue
-        of_axes = {symbol: pair[axis] for symbol, pair in _OTHER.items()}
-        own = sp.sympify(law.expression).subs(of_axes, simultaneous=True)
+        own = law.expression.xreplace({symbol: pair[axis] for symbol, pair in _OTHER.items()})
         zero = sp.Integer(0)
         columns.append((own, zero) if axis == 0 else (zero, own))
         named.append("xy"[axis])

@@ -5,10 +5,7 @@ import json
 import tomllib
 from pathlib import Path
 
-import duckdb
 import numpy as np
-import pandas as pd
-import polars as pl
 import pytest
 
 import hil
@@ -32,6 +29,10 @@ def test_two_workers_give_the_bytes_of_one(swept: hil.Sweep, whole: dict[str, by
 
 @pytest.mark.slow
 def test_pandas_polars_and_duckdb_read_the_same_rows(swept: hil.Sweep) -> None:
+    import duckdb  # here, so that no process that only collects this loads the three
+    import pandas as pd
+    import polars as pl
+
     results = swept.path / "results"
     a = pd.read_parquet(results)
     b = pl.read_parquet(results / "**/*.parquet", hive_partitioning=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hil import cli, examples
+from tests.made_once import made_once
 
 Hil = Callable[..., tuple[int, str, str]]
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -63,12 +64,14 @@ def short_bench(tmp_path: Path) -> str:
 @pytest.fixture(scope="session")
 def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the short bench file, one run of it in `runs`, and the board's truth in `truth.arrow`."""
-    place = tmp_path_factory.mktemp("recorded")
-    with contextlib.chdir(place):
-        bench = write_short_bench(place)
-        code = cli.execute(["run", bench, "--link", "inproc:s-slow", "--truth", "truth.arrow", "--note", "n"])
-    assert code == 0
-    return place
+
+    def record(place: Path) -> None:
+        with contextlib.chdir(place):
+            bench = write_short_bench(place)
+            code = cli.execute(["run", bench, "--link", "inproc:s-slow", "--truth", "truth.arrow", "--note", "n"])
+        assert code == 0
+
+    return made_once(tmp_path_factory, "recorded", record)
 
 
 @pytest.fixture

@@ -419,6 +419,7 @@ def test_a_late_sense_path_shows_what_was(delay: tuple[float, float]) -> None:
         np.testing.assert_allclose(jacobian[:, column], (predicted(ahead) - predicted(behind)) / 2e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_late_sense_path_shows_what_a_spring_did_on_the_way() -> None:
     """Two effects at once: what is sensed is the state before, and a hardening spring moved the mass since."""
     observer = Observer(device(), ObserverSettings(effects={"sense_delay": {}, "cubic_stiffness": {}}))

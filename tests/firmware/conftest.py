@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.made_once import made_once
+
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 
 
@@ -25,7 +27,7 @@ def make(place: Path, *targets: str) -> Path:
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with the library and the example board."""
-    return make(tmp_path_factory.mktemp("firmware"), "all", "shared")
+    return made_once(tmp_path_factory, "firmware", lambda place: make(place, "all", "shared"))
 
 
 @pytest.fixture(scope="session")

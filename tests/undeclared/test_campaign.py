@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from distributed import Client
 
 from evaluation.undeclared.__main__ import main
 from evaluation.undeclared.campaign import Records, carried_out, judgements
@@ -112,6 +111,8 @@ def test_a_cluster_comes_to_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyP
     """Two workers of a Dask scheduler, each its own process: records, rows and answers to the last byte those of one
     process here; the workers began elsewhere, so a folder that is given by a relative path is still the same one.
     """
+    from distributed import Client  # here, so that no process that only collects this loads it
+
     orders = [*ORDERS, Order("clean", (), 1, draw=2), Order("double", ("drive_gain", "cubic_stiffness"), 2, draw=2)]
     alone = Records(orders, tmp_path / "alone", SAMPLES, rows_per_file=3)
     carried_out(alone, 1, silent)

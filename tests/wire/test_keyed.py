@@ -387,6 +387,7 @@ def test_a_host_that_leaves_makes_room_at_once(place):
     assert len(place.way.from_host[-1]) == 1 + 8 + 16
 
 
+@pytest.mark.slow
 def test_another_key_gets_no_word(place, tmp_path):
     make_key(tmp_path / "other.key")
     for options in (f"?key={tmp_path / 'other.key'}", ""):
