@@ -6,7 +6,6 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 import sympy as sp
@@ -16,6 +15,7 @@ from estimator.effects.catalogue import EFFECTS, effect_for, names
 from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.page import page
 from estimator.errors import ModelError
+from estimator.kernel.compiled import compiled
 from estimator.kernel.flow import flow
 from estimator.kernel.layout import MAX_SIGNALS, MAX_SLIPS
 from estimator.kernel.observer import predict_measurement, workspace
@@ -53,13 +53,13 @@ SENSED = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.sense)
 SMOOTH = [name for name in FORCES if name not in KINKED]
 
 
-@numba.njit
+@compiled
 def call_flow(record, memory, c, s, u, h, columns, work):
     signal_values(record[0], memory[0], TIME, work.push.signals)
     flow(record[0], Interval(TIME, h, u), memory[0].past, c, s, columns, work)
 
 
-@numba.njit
+@compiled
 def call_measurement(record, memory, active, x, z, u, h, nu, noise):
     work = workspace(record[0], 4 + active.shape[0], x.shape[0])
     predict_measurement(record[0], active, memory[0], x, Sample(z, u, h), work)
@@ -419,7 +419,6 @@ def test_a_late_sense_path_shows_what_was(delay: tuple[float, float]) -> None:
         np.testing.assert_allclose(jacobian[:, column], (predicted(ahead) - predicted(behind)) / 2e-6, atol=1e-8)
 
 
-@pytest.mark.slow
 def test_a_late_sense_path_shows_what_a_spring_did_on_the_way() -> None:
     """Two effects at once: what is sensed is the state before, and a hardening spring moved the mass since."""
     observer = Observer(device(), ObserverSettings(effects={"sense_delay": {}, "cubic_stiffness": {}}))

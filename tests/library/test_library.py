@@ -119,6 +119,7 @@ def test_a_bench_with_some_keys_replaced(run: hil.Run) -> None:
         run.bench.with_(loop={"duration_s": -1.0})
 
 
+@pytest.mark.slow
 def test_a_score_puts_the_truth_beside_the_run(run: hil.Run) -> None:
     scored = hil.score(run, run.path.parent / "truth.arrow")
     assert scored.result.angle is not None

@@ -79,6 +79,7 @@ def test_an_angular_gain_that_is_off_lies_within_what_was_declared(tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_scan")  # of the angle alone, not of how sure it is
 def test_a_declared_angular_gain_is_taken_off(tmp_path: Path) -> None:
     effects = '[[effect]]\nname = "angular_gain"\nkappa = 0.02\n'
     folder = ran(tmp_path, seconds=8.0, effects=effects, device={"calibration": {"angular_gain": 1.02}})

@@ -43,6 +43,10 @@ def scored(
     return score(done.folder, truth)
 
 
+NOBODY_ASKS = pytest.mark.usefixtures("no_scan")  # whether the model is complete
+
+
+@NOBODY_ASKS
 @pytest.mark.parametrize(
     ("effect", "name", "symbol", "true", "gain"),
     [
@@ -80,7 +84,6 @@ def test_the_bench_as_run_keeps_its_effects(tmp_path: Path) -> None:
     assert load_bench(done.folder / "bench.toml").effects.named == {"sense_gain": {"gy": 0.01}}
 
 
-NOBODY_ASKS = pytest.mark.usefixtures("no_scan")  # whether the model is complete
 CLOCK = ("[faults]\nclock_skew = 0.01", {"clock_rate": {"delta": 1.0 / 1.01 - 1.0}})
 MASSES = ('name = "unequal_masses"\nm = 0.1', {"unequal_masses": {"m": 0.1}})
 

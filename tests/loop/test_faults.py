@@ -76,6 +76,7 @@ def test_samples_lost_beyond_the_limit_fail_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_scan")  # of the records alone
 def test_the_same_seed_is_the_same_record_on_every_link(tmp_path: Path) -> None:
     """In lockstep bench time decides what a lost frame does, so neither link nor speed can change the record."""
     scenario, declared = faulty(tmp_path / "board.toml", BAD_LINE), gyro.bench(1.0)

@@ -15,8 +15,8 @@ from tests.loop.processes import Host, alive, children, stopped, until
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
-# Patience of the host with a board, far below the time for which one is stopped here.
-PATIENCE = {"timeout_s": 0.5}
+# The patience of the host with a board is far below the time for which one is stopped here.
+DECLARED = gyro.bench(4.0, link={"timeout_s": 0.5})
 STOP_S = 1.5
 
 
@@ -55,6 +55,7 @@ def test_the_dither_follows_the_seed(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_scan")  # of the records alone
 def test_one_seed_is_one_record_on_any_link(tmp_path: Path) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     declared = gyro.bench(1.0)
@@ -67,19 +68,30 @@ def test_one_seed_is_one_record_on_any_link(tmp_path: Path) -> None:
     assert captured(other, f"inproc:{scenario}", tmp_path / "runs") != first
 
 
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The record of a run in which nothing stands still."""
+    place = tmp_path_factory.mktemp("undisturbed")
+    scenario = gyro.scenario(place / "board.toml")
+    with pytest.MonkeyPatch.context() as patch:  # what `_strict` and `no_scan` do, for all of this module
+        patch.setenv("PYTHONWARNINGS", "error")
+        patch.setattr("hil.closing_scan.scan_run", lambda *_: None)
+        folder = run(DECLARED, f"inproc:{scenario}", place / "runs", report=False, progress=lambda _: None).folder
+    assert folder is not None
+    return RunFolder(folder).capture_path.read_bytes()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("standing", ["device_emulator", "hil.loop.worker", "hil"])
-def test_stopping_a_process_changes_nothing(tmp_path: Path, standing: str) -> None:
+def test_stopping_a_process_changes_nothing(tmp_path: Path, undisturbed: bytes, standing: str) -> None:
     """The board, the loop, or the command itself, stopped for longer than a host is patient in real time."""
     scenario = gyro.scenario(tmp_path / "board.toml")
-    declared = gyro.bench(4.0, link=PATIENCE)
-    with Host(tmp_path / "host", declared, f"pty:{scenario}") as host:
+    with Host(tmp_path / "host", DECLARED, f"pty:{scenario}") as host:
         host.await_stage("run")
         with stopped(host.process.pid if standing == "hil" else host.child(standing), STOP_S):
             assert not host.capture.complete
         code, said = host.ends()
         assert code in (0, 1), said
-        undisturbed = captured(declared, f"inproc:{scenario}", tmp_path / "runs")
         assert host.folder.capture_path.read_bytes() == undisturbed
 
 

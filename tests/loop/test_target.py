@@ -11,7 +11,7 @@ from hil.loop.run import run
 from hil.records.capture import read_capture
 from hil.scoring import score
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]  # a whole run
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report", "no_scan")]  # a whole run
 
 STEP, RATE, HALF = 0.02, 4000, 1000
 
