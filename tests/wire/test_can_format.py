@@ -37,6 +37,14 @@ def pair(node: int = 0) -> tuple[Transmitter, Receiver]:
     return Transmitter(CanFormat(node, BOARD)), Receiver(CanFormat(node, HOST))
 
 
+def test_a_stretch_of_records_is_cut_into_whole_ones_and_the_rest() -> None:
+    one, two = record(0x101, b"\1"), record(0x102, b"\2\3")
+    cut = CanFormat(0, BOARD).cut
+    assert cut(one + two + one[:71]) == ([one, two], one[:71])
+    assert cut(one + two) == ([one, two], b"")
+    assert cut(b"") == ([], b"")
+
+
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["name"])
 def test_golden_frames_by_hand(vector):
     """What docs/wire.md says, with `struct` alone."""
