@@ -297,7 +297,7 @@ def test_what_follows_with_play_begins_as_if_it_had_come_from_nothing() -> None:
     settings, columns = made.arrays.settings[0], 20
     settings["slip_count"], settings["sense_constants"] = 4, 2
     stop, slip = Source.STOP.value, Source.SLIP.value
-    settings["slips"][:4] = [(0, 0, 9, stop), (1, 1, 10, stop), (2, 0, 9, slip), (3, 0, 11, stop)]
+    settings["slips"][:4] = [(1, 0, 9, stop), (0, 1, 10, stop), (2, 0, 9, slip), (3, 0, 11, stop)]  # signals, then axes
     c = np.zeros(15)
     c[9:12] = 0.5, 0.6, 0.0
     for x, y, own_x, own_y in ((0.3, -0.9, True, False), (0.7, 0.2, False, True), (-0.7, 0.9, False, False)):

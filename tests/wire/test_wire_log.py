@@ -37,6 +37,20 @@ def test_what_was_said_is_in_the_log(tmp_path, ending):
     assert [item.message for item in Receiver(host.link.format).feed(records)] == answers
 
 
+def test_what_was_said_last_is_in_the_log(tmp_path):
+    """The log ends when the bus has fallen quiet, not with what is measured."""
+    host, board = Endpoint(open_link(URL)), Endpoint(open_board_link(URL))
+    try:
+        with wire_log(tmp_path / "bus.log", URL):
+            for _ in range(1000):
+                host.send(Arm())
+    finally:
+        host.close()
+        board.close()
+    with can.LogReader(tmp_path / "bus.log") as log:
+        assert len(list(log)) == 1000
+
+
 def test_what_cannot_be_logged(tmp_path):
     for path, url, words in (
         ("bus.log", "serial:/dev/ttyACM0", "wire log: serial:/dev/ttyACM0 has no CAN frames to log; use a link can:"),
