@@ -138,7 +138,8 @@ class Foresees:
     def __init__(self, nis: dict[tuple[int, int], float]) -> None:
         self.nis = nis
         self.asked: list[tuple[int, int]] = []
-        self.gone: tuple[int, int] | None = None  # signs with which it is lost at the last row
+        self.gone: tuple[int, int] | None = None  # signs with which it is lost at a row, …
+        self.gone_at = -1  # … the last one
 
     def run(self, sense_V: np.ndarray, drive: np.ndarray) -> SimpleNamespace:
         signs = (int(drive[-1, 0]) or 1, int(drive[-1, 1]) or 1)
@@ -149,7 +150,7 @@ class Foresees:
         innovation[: self.BEGIN] = 1e3
         innovation[self.LOST] = 1e6
         if signs == self.gone:
-            innovation[-1] = np.nan
+            innovation[self.gone_at] = np.nan
         return SimpleNamespace(innovation=innovation, innovation_deviation=spread)
 
     def told(self, driven: tuple[int, int] = (1, 1)) -> str:
@@ -190,7 +191,11 @@ def test_an_observer_that_is_lost_at_a_single_row_foresees_nothing() -> None:
     observer = Foresees(dict.fromkeys(ALL_WELL, 100.0) | {(1, 1): 2.0, (1, -1): 1.0})
     assert observer.told() == ""
     observer.gone = 1, 1
-    assert observer.told().startswith("the drive of y acts")
+    for row in (observer.BEGIN, observer.ROWS - 1):  # the first row that is driven counts, as the last
+        observer.gone_at = row
+        assert observer.told().startswith("the drive of y acts")
+    observer.gone_at = observer.BEGIN - 1
+    assert observer.told() == ""
 
 
 def test_only_signs_of_axes_that_were_driven_are_tried() -> None:

@@ -213,3 +213,16 @@ def test_what_a_board_drops_is_what_did_not_fit(board: PtyLink, monkeypatch: pyt
 def test_nobody_stamps_what_comes_by_a_port(board: PtyLink) -> None:
     assert (board.arrived_ns, board.format) == (0, SERIAL)
     assert board.advice == "is it a gyro board, on, at this baud rate?"
+
+
+def test_what_is_no_terminal_is_found_out_without_waiting_for_a_carrier(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opened as a port is, for reading and writing, and neither waited for nor made the terminal of this process."""
+    asked: list[int] = []
+
+    def opened(path: str, flags: int) -> int:
+        asked.append(flags)
+        raise OSError(6, "No such device or address")
+
+    monkeypatch.setattr(serial_link.os, "open", opened)
+    assert not serial_link._is_terminal("/dev/ttyS0")
+    assert asked == [os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK]

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from hil.wire import keyed
-from hil.wire.keyed import Incoming, KeyedBoard, KeyedHost, Outgoing
+from hil.wire.keyed import OPEN, OPEN_HEAD, TAG_SIZE, Incoming, KeyedBoard, KeyedHost, Outgoing
 from hil.wire.messages import Arm, Hello, Message
 from hil.wire.session import LEFT, PEER_S, Heard, Peer, PlainBoard, PlainHost, is_hello
 from hil.wire.stream import Transmitter
@@ -319,3 +319,12 @@ def test_the_first_byte_of_each_keyed_datagram_is_that_of_the_page() -> None:
     for name, byte in known.items():
         row = next(line for line in page.splitlines() if line.startswith(f"| {name} |") and "`c" in line)
         assert int(row.split("`")[1][:2], 16) == byte
+
+
+def test_an_opening_cut_short_anywhere_is_dropped_and_counted() -> None:
+    """Nothing of it is read before it is known to be long enough (docs/security.md)."""
+    board = KeyedBoard(KEY)
+    for length in range(1, OPEN_HEAD.size + TAG_SIZE + 1):
+        cut = bytes([OPEN]) + bytes(length - 1)
+        assert board.heard(cut, from_peer=False, taken=False) == Heard(None)
+        assert board.refused == length
