@@ -28,6 +28,7 @@ class Fitness:
         100.0, "cycles", "A driven gyro can run longer, and its envelope is to be seen to move."
     )
     moves: float = _set(3.0, "× the declared noise", "A channel below this shows nothing but noise.")
+    rest: float = _set(2.0, "cycles", "Eight samples at least, which tell noise from motion; a mass stops within one.")
     lost_share: float = _set(0.5, "share of the samples", "With more lost, the gaps and not the device are fitted.")
     end_samples: int = _set(20, "samples", "At exactly the end of the scale: fewer repeat a peak by chance.")
     end_excess: float = _set(

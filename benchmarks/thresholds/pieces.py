@@ -34,6 +34,7 @@ def pieces() -> dict[str, Callable[[], Answer]]:
     """By name, what the part answers."""
     return {
         "free, few cycles": _few_cycles,
+        "a motion that ends": _ended,
         "long": _long,
         "lines in noise": _lines,
         "gains of the other sign": _gains,
@@ -70,6 +71,18 @@ def _few_cycles() -> Answer:
     except ModelError as error:
         return {"verdict": f"refused: {str(error).partition(':')[0]}", "words": []}
     return {"verdict": "fit to be traced", "words": []}
+
+
+def _ended() -> Answer:
+    """At sample 470, twenty of which are a cycle."""
+    from dataclasses import replace
+
+    from estimator.trace.rest import moves_until
+
+    problem = _ring(4000)
+    sense = problem.record.sense.copy()
+    sense[470:] = 1e-4 * np.random.default_rng(2).standard_normal(sense[470:].shape)
+    return {"verdict": f"moves up to sample {moves_until(replace(problem.record, sense=sense), _DEVICE)}", "words": []}
 
 
 def _long() -> Answer:

@@ -9,12 +9,12 @@ from estimator.record import Record
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 
-_CYCLES = 2  # of the resonance, looked at together: eight samples at least, or the record is refused
+_SET = THRESHOLDS.fitness
 
 
 def moves_until(record: Record, device: Device) -> int:
-    """How many samples of a free response show a motion that comes to rest: up to the last stretch of two
-    cycles of the declared resonance that shows more than the declared noise about one value, in which it stops.  All of
+    """How many samples of a free response show a motion that comes to rest: up to the last stretch of
+    some cycles of the declared resonance that shows more than the declared noise about one value, in which it stops.  All of
     them where a drive acts, and where it moves to the end.
 
     Where nothing moves, the sum of squares of n samples over the variance of the noise is χ² of n − 1 degrees.
@@ -23,7 +23,7 @@ def moves_until(record: Record, device: Device) -> int:
     if np.any(record.drive) or device.target <= 0.0:
         return samples
     period = 2.0 * math.pi / math.sqrt(device.target)
-    length = max(math.ceil(_CYCLES * period / float(np.median(record.step))), 2)
+    length = max(round(_SET.rest * period / float(np.median(record.step))), 2)
     stretches = samples // length
     last = -1
     for series, noise in zip(record.sense.T, device.noise, strict=True):
