@@ -13,8 +13,8 @@ _SET = THRESHOLDS.fitness
 
 
 def moves_until(record: Record, device: Device) -> int:
-    """How many samples of a free response show a motion that comes to rest: up to the last stretch of some cycles of the
-    declared resonance that shows more than the declared noise about one value, in which it stops.  All of them where a
+    """How many samples of a free response show a motion that comes to rest: up to the last stretch of some cycles of
+    the declared resonance that shows more than the declared noise about one value, in which it stops.  All where a
     drive acts, and where it moves to the end.
 
     Where nothing moves, the sum of squares of n samples over the variance of the noise is χ² of n − 1 degrees.
