@@ -35,12 +35,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     """A file of which `-m` leaves nothing is not even loaded, by each of the processes: its text says so."""
     if not collection_path.match("test_*.py"):
         return None
-    wanted = config.getoption("markexpr").split(" and ")
-    if "not slow" in wanted and _WHOLLY_SLOW.search(collection_path.read_text(encoding="utf-8")):
-        return True
-    if "realtime" in wanted and "realtime" not in collection_path.read_text(encoding="utf-8"):
-        return True
-    return None
+    wanted, text = config.getoption("markexpr").split(" and "), collection_path.read_text(encoding="utf-8")
+    wholly_slow = "not slow" in wanted and _WHOLLY_SLOW.search(text)
+    return True if wholly_slow or ("realtime" in wanted and "realtime" not in text) else None
 
 
 @pytest.hookimpl(trylast=True)  # of what `-m` has left

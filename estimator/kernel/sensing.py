@@ -66,11 +66,6 @@ def sensed_otherwise(
             slope_by[row, j] += push.by_states[axis, j]
         for k in range(constants):
             slope_by[row, states + k] += push.by_constants[axis, k]
-    # ∂/∂constants of what the linear part makes of a slope: the field is that part of any state, without a drive.
-    a[:] = 0.0
-    for i in range(states):
-        a[i, 0] = slope[i]
-    _field_columns(settings.model, c, a, np.zeros(settings.axes), b, columns)
     # What the sense chain takes for displacement and velocity.
     q = s.copy()
     q_by = np.zeros((states, states + constants))
@@ -95,6 +90,11 @@ def sensed_otherwise(
             q[row + 1] += linear[row + 1, i] * slope[i]
             for j in range(states + constants):
                 q_by[row + 1, j] += linear[row + 1, i] * slope_by[i, j]
+        # What the linear part makes of the slope moves with the constants, too: it is the field there, without a drive.
+        a[:] = 0.0
+        for i in range(states):
+            a[i, 0] = slope[i]
+        _field_columns(settings.model, c, a, np.zeros(settings.axes), b, columns)
         for k in range(settings.flow_constants):
             q_by[row + 1, states + first_flowing + k] += b[row + 1, 1 + states + k]
     full = np.zeros((2, states + constants))

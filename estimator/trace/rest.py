@@ -33,5 +33,5 @@ def moves_until(record: Record, device: Device) -> int:
         squares = np.nansum((rows - mean[:, None]) ** 2, axis=1) / noise**2
         chance = THRESHOLDS.criterion.chance / max(stretches, 1)
         moving = np.flatnonzero(squares > chi2.isf(chance, np.maximum(seen - 1, 1)))
-        last = max(last, *moving.tolist(), -1)
+        last = int(np.max(moving, initial=last))
     return samples if last >= stretches - 1 else max(last, 0) * length
