@@ -108,6 +108,7 @@ class Coefficient:
     the standard deviation with which it enters an observer; positive: a negative value would be no such effect
     (friction that drives); start: in scaled units, where an observer begins that is not told;
     least: in scaled units, no fit goes below that; own: of where a record begins, so that each record has its own;
+    wanes: what it adds dies away, so that a longer record tells no more of it;
     tried: in scaled units, where a trace begins beside `start` if a fit from there comes to nothing, as where the
     measurement is far from linear in it.
     """
@@ -123,6 +124,7 @@ class Coefficient:
     start: float = 0.0
     least: float = -math.inf
     own: bool = False
+    wanes: bool = False
     tried: tuple[float, ...] = ()
 
     @property

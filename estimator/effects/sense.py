@@ -121,8 +121,8 @@ SENSE_LOW_PASS = Effect(
     coefficients=(
         Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True, tried=(0.3,)),
         Coefficient(tly, "tly", 0.1, 0, 1, positive=True, tried=(0.3,)),
-        Coefficient(olx, "olx", 1.0, 1),
-        Coefficient(oly, "oly", 1.0, 1),
+        Coefficient(olx, "olx", 1.0, 1, wanes=True),
+        Coefficient(oly, "oly", 1.0, 1, wanes=True),
     ),
     signals=(
         Signal(ux_behind_x, Source.LAG, 0, tlx),
@@ -155,8 +155,8 @@ SENSE_HIGH_PASS = Effect(
     coefficients=(
         Coefficient(hpx, "hpx", 0.05, 0, -1, positive=True),
         Coefficient(hpy, "hpy", 0.05, 0, -1, positive=True),
-        Coefficient(odx, "odx", 0.1, 1),
-        Coefficient(ody, "ody", 0.1, 1),
+        Coefficient(odx, "odx", 0.1, 1, wanes=True),
+        Coefficient(ody, "ody", 0.1, 1, wanes=True),
     ),
     parameters=(
         Parameter(leak_x, "leak_x", 0, -1, found_as=hpx),
@@ -233,10 +233,10 @@ FREE_MODE = Effect(
     coefficients=(
         Coefficient(wm, "wm", 1e-3, 0, -1, positive=True, start=3.0, least=0.01),
         Coefficient(dm, "dm", 1e-3, 0, -1, positive=True, start=0.01),
-        Coefficient(cmx, "cmx", 0.1, volt=1, own=True),
-        Coefficient(smx, "smx", 0.1, volt=1, own=True),
-        Coefficient(cmy, "cmy", 0.1, volt=1, own=True),
-        Coefficient(smy, "smy", 0.1, volt=1, own=True),
+        Coefficient(cmx, "cmx", 0.1, volt=1, own=True, wanes=True),
+        Coefficient(smx, "smx", 0.1, volt=1, own=True, wanes=True),
+        Coefficient(cmy, "cmy", 0.1, volt=1, own=True, wanes=True),
+        Coefficient(smy, "smy", 0.1, volt=1, own=True, wanes=True),
     ),
     signals=(Signal(time, Source.TIME),),
     sense=(

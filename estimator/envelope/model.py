@@ -246,7 +246,9 @@ class EnvelopeModel:
             found.append(term.name)
         return tuple(found)
 
-    def hopeful(self, look: tuple[str, ...], tried: Mapping[str, Trial[EnvelopeFit]], number: int) -> Sequence[str]:
+    def hopeful(
+        self, look: tuple[str, ...], tried: Mapping[str, Trial[EnvelopeFit]], refused: Collection[str], number: int
+    ) -> Sequence[str]:
         """All of them."""
         return look
 
@@ -258,9 +260,7 @@ class EnvelopeModel:
         found: dict[str, EnvelopeFit | str] = {}
         for name in names:
             try:
-                found[name] = fitted(
-                    self.envelope, self.resonator, (*current.terms, every[name]), self.choice, current
-                )
+                found[name] = fitted(self.envelope, self.resonator, (*current.terms, every[name]), self.choice, current)
             except ModelError:
                 found[name] = "no ring-down with it"
         return found

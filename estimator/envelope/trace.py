@@ -89,10 +89,7 @@ def _same_laws(term: Term, every: tuple[Term, ...]) -> tuple[Term, ...]:
     return tuple(
         other
         for other in every
-        if other is not term
-        and term.law is not None
-        and other.law is not None
-        and other.law.degree == term.law.degree
+        if other is not term and term.law is not None and other.law is not None and other.law.degree == term.law.degree
     )
 
 
@@ -157,9 +154,7 @@ def _claim(resonator: Resonator, before: EnvelopeFit, after: EnvelopeFit, held_o
             effective_samples(after.residual[held_out]),
         ),
         after.estimates(resonator),
-        constants=(
-            Constant("dxx", damping.value, damping.low, damping.high, declared, deviation, positive=True),
-        ),
+        constants=(Constant("dxx", damping.value, damping.low, damping.high, declared, deviation, positive=True),),
     )
 
 
@@ -240,9 +235,7 @@ def _residual(fit: EnvelopeFit) -> Residual:
     return Residual(fit.residual[:, None], nothing, nothing[:, None])
 
 
-def _summary(
-    verdict: Verdict, named: tuple[Term, ...], after: EnvelopeFit, claim: Claim, resonator: Resonator
-) -> str:
+def _summary(verdict: Verdict, named: tuple[Term, ...], after: EnvelopeFit, claim: Claim, resonator: Resonator) -> str:
     unit, errors, damping = resonator.device.sense_unit, claim.residual, after.damping(resonator)
     was = f", was {errors.before:.3g} {unit}" if named else ""
     quality = resonator.scaling.omega0 / damping.value if damping.value > 0.0 else float("inf")

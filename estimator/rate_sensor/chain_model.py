@@ -31,7 +31,9 @@ class ChainModel:
         names = (effect.name for effect in self.candidates if _open(effect, current.chain))
         return tuple(name for name in names if name not in barred)
 
-    def hopeful(self, look: tuple[str, ...], tried: Mapping[str, Trial[SensorFit]], number: int) -> Sequence[str]:
+    def hopeful(
+        self, look: tuple[str, ...], tried: Mapping[str, Trial[SensorFit]], refused: Collection[str], number: int
+    ) -> Sequence[str]:
         """All of them."""
         return look
 

@@ -105,8 +105,12 @@ class Model(Protocol[Fit, Look]):
     def promise(self, current: Fit, barred: Collection[str]) -> Look:
         """What each candidate that is not barred would explain of what `current` leaves."""
 
-    def hopeful(self, look: Look, tried: Mapping[str, Trial[Fit]], number: int) -> Sequence[str]:
-        """Whom to carry in round `number` (from 0) beside those that were tried in it; asked until it says nobody."""
+    def hopeful(
+        self, look: Look, tried: Mapping[str, Trial[Fit]], refused: Collection[str], number: int
+    ) -> Sequence[str]:
+        """Whom to carry in round `number` (from 0) beside those that were tried in it and those refused, of which
+        there is no model of the right signs; asked until it says nobody.
+        """
 
     def fit(
         self, current: Fit, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Fit]]
@@ -201,7 +205,7 @@ def choose(
     progress(0, rules.most)
     while True:
         look = model.promise(current, barred)
-        if len(steps) == rules.most or not model.hopeful(look, {}, len(steps)):
+        if len(steps) == rules.most or not model.hopeful(look, {}, (), len(steps)):
             rounds.append(Round(look, (), None))
             break
         verdicts, trials = _carried(model, current, look, len(steps), rules, barred)
@@ -216,7 +220,7 @@ def choose(
                 current, steps, rounds = reconsidered(reducible, current, steps, rounds, rules, barred)
         elif not again:
             break
-    more = len(steps) == rules.most and bool(model.hopeful(rounds[-1].look, {}, len(steps)))
+    more = len(steps) == rules.most and bool(model.hopeful(rounds[-1].look, {}, (), len(steps)))
     if rules.dissent is Dissent.CUTS:
         steps, rounds = _cut(model, steps, rounds)
         current = steps[-1].trial.fit if steps else start
@@ -366,7 +370,8 @@ def _carried(
     """Carry the hopeful: a trial for each that has a model of the right signs; the others are barred."""
     verdicts: _Verdicts = {}
     trials: dict[str, Trial[Fit]] = {}
-    while names := [name for name in model.hopeful(look, trials, number) if name not in verdicts]:
+    refused: set[str] = set()
+    while names := [name for name in model.hopeful(look, trials, refused, number) if name not in verdicts]:
         fits: dict[str, Fit] = {}
         for name, found in model.fit(current, look, names, trials).items():
             if isinstance(found, str):
@@ -383,6 +388,7 @@ def _carried(
         if fits:
             scores = model.score(current, look, fits)
             trials |= {name: Trial(fits[name], scores[name]) for name in fits}
+        refused.update(verdicts.keys() - trials.keys())
     return verdicts, trials
 
 

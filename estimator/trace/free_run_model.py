@@ -73,7 +73,9 @@ class FreeRunModel:
         left = [name for name in self.names if name not in current.effects and name not in barred]
         return promises_of(self.problem, current.effects, left, current.fit, self.choice)
 
-    def hopeful(self, look: Promises, tried: Mapping[str, Trial[FreeRun]], number: int) -> Sequence[str]:
+    def hopeful(
+        self, look: Promises, tried: Mapping[str, Trial[FreeRun]], refused: Collection[str], number: int
+    ) -> Sequence[str]:
         """Those whose promise outweighs its price, the best few."""
         worth = (name for name, promise in look.items() if promise.gain > promise.price)
         return sorted(worth, key=lambda name: look[name].price - look[name].gain)[: _SET.tried]

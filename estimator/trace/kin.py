@@ -6,7 +6,7 @@ falls with the amplitude is one of the last with the other sign, or friction; ho
 little, since friction is far from linear in how slow the mass is where it turns over.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable
 
 from estimator.trace.candidates import declared
 
@@ -17,6 +17,6 @@ def are_kin(name: str, other: str) -> bool:
     return one is not None and two is not None and one.kin is not None and one.kin is two.kin
 
 
-def kin_of(best: str, watched: Iterable[str], tried: Mapping[str, object]) -> list[str]:
+def kin_of(best: str, watched: Iterable[str], tried: Collection[str]) -> list[str]:
     """All that are watched and akin to the best, whatever they promise, and were not tried."""
     return [name for name in watched if are_kin(best, name) and name not in tried]

@@ -60,7 +60,9 @@ class ObserverModel:
         left = {name: item for name, item in look.evidence.items() if name not in barred}
         return replace(look, evidence=left) if barred else look
 
-    def hopeful(self, look: Look, tried: Mapping[str, Trial[Carrying]], number: int) -> Sequence[str]:
+    def hopeful(
+        self, look: Look, tried: Mapping[str, Trial[Carrying]], refused: Collection[str], number: int
+    ) -> Sequence[str]:
         """The leaders of the scan and whoever may be no worse; all kinds, where the best of them leaves something."""
 
         def behind() -> Look:
@@ -81,7 +83,7 @@ class ObserverModel:
             )
 
         gains = {name: trial.score.gain for name, trial in tried.items()}
-        return hopeful(look, gains, behind, screened, calm=_is_calm(self.problem))
+        return hopeful(look, gains, refused, behind, screened, calm=_is_calm(self.problem))
 
     def fit(
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]
@@ -200,9 +202,13 @@ def degrees(name: str, device: Device) -> int:
 
 
 def numbers(name: str, device: Device) -> int:
-    """How many coefficients it has, and parameters that are none of them."""
+    """How many coefficients it has that are paid for, and parameters that are none of them.
+
+    Schwarz's price is that of a number of which the record tells the more the longer it is.  Of how what an effect adds
+    begins and wanes, a few samples tell all, and the spread with which an observer begins has paid for it.
+    """
     _, effect = effect_for(name, device.axes, device.own)
-    return len(effect.coefficients) + sum(p.found_as is None for p in effect.parameters)
+    return sum(not c.wanes for c in effect.coefficients) + sum(p.found_as is None for p in effect.parameters)
 
 
 def told(name: str, problem: Problem) -> int:

@@ -19,6 +19,7 @@ _SET = THRESHOLDS.width
 def hopeful(
     look: Look,
     gains: Mapping[str, float],
+    refused: Collection[str],
     behind: Callable[[], Look],
     screened: Callable[[list[str], Collection[str]], list[str]],
     *,
@@ -27,26 +28,31 @@ def hopeful(
     """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
     First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by;
-    then those akin to the best.  Where the best leaves something, or the scan stood before much, or the best is a line,
-    with which anything may be drawn, or the motion is one steady line, on which many act alike, a short part of the
-    record is asked about every kind; where it leaves something, those of which the scan promises most may do less well
-    there.
-    gains: of those that were tried; behind: what is seen behind the best of them; screened: those that a short part of
-    the record speaks for, less for those that are spared; calm: whether the drive is of the resonance alone.
+    then those that look like the best that was carried, which need not be the scan's; then those akin to it.  Where the
+    best leaves something, or the scan stood before much, or the best is a line, with which anything may be drawn, or
+    the motion is one steady line, on which many act alike, a short part of the record is asked about every kind; where
+    it leaves something, those of which the scan promises most may do less well there.
+    gains: of those that were tried; refused: those of which there is no model; behind: what is seen behind the best of
+    the tried; screened: those that a short part of the record speaks for, less for those that are spared; calm: whether
+    the drive is of the resonance alone.
     """
     leaders = with_simpler(shortlist(look.seen, look.serious), look.evidence)
     if not gains:
         return leaders
+    asked = {*gains, *refused}
     near = within_reach(look.serious, leaders, max(gains[name] for name in gains if name in leaders))
-    if names := [name for name in near if name not in gains]:
+    if names := [name for name in near if name not in asked]:
+        return names
+    near += looking_like(look, [*leaders, *near], gains)
+    if names := [name for name in near if name not in asked]:
         return names
     best = max(gains, key=lambda name: gains[name])
-    if names := kin_of(best, look.evidence, gains):
+    if names := kin_of(best, look.evidence, asked):
         return names
-    if any(name not in (*leaders, *near) and not are_kin(best, name) for name in gains):
+    if any(name not in (*leaders, *near) and not are_kin(best, name) for name in asked):
         return []
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
-    others = second_thoughts(look.evidence, gains)
+    others = second_thoughts(look.evidence, asked)
     if not is_small(behind(), max(gains.values())):
         return screened(others, others[: _SET.batch])
     far = look.seen.ratio**2 > 1.0 + _SET.power
@@ -70,6 +76,20 @@ def within_reach(serious: list[Evidence], tried: Collection[str], gained: float)
     for item in serious:
         new = all(kind(item.name) != kind(name) for name in (*names, *tried))
         if new and item.gain + _SET.scan_deviations * item.error > gained - TIE:
+            names.append(item.name)
+    return names
+
+
+def looking_like(look: Look, tried: Collection[str], gains: Mapping[str, float]) -> list[str]:
+    """The best of each kind that looks like the one of `tried` that gained most, is serious and of another kind than
+    all of those: where the scan is rough, its leader may look like others than the best does.
+    """
+    best = max((name for name in tried if name in gains), key=lambda name: gains[name])
+    alike = look.alike(best)
+    names: list[str] = []
+    for item in look.serious:
+        new = all(kind(item.name) != kind(name) for name in (*names, *tried))
+        if new and alike.get(item.name, 0.0) > _SET.alike:
             names.append(item.name)
     return names
 

@@ -56,7 +56,7 @@ class Stub:
     def promise(self, current, barred):
         return tuple(name for name in self.effects if name not in current and name not in barred)
 
-    def hopeful(self, look, tried, number):
+    def hopeful(self, look, tried, refused, number):
         return look[: self.width]
 
     def fit(self, current, look, names, tried):
@@ -420,13 +420,23 @@ def test_every_candidate_that_was_carried_has_its_gain_price_and_interval():
 
 def test_who_is_carried_follows_from_what_was_carried_until_nobody_is_added():
     class Wider(Stub):
-        def hopeful(self, look, tried, number):
+        def hopeful(self, look, tried, refused, number):
             return look[:1] if not tried else look[:2] if number == 0 and tried[leader(tried)].score.gain < 15 else ()
 
     stub = Wider({"a": Worth(10.0), "b": Worth(20.0), "c": Worth(30.0)})
     found = choose(stub, (), rules(most=2))
     assert stub.asked == [("a",), ("b",), ("a",)]
     assert names(found) == ["b", "a"]
+
+
+def test_a_family_is_told_who_was_refused():
+    class Wider(Stub):
+        def hopeful(self, look, tried, refused, number):
+            return look[:3] if not tried else look[3:4] if {"b", "c"} == refused else ()
+
+    stub = Wider({"a": Worth(9.0), "b": Worth(9.0, impossible=True), "c": Worth(9.0, low=-2, high=-1), "d": Worth(8.0)})
+    choose(stub, (), rules(most=1))
+    assert stub.asked == [("a", "b", "c"), ("d",)]
 
 
 def test_progress_never_passes_its_end():

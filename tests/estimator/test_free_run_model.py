@@ -162,7 +162,7 @@ def test_candidates_are_asked_that_are_neither_carried_nor_barred(monkeypatch: p
 def test_hopeful_are_the_three_whose_promise_outweighs_its_price_most() -> None:
     worth = {"a": (9.0, 8.0), "b": (30.0, 10.0), "c": (7.0, 8.0), "d": (20.0, 19.5), "e": (12.0, 3.0), "f": (5.0, 5.0)}
     look = {name: Promise(gain, price, np.zeros((0, 0))) for name, (gain, price) in worth.items()}
-    assert list(model().hopeful(look, {}, 0)) == ["b", "e", "a"]
+    assert list(model().hopeful(look, {}, (), 0)) == ["b", "e", "a"]
 
 
 def test_each_is_fitted_beside_what_is_carried_from_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from estimator.settings import ObserverSettings
 from estimator.trace import observer_model
 from estimator.trace.criterion import TIE, chance_gain
 from estimator.trace.engine import Estimate, Score, Trial
-from estimator.trace.observer_model import Carrying, ObserverModel
+from estimator.trace.observer_model import Carrying, ObserverModel, numbers
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING
 from tests.estimator.device import UNLIKE as DEVICE
@@ -153,8 +153,8 @@ def test_taking_one_out_loses_what_the_model_without_it_lacks(fits: Any) -> None
 def test_a_short_part_is_asked_about_each_in_place_of_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
 
-    def hopeful(look: Any, gains: Any, left: Any, screened: Any, *, calm: bool) -> list[str]:
-        asked.update(gains=gains, left=left)
+    def hopeful(look: Any, gains: Any, refused: Any, left: Any, screened: Any, *, calm: bool) -> list[str]:
+        asked.update(gains=gains, refused=refused, left=left)
         return list(screened(["drive_gain", "interference:1"], ["drive_gain"]))
 
     def spoken_for(*what: Any) -> list[str]:
@@ -166,8 +166,9 @@ def test_a_short_part_is_asked_about_each_in_place_of_the_best(monkeypatch: pyte
     monkeypatch.setattr(observer_model, "look_at", lambda problem, model: ("left by", *model.settings.effects))
     best, other = trial("sense_gain", 500.0), trial("drag", 100.0, 1100.0)
     model = ObserverModel(PROBLEM)
-    assert model.hopeful(LOOK, {"drag": other, "sense_gain": best}, 0) == ["drive_gain"]
+    assert model.hopeful(LOOK, {"drag": other, "sense_gain": best}, {"drive_delay"}, 0) == ["drive_gain"]
     assert asked["gains"] == {"drag": 100.0, "sense_gain": 500.0}
+    assert asked["refused"] == {"drive_delay"}
     assert asked["left"]() == ("left by", "known", "sense_gain")
     others = {"drive_gain": {"known": {}, "drive_gain": {}}, "interference:1": {"known": {}, **LINE}}
     beside = ({"known": {}, "sense_gain": {}}, {"known": {}}, others)
@@ -243,3 +244,11 @@ def test_coefficients_are_those_of_the_model_with_what_was_searched_for(monkeypa
     model: Any = "model"
     carrying = Carrying(PROBLEM, model, {"drag": NOTHING})
     assert ObserverModel(PROBLEM).coefficients(carrying) == ("model", {"drag": NOTHING})
+
+
+@pytest.mark.parametrize(
+    ("name", "paid"), [("sense_low_pass", 2), ("sense_high_pass", 2), ("drag", 2), ("drive_saturation", 3)]
+)
+def test_how_an_effect_begins_and_wanes_is_not_paid_for(name: str, paid: int) -> None:
+    """A few samples tell it; the price of a number is that of one that all samples tell of.  A level is one more."""
+    assert numbers(name, PROBLEM.device) == paid

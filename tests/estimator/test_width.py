@@ -18,25 +18,30 @@ def item(name: str, gain: float, scatter: float = 1.0) -> Evidence:
     return Evidence(name, gain, 1, scatter, np.zeros(1), np.ones(1))
 
 
-def look(*items: Evidence, ratio=1.0) -> Look:
-    """What a scan shows whose candidates have nothing in common; ratio: innovation over what was predicted."""
-    n = len(items)
+def look(*items: Evidence, ratio=1.0, twins=()) -> Look:
+    """What a scan shows whose candidates have nothing in common but the pairs in twins, which look alike; ratio:
+    innovation over what was predicted.
+    """
+    n, names = len(items), [one.name for one in items]
+    normal = np.eye(n)
+    for one, other in twins:
+        normal[names.index(one), names.index(other)] = normal[names.index(other), names.index(one)] = 0.99
     seen = SimpleNamespace(
         ratio=ratio,
         columns={one.name: slice(k, k + 1) for k, one in enumerate(items)},
-        normal=np.eye(n)[None],
+        normal=normal[None],
         score=np.sqrt([[one.gain for one in items]]),
     )
     return Look({}, seen, {one.name: one for one in items})
 
 
-def asked(view: Look, tried, left=0.0, ratio=1.0, keeps=(), calm=False):
+def asked(view: Look, tried, left=0.0, ratio=1.0, keeps=(), calm=False, refused=()):
     behind = Look({}, SimpleNamespace(ratio=ratio), {"any": item("any", left, 50.0)})
 
     def screened(names, spared):
         return [name for name in names if name in keeps or name in spared]
 
-    return hopeful(view, tried, lambda: behind, screened, calm=calm)
+    return hopeful(view, tried, refused, lambda: behind, screened, calm=calm)
 
 
 def test_the_error_of_a_gain_is_what_its_coefficient_scatters_by() -> None:
@@ -73,6 +78,27 @@ def test_what_is_behind_is_small_only_if_the_largest_of_it_is(second: float, *, 
     """Beside a gain of a thousand, with one candidate that promises nothing."""
     behind = look(item("a", 0.1), item("b", second))
     assert is_small(behind, 1000.0) is small
+
+
+def test_whoever_looks_like_the_best_that_was_carried_follows() -> None:
+    # The scan's leader is another than the best, and five others keep what looks like the best from being a leader.
+    items = [item("a", 900.0), item("b", 800.0), item("c:1", 700.0), item("d", 600.0), item("e", 590.0)]
+    behind = [item("like", 400.0), item("c:2", 390.0), item("other", 380.0)]
+    view = look(*items, *behind, twins=[("c:1", "like"), ("c:1", "c:2")])
+    tried = {"a": 900.0, "b": 800.0, "c:1": 2000.0, "d": 600.0, "e": 590.0}
+    assert asked(view, tried) == ["like"]
+    assert asked(view, tried | {"a": 3000.0}) == []
+    assert asked(view, tried | {"like": 1999.0}) == []
+    assert asked(view, tried | {"like": 1999.0}, calm=True, keeps=["other"]) == ["other"]
+
+
+def test_one_that_is_refused_does_not_end_the_round() -> None:
+    # One that ties with the leaders has no model of the right sign; a short part is asked all the same.
+    view = look(*(item(name, 1000.0) for name in KINDS[:6]), item("other", 10.0))
+    tried = dict.fromkeys(KINDS[:5], 1000.0)
+    assert asked(view, tried) == ["kind5"]
+    assert asked(view, tried, refused=["kind5"], calm=True, keeps=["other"]) == ["other"]
+    assert asked(view, tried, refused=["kind5", "other"], calm=True, keeps=["other"]) == []
 
 
 def test_of_a_kind_one_follows() -> None:

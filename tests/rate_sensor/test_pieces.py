@@ -242,7 +242,7 @@ def test_there_is_one_limit_and_one_low_pass_of_whichever_kind() -> None:
     assert model().promise(made(1.0, 4, None, "soft_saturation"), ("lag",)) == ("second_order", "cubic")
     assert model().promise(made(1.0, 3, None, "lag"), ()) == ("saturation", "soft_saturation", "cubic")
     assert model().promise(made(1.0, 3, None, "cubic"), ()) == ("saturation", "soft_saturation", "lag", "second_order")
-    assert model().hopeful(("a", "b"), {}, 0) == ("a", "b")
+    assert model().hopeful(("a", "b"), {}, (), 0) == ("a", "b")
 
 
 def test_gains_are_of_the_independent_samples_that_the_closest_leaves(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -113,7 +113,9 @@ class PooledModel:
             found[name] = _promise(columns, basis, residual, power, samples, len(left), known=name == shown)
         return found
 
-    def hopeful(self, look: Promises, tried: Mapping[str, Trial[PooledRun]], number: int) -> Sequence[str]:
+    def hopeful(
+        self, look: Promises, tried: Mapping[str, Trial[PooledRun]], refused: Collection[str], number: int
+    ) -> Sequence[str]:
         """Those whose promise outweighs its price, the best few."""
         worth = (name for name, promise in look.items() if promise.gain > promise.price)
         return sorted(worth, key=lambda name: look[name].price - look[name].gain)[: _SET.tried]
