@@ -195,7 +195,9 @@ class ForceModel:
         """Who is left: a fit is so cheap that nothing is said beforehand of what it explains."""
         return tuple(name for name in self.names if name not in current.effects and name not in barred)
 
-    def hopeful(self, look: tuple[str, ...], tried: Mapping[str, Trial[ForceFit]], number: int) -> Sequence[str]:
+    def hopeful(
+        self, look: tuple[str, ...], tried: Mapping[str, Trial[ForceFit]], refused: Collection[str], number: int
+    ) -> Sequence[str]:
         """All of them."""
         return look
 

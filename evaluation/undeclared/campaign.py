@@ -121,9 +121,7 @@ class Records:
         }  # fmt: skip
 
 
-def carried_out(
-    records: Records, workers: int | None, progress: Watcher, *, scheduler: str | None = None
-) -> list[Row]:
+def carried_out(records: Records, workers: int | None, progress: Watcher, *, scheduler: str | None = None) -> list[Row]:
     """The rows of all records, made as far as they are not there, by so many processes here or on the Dask cluster of
     `scheduler`, whose workers have the folder of the records too.  Raises as `hil.sweeping.sweep.sweep` does.
     """

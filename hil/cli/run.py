@@ -70,9 +70,7 @@ def run(
     if live and (dry_run or truth is not None or wire_log is not None):
         raise InputError("--live: without --dry-run, --truth and --wire-log; give --truth to a hil emulate of its own")
     given = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
-    declared, url, truth = request = asked(
-        bench, given, link=link, open_loop=open_loop, truth=truth, replace=replace
-    )
+    declared, url, truth = request = asked(bench, given, link=link, open_loop=open_loop, truth=truth, replace=replace)
     if not dry_run and not request.emulated:
         consent.require(url, declared, given=arm, open_loop=open_loop)
     prepare(declared)

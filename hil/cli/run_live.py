@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 _END_S = 120.0
 
 
-def run_live(
-    bench: "Bench", link: str, out: Path, *, note: str | None, open_loop: bool, progress: Watcher
-) -> Path:
+def run_live(bench: "Bench", link: str, out: Path, *, note: str | None, open_loop: bool, progress: Watcher) -> Path:
     """The folder of the run, once it has ended; its consent has been given. Raises InputError where nothing was
     recorded.
 

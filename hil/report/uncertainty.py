@@ -1,6 +1,5 @@
 """The angle's uncertainty budget on the page."""
 
-
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
 from hil.report.numbers import quantity, relative
