@@ -73,8 +73,7 @@ NAMED = (
     Named(
         "a parameter costs nothing",
         "estimator.trace.observer_model",
-        "return len(effect.coefficients) + sum(p.found_as is None for p in effect.parameters)",
-        "return len(effect.coefficients)", _CERTAINTY,
+        " + sum(p.found_as is None for p in effect.parameters)", "", _CERTAINTY,
     ),
     Named(
         "models are ranked without their price",

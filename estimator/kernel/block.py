@@ -8,7 +8,7 @@ from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.angle_error import note_gradient, refer_angle
 from estimator.kernel.compiled import compiled, inlined
 from estimator.kernel.controller import advance_queue, command, virtual_rate
-from estimator.kernel.layout import Floats, Ints, Record
+from estimator.kernel.layout import MAX_AXES, Floats, Ints, Record
 from estimator.kernel.observer import correct, narrowed, predict, remember_drive, widened, workspace
 from estimator.kernel.plain import STEP, is_plain
 from estimator.kernel.structures import Constants, Estimate, Sample, Workspace
@@ -158,7 +158,7 @@ def tick(
     drive = np.zeros((2, 1))
     drive[0, 0] = ux * settings.quantum
     drive[1, 0] = uy * settings.quantum
-    z = np.zeros(2)
+    z = np.zeros(MAX_AXES)
     z[0] = vx * settings.sense_scale[0]
     z[1] = vy * settings.sense_scale[1]
     sample = Sample(z, drive, settings.h)

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.kernel.compiled import compiled
 from estimator.kernel.flow import effect_forces, flow, taylor
-from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, RATE, Floats, Record
+from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, MAX_AXES, RATE, Floats, Record
 from estimator.kernel.observer import shift_drives
 from estimator.kernel.pattern import pattern
 from estimator.kernel.signals import line_values, signal_values
@@ -60,10 +60,8 @@ def holds(settings: Record, memory: Record, s: Floats, rate: float, w: float, fa
     k = settings.stiffness
     root = np.sqrt(k)
     _, energy, momentum = pattern(s, k, w, rate)
-    target = settings.energy
-    if settings.modulation > 0.0:
-        swing = 1.0 + settings.modulation * np.sin(settings.modulation_rate * memory.time)
-        target *= swing * swing
+    swing = 1.0 + settings.modulation * np.sin(settings.modulation_rate * memory.time)
+    target = settings.energy * (swing * swing)
     # Amplitude: damping along the velocity, never more than twice the gain however large the error (start from rest).
     error = min(max((target - energy) / settings.energy, -2.0), 2.0)
     hold = min(settings.energy_gain * root, fastest) * error
@@ -102,7 +100,7 @@ def undo_effects(settings: Record, c: Floats, s: Floats, push: Push, force: Floa
     """
     extra, drive = push.force, push.drive
     wanted = force.copy()
-    slope = np.zeros(2)  # of what acts on an axis by its drive, times two
+    slope = np.zeros(MAX_AXES)  # of what acts on an axis by its drive, times two
     for side in (1.0, -1.0):
         drive[:] = side
         effect_forces(settings, c, s, push)
@@ -132,7 +130,7 @@ def steer(settings: Record, memory: Record, s: Floats, c: Floats, ahead: float, 
     for i in range(settings.states):
         out[i, 0] = s[i]
     taylor(settings.model, target, np.zeros((2, 1)), ahead, settings.order, 1, work.flow.term, out)
-    force = np.zeros(2)
+    force = np.zeros(MAX_AXES)
     control_law(settings, memory, out[:, 0].copy(), c, force)
     if settings.pushes > 0:
         undo_effects(settings, c, out[:, 0].copy(), work.flow.push, force)
@@ -153,15 +151,16 @@ def command(settings: Record, memory: Record, x: Floats, work: Workspace, out: F
     s = x[:states].copy()
     c = x[states:].copy()
     u = np.zeros((2, 1))
-    force = np.zeros(2)
+    force = np.zeros(MAX_AXES)
     virtual = 0.0
     if settings.control == 1:
         past = memory.past.copy()
+        alone = np.int64(1)  # not a literal, for which the flow would be compiled once more
         signal_values(settings, memory, memory.time, signals)
         for j in range(latency):
             u[0, 0] = memory.queue[j, 0]
             u[1, 0] = memory.queue[j, 1]
-            flow(settings, Interval(memory.time + j * h, h, u), past, c, s, 1, work.flow)
+            flow(settings, Interval(memory.time + j * h, h, u), past, c, s, alone, work.flow)
             for i in range(states):
                 s[i] = ahead[i, 0]
             if settings.drive_delay >= 0:

@@ -7,7 +7,7 @@ import numpy as np
 from estimator.kernel.block import tick
 from estimator.kernel.compiled import compiled
 from estimator.kernel.flow import flow
-from estimator.kernel.layout import RATE, Floats
+from estimator.kernel.layout import MAX_AXES, RATE, Floats
 from estimator.kernel.observer import workspace
 from estimator.kernel.structures import Arrays, Interval
 
@@ -33,10 +33,11 @@ def experiment_block(observer: Arrays, truth: Floats, plan: Plan, sensed: Floats
     states = settings.states
     work = workspace(settings, observer.p.shape[0], observer.x.shape[0])
     out = work.flow.out
-    codes = np.zeros(2)
+    codes = np.zeros(MAX_AXES)
     queue = np.zeros((settings.latency + 1, 2))
     u = np.zeros((2, 1))
     past = observer.memory[0].past.copy()
+    alone = np.int64(1)  # not a literal, for which the flow would be compiled once more
     s = truth[:states].copy()
     constants = truth[states:].copy()
     for m in range(rates.shape[0]):
@@ -46,7 +47,7 @@ def experiment_block(observer: Arrays, truth: Floats, plan: Plan, sensed: Floats
         s[3] -= jump * s[0]
         u[0, 0] = queue[0, 0]
         u[1, 0] = queue[0, 1]
-        flow(settings, Interval(0.0, settings.h, u), past, constants, s, 1, work.flow)
+        flow(settings, Interval(0.0, settings.h, u), past, constants, s, alone, work.flow)
         for i in range(states):
             s[i] = out[i, 0]
         for axis in range(2):

@@ -15,7 +15,7 @@ from estimator.kernel.angle_error import correct_angle, move_angle, predict_angl
 from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.flow import begin_ways, drive_at, flow, sensed_before
 from estimator.kernel.lanes import lane, put, put_columns, take
-from estimator.kernel.layout import MAX_DEGREE, MAX_SIGNALS, MAX_SLIPS, Floats, Ints, Record
+from estimator.kernel.layout import MAX_AXES, MAX_DEGREE, MAX_SIGNALS, MAX_SLIPS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import advance_signals, signal_values
@@ -424,10 +424,10 @@ def narrowed(wide: Floats, p: Floats) -> None:
 def pushless(states: int, constants: int, columns: int) -> Push:
     """A `Push` of nothing yet, in a flow of so many columns."""
     return Push(
-        force=np.zeros(2),
+        force=np.zeros(MAX_AXES),
         by_states=np.zeros((2, states)),
         by_constants=np.zeros((2, constants)),
-        drive=np.zeros(2),
+        drive=np.zeros(MAX_AXES),
         signals=np.zeros(2 * MAX_SIGNALS),
         slips=np.zeros((MAX_SLIPS, columns)),
     )
@@ -459,11 +459,11 @@ def workspace(settings: Record, n: int, total: int) -> Workspace:
         gain=np.zeros((n, 2)),
         jump=np.zeros(states),
         before=np.zeros(states),
-        predicted=np.zeros(2),
-        noise=np.zeros(2),
-        assumed=np.zeros(2),
-        innovation=np.zeros(2),
-        variance=np.zeros(2),
+        predicted=np.zeros(MAX_AXES),
+        noise=np.zeros(MAX_AXES),
+        assumed=np.zeros(MAX_AXES),
+        innovation=np.zeros(MAX_AXES),
+        variance=np.zeros(MAX_AXES),
     )
 
 
@@ -481,7 +481,7 @@ def predict_state(
         slips[k, 0] = memory.signals[settings.slips[k, 0], 0]
     if memory.time == 0.0 and settings.slip_count > 0:
         begin_ways(settings, x[states:], x[:states], 1, slips)
-    flow(settings, interval, memory.past, x[states:], x[:states], out.shape[1], work.flow)
+    flow(settings, interval, memory.past[:], x[states:], x[:states], out.shape[1], work.flow)
     for k in range(settings.slip_count):
         memory.signals[settings.slips[k, 0], 0] = slips[k, 0]
     for i in range(states):
@@ -514,7 +514,7 @@ def sense_effects(settings: Record, memory: Record, x: Floats, u: Floats, h: flo
         for axis in range(settings.axes):
             row = 2 * axis
             interval = Interval(memory.time + h, h, u)
-            sensed_before(settings, interval, memory.past, c, x[:states], axis, work.flow)
+            sensed_before(settings, interval, memory.past[:], c, x[:states], axis, work.flow)
             predicted[axis] += out[row, 0] - x[row]
             full[axis, row] -= 1.0
             for j in range(states + settings.flow_constants):
@@ -647,7 +647,7 @@ def add_correction(states: int, active: Ints, gain: Floats, nu: Floats, channels
 def remember_drive(settings: Record, memory: Record, u: Floats) -> None:
     """Keep the drive of the interval that has ended, for a path that is late."""
     if settings.drive_delay >= 0 or settings.sense_delay >= 0 or settings.watched_drive_delay >= 0:
-        shift_drives(memory.past, u)
+        shift_drives(memory.past[:], u)
 
 
 @compiled

@@ -130,6 +130,7 @@ def add_forced(
     value, by_states, drive, signals = push.force, push.by_states, push.drive, push.signals
     c = x[states:]
     watched = delta.shape[1]
+    state = np.empty(states)  # contiguous, as elsewhere: the forces are compiled for one kind of array
     for i in range(states):
         out[i, 0] = before[i]
     at = 0.0
@@ -137,14 +138,16 @@ def add_forced(
         length = _NODES[node] - at
         taylor(settings.model, c, part_of(u, at, length), length * h, settings.order, 1, work.flow.term, out)
         at = _NODES[node]
+        for i in range(states):
+            state[i] = out[i, 0]
         drive_at(u, at, drive)
         line_values(settings, memory.time + (at - 1.0) * h, signals)
-        directions(settings, out[:, 0], signals)
+        directions(settings, state, signals)
         by_constants[:] = 0.0
         for e in range(settings.effect_count, settings.effect_count + settings.candidate_count):
             number, first, signal = settings.effects[e]
             _effect_force(
-                number, settings.model, c, out[:, 0], drive, signals, first, signal, value, by_states, by_constants
+                number, settings.model, c, state, drive, signals, first, signal, value, by_states, by_constants
             )
         if settings.watched_drive_delay >= 0:
             slope = np.zeros(settings.axes)

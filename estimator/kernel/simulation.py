@@ -4,7 +4,7 @@ import numpy as np
 
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import advance, begin_ways, part_of
-from estimator.kernel.layout import Floats, Record
+from estimator.kernel.layout import MAX_AXES, Floats, Record
 from estimator.kernel.observer import pushless
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import line_values
@@ -70,10 +70,10 @@ def free_run(
     for i in range(settings.signal_count):
         signals[i] = settings.signal_parameters[i, 0]  # what is not a constant is written over as it moves
     otherwise = senses_otherwise(settings)
-    drive = np.zeros(2)
-    predicted = np.zeros(2)
-    by_states = np.zeros((2, states))
-    by_constants = np.zeros((2, total - states))
+    drive = np.zeros(MAX_AXES)
+    predicted = np.zeros(MAX_AXES)
+    full = np.zeros((2, total))
+    by_states, by_constants = full[:, :states], full[:, states:]
     s = x[:states].copy()
     c = x[states:]
     for i in range(states):
@@ -92,8 +92,7 @@ def free_run(
         for axis in range(settings.axes):
             drive[axis] = u[m, axis].sum()  # at the end of the interval
         predicted[:] = 0.0
-        by_states[:] = 0.0
-        by_constants[:] = 0.0
+        full[:] = 0.0
         line_values(settings, time, signals)
         if otherwise:
             push.drive[:] = drive

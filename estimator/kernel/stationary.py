@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, Floats
+from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, MAX_AXES, Floats
 from estimator.kernel.observer import (
     add_process_noise,
     joseph,
@@ -76,7 +76,7 @@ def gather_gains(arrays: Arrays, course: Course, total: Floats, weight: Floats) 
     work = workspace(settings, n, x.shape[0])
     gain, assumed = work.gain, work.assumed
     u = np.zeros((2, 1))
-    sample = Sample(np.zeros(2), u, h)
+    sample = Sample(np.zeros(MAX_AXES), u, h)
     s = x[:states]
     middle = np.zeros(states)
     angles, phases = weight.shape
