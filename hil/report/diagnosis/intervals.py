@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from estimator.diagnosis import Interval
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
 from hil.report.numbers import percent
@@ -10,18 +11,22 @@ from hil.report.theme import FIRST, MUTED, new_figure
 _VISIBLE = 0.02
 """Of the estimate: half an interval that a drawing shows."""
 
+_WIDEST = 5.0
+"""Of the estimate: half an interval beside which the others still show, unlike that of a start that has waned."""
+
 
 def draw(material: Material) -> Drawing | None:
-    """Every coefficient over its own estimate, so that all share one scale; none where no interval could be seen on it,
-    as the table has the figures.
+    """Every coefficient that is known at all over its own estimate, so that all share one scale; none where no interval
+    could be seen on it.  The table has the figures of all.
     """
-    entries = [
+    known = [
         (symbol, found)
         for effect in material.found.effects
         for symbol, found in effect.coefficients.items()
         if found.value and np.isfinite([found.low, found.high]).all() and found.high > found.low
     ]
-    if not any(0.5 * (found.high - found.low) > _VISIBLE * abs(found.value) for _, found in entries):
+    entries = [(symbol, found) for symbol, found in known if _half(found) < _WIDEST * abs(found.value)]
+    if not any(_half(found) > _VISIBLE * abs(found.value) for _, found in entries):
         return None
     figure = new_figure(0.55 + 0.26 * len(entries))
     ax = figure.subplots()
@@ -44,4 +49,10 @@ def draw(material: Material) -> Drawing | None:
     ax.grid(False, axis="y")
     ax.set_xlabel("coefficient / its estimate")
     caption = "Each coefficient over its own estimate, with its 95 % interval; dashed: zero, no effect."
+    if left := [symbol for symbol, found in known if _half(found) >= _WIDEST * abs(found.value)]:
+        caption += f" Of {', '.join(left)} the record tells nothing."
     return Drawing(figure, "Coefficients", caption, caption)
+
+
+def _half(found: Interval) -> float:
+    return 0.5 * (found.high - found.low)
