@@ -1,12 +1,15 @@
 """Settings of the controller that can change while the loop runs, and which of them a bench has to begin anew for."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from estimator.observer import Observer
 from hil.bench import Bench
 from hil.bench.bench import override
+
+if TYPE_CHECKING:  # the service asks what may be set, and needs no estimator for it
+    from estimator.observer import Observer
 
 _STEP = 0.2  # of the target stiffness: as far as [controller] stiffness_step goes
 _SWING = 0.5, 1.5  # of the declared amplitude
@@ -91,7 +94,7 @@ class LiveSettings:
     In the observer of a replay too, at the ticks that the run noted.
     """
 
-    def __init__(self, observer: Observer, bench: Bench) -> None:
+    def __init__(self, observer: "Observer", bench: Bench) -> None:
         self._observer = observer
         self._declared = in_force(bench)
         self._now = dict(self._declared)

@@ -1,9 +1,13 @@
 """Channels that show velocity or acceleration: free run and observer beside SciPy's solution of the same equation."""
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.kernel.observer import workspace
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
@@ -164,6 +168,12 @@ def test_a_channel_shows_the_equation_at_any_one_state(sensed: Sensed) -> None:
 BOTH_AXES: tuple[str, ...] = ("cubic_stiffness", "nonlinear_damping", "sense_cross_coupling", "sense_low_pass")
 
 
+@cache
+def of_two(name: str, what: str) -> Callable[..., Array]:
+    """`values` of an effect of two axes, made once: it is asked for every derivative."""
+    return values(effect_for(name, 2)[1], what)
+
+
 def seen_of_two(made: Observer, sensed: tuple[int, int], c: Array, s: Array, u: Array) -> Array:
     """What channels of two axes show, from the declarations alone: q and its rate in the place of a displacement and
     its velocity, of an acceleration the rate that the linear part has along the whole slope.
@@ -176,7 +186,7 @@ def seen_of_two(made: Observer, sensed: tuple[int, int], c: Array, s: Array, u: 
         parts.append((effect, own))
     for effect, own in parts:
         if any(one != 0 for one in effect.force):
-            pushed = pushed + values(effect, "force")(s, u, own, 0.0, constants)
+            pushed = pushed + of_two(effect.name, "force")(s, u, own, 0.0, constants)
     slope = base(c, s, u) + np.array([0.0, pushed[0], 0.0, pushed[1]])
     q = s.copy()
     for axis, kind in enumerate(sensed):
@@ -188,7 +198,7 @@ def seen_of_two(made: Observer, sensed: tuple[int, int], c: Array, s: Array, u: 
     shown = q[[0, 2]] + c[:2]
     for effect, own in parts:
         if any(one != 0 for one in effect.sense):
-            shown = shown + values(effect, "sense")(q, u, own, 0.0, constants)
+            shown = shown + of_two(effect.name, "sense")(q, u, own, 0.0, constants)
     return np.asarray(shown)
 
 

@@ -103,3 +103,16 @@ def test_what_cannot_be_served_is_refused_in_one_line(tmp_path: Path, service: S
     file = tmp_path / "file"
     file.touch()
     assert str(file) in _refused("--folder", str(file))
+
+
+@pytest.mark.slow
+def test_a_service_that_runs_nothing_loads_no_estimator() -> None:
+    """It would take as long as all the rest of its start; a run and a trace are processes of their own."""
+    heavy = ("numba", "sympy", "scipy", "matplotlib", "pandas", "estimator.observer")
+    program = "import importlib, pkgutil, sys, hil.service\n"
+    program += (
+        "for one in pkgutil.walk_packages(hil.service.__path__, 'hil.service.'): importlib.import_module(one.name)\n"
+    )
+    program += f"print(*[m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
