@@ -1,10 +1,12 @@
 """Who comes as near as the effect that was taken once both are carried: a record does not tell them apart."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.effects.catalogue import effect_for
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.criterion import TIE, schwarz
 from estimator.trace.dispersion import dispersed
@@ -13,6 +15,7 @@ from estimator.trace.fitting import Fitted, deficit, parameters_of
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, numbers, told
 from estimator.trace.probability import NOTHING, Account, nearest
+from estimator.trace.searched import NOTHING as NOT_SEARCHED
 
 
 @dataclass(frozen=True)
@@ -64,9 +67,28 @@ def left_out(look: Look) -> tuple[Account, ...]:
 
 
 def _price(name: str, trial: Trial[Carrying]) -> float:
-    """Of the numbers that the record tells something of: what it does not tell makes no account less probable."""
+    """Of the numbers that the record tells something of: what it does not tell makes no account less probable.
+
+    Schwarz's ln n stands for the logarithm of what n samples tell of a number.  Of a parameter that was searched for
+    that is known, the square of its size over its deviation; where it is less than that of n, it is the price.
+    """
     problem = trial.fit.problem
-    return trial.score.price * told(name, problem) / numbers(name, problem.device)
+    each = trial.score.price / numbers(name, problem.device)
+    searched = trial.fit.searched.get(name, NOT_SEARCHED)
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+    given = parameters_of(trial.fit.fitted, name)
+    counted = told(name, problem) == numbers(name, problem.device)
+    saved = sum(
+        max(each - math.log1p(_precision(given[p.name], searched.deviation(p.name))), 0.0)
+        for p in effect.parameters
+        if counted and p.found_as is None and p.name in searched.names
+    )
+    return each * told(name, problem) - saved
+
+
+def _precision(value: float, deviation: float) -> float:
+    """How often the variance goes into the square, 0 of a parameter of which the search found no top."""
+    return (value / deviation) ** 2 if deviation > 0.0 else 0.0
 
 
 def _behind(name: str, taken: Trial[Carrying], other: Fitted, price: float) -> Account:

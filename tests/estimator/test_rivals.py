@@ -12,6 +12,7 @@ from estimator.trace.fitting import deficit, leads
 from estimator.trace.probability import NOTHING
 from estimator.trace.rivals import accounts, dispersion, left_out, rivals
 from estimator.trace.scan import PARTS
+from estimator.trace.searched import Searched
 
 N = 32_000
 TIE = 2.0 * math.log(20.0)
@@ -44,14 +45,15 @@ def apart(series, lead: float, where=slice(None)):
     return series + slow * math.sqrt(lead / np.sum(slow**2))
 
 
-def step(lead: float, *, price=0.0, other="sense_gain", series=None, where=slice(None)):
+def step(lead: float, *, price=0.0, other="sense_gain", series=None, where=slice(None), searched=None):
     own = noise(1) if series is None else series
     given = {"parasitic_mode:1": {}, "base_vibration:2": {"omega": 7.0}, "sense_gain": {}, "drive_gain:1": {}}
-    models = fitted(own), fitted(apart(own, lead, where), effects=given)
+    given["dry_friction:1"] = {"v0": 4.0}
+    models = fitted(own, effects={"drive_gain": {}}), fitted(apart(own, lead, where), effects=given)
     scores = Score(1000.0, 500.0, 10.0, 20.0), Score(1000.0 - lead, 500.0 - lead, 10.0 + price, 20.0)
     problem = SimpleNamespace(device=SimpleNamespace(axes=2, own=()))
     trials = [
-        Trial(SimpleNamespace(fitted=model, problem=problem), score)
+        Trial(SimpleNamespace(fitted=model, problem=problem, searched=searched or {}), score)
         for model, score in zip(models, scores, strict=True)
     ]
     return Step("drive_gain", trials[0], None, {other: trials[1]})
@@ -88,6 +90,19 @@ def test_numbers_that_the_record_says_nothing_of_are_not_paid_for(monkeypatch, c
     mode = step(0.5 * TIE, price=10.0, other="parasitic_mode:1")  # twice 10, of a feedthrough's two numbers
     mode.trial.fit.problem.record = None
     assert bool(rivals(mode)) is listed
+
+
+@pytest.mark.parametrize(
+    ("deviation", "paid"),
+    [(None, 5.0), (0.0, 0.0), (4.0, math.log(2.0)), (2.0, math.log(5.0)), (0.4, math.log(101.0)), (1e-9, 5.0)],
+)
+def test_a_parameter_costs_what_its_search_was_told(deviation: float | None, paid: float) -> None:
+    """Dry friction has two coefficients and a velocity, 4.0: another two numbers cost 10, three of them 15."""
+    searched = (
+        {} if deviation is None else {"dry_friction:1": Searched(("v0",), np.diag([deviation**2]), np.zeros((2, 1)))}
+    )
+    found = rivals(step(1e-6, price=5.0, other="dry_friction:1", searched=searched))
+    assert found["dry_friction:1"].deficit == pytest.approx(paid, abs=1e-3)
 
 
 def test_another_of_the_same_kind_is_none_and_parameters_are_kept() -> None:
