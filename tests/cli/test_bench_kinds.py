@@ -86,6 +86,7 @@ def test_the_schema_of_rate_sensors_is_current():
     assert told == json_schema(RateSensorBench), "run: .venv/bin/python -m hil.bench.text docs/reference"
 
 
+@pytest.mark.slow
 def test_a_clipped_sensor_is_traced_from_its_file(file, tmp_path):
     rate = np.tile(np.linspace(-3.0, 3.0, 13), 3)
     volts = np.clip(0.1 - rate, -2.0, 2.0) + 1e-3 * np.random.default_rng(1).standard_normal(len(rate))

@@ -77,6 +77,7 @@ def test_the_law_is_named_from_a_file_of_decibels(hil, reed):
     assert "ȧ = … − 0.4244 dqx omega0 a²" in out
 
 
+@pytest.mark.slow
 def test_uneven_time_is_good_enough(hil, reed, drag):
     time, level = drag
     keep = np.random.default_rng(1).random(len(time)) < 0.7

@@ -69,6 +69,7 @@ def bench(**effects: object) -> Bench:
     return override(load_bench(find("bench", "s-slow")), {"effects": effects}, "test")
 
 
+@pytest.mark.slow
 def test_the_example_package_is_short_and_whole(example: Path) -> None:
     lines = (PACKAGE / "cubic_coupling.py").read_text(encoding="utf-8").splitlines()
     assert len([line for line in lines if line.strip()]) <= 15

@@ -295,6 +295,7 @@ def test_a_foot_with_play_is_caught_and_left_between_the_steps(kp: float, width:
     assert np.abs(np.diff(theirs[2])).max() > 0.01 * A or width > 1.3e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "bent"),
     [
@@ -356,6 +357,7 @@ def test_what_no_bench_could_have_is_refused(effect: dict[str, Any], complaint: 
         with_effect(**effect)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.3, 1.7])
 def test_slew(delay: float) -> None:
     """Straight lines from where the last interval ended, as steep as allowed, the delay after them."""
@@ -449,6 +451,7 @@ def test_thermal_offset_follows_the_temperature() -> None:
     np.testing.assert_allclose(volts(what, codes), np.outer(warm, [1e-3, -2e-3]), rtol=0, atol=LSB)
 
 
+@pytest.mark.slow
 def test_random_telegraph() -> None:
     """Two levels; Poisson's changes leave an autocorrelation of exp(-2 rate lag), and the axes know nothing of each
     other.

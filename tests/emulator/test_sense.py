@@ -210,6 +210,7 @@ def test_random_walk_has_its_density() -> None:
         assert np.std(np.diff(truth[name])) == pytest.approx(1e-3 * np.sqrt(TS), rel=5 / np.sqrt(2 * 40_000))
 
 
+@pytest.mark.slow
 def test_flicker_noise_falls_as_one_over_f() -> None:
     """One-sided density F²/f over two decades, in bands of a third of a decade."""
     density = 1e-4

@@ -48,6 +48,7 @@ def test_a_law_is_named_with_its_coefficient(name):
     assert interval.high - interval.low < 0.1 * size
 
 
+@pytest.mark.slow
 def test_linear_damping_lacks_nothing():
     time, amplitude = envelope_of([], 8.0)
     found = traced(time, decibels(amplitude, NOISE_DB))

@@ -60,6 +60,7 @@ def moved(error: np.ndarray) -> np.ndarray:
     return s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", LENGTHS)
 def test_the_spread_is_that_of_the_errors(record: Record, length: int) -> None:
     """Of drives that were not learnt from, each direction of the motion by itself."""
@@ -162,6 +163,7 @@ def test_cut_at_gaps_that_add_nothing_a_record_is_what_it_was(record: Record, ev
         np.testing.assert_allclose(getattr(cut, name), getattr(whole, name), rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_oracle_is_unsettled_alike(record: Record) -> None:
     from estimator.oracle.numpy_observer import NumpyObserver
 

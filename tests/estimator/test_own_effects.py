@@ -260,6 +260,7 @@ def test_what_would_be_no_effect_is_refused(law: str, symbol: str, complaint: st
         with_own(declared)
 
 
+@pytest.mark.slow
 def test_a_name_that_is_a_word_of_the_generated_code_is_as_good_as_any() -> None:
     for symbol in ("c", "s", "math", "value", "_t0"[1:], "first", "own_q"):
         declared = Declaration("mine", force=(f"-{symbol} * x", ""), coefficients={symbol: Coefficient("1/s²")})
@@ -289,6 +290,7 @@ def test_code_is_kept_by_what_it_consists_of(tmp_path: Path, monkeypatch: pytest
     assert len(list((tmp_path / "own").glob("*.py"))) == 2
 
 
+@pytest.mark.slow
 def test_a_candidate_of_a_trace_is_tried_at_its_values() -> None:
     declared = Declaration(
         "mine",

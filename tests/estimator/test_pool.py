@@ -51,6 +51,7 @@ def loaded() -> Diagnosis:
     return trace_pool(pool(members, "load_kg"), (2, 3))
 
 
+@pytest.mark.slow
 def test_a_covariate_and_a_cubic_spring_are_told_apart(loaded: Diagnosis) -> None:
     assert loaded.verdict is Verdict.EXPLAINED
     assert [effect.name for effect in loaded.effects] == ["cubic_stiffness"]
@@ -71,6 +72,7 @@ def test_held_out_records_are_foretold_to_the_noise(loaded: Diagnosis) -> None:
     assert any("load 2, load_kg = 0.2" in reason for reason in loaded.reasons)
 
 
+@pytest.mark.slow
 def test_what_nothing_depends_on_is_not_found_to() -> None:
     """The same beam every time, and a covariate that means nothing."""
     rng = np.random.default_rng(5)
@@ -81,6 +83,7 @@ def test_what_nothing_depends_on_is_not_found_to() -> None:
     assert found.effects == ()
 
 
+@pytest.mark.slow
 def test_records_that_differ_by_what_nobody_says_are_not_explained() -> None:
     rng = np.random.default_rng(6)
     members = [

@@ -201,6 +201,7 @@ def adaptive(truth, n, rate, noise=True, gains=None, seed=0, device=None):
     return controller.reading
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [RATE, -RATE])
 def test_adaptive_control_finds_rate_and_constants(rate):
     reading = adaptive(MISTUNED, 12_000, rate, noise=False)
@@ -217,6 +218,7 @@ def test_adaptive_control_finds_rate_and_constants(rate):
     assert np.abs(found - MISTUNED.parameters[3:5]).max() < 0.1 * MISTUNED.parameters[3]
 
 
+@pytest.mark.slow
 def test_noise_of_the_adaptive_rate_goes_with_the_noise():
     quiet = replace(TRUTH, sense_quantum=TRUTH.sense_quantum / 64)
 

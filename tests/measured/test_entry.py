@@ -66,6 +66,7 @@ def test_verdict_by_what_is_left(before, after, effects, verdict):
     assert verdict_of(before, after, 1.0, effects) is verdict
 
 
+@pytest.mark.slow
 def test_the_page_holds_table_words_and_the_same_figure_each_time(tmp_path):
     x = np.linspace(0.0, 1.0, 9)
     panel = Panel("box", "Box", x, "time, s", [("before", x), ("after", x**2)], "mV")

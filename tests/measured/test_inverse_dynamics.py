@@ -49,6 +49,7 @@ def motions():
     return [motion_of(*carriage(seed), RATE, FILTERS) for seed in (1, 2)]
 
 
+@pytest.mark.slow
 def test_friction_is_named_and_measured(motions):
     found = trace_forces(*motions, SCALING)
     assert set(found.after.effects) == {"dry_friction", "damping_asymmetric"}

@@ -136,6 +136,7 @@ def test_a_short_record_bounds_the_bias_instability_from_above():
     assert np.mean(below) > 0.95
 
 
+@pytest.mark.slow
 def test_bias_instability_is_found_where_the_record_reaches_it():
     covered, values = [], []
     for seed in range(12):

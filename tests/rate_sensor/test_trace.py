@@ -35,6 +35,7 @@ def motion(seconds=4.0, seed=2):
     return t, np.where(t < 0.1, 0.0, DECLARED.rate * (levels + 0.1 * np.sin(2 * math.pi * 15 * t)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "curve", "coefficient", "value"),
     [
@@ -58,6 +59,7 @@ def test_a_curve_is_named_from_steady_states(name, curve, coefficient, value):
     assert stated.probabilities[name] > 0.95
 
 
+@pytest.mark.slow
 def test_a_straight_line_is_adequate():
     for seed in range(10):
         record, fitting = table(lambda f: 0.1 - 2.0 * f, seed)
@@ -69,6 +71,7 @@ def test_a_straight_line_is_adequate():
         assert not found.effects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [78, 151, 160])
 def test_what_chance_makes_of_a_few_points_is_no_residual(seed):
     """A straight line of which an effect explains more than its price by chance, as on 5 of 300 such tables: held out
@@ -110,6 +113,7 @@ def test_an_output_that_folds_back_does_not_saturate():
     assert any("beyond those of the fitting part" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_a_curve_of_which_something_is_left_is_explained_in_part():
     """A cubic curve and ripples that nothing in the catalogue has."""
     record, fitting = table(lambda f: 0.1 + 2.0 * (f - 0.05 * f**3) + 1e-3 * np.sin(40.0 * f))
@@ -158,6 +162,7 @@ def test_a_moving_mean_is_named_from_a_motion():
     assert found.effects[0].coefficients["T"].value == pytest.approx(12 * STEP, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_hysteresis_is_named_from_a_table_that_goes_up_and_down():
     up = np.linspace(-1.0, 1.0, 21)
     fraction = np.concatenate([up, up[::-1]] * 4)
@@ -172,6 +177,7 @@ def test_a_hysteresis_is_named_from_a_table_that_goes_up_and_down():
     assert found.effects[0].coefficients["w"].value == pytest.approx(0.07 * DECLARED.rate, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_output_that_folds_back_where_it_is_fitted_is_named():
     def folded(f):
         return np.where(np.abs(f) > 1.2, np.sign(f) * (2.4 - 0.7 * (2.0 * np.abs(f) - 2.4)), 2.0 * f)
@@ -193,6 +199,7 @@ def test_filters_are_those_of_lsim():
         np.testing.assert_allclose(ours, rate[0] + other, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_step_between_two_rates_says_nothing_of_a_curve():
     rng = np.random.default_rng(4)
     rate = np.where(np.arange(2000) < 800, 0.0, 0.5 * DECLARED.rate) + 0.003 * rng.standard_normal(2000)

@@ -25,6 +25,7 @@ def noise(columns=2):
     return np.random.default_rng(3).standard_normal((ROWS, columns)) + [5.0, -2.0][:columns]
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(0, ROWS), max_size=6))
 def test_parts_make_no_difference(cuts):
     whole, cut = of(noise()), of(noise(), cuts)
@@ -34,6 +35,7 @@ def test_parts_make_no_difference(cuts):
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(hnp.arrays(float, st.integers(2, 400), elements=st.floats(-1e6, 1e6)), st.integers(1, 90))
 def test_what_is_drawn_has_the_extremes_and_no_others(values, columns):
     found = of(values[:, None], columns=columns, rows=ROWS)

@@ -9,6 +9,7 @@ import pytest
 from hil.report.diagnosis import dependence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [2, 3, 40, 4000])
 def test_of_a_short_record_too_what_has_a_shape_is_drawn(points: int) -> None:
     """As few points as there are bins have a bin each."""

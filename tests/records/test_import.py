@@ -149,6 +149,7 @@ def test_a_missing_file_and_a_folder(tmp_path):
         import_record(tmp_path, tmp_path / "x.arrow")
 
 
+@pytest.mark.slow
 def test_a_late_fault_in_a_long_file_is_found(bring):
     lines = [f"{tick * 1e-3:.3f},{tick}" for tick in range(40_000)]
     lines[33_333] = "33.333,oops"

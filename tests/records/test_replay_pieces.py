@@ -25,6 +25,7 @@ def assert_same(pieces, whole) -> None:
         np.testing.assert_array_equal(np.concatenate(column), values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 7, 500, 10_000])
 def test_the_pieces_make_the_whole(monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
     whole = samples_of(record())

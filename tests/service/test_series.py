@@ -50,6 +50,7 @@ def expected(ticks: npt.NDArray[np.int64], name: str, frame: Frame) -> npt.NDArr
     return values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("from_s", "to_s", "points"),
     [(None, None, 800), (None, None, 13), (0.0, 30.0, 300), (4.9, 5.1, 777), (4.9999, 5.0002, 800), (9.7, 15.0, 40)],

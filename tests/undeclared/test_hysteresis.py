@@ -81,6 +81,7 @@ def test_it_is_not_tried_where_nobody_asks() -> None:
     assert NAME not in [one.name for one in said.rejected]
 
 
+@pytest.mark.slow
 def test_a_spring_that_slips_nowhere_is_not_named() -> None:
     said = traced(decay(hidden=False), NAME)
     assert (said.verdict, said.effects) == (Verdict.ADEQUATE, ())

@@ -90,6 +90,7 @@ def test_it_is_not_tried_where_nobody_asks() -> None:
     assert NAME not in [one.name for one in said.rejected]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kp", "half_width"), [(0.0, 3e-5), (0.02, 1.2e-4)], ids=["none", "below its half-width"])
 def test_where_no_foot_moves_nothing_is_named(kp: float, half_width: float) -> None:
     said = traced(decay(kp, half_width), NAME)
