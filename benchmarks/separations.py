@@ -3,7 +3,8 @@
 A device of the undeclared campaign lies still: no rate, no virtual rotation, no dither, no modulation.  Its record is
 traced.  Where the diagnosis lists look-alikes that an experiment of the bench would tell apart, the experiments are
 made on the same emulated board, as `--live` makes them, until none is proposed; the last diagnosis must name what was
-hidden, first.  Devices whose record tells everything, or nothing, are counted beside them.
+hidden, first.  Where an experiment is to turn the gyro, which no host can, it is turned as the records of the campaign
+are.  Devices whose record tells everything, or nothing, are counted beside them.
 
 Results are kept in runs/separations, one file a device; what is there is not run again.  SEPARATIONS_DRAW is another
 draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes, SEPARATIONS_SAMPLES how
@@ -20,9 +21,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.row import Row, Say
 from benchmarks.verdicts.campaign import toml_of
 from estimator.side_by_side import one_worker_each
+from evaluation.undeclared.device import draw_rate
 from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.judging import class_of, plain
@@ -41,6 +45,8 @@ SAMPLES = 20_000
 KEPT = Path("runs/separations")
 KINDS = tuple(name for name, drawable in DRAWABLE.items() if not drawable.slow)
 """A thermometer is beside the wire: its records are imports, and no experiment is made on those."""
+TURN = "turn the gyro"
+"""In the words of an experiment that asks for it."""
 
 
 def rows(say: Say) -> list[Row]:
@@ -93,8 +99,15 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     folder = run(bench, link, place, progress=lambda _: None).folder
     assert folder is not None
     first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
+    rate = draw_rate(np.random.default_rng(order.seed + 1), drawn.device, samples / drawn.device.sample_rate_Hz)
+
+    def on_the_table(words: str) -> None:
+        """What the one who stands at the bench does before the board is armed."""
+        turned = {**drawn.table, "rate": rate} if TURN in words else drawn.table
+        write_text(scenario, toml_of(turned))
+
     made = separate(
-        first, bench, link, place, fraction=None, before_run=lambda _: None, progress=lambda _: None
+        first, bench, link, place, fraction=None, before_run=on_the_table, progress=lambda _: None
     ) if separable(first) else ()  # fmt: skip
     last = made[-1].traced.diagnosis if made else first
     tables, sections = drawn.hidden[0].effects, drawn.hidden[0].sections
