@@ -49,10 +49,14 @@ class Errors:
     @property
     def at_floor(self) -> bool:
         """Whether it is no more than `promises.floor` times the floor, or than chance makes of the floor."""
+        return self.within(_SET.floor)
+
+    def within(self, times: float) -> bool:
+        """Whether it is no more than so many times the floor, or than chance makes of the floor."""
         if not math.isfinite(self.after):
             return False
         few = max(min(self.samples, 1e9), 1.0), max(min(self.floor_samples, 1e9), 1.0)
-        return self.after <= self.floor * max(_SET.floor, math.sqrt(float(f_distribution.isf(_SET.floor_chance, *few))))
+        return self.after <= self.floor * max(times, math.sqrt(float(f_distribution.isf(_SET.floor_chance, *few))))
 
     @property
     def nothing_above(self) -> bool:
@@ -136,8 +140,17 @@ def fell(claim: Claim) -> tuple[str, ...]:
 
 
 def at_floor(claim: Claim) -> tuple[str, ...]:
-    """What is explained leaves nothing: that residual is the noise."""
-    return () if claim.residual.at_floor else (f"what is left of the part held out is {_over(claim.residual)}",)
+    """What is explained leaves nothing: that residual is the noise, or of a size that does not matter, or at least less
+    than what went.
+    """
+    errors = claim.residual
+    if not errors.at_floor:
+        return (f"what is left of the part held out is {_over(errors)}",)
+    small = errors.within(math.sqrt(1.0 + THRESHOLDS.judgement.level))
+    if claim.effects and not small and errors.share < _SET.part:
+        went = max(errors.share, 0.0)
+        return (f"of what stood above the noise floor on the part held out {went:.0%} went: {_over(errors)} is left",)
+    return ()
 
 
 def signs(claim: Claim) -> tuple[str, ...]:

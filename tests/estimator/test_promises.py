@@ -39,6 +39,7 @@ def test_what_holds_has_nothing_against_it() -> None:
     [
         ("fell", {"residual": Errors(3.0, 1.0, 1.0, 1e5, gain=-0.1)}),
         ("at_floor", {"residual": Errors(3.0, 1.11, 1.0, 1e5, gain=900.0)}),
+        ("at_floor", {"residual": Errors(1.0324, 1.0303, 1.0, 1e6, 1e6, gain=60.0)}),
         ("signs", {"effects": {"dry_friction": {"fx": Estimate(-2.0, -3.0, -1.0, positive=True)}}}),
         ("signs", {"effects": {"drive_gain": {"hx": Estimate(-1.3, -1.4, -1.2)}}}),
         ("signs", {"effects": {"sense_gain": {"gy": Estimate(-45.0, -46.0, -44.0)}}}),
@@ -66,6 +67,10 @@ def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: 
     "part",
     [
         {"residual": Errors(3.0, 1.09, 1.0, 1e5, gain=0.1)},
+        {"residual": Errors(1.07, 1.03, 1.0, 1e6, 1e6, gain=60.0)},  # more went than is left
+        {"residual": Errors(1.03, 1.024, 1.0, 1e6, 1e6, gain=60.0)},  # what is left does not matter
+        {"residual": Errors(1.0324, 1.0303, 1.0, 1e3, 1e3, gain=60.0)},  # or is as much as chance makes
+        {"residual": Errors(1.0324, 1.0303, 1.0, 1e6, 1e6, gain=60.0), "effects": {}},  # nothing is named
         {"effects": {"dry_friction": {"fx": Estimate(-0.1, -0.3, 0.1, positive=True), "fy": SURE}}},
         {"effects": {"drive_gain": {"hx": Estimate(-0.95, -0.99, -0.91)}}},
         {"effects": {"drive_gain": {"hx": Estimate(-2.03, -2.1, -1.96), "hy": SURE}}},  # a channel the other way round
