@@ -41,9 +41,15 @@ def noise_floor(
     if count < _SET.bins:
         return Floor(np.nanmedian(predicted, axis=0), 0.0, "the declared noise")
     median = np.median(spectrum.density[quiet], axis=0) / math.log(2.0)
-    # Of the median of exponentials, n bins of a Hann window being as good as n/1.94 independent ones.
-    uncertainty = math.sqrt(1.94 / count) / math.log(2.0) / 2.0
+    uncertainty = floor_deviation(count) / 2.0  # an amplitude's is half of a power's
     return Floor(np.sqrt(median * sample_rate / 2.0), uncertainty, "the spectrum away from the resonance")
+
+
+def floor_deviation(count: int) -> float:
+    """Relative standard deviation of a power that is the median of so many bins; of a median of exponentials, n bins of
+    a Hann window being as good as n/1.94 independent ones.
+    """
+    return math.sqrt(1.94 / max(count, 1)) / math.log(2.0)
 
 
 def quiet_bins(frequency: Array, sample_rate: float, resonance: float) -> NDArray[np.bool_]:

@@ -5,10 +5,11 @@ noise, but whether what stands above it is of a size that matters.
 """
 
 import numpy as np
+from scipy.stats import norm
 
 from estimator.record import Record
 from estimator.residual.effective import autocorrelation
-from estimator.residual.floor import quiet_bins
+from estimator.residual.floor import floor_deviation, quiet_bins
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
@@ -33,9 +34,9 @@ def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str
     cycle = int(sample_rate / resonance_hz)  # a record has four samples of one at least
     series = steadied(model, _SET.start * cycle, cycle)
     reasons = []
-    excess = power_over_prediction(model, series, record, _SET.start * cycle, sample_rate, resonance_hz) - 1.0
-    if excess > _SET.level:
-        reasons.append(f"the innovation is {np.sqrt(excess + 1.0):.3g} × what its prediction and the noise floor allow")
+    power, deviation = power_over_prediction(model, series, record, _SET.start * cycle, sample_rate, resonance_hz)
+    if power - 1.0 > max(_SET.level, float(norm.isf(THRESHOLDS.promises.floor_chance)) * deviation):
+        reasons.append(f"the innovation is {np.sqrt(power):.3g} × what its prediction and the noise floor allow")
     share = predictable_share(series, _SET.lags * cycle)
     if share > _SET.predictable:
         how_much = f"{share:.1%}" if share < 1.0 else "nearly all"
@@ -60,8 +61,10 @@ def steadied(model: Fitted, first: int, cycle: int) -> Array:
 
 def power_over_prediction(
     model: Fitted, series: Array, record: Record, first: int, sample_rate: float, resonance_hz: float
-) -> float:
-    """Power of the steadied innovations over what was predicted, were the noise what the record's floor says."""
+) -> tuple[float, float]:
+    """Power of the steadied innovations over what was predicted, were the noise what the record's floor says; and its
+    standard deviation by chance: a short record does not tell its floor to a twentieth.
+    """
     spectrum = periodogram(series, sample_rate, resonance_hz)
     quiet = quiet_bins(spectrum.frequency, sample_rate, resonance_hz)
     floor = np.median(spectrum.density[quiet], axis=0) / np.log(2.0) * sample_rate / 2.0
@@ -69,7 +72,11 @@ def power_over_prediction(
     noise = np.array(model.observer.device.noise) ** 2
     # The floor is the noise's, the rest of the prediction the estimate's own uncertainty.
     allowed = np.mean(1.0 + (np.minimum(floor, _SET.most_floor) - 1.0) * noise / predicted, axis=0)
-    return float(np.mean(np.mean(series**2, axis=0) / np.maximum(allowed, np.finfo(float).tiny)))
+    power = float(np.mean(np.mean(series**2, axis=0) / np.maximum(allowed, np.finfo(float).tiny)))
+    # Both are of the same samples, and the power is the better estimate of noise: the variances subtract (Hausman,
+    # Econometrica 46(6), 1978).
+    by_chance = floor_deviation(int(np.sum(quiet))) ** 2 - 2.0 / len(series)
+    return power, float(np.sqrt(max(by_chance, 0.0) / series.shape[1]))
 
 
 def predictable_share(series: Array, lags: int) -> float:

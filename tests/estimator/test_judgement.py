@@ -8,7 +8,7 @@ import pytest
 from estimator.record import Record
 from estimator.residual.effective import autocorrelation, effective_samples
 from estimator.trace import judgement
-from estimator.trace.judgement import leftover, predictable_share, steadied, unexplained
+from estimator.trace.judgement import leftover, power_over_prediction, predictable_share, steadied, unexplained
 
 N, RATE, RESONANCE = 60_000, 4000.0, 200.0
 CYCLE = 20
@@ -102,6 +102,30 @@ def test_the_start_of_a_record_is_not_judged():
     assert said(series) == ()
 
 
+def test_of_a_short_record_the_power_is_known_as_surely_as_is_said():
+    """Of 5,000 samples a floor is known to 4 % and not to a twentieth of its power three times over."""
+    short = 5000
+    found = []
+    for seed in range(300):
+        series = np.random.default_rng(seed).standard_normal((short, 2))
+        estimates = SimpleNamespace(innovation_deviation=np.full((short, 2), SIGMA))
+        beside = SimpleNamespace(
+            estimates=estimates, observer=SimpleNamespace(device=SimpleNamespace(noise=(SIGMA, SIGMA)))
+        )
+        found.append(power_over_prediction(beside, series, RECORD, 0, RATE, RESONANCE))
+    power, deviation = np.array(found).T
+    assert np.std(power) == pytest.approx(np.mean(deviation), rel=0.2)
+    assert np.mean(power - 1.0 > 0.05) > 0.05  # a twentieth is no surprise there
+    assert np.mean(power - 1.0 > 2.326 * deviation) < 0.04
+
+
+@pytest.mark.parametrize(("deviation", "told"), [(0.0, True), (0.025, True), (0.0265, False)])
+def test_what_chance_makes_of_the_floor_is_not_told(monkeypatch, deviation, told):
+    """A power of 1.06 where one in a hundred lies 2.326 deviations above 1."""
+    monkeypatch.setattr(judgement, "power_over_prediction", lambda *given: (1.06, deviation))
+    assert bool(said(white())) is told
+
+
 def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
     """Eight of 19.9 samples are left to the start, four are asked about the past."""
     asked = {}
@@ -112,7 +136,7 @@ def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
 
     def power(of, series, record, first, sample_rate, resonance_hz):
         asked["power"] = len(series), first, sample_rate, resonance_hz
-        return 1.0
+        return 1.0, 0.0
 
     monkeypatch.setattr(judgement, "steadied", steady)
     monkeypatch.setattr(judgement, "power_over_prediction", power)
