@@ -26,6 +26,7 @@ import numpy as np
 from benchmarks.row import Row, Say
 from benchmarks.verdicts.campaign import toml_of
 from estimator.side_by_side import one_worker_each
+from estimator.trace.separation import Experiment
 from evaluation.undeclared.device import draw_rate
 from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.expected import expected
@@ -45,8 +46,6 @@ SAMPLES = 20_000
 KEPT = Path("runs/separations")
 KINDS = tuple(name for name, drawable in DRAWABLE.items() if not drawable.slow)
 """A thermometer is beside the wire: its records are imports, and no experiment is made on those."""
-TURN = "turn the gyro"
-"""In the words of an experiment that asks for it."""
 
 
 def rows(say: Say) -> list[Row]:
@@ -101,9 +100,9 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
     rate = draw_rate(np.random.default_rng(order.seed + 1), drawn.device, samples / drawn.device.sample_rate_Hz)
 
-    def on_the_table(words: str) -> None:
+    def on_the_table(experiment: Experiment, words: str) -> None:
         """What the one who stands at the bench does before the board is armed."""
-        turned = {**drawn.table, "rate": rate} if TURN in words else drawn.table
+        turned = {**drawn.table, "rate": rate} if experiment.turning else drawn.table
         write_text(scenario, toml_of(turned))
 
     made = separate(

@@ -40,14 +40,14 @@ def separate(
     *,
     fraction: float | None,
     also: Sequence[str] = (),
-    before_run: Callable[[str], None],
+    before_run: Callable[[Experiment, str], None],
     progress: Watcher,
 ) -> tuple[Separated, ...]:
     """Make the experiments that `diagnosis` proposes on the board at `link`, one after another until no pair is left.
 
     Where the one proposed was made and told nothing, all of them are made at once, then for longer; what is left then
-    stays listed. before_run is told in words what will be done, before the board is armed.  Raises InputError or
-    WireError as a run does.
+    stays listed. before_run is told which will be made, and in words, before the board is armed: what no host can do,
+    as to turn the gyro, is done by then.  Raises InputError or WireError as a run does.
     """
     done: list[Separated] = []
     pairs = separable(diagnosis)
@@ -56,7 +56,7 @@ def separate(
         made.append(step)
         experiment, times = step
         words = experiment.words if times == 1 else f"{experiment.words}, for {times} times as long"
-        before_run(words)
+        before_run(experiment, words)
         changed = override(
             bench, changes(experiment, bench, times), f"the bench file with the experiment {experiment.name!r}"
         )

@@ -25,4 +25,15 @@ def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
         raise InputError(f"{link}: not armed, as you wished")
 
 
+def have_it_turned() -> None:
+    """Wait until somebody turns the gyro, which no host can; where nobody is at a terminal, say so and go on."""
+    asked = sys.stdin.isatty() and sys.stderr.isatty()
+    print("The gyro has to turn to and fro while this is recorded; by hand will do.", file=sys.stderr)
+    if not asked:
+        print("Nobody is asked, as this is no terminal: it is recorded as it lies.", file=sys.stderr)
+        return
+    print("Enter when it turns: ", end="", file=sys.stderr, flush=True)
+    sys.stdin.readline()
+
+
 _UNITS = {"mps2": "m/s²", "N": "N", "V": "V"}

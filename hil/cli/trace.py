@@ -9,6 +9,7 @@ import typer
 from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out, Replace, Report
 
 if TYPE_CHECKING:
+    from estimator.trace.separation import Experiment
     from hil.bench import Bench
     from hil.records.diagnosis import Diagnosis
     from hil.tracing import Traced
@@ -219,6 +220,16 @@ def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> s
     return url
 
 
+def _announced(experiment: "Experiment", words: str) -> None:
+    """What will be done, and what somebody at the bench has to do for it."""
+    from hil.cli.consent import have_it_turned
+    from hil.cli.show import say
+
+    say(f"experiment: {words}")
+    if experiment.turning:
+        have_it_turned()
+
+
 def _separated(
     done: "Traced", bench: "Bench", board: str, out: Path, fraction: float | None, also: Sequence[str]
 ) -> "Traced":
@@ -238,7 +249,7 @@ def _separated(
             out,
             fraction=fraction,
             also=also,
-            before_run=lambda words: say(f"experiment: {words}"),
+            before_run=_announced,
             progress=watch,
         )
     for one in made:

@@ -58,3 +58,19 @@ def test_without_a_terminal_nothing_is_asked(bench: Bench, monkeypatch: pytest.M
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
     with pytest.raises(InputError, match="needs --arm"):
         consent.require(LINK, bench, given=False, open_loop=False)
+
+
+def test_turning_waits_for_somebody_at_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = at_terminal(monkeypatch, "\nnot read\n")
+    consent.have_it_turned()
+    assert written.getvalue().endswith("by hand will do.\nEnter when it turns: ")
+    assert sys.stdin.read() == "not read\n"
+
+
+def test_turning_is_told_where_nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", written)
+    monkeypatch.setattr(sys, "stdin", io.StringIO("not read\n"))
+    consent.have_it_turned()
+    assert "recorded as it lies" in written.getvalue()
+    assert sys.stdin.read() == "not read\n"

@@ -8,6 +8,7 @@ import pytest
 
 from estimator.trace.separation import EXPERIMENTS, Experiment
 from hil.bench import load_bench, override
+from hil.cli.trace import _announced
 from hil.errors import InputError
 from hil.examples import find
 from hil.records.diagnosis import Confusable, Diagnosis, Fit, HeldOut
@@ -68,7 +69,7 @@ def test_what_an_experiment_did_not_tell_takes_all_of_them_and_then_longer(monke
     monkeypatch.setattr("hil.separate.trace", lambda *given, **named: SimpleNamespace(diagnosis=alike(name)))
     told: list[str] = []
     made = separate(
-        alike(name), bench, "inproc:none", Path("runs"), fraction=None, before_run=told.append,
+        alike(name), bench, "inproc:none", Path("runs"), fraction=None, before_run=lambda _, words: told.append(words),
         progress=lambda _: None,
     )  # fmt: skip
     everything = EXPERIMENTS[-1].words
@@ -90,7 +91,7 @@ def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None
     words = next(experiment.words for experiment in EXPERIMENTS if experiment.name == "amplitude")
     (made,) = separate(
         alike("amplitude"), bench, f"inproc:{scenario}", tmp_path / "runs",
-        fraction=None, before_run=told.append, progress=lambda _: None,
+        fraction=None, before_run=lambda _, words: told.append(words), progress=lambda _: None,
     )  # fmt: skip
     assert told == [words] == [made.experiment]
     assert (made.run / "capture.arrow").exists()
@@ -99,3 +100,11 @@ def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None
     assert [effect.name for effect in made.traced.diagnosis.effects] == ["sense_gain"]
     assert [pair.with_ for pair in made.apart] == ["drive_gain"]
     assert made.still_alike == ()
+
+
+@pytest.mark.parametrize(("name", "turned"), [("amplitude", 0), ("rate", 1), ("all", 1)])
+def test_who_is_at_the_bench_is_asked_to_turn_it(monkeypatch: pytest.MonkeyPatch, name: str, turned: int) -> None:
+    asked: list[None] = []
+    monkeypatch.setattr("hil.cli.consent.have_it_turned", lambda: asked.append(None))
+    _announced(named(name), "words")
+    assert len(asked) == turned
