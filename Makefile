@@ -6,6 +6,7 @@ BIN    := .venv/bin
 STAMP  := .venv/.installed
 WARM   := .venv/.warm
 NODE   := .venv/node
+TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
 
@@ -94,11 +95,15 @@ $(WARM): $(STAMP)
 
 # What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page
 # loads nothing from elsewhere: what it needs stands beside it, and is packed into a wheel.
-$(PAGE): package.json package-lock.json .npmrc | $(STAMP)
-	@mkdir -p $(NODE) $(VENDOR)
+$(TOOLS): package.json package-lock.json .npmrc | $(STAMP)
+	@mkdir -p $(NODE)
 	@cp package.json package-lock.json .npmrc $(NODE)
 	@$(BIN)/npm ci --prefix $(NODE) --silent \
 	  || { echo "make: npm cannot fetch what package-lock.json names; the rest works without: make demo" >&2; exit 1; }
+	@touch $@
+
+$(PAGE): $(TOOLS)
+	@mkdir -p $(VENDOR)
 	@cp $(NODE)/node_modules/uplot/dist/uPlot.min.css $(VENDOR)
 	@cp $(NODE)/node_modules/uplot/dist/uPlot.d.ts $(VENDOR)/uPlot.esm.d.ts
 	@cp $(NODE)/node_modules/uplot/LICENSE $(VENDOR)/uPlot.LICENSE
