@@ -370,8 +370,9 @@ def _carried(
     """Carry the hopeful: a trial for each that has a model of the right signs; the others are barred."""
     verdicts: _Verdicts = {}
     trials: dict[str, Trial[Fit]] = {}
-    refused: set[str] = set()
-    while names := [name for name in model.hopeful(look, trials, refused, number) if name not in verdicts]:
+    while names := [
+        name for name in model.hopeful(look, trials, verdicts.keys() - trials.keys(), number) if name not in verdicts
+    ]:
         fits: dict[str, Fit] = {}
         for name, found in model.fit(current, look, names, trials).items():
             if isinstance(found, str):
@@ -388,7 +389,6 @@ def _carried(
         if fits:
             scores = model.score(current, look, fits)
             trials |= {name: Trial(fits[name], scores[name]) for name in fits}
-        refused.update(verdicts.keys() - trials.keys())
     return verdicts, trials
 
 

@@ -73,17 +73,15 @@ def _price(name: str, trial: Trial[Carrying]) -> float:
     that is known, the square of its size over its deviation; where it is less than that of n, it is the price.
     """
     problem = trial.fit.problem
-    each = trial.score.price / numbers(name, problem.device)
-    searched = trial.fit.searched.get(name, NOT_SEARCHED)
+    every, known = numbers(name, problem.device), told(name, problem)
+    each = trial.score.price / every
+    if known < every:  # a mode, of whose parameters nothing is told
+        return each * known
+    searched, given = trial.fit.searched.get(name, NOT_SEARCHED), parameters_of(trial.fit.fitted, name)
     _, effect = effect_for(name, problem.device.axes, problem.device.own)
-    given = parameters_of(trial.fit.fitted, name)
-    counted = told(name, problem) == numbers(name, problem.device)
-    saved = sum(
-        max(each - math.log1p(_precision(given[p.name], searched.deviation(p.name))), 0.0)
-        for p in effect.parameters
-        if counted and p.found_as is None and p.name in searched.names
-    )
-    return each * told(name, problem) - saved
+    found = [p.name for p in effect.parameters if p.found_as is None and p.name in searched.names]
+    prices = [min(each, math.log1p(_precision(given[one], searched.deviation(one)))) for one in found]
+    return each * (every - len(found)) + sum(prices)
 
 
 def _precision(value: float, deviation: float) -> float:

@@ -1,6 +1,6 @@
 """How many candidates are carried, and which: the one place that says so for two axes."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from estimator.effects.search import Search
 from estimator.thresholds import THRESHOLDS
@@ -72,12 +72,7 @@ def within_reach(serious: list[Evidence], tried: Collection[str], gained: float)
     """The best of each kind that was not tried and that may be no worse than one that gained so much: where the linear
     scan is rough, as far from the truth and while the observer settles, many; where it is exact, those that tie.
     """
-    names: list[str] = []
-    for item in serious:
-        new = all(kind(item.name) != kind(name) for name in (*names, *tried))
-        if new and item.gain + _SET.scan_deviations * item.error > gained - TIE:
-            names.append(item.name)
-    return names
+    return _new_kinds((item for item in serious if item.gain + _SET.scan_deviations * item.error > gained - TIE), tried)
 
 
 def looking_like(look: Look, tried: Collection[str], gains: Mapping[str, float]) -> list[str]:
@@ -86,12 +81,7 @@ def looking_like(look: Look, tried: Collection[str], gains: Mapping[str, float])
     """
     best = max((name for name in tried if name in gains), key=lambda name: gains[name])
     alike = look.alike(best)
-    names: list[str] = []
-    for item in look.serious:
-        new = all(kind(item.name) != kind(name) for name in (*names, *tried))
-        if new and alike.get(item.name, 0.0) > _SET.alike:
-            names.append(item.name)
-    return names
+    return _new_kinds((item for item in look.serious if alike.get(item.name, 0.0) > _SET.alike), tried)
 
 
 def shortlist(seen: Scan, serious: list[Evidence]) -> list[str]:
@@ -113,8 +103,13 @@ def shortlist(seen: Scan, serious: list[Evidence]) -> list[str]:
 
 def second_thoughts(found: Mapping[str, Evidence], tried: Collection[str]) -> list[str]:
     """The best of each kind that was not tried, sure or not, the most promising first."""
+    return _new_kinds(found.values(), tried)
+
+
+def _new_kinds(items: Iterable[Evidence], tried: Collection[str]) -> list[str]:
+    """The first of each kind that none of the tried is of."""
     names: list[str] = []
-    for item in found.values():
+    for item in items:
         if all(kind(item.name) != kind(name) for name in (*names, *tried)):
             names.append(item.name)
     return names

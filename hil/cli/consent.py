@@ -13,7 +13,7 @@ def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
     """Return when arming is allowed: ``given`` by --arm or by a yes at the terminal; else `InputError`."""
     if given:
         return
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if not _at_terminal():
         raise InputError(f"{link}: arming a board needs --arm (--dry-run looks without arming)")
     if open_loop:
         force = "the drive held at zero"
@@ -27,13 +27,17 @@ def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
 
 def have_it_turned() -> None:
     """Wait until somebody turns the gyro, which no host can; where nobody is at a terminal, say so and go on."""
-    asked = sys.stdin.isatty() and sys.stderr.isatty()
     print("The gyro has to turn to and fro while this is recorded; by hand will do.", file=sys.stderr)
-    if not asked:
+    if not _at_terminal():
         print("Nobody is asked, as this is no terminal: it is recorded as it lies.", file=sys.stderr)
         return
     print("Enter when it turns: ", end="", file=sys.stderr, flush=True)
     sys.stdin.readline()
+
+
+def _at_terminal() -> bool:
+    """Whether somebody reads what is asked and can answer."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 _UNITS = {"mps2": "m/s²", "N": "N", "V": "V"}

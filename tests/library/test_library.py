@@ -10,8 +10,7 @@ import pytest
 
 import hil
 from hil.records.runfolder import RunFolder
-from tests.made_once import made_once
-from tests.service.folders import real_run
+from tests.service.folders import shared_run
 
 RATE = 4000.0
 
@@ -26,8 +25,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> hil.Run:
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run that tests of the service have, too."""
-    (result,) = made_once(tmp_path_factory, "real", lambda place: real_run(place, report=True)).glob("*/result.json")
-    return result.parent
+    return shared_run(tmp_path_factory)
 
 
 @pytest.fixture

@@ -5,17 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.made_once import made_once
-from tests.service.folders import real_run
+from tests.service.folders import shared_run
 from tests.service.serving import Serving, serving
 
 
 @pytest.fixture(scope="session")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a real run, for all tests that leave it as it is."""
-    real = made_once(tmp_path_factory, "real", lambda place: real_run(place, report=True))
-    (result,) = real.glob("*/result.json")
-    return result.parent
+    return shared_run(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import hil
 from hil import examples
 from hil.loop.run import run
 from hil.records.result import Result
+from tests.made_once import made_once
 
 
 def real_run(out: Path, *, seconds: float = 1.5, name: str = "real", report: bool = False) -> Path:
@@ -20,6 +23,13 @@ def real_run(out: Path, *, seconds: float = 1.5, name: str = "real", report: boo
     done = run(bench, link, out, report=report, progress=lambda _: None)
     assert done.folder is not None
     return done.folder
+
+
+def shared_run(places: pytest.TempPathFactory) -> Path:
+    """The folder of such a run with its report, made once for all tests that leave it as it is."""
+    made = made_once(places, "real", lambda place: real_run(place, report=True))
+    (result,) = made.glob("*/result.json")
+    return result.parent
 
 
 def another(
