@@ -4,7 +4,9 @@ A device of the undeclared campaign lies still: no rate, no virtual rotation, no
 traced.  Where the diagnosis lists look-alikes that an experiment of the bench would tell apart, the experiments are
 made on the same emulated board, as `--live` makes them, until none is proposed; the last diagnosis must name what was
 hidden, first.  Where an experiment is to turn the gyro, which no host can, it is turned as the records of the campaign
-are.  Devices whose record tells everything, or nothing, are counted beside them.
+are: the rate goes through a few cycles in as long as one of those takes, however short the record is here, since who
+turns a gyro turns it no faster for a short record.  Devices whose record tells everything, or nothing, are counted
+beside them.
 
 Results are kept in runs/separations, one file a device; what is there is not run again.  SEPARATIONS_DRAW is another
 draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes, SEPARATIONS_SAMPLES how
@@ -32,6 +34,7 @@ from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.judging import class_of, plain
 from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import SAMPLES as CAMPAIGN_SAMPLES
 from evaluation.undeclared.record import draw
 from hil.bench import override
 from hil.loop.run import run
@@ -98,7 +101,8 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     folder = run(bench, link, place, progress=lambda _: None).folder
     assert folder is not None
     first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
-    rate = draw_rate(np.random.default_rng(order.seed + 1), drawn.device, samples / drawn.device.sample_rate_Hz)
+    cycles_s = CAMPAIGN_SAMPLES / drawn.device.sample_rate_Hz
+    rate = draw_rate(np.random.default_rng(order.seed + 1), drawn.device, cycles_s)
 
     def on_the_table(experiment: Experiment, words: str) -> None:
         """What the one who stands at the bench does before the board is armed."""

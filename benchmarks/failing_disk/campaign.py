@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -144,6 +144,7 @@ class Campaign:
             _, said = host.communicate()
             said += "\nhangs"
         hit = self._disk.log[0].replace(str(self._place), "") if self._disk.failed else ""
+        rings = self._disk.rings
         self._disk.fail(0, _NO_FAULT) if at else None
         result = _result(runs)
         board = self._board_state(state)
@@ -151,7 +152,7 @@ class Campaign:
             *_wrong_end(host.returncode, said, result, name if hit else "", at),
             *_wrong_board(board, armed=_has_rows(runs)),
             *_wrong_files(runs, removable=not (fault.lasting and fault.which & REMOVES)),
-            *_left_behind(family),
+            *_left_behind(family, rings),
         ]
         lines = [line for line in said.splitlines() if line.startswith("hil: ")]
         reason = next(iter(result.get("reasons", ())), "")
@@ -239,8 +240,8 @@ def _wrong_files(runs: Path, *, removable: bool) -> Iterator[str]:
                 yield f"{file.name}: {problem}"
 
 
-def _left_behind(family: str) -> Iterator[str]:
-    """Processes of the run that are still there; they are ended, and told."""
+def _left_behind(family: str, rings: Sequence[Path]) -> Iterator[str]:
+    """Processes of the run that are still there, and those of its rings; they are ended, removed, and told."""
     until_s = time.monotonic() + _LEFT_S
     while (left := _processes(family)) and time.monotonic() < until_s:
         time.sleep(0.02)
@@ -248,8 +249,8 @@ def _left_behind(family: str) -> Iterator[str]:
         command = Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")
         os.kill(process, signal.SIGKILL)
         yield f"still runs: {command}"
-    for ring in Path("/dev/shm").glob("gyrohil-*"):
-        if ring.stat().st_uid == os.getuid() and not Path(f"/proc/{ring.name.split('-')[1]}").exists():
+    for ring in sorted(set(rings)):
+        if ring.exists():
             ring.unlink()
             yield f"{ring} is left behind"
 

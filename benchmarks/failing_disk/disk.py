@@ -48,12 +48,14 @@ class _Plan(ctypes.Structure):
         ("at", ctypes.c_int64),
         ("calls", ctypes.c_int64),
         ("failed", ctypes.c_int64),
+        ("rings", ctypes.c_int64),
         ("error", ctypes.c_int32),
         ("which", ctypes.c_int32),
         ("lasting", ctypes.c_int32),
         ("halved", ctypes.c_int32),
         ("below", ctypes.c_char * 1024),
         ("log", (ctypes.c_char * _LOGGED) * 512),
+        ("ring", (ctypes.c_char * _LOGGED) * 64),
     ]
 
 
@@ -101,3 +103,8 @@ class Disk:
     def log(self) -> list[str]:
         """The first calls that failed; where none was to fail, all that there were."""
         return [text for entry in self._plan.log if (text := entry.value.decode("utf-8", "replace"))]
+
+    @property
+    def rings(self) -> list[Path]:
+        """The first 64 rings in shared memory that were opened to be written to since `fail`."""
+        return [Path(os.fsdecode(entry.value)) for entry in self._plan.ring if entry.value]

@@ -22,12 +22,14 @@ struct plan {
     int64_t at;      /* number of the first call that fails, from 1; 0: none */
     int64_t calls;   /* counted so far */
     int64_t failed;  /* made to fail so far */
+    int64_t rings;   /* opened so far */
     int32_t error;   /* errno; 0: a write is only short */
     int32_t which;   /* bits of the calls above that can fail */
     int32_t lasting; /* all from that one on */
     int32_t halved;  /* a first write that is hit takes half of its bytes */
     char below[1024];
     char log[512][256]; /* the first calls that failed; all that there were, where none is to */
+    char ring[64][256];  /* the first rings that were opened */
 };
 
 static struct plan *plan;
@@ -64,6 +66,10 @@ static int lies_below(const char *path) {
 static int fails(int kind, const char *name, const char *path) {
     if (!plan || !lies_below(path)) return 0;
     if (is_ring(path) && !(kind & (OPEN | ALLOCATE))) return 0; /* memory does not fail otherwise */
+    if (is_ring(path) && kind == OPEN) {
+        int64_t number = __atomic_fetch_add(&plan->rings, 1, __ATOMIC_SEQ_CST);
+        if (number < 64) snprintf(plan->ring[number], sizeof plan->ring[0], "%s", path);
+    }
     if (kind & (MAKE | REMOVE)) { /* what is there, or is not, is told before anything can fail */
         struct stat there;
         if ((lstat(path, &there) == 0) != (kind == REMOVE)) return 0;
