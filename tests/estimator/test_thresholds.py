@@ -4,6 +4,8 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 from estimator.thresholds import THRESHOLDS, each, values
 from estimator.thresholds_page import page
 
@@ -26,6 +28,7 @@ def test_values_hold_every_threshold_once() -> None:
     assert listed == {one.name: one.value for one in each(THRESHOLDS)}
 
 
+@pytest.mark.slow
 def test_no_module_of_tracing_has_a_tuned_number_of_its_own() -> None:
     """A constant of a module that is a number, or several, is a threshold; but for the listed ones, each with why."""
     facts = {
