@@ -6,8 +6,10 @@ from typing import Any
 
 import pytest
 
-from hil import demo
+from hil import demo, tracing
+from hil.records.diagnosis import Coefficient, Diagnosis, Effect, Fit, HeldOut
 from hil.report import page
+from hil.tracing import Traced
 
 pytestmark = pytest.mark.slow
 
@@ -32,6 +34,38 @@ def test_in_gain_mode(drawn: Counter[str], tmp_path: Path) -> None:
     assert (folder / "report.html").exists()
 
 
+FIT = Fit(innovation_rms=1e-4, noise_floor=1e-4, ratio=1.0, whiteness_p=0.5, simulation_rmse=None)
+HARDENING = Effect(
+    name="cubic_stiffness",
+    title="cubic stiffness",
+    equations=(),
+    coefficients={
+        "k3x": Coefficient(value=1.0e13, ci95=(0.9e13, 1.1e13), unit="1/(m²·s²)"),
+        "k3y": Coefficient(value=3.0e12, ci95=(2.9e12, 3.1e12), unit="1/(m²·s²)"),
+    },
+    evidence=1000.0,
+    undone="by the drive",
+)  # fmt: skip
+
+
+@pytest.fixture
+def traced_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trace says what it is told to: which effect it is matters to no page's number."""
+
+    def trace(capture: Path, bench: object, out: Path, **_: object) -> Traced:
+        folder = out / "traced"
+        folder.mkdir()
+        named = Diagnosis(
+            verdict="explained", effects=(HARDENING,), confusable=(), before=FIT, after=FIT,
+            held_out=HeldOut(before=FIT, after=FIT), rejected=(), findings=(), reasons=(), equations=(),
+            record=str(capture), bench="b", samples=100, split=60,
+        )  # fmt: skip
+        return Traced(folder, named)
+
+    monkeypatch.setattr(tracing, "trace", trace)
+
+
+@pytest.mark.usefixtures("traced_at_once")
 def test_before_and_after(drawn: Counter[str], tmp_path: Path) -> None:
     """On a machine that is busy, too: a run that is cut short has its page once."""
     circle = demo.demo(tmp_path, duration_s=12.0, progress=lambda _: None)
