@@ -53,7 +53,7 @@ test-vcan: $(WARM)
 	$(BIN)/python -m tests.vcan --quiet
 
 quick: $(WARM)
-	$(BIN)/python -m pytest $(BESIDE) -m "not slow and not realtime"
+	$(BIN)/python -m pytest $(BESIDE) -m "not slow and not moderate and not realtime"
 
 check: $(STAMP) $(PAGE)
 	$(BIN)/ruff check

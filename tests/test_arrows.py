@@ -60,7 +60,7 @@ def test_bench_does_not_import_the_emulator() -> None:
     assert "device_emulator" not in rooms(loaded_after_all_of("hil"))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_help_loads_nothing_heavy() -> None:
     assert not loaded_after("import hil.cli\nassert hil.cli.execute(['--help']) == 0") & HEAVY
 

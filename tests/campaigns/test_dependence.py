@@ -80,7 +80,7 @@ def sum_of_effects(y: Floats) -> Floats:
     return fitted
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_noise_alone_gives_no_key_and_says_that_it_foretells_nothing() -> None:
     made = drawn(128)
     named, foretold = 0, []
@@ -92,7 +92,7 @@ def test_noise_alone_gives_no_key_and_says_that_it_foretells_nothing() -> None:
     assert np.median(foretold) < 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_intervals_hold_the_true_share() -> None:
     """u + noise of the same variance: a share of one half, held by about 57 of 60 intervals."""
     made = drawn(128)

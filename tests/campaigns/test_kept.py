@@ -69,7 +69,7 @@ def test_any_order_and_any_number_of_ends_give_the_same_bytes(
     assert sorted(runs) == list(range(8))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_kill_at_any_byte_of_the_journal_loses_that_line_alone(tmp_path: Path, whole: dict[str, bytes]) -> None:
     fill(tmp_path / "half", [0, 1, 3, 4, 6])  # no file is full
     journal = (tmp_path / "half" / "journal.jsonl").read_bytes()

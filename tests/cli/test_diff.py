@@ -101,7 +101,7 @@ def test_of_one_record_the_uncertainty_is_the_most_it_can_be(tmp_path: Path) -> 
         assert one.u_a is None or one.uncertainty == pytest.approx(2.0 * one.u_a)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_bench_keys_that_differ_are_told_and_no_others(two: tuple[Path, Path], hil: Hil) -> None:
     code, out, _ = hil("diff", str(two[0]), "last")
     assert code == 0
@@ -150,14 +150,14 @@ def test_a_run_and_a_trace_are_not_compared(two: tuple[Path, Path], tmp_path: Pa
     assert refused(hil("diff", str(trace), str(two[0]))) == line
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_has_no_figures_is_refused_in_one_line(two: tuple[Path, Path], tmp_path: Path, hil: Hil) -> None:
     assert "no run folder" in refused(hil("diff", str(two[0]), str(tmp_path / "nowhere")))
     (two[1] / "result.json").unlink()
     assert f"hil replay {two[1]}" in refused(hil("diff", str(two[0]), str(two[1])))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_values_that_json_has_not_do_not_stop_it(two: tuple[Path, Path], hil: Hil) -> None:
     bench = two[1] / "bench.toml"
     text = bench.read_text(encoding="utf-8").replace("[loop]", "[loop]\nodd = [inf, 2026-01-01]")

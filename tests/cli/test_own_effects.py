@@ -132,7 +132,7 @@ def test_a_broken_package_is_one_line_that_names_it(install: Install, kind: str)
         device_of(bench(mine={}))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_package_may_say_it_in_sympy(install: Install) -> None:
     source = (
         "import sympy as sp\nfrom estimator.effects.declaration import Coefficient, Effect, Undone\n"

@@ -62,7 +62,7 @@ def test_no_number_of_workers_is_one_line(hil: Hil, monkeypatch: pytest.MonkeyPa
     assert err == "hil: GYROHIL_WORKERS=many: no number of workers; give a whole number from 1 on, or leave it out\n"
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_is_asked_is_checked_first(hil: Hil, tmp_path: Path) -> None:
     name = imported(hil)
     (tmp_path / "there.bench.toml").write_text("", encoding="utf-8")
@@ -92,7 +92,7 @@ def test_on_a_single_axis_nothing_searches_for_the_speed_at_which_friction_falls
         effects_asked(("stribeck_friction",), single)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_effects_that_are_tried_on_request_are_asked_for_by_name(hil: Hil, monkeypatch: pytest.MonkeyPatch) -> None:
     name = imported(hil)
 

@@ -394,7 +394,7 @@ def test_slew(delay: float) -> None:
     assert_same(motion_of(what, codes), expected, 2e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_parasitic_mode_rings_in_the_sense_only() -> None:
     """Against the mode integrated alone; the mass does not feel it."""
     codes = pushes(80)

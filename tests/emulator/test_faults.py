@@ -70,7 +70,7 @@ def armed(**faults: object) -> Host:
     return host
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("seed", range(5))
 def test_every_harmed_frame_is_a_gap_in_a_sequence(seed: int) -> None:
     host = Host(scenario({"seed": seed, "faults": {"lost": 0.03, "corrupted": 0.03}}))
@@ -127,7 +127,7 @@ def test_an_overtaken_sample_is_lost_to_the_loop_and_counted() -> None:
     assert host.ticks == sorted(host.ticks)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_late_frame_that_is_no_news_leaves_nobody_waiting() -> None:
     """Found by seed 1 of the benchmark: the host drops a sample that comes after a later one, and owes no answer."""
     host = Host(scenario({"seed": 1, "faults": {"delayed": 0.05, "delay_s": [0.0002, 0.002], "duplicated": 0.05}}))

@@ -240,7 +240,7 @@ def test_rate_and_angle_of_a_step_on_a_tick_hold_from_that_row_on() -> None:
     np.testing.assert_allclose(truth["angle_rad"][15], (10 + 5 * 3.0) * TS, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_thermal_equilibrium() -> None:
     """Equipartition: m <v vᵀ> = kB T and K <x xᵀ> = kB T, cross-damping and cross-stiffness included."""
     damping, temperature = [0.4, 0.25, 0.1], 300.0
@@ -270,7 +270,7 @@ def test_thermal_equilibrium() -> None:
     np.testing.assert_allclose(np.array([[kxx, kxy], [kxy, kyy]]) @ np.cov(x) / kt, np.eye(2), rtol=0, atol=bound)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_amplifier_noise_has_the_density_stated() -> None:
     """White force of one-sided density S on a damped oscillator: <v²> = S / 4d per axis, per unit mass."""
     density, damping = 2e-3, 0.4

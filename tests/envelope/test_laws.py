@@ -38,7 +38,7 @@ def own(force: sp.Expr, *coefficients: str) -> Effect:
     return Effect("own", None, given, "here", "", Undone.CANCEL, force=(force, sp.Integer(0)))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_law_of_ones_own_is_one_where_it_is_a_power():
     c, k = sp.symbols("c k")
     assert laws([own(-c * vx**5, "c")])["own"].size == pytest.approx(5 / 16, rel=1e-12)

@@ -78,7 +78,7 @@ def test_equal_on_one_axis(record: Record, backend: Backend, gain: Gain, hold: H
     assert apart < EQUAL, where
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("backend", ORACLES)
 def test_equal_while_the_memory_shortens_and_the_prior_is_recalled(backend: Backend) -> None:
     """A jump of the rate, a stiffness further off than its spread: forgetting in haste, up to the initial spread."""
@@ -105,7 +105,7 @@ def test_a_stationary_gain_is_looked_up_alike(record: Record, variant: Variant) 
     assert apart < EQUAL, where
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_equal_with_intervals_of_their_own_length_and_in_blocks() -> None:
     """A record with gaps, estimated in three blocks: nothing is lost between them."""
     device, settings = TRUTH.device(stiffness=1.03), ObserverSettings(process_noise=NOISE)

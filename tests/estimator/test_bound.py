@@ -111,7 +111,7 @@ def information_recursion(observer: Observer, truth: Array, drive: Array, noise:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("variant", list(Variant))
 def test_kernel_and_information_recursion_agree_on_a_closed_loop(variant: Variant) -> None:
     truth = Truth(force_noise=1e-5)

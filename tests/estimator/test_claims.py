@@ -35,7 +35,7 @@ def problem(**channels: Array) -> Problem:
 # -- constants --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_constants_are_as_found_beside_what_is_declared_without_the_rate_and_without_coefficients() -> None:
     observer = Observer(DEVICE, SETTINGS)
     declared = Observer(DEVICE, ObserverSettings(gain=Gain.EKF, spread=SETTINGS.spread, initial=SETTINGS.initial))

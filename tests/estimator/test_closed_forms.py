@@ -172,7 +172,7 @@ def test_what_is_held_is_known_and_what_is_not_stays_as_sure_as_it_was() -> None
 # -- examinations and votes ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_of_a_long_record_four_states_a_cycle_are_kept_and_scored_beside_the_rate_of_their_instant() -> None:
     n, split = 202_000, 120_000
     t = np.arange(n) / RATE

@@ -157,7 +157,7 @@ def test_fading_memory_does_not_wind_up_in_directions_that_nothing_excites(remem
         assert np.max(winding) > 100.0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_jump_of_the_rate_is_caught_within_a_fraction_of_the_memory(record: Record) -> None:
     """The memory shortens while the innovations deny the covariance, and only then."""
     rates = np.where(np.arange(12_001) < 8000, RATE, RATE + 30.0)

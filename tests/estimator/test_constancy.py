@@ -65,7 +65,7 @@ def test_a_part_whose_equations_are_no_numbers_says_nothing() -> None:
     assert constancy(lost, "law") == Constancy(0.0, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_white_innovations_are_as_probable_as_chance_says() -> None:
     random = np.random.default_rng(3)
     # As large in one part as in another it need not be: a drive that is off for a while.

@@ -126,7 +126,7 @@ def test_with_the_effects_the_force_is_what_was_wanted(
     np.testing.assert_allclose(acts, [0.4, -0.7], rtol=0.3**6, atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_queue_moves_on_and_tells_what_was_applied() -> None:
     made = observer(latency=2)
     a = made.arrays

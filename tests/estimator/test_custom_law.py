@@ -263,7 +263,7 @@ def test_a_law_means_what_python_means_by_it(text: str) -> None:
     assert found.real == pytest.approx(meant, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_roots_and_poles_do_not_stop_an_observer_at_rest() -> None:
     for text in ("sqrt(x)", "abs(x)", "r", "v", "abs(x)**1.5", "x * r**3", "vx * v", "vx / v", "sqrt(x**2 + y**2)"):
         built = expression(parsed(text), {})

@@ -419,7 +419,7 @@ def test_a_late_sense_path_shows_what_was(delay: tuple[float, float]) -> None:
         np.testing.assert_allclose(jacobian[:, column], (predicted(ahead) - predicted(behind)) / 2e-6, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_late_sense_path_shows_what_a_spring_did_on_the_way() -> None:
     """Two effects at once: what is sensed is the state before, and a hardening spring moved the mass since."""
     observer = Observer(device(), ObserverSettings(effects={"sense_delay": {}, "cubic_stiffness": {}}))
@@ -457,7 +457,7 @@ def test_a_late_sense_path_shows_what_a_spring_did_on_the_way() -> None:
         np.testing.assert_allclose(jacobian[:, column], (sides[0] - sides[1]) / 2e-6, atol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("lags", [(0.05, 0.3), (0.9, 0.6), (-0.1, 0.2)])
 def test_a_drive_behind_a_lag_is_that_of_an_integrator(lags: tuple[float, float]) -> None:
     """Each axis' drive behind the time constant of each sense path; what would be a lead is let through."""
@@ -562,7 +562,7 @@ def test_a_high_pass_is_the_filter_behind_the_mass(axes: int, corners: tuple[flo
         np.testing.assert_allclose(-nu[:axes] - x[states : states + axes], motion[states:], rtol=0, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("leaks", [(0.01, 0.3), (12.0, 5.0)])
 def test_a_drive_integrated_with_a_leak_is_that_of_an_integrator(leaks: tuple[float, float]) -> None:
     """Each axis' drive with the leak of each sense path, of a drive that varies within the interval."""

@@ -135,7 +135,7 @@ def test_a_direct_measurement_is_josephs_form_of_one_entry(row: int) -> None:
     np.testing.assert_allclose(found, rest @ p @ rest.T + noise * np.outer(gain, gain), rtol=1e-11, atol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("n", [13, 16])
 def test_two_channels_at_once_are_filterpys_update(n: int) -> None:
     """Gain, covariance, variances and NIS; and the angle's covariances, those of a state that is not measured."""

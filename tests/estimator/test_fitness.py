@@ -116,7 +116,7 @@ def held_by_friction(code: float) -> Record:
     return Record(seen[:, None], u[:, None, None], np.full(samples, 1e-3))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_stands_still_is_not_clipped() -> None:
     """It lies at its ends half of the time, and comes to rest there."""
     record = held_by_friction(1e-5)
@@ -127,7 +127,7 @@ def test_what_stands_still_is_not_clipped() -> None:
     assert "not clipped" in said
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_same_mass_before_a_wall_is_clipped() -> None:
     record = held_by_friction(1e-5)
     cut = np.minimum(record.sense, 0.6 * record.sense.max())

@@ -84,7 +84,7 @@ def behind_low_passes(lags: tuple[float, float]) -> Record:
     return Record(4e4 * states[:, 4:6] + noise, drive[:, :, None], np.full(N, 1.0 / SAMPLE_RATE))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_an_effect_far_from_linear_is_fitted_about_where_it_is() -> None:
     """A low-pass near the resonance, begun without any: the first pass is led astray, the intervals still hold."""
     true = (0.55 / OMEGA, 0.4 / OMEGA)
@@ -118,7 +118,7 @@ def hummed(record: Record) -> Record:
     return replace(record, sense=record.sense + line @ np.reshape(list(VOLTS.values()), (2, 2)).T)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_begun_about_a_part_of_the_record_one_pass_says_what_two_do() -> None:
     settings = ObserverSettings(
         memory=0.09, spread=Spread(rate=1.25, stiffness=0.018, damping=0.6), process_noise=ProcessNoise(rate=1e-3)
@@ -147,7 +147,7 @@ def test_a_pass_that_is_carried_on_is_the_pass_over_all() -> None:
     assert carried_on(replace(begun, likelihood=-np.inf), problem.record.part(slice(0, 10))).likelihood == -np.inf
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize(("opening", "share", "warm", "first"), [
     (N // 4, 0.1, False, N // 4),
     (N // 8, 0.5, False, N // 2),

@@ -58,7 +58,7 @@ def test_held_and_straight_pieces() -> None:
     np.testing.assert_array_equal(drive_polynomials(u, "foh"), expected)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @given(st.integers(1, 12), st.floats(-1e6, 1e6))
 def test_short_and_constant_records_stay_what_they_are(samples: int, value: float) -> None:
     found = drive_polynomials(np.full((samples, 2), value), "bandlimited")

@@ -36,7 +36,7 @@ def said(innovation, **other) -> tuple[str, ...]:
     return unexplained(model(innovation, **other), RECORD, RESONANCE)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_white_noise_as_it_was_predicted_leaves_nothing_to_say():
     for seed in range(3):
         assert said(white(seed)) == ()
@@ -164,7 +164,7 @@ def test_how_much_can_be_predicted_is_told_as_a_share(monkeypatch, share, says):
     assert said(white())[0] == f"{says} of the innovation can be predicted from those before"
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_more_effects_than_may_be_are_no_explanation_and_no_more_is_one_that_diverged():
     three = dict.fromkeys("abc", 9.0)
     selection = SimpleNamespace(after=model(white()), patchwork=True, gain=three)

@@ -67,14 +67,14 @@ def test_the_pattern_turns_as_the_board_does_at_any_latency(latency: int) -> Non
     assert np.std(record.ratio[SETTLED:]) == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_delay_that_is_not_known_locks_the_pattern_to_the_device() -> None:
     observer = observer_of(TRUTH, SETTINGS, latency=0, virtual_rotation=0.0)
     record = close_loop(observer, TRUTH, 15_000, RATE)
     assert abs(slope(record, record.angle_pattern, SETTLED)) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_hold_that_is_not_divided_out_leaves_the_forces_short_by_its_sinc() -> None:
     """The virtual rotation, five times the true one here, comes out short by 1 − sinc(π/20) = 0.41 %."""
     observer = observer_of(TRUTH, SETTINGS)
@@ -86,7 +86,7 @@ def test_a_hold_that_is_not_divided_out_leaves_the_forces_short_by_its_sinc() ->
     assert slope(record, record.angle, SETTLED) == pytest.approx(1.0, abs=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("hold", [True, False])
 def test_energy_and_quadrature_are_held(hold: bool) -> None:
     """(9) only zeroes damping on average: what amplitude and quadrature there are stay without the holds."""
@@ -101,7 +101,7 @@ def test_energy_and_quadrature_are_held(hold: bool) -> None:
         assert abs(record.quadrature[-1]) > 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_amplitude_modulation_is_followed() -> None:
     observer = observer_of(TRUTH, SETTINGS, modulation=0.3, modulation_rate=2 * np.pi * 0.5, energy_gain=0.05)
     record = close_loop(observer, TRUTH, 16_000, RATE)
@@ -140,7 +140,7 @@ def test_parameters_are_right_on_more_than_one_excitation() -> None:
         assert np.max(np.abs(record.x[-1, 7:9] / TRUTH.parameters[:2] - 1.0)) < 3e-6
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_lost_samples_and_late_answers_are_bridged() -> None:
     record = close_loop(observer_of(TRUTH, SETTINGS), TRUTH, 15_000, RATE, lost=0.05, late=0.02)
     assert apart(record.angle, record) < 4e-3
@@ -148,7 +148,7 @@ def test_lost_samples_and_late_answers_are_bridged() -> None:
     assert np.std(record.ratio[SETTLED:][seen]) == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_board_in_safe_is_known_to_apply_no_rotation() -> None:
     """A zero echo is no virtual rotation: the angle goes on being right while the pattern goes its own way."""
     record = close_loop(observer_of(TRUTH, SETTINGS), TRUTH, 14_000, RATE, safe=slice(8000, 11_000))
@@ -183,7 +183,7 @@ def test_commands_stay_within_the_limit_and_a_lost_state_commands_nothing() -> N
     assert observer.tick(0.0, 0.0, 0.0, 0.0) == (0, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_dither_is_two_level_and_balanced() -> None:
     """Before control nothing is commanded; with all gains and unknowns zero only the dither is left."""
     truth = replace(TUNED, damping=(0.0, 0.0, 0.0), noise=1e-9)

@@ -103,7 +103,7 @@ def test_lost_samples_stay_lost_and_count_for_nobody() -> None:
     assert found.nameless == pytest.approx(-2 * (N - SPLIT) * 48 / 50 * math.log(1.0 - 0.7**2), rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_gains_do_not_depend_on_how_large_the_noise_is_said_to_be() -> None:
     series = lfilter([1.0], [1.0, -0.5], white(8), axis=0)
     after = white(9)
@@ -113,7 +113,7 @@ def test_gains_do_not_depend_on_how_large_the_noise_is_said_to_be() -> None:
     assert contest(other, seen(after), SPLIT).named == pytest.approx(one.named)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_of_a_long_record_all_that_are_compared_use_the_same_rows() -> None:
     """A noise that grew is no gain of a force: its level is that of the last rows for everyone."""
     series = white(22, n=100_000) * np.linspace(0.5, 1.0, 100_000)[:, None]

@@ -19,7 +19,7 @@ def record() -> Record:
     return close_loop(observer_of(TRUTH, SETTINGS), TRUTH, 3000, 1.5)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_replay_says_what_the_loop_said(record: Record) -> None:
     """The loop's record estimated again in one block: the same states, innovations and angles."""
     observer = observer_of(TRUTH, SETTINGS)

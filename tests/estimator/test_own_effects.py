@@ -269,7 +269,7 @@ def test_a_name_that_is_a_word_of_the_generated_code_is_as_good_as_any() -> None
         observer.run(*record())
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_code_is_kept_by_what_it_consists_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(own, "kernel_cache", lambda: tmp_path)
     monkeypatch.setattr(own, "_known", {})
@@ -316,7 +316,7 @@ def test_a_candidate_of_a_trace_is_tried_at_its_values() -> None:
     assert watch_list(whole, with_own(bare), sense, np.ones_like(sense))["mine"] == {}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_law_may_have_many_parameters_and_a_signal() -> None:
     names = ("w", "s0", "v_a")
     declared = Declaration(

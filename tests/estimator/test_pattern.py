@@ -44,7 +44,7 @@ def test_corrected_formula_is_exact_and_the_pattern_lags_the_board(rate: float) 
     np.testing.assert_allclose(angles(states, rate, 0.0), 0.2 - turned, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_real_rotation_brings_its_centrifugal_term_along() -> None:
     rate, h, samples = 3e-2, 0.3, 1000
     states = ideal_motion(rate, rate**2, samples, h)
@@ -56,7 +56,7 @@ def test_real_rotation_brings_its_centrifugal_term_along() -> None:
     np.testing.assert_allclose(energy, 0.5, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_plain_formula_ripples_at_twice_the_vibration_by_half_the_rotation() -> None:
     rate, h, samples = 3e-2, 0.3, 1500
     turned = rate * h * np.arange(samples)
@@ -74,7 +74,7 @@ def test_unwrapping_finds_the_nearest_half_turn(double: float, before: float) ->
     assert abs((theta - 0.5 * double) / np.pi - round((theta - 0.5 * double) / np.pi)) < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @given(st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
 def test_the_complex_form_says_the_same(s: list[float], w: float, rate: float) -> None:
     double, energy, momentum = pattern(np.array(s), 1.0, w, rate)

@@ -75,7 +75,7 @@ def test_a_switch_has_the_general_kernels_do_it(record: Record, monkeypatch: pyt
     assert plain(Observer(device, settings, TRUTH.controller()))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_it_is_not_made_for() -> None:
     others = [ObserverSettings(variant=variant) for variant in (Variant.SENSE, Variant.GYRO)]
     others += [ObserverSettings(gain=gain) for gain in (Gain.EKF, Gain.STATIONARY)]
@@ -113,7 +113,7 @@ def combined(a: Array, scale: float, out: Array) -> float:
     return lane(other, 6)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @given(
     numbers=st.lists(st.integers(-1000, 1000), min_size=16, max_size=16),
     scale=st.integers(-1000, 1000),

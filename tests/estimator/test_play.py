@@ -116,7 +116,7 @@ def test_below_the_half_width_it_is_a_spring_and_loses_nothing():
     assert np.max(np.abs(within[-30:])) > 0.98 * np.max(np.abs(within[:30]))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_it_remembers_where_it_was():
     """Pushed beyond the half-width once, the mass comes to rest beside where it was; a spring without memory would
     not.

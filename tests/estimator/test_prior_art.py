@@ -164,7 +164,7 @@ def test_the_identified_rate_and_constants_are_the_plants():
     )
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_identified_rate_comes_near_the_bound_where_all_else_is_known():
     # Windows that overlap by three quarters are weighted as if they did not, which costs a factor of about two.
     known = Spread(offset=1e-9, rate=1.0, stiffness=1e-9, damping=1e-9)

@@ -106,7 +106,7 @@ def test_a_residual_without_a_likelihood_falls_by_its_rms() -> None:
     assert "rose from 1.8 to 12 ×" in promises.fell(claim)[0]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_floor_is_allowed_a_tenth_more_or_what_chance_makes_of_few_samples() -> None:
     """By draws of the residual: of complete models one in a hundred is turned away where samples are few."""
     assert Errors(9.0, 1.1, 1.0, 1e6).at_floor

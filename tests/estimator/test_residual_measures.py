@@ -282,7 +282,7 @@ def test_a_local_floor_is_the_median_of_blocks_of_half_a_resonance(bins: int, bl
     assert degrees == pytest.approx(2.0 * (bins / blocks) * math.log(2.0) ** 2 / 1.94)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_floor_s_degrees_of_freedom_are_those_of_the_medians_of_windowed_noise() -> None:
     """Twice the square of its mean over its variance."""
     random = np.random.default_rng(6)
@@ -436,7 +436,7 @@ def test_where_nothing_is_left_of_the_upper_half_the_whole_spectrum_counts() -> 
     assert np.sum(quiet_bins(few, RATE, HZ) & (few < 1000.0)) > 0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_floor_is_the_level_of_quiet_bins_and_as_sure_as_their_median() -> None:
     random = np.random.default_rng(9)
     levels, said = [], 0.0

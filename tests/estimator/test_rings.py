@@ -196,7 +196,7 @@ def inside(found: Diagnosis) -> None:
         assert abs(one.value - true) < 1.5 * half, symbol
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_decays_share_its_frequency_and_damping_and_begin_each_as_it_does() -> None:
     found = together(NAME)
     assert found.verdict is Verdict.EXPLAINED
@@ -206,20 +206,20 @@ def test_decays_share_its_frequency_and_damping_and_begin_each_as_it_does() -> N
     assert found.held_out_before.ratio > 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_nobody_asks_and_it_stays_unexplained() -> None:
     found = together()
     assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
     assert NAME not in [effect.name for effect in found.effects]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_one_mode_alone_needs_no_other() -> None:
     found = together(NAME, ringing=False)
     assert (found.verdict, found.effects) == (Verdict.ADEQUATE, ())
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_one_decay_tells_it_too_and_foretells_the_part_held_out() -> None:
     """Which begins at another phase of both modes."""
     problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE, asked=(NAME,))
@@ -228,7 +228,7 @@ def test_one_decay_tells_it_too_and_foretells_the_part_held_out() -> None:
     inside(found)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_displacement_shows_it_in_the_same_form() -> None:
     record = decay(np.random.default_rng(5), True)
     seen = replace(record, sense=record.sense / ITSELF)

@@ -116,7 +116,7 @@ def test_what_the_start_alone_tells_does_not_count() -> None:
     assert rivals(step(300.0, where=later)) == {}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_innovations_that_are_not_white_make_the_bound_wider() -> None:
     # Noise of correlation r is (1 + r)/(1 − r) times as strong where it is slow, and so is what it makes of a lead.
     def mean(colour: float) -> float:

@@ -35,7 +35,7 @@ def record() -> Record:
     return loop_record(EXPERIMENTS[-1], UNLIKE, SETTINGS, latency=1, noise=1.0).part(slice(0, 3001))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_normal_equations_are_those_of_what_carrying_an_effect_does_part_by_part(record: Record) -> None:
     """N = Σ (δν/σ)² and b = Σ δν ν/σ² of each part, δν by two runs with a coefficient a ten-thousandth of its size."""
     seen = scan(Problem(record, UNLIKE, SETTINGS), WATCHED)

@@ -253,7 +253,7 @@ def at_one(one: Observer, name: str, what: str, s: Array, u: Array, time: float)
     return [of(s, u, own, time, one.x[4:13]) for own in np.eye(len(effect.coefficients))]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_followed_forces_push_is_their_integral_along_the_motion() -> None:
     """∫ Φ(h − t) B f(t) dt by Gauss–Legendre of ten nodes in NumPy, with a drive that varies, a force of the time, of
     the direction and of the warmth; and of a late drive what it lags behind and what it jumps by.

@@ -94,7 +94,7 @@ def test_derivatives_are_those_of_differences(sensed: Sensed, drive: Array) -> N
         assert np.max(np.abs(exact[:, i] - by_differences)) < 1e-4 * np.max(np.abs(by_differences)), name
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("sensed", [Sensed.VELOCITY, Sensed.ACCELERATION])
 def test_a_noisy_record_gives_back_its_constants(sensed: Sensed, drive: Array) -> None:
     seen = truth(drive, True)[sensed.value]
@@ -203,7 +203,7 @@ def seen_of_two(made: Observer, sensed: tuple[int, int], c: Array, s: Array, u: 
     return np.asarray(shown)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("sensed", [(1, 0), (0, 1), (2, 1), (1, 2), (2, 2)])
 def test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_differences(sensed: tuple[int, int]) -> None:
     """A low-pass takes the rate of what is shown, a cross-coupling what the other channel shows: every row of the

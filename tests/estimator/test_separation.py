@@ -96,7 +96,7 @@ def test_an_experiment_that_cannot_be_followed_tells_nothing(advised: Any) -> No
     assert found == [(BY_NAME["rate"], 0.5)] * 2
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_where_the_model_is_no_oscillator_any_more_what_is_declared_is_played(sign: float) -> None:
     """Constants as a large lag in the sense chain has left them: a spring that pushes, damping as large as ω0."""

@@ -121,7 +121,7 @@ def refined():
     return truth, refine(observer, sense, drive)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_refinement_finds_the_truth_within_its_intervals(refined):
     truth, fit = refined
     for name, value in truth.items():

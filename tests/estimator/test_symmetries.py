@@ -94,7 +94,7 @@ def of(named, constants=CONSTANTS, nonreciprocal=None):
     return {one.other: one for one in equivalents(named, constants, nonreciprocal)}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize(("named", "others"), ALL, ids=lambda given: "+".join(sorted(given)))
 def test_the_other_cause_gives_the_same_voltages(named, others) -> None:
     found = of(named)
@@ -195,7 +195,7 @@ def seen_of_mass(axis, mass, kxy):
     return named, replace(CONSTANTS, stiffness=(1.02, 0.98, 0.5 * kxy * (1.0 + 1.0 / mass))), kn
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("axis", [0, 1])
 def test_unequal_masses_are_a_drive_gain_of_one_axis_and_a_stiffness_that_is_not_symmetric(axis: int) -> None:
     mass, kxy = 1.03, 0.03
@@ -219,7 +219,7 @@ def test_unequal_masses_are_a_drive_gain_of_one_axis_and_a_stiffness_that_is_not
     assert of({"drive_gain": named["drive_gain"]}, symmetric, is_(-kn)) == {}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_record_that_runs_backwards_has_a_damping_that_drives() -> None:
     constants = replace(CONSTANTS, damping=(-4e-3, -5e-3, -5e-4))
     (found,) = equivalents({"sense_cubic": {"a3x": is_(0.1)}}, constants, None)

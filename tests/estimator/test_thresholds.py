@@ -28,7 +28,7 @@ def test_values_hold_every_threshold_once() -> None:
     assert listed == {one.name: one.value for one in each(THRESHOLDS)}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_no_module_of_tracing_has_a_tuned_number_of_its_own() -> None:
     """A constant of a module that is a number, or several, is a threshold; but for the listed ones, each with why."""
     facts = {

@@ -59,7 +59,7 @@ def test_angle_rate_and_parameters_are_right(variant: Variant, gain: Gain) -> No
         np.testing.assert_allclose(record.x[-1, 4:6], truth.offset, atol=0.1 * truth.noise)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("gain", list(Gain))
 def test_seven_states_need_no_drive(gain: Gain) -> None:
     """A ring-down of a mismatched device: its pattern goes its own way, ∫Ω̂ dt is the angle."""
@@ -73,7 +73,7 @@ def test_seven_states_need_no_drive(gain: Gain) -> None:
     assert np.ptp((record.angle_pattern - record.turned)[800:]) > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_seven_states_follow_a_changing_rate() -> None:
     """Fading memory alone lags by its length; with the rate declared to wander the EKF follows."""
     rate = 2.0 * np.sin(2 * np.pi * 2.0 * np.arange(8001) / BOARD.sample_rate)

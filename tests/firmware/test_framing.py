@@ -57,7 +57,7 @@ def test_the_longest_groups_of_cobs(library: ctypes.CDLL, size: int, last: int) 
     assert b"".join(write_frame(library, frame)) == encode_frame(*frame)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(parts=st.lists(noise | frames.map(lambda frame: encode_frame(*frame)), max_size=5), damage=st.data())
 def test_both_sides_read_the_same(library: ctypes.CDLL, parts: list[bytes], damage: st.DataObject) -> None:

@@ -20,7 +20,7 @@ def fuzzer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make(tmp_path_factory.mktemp("fuzz"), "fuzz") / "fuzz"
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("seed", SEEDS)
 def test_python_decoder_of_serial_lines(seed: int) -> None:
     tally = fuzz.feed_serial(1_000_000, seed)

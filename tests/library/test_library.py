@@ -56,7 +56,7 @@ def test_arrays_need_no_models_of_figures(run: hil.Run) -> None:
     assert done.stdout.strip() == "False"
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_last_is_the_newest_run_wherever_one_is_named(
     finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

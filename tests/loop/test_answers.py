@@ -156,7 +156,7 @@ def test_answers_that_left_after_the_deadline_are_slow() -> None:
     assert (answers.in_time, answers.slow) == (4, 2)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_samples_lost_on_the_way_to_the_host(tmp_path: Path) -> None:
     """The board holds its drive for each, and yet no answer was late: there was none to give."""
     lost = range(100, 3900, 17)
@@ -164,28 +164,28 @@ def test_samples_lost_on_the_way_to_the_host(tmp_path: Path) -> None:
     assert parts(answers) == NOTHING | {"lost_to_host": len(lost)}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_answers_lost_on_the_way_to_the_board(tmp_path: Path) -> None:
     unheard = range(500, 3900, 17)
     answers = counted(tmp_path, force(), unheard=unheard)
     assert parts(answers) == NOTHING | {"lost_to_board": len(unheard)}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_answers_that_come_late(tmp_path: Path) -> None:
     held_up = set(range(500, 3900, 17))
     answers = counted(tmp_path, force(), HeldUp, held_up=held_up)
     assert parts(answers) == NOTHING | {"late": len(held_up)}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_host_that_was_stopped(tmp_path: Path) -> None:
     """60 ticks pass, then it sees 60 samples at once, of which it answers the newest."""
     answers = counted(tmp_path, force(), stops={1500: 60})
     assert parts(answers) == NOTHING | {"unanswered": 59}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_board_that_was_stopped(tmp_path: Path) -> None:
     """Its watchdog trips; what is missing until it was armed again was not lost by the link."""
     answers = counted(tmp_path, force(), stops={1500: 300})
@@ -248,7 +248,7 @@ class OnLine:
         device.block, device.coast = noted(block), noted(coast)  # type: ignore[method-assign]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_in_lockstep_a_stop_takes_no_tick(tmp_path: Path) -> None:
     """A stall trips the watchdog; the board is armed again at once, and what it streamed meanwhile is lost, not
     stopped: the board itself says in which state each tick passed.
@@ -264,7 +264,7 @@ def test_in_lockstep_a_stop_takes_no_tick(tmp_path: Path) -> None:
     assert counters.lost > 300
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_everything_at_once(tmp_path: Path) -> None:
     """Apart from each other, so that what one does cannot hide what another does."""
     lost, unheard, held_up = range(100, 1000, 9), range(1100, 1400, 3), set(range(2000, 3900, 7))
@@ -279,7 +279,7 @@ def test_everything_at_once(tmp_path: Path) -> None:
     assert parts(answers) == expected
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_the_board_did_not_say_counts_as_late(tmp_path: Path) -> None:
     """Without its counters nobody can tell a late answer from a lost one."""
     unheard = range(500, 3900, 17)
@@ -287,21 +287,21 @@ def test_what_the_board_did_not_say_counts_as_late(tmp_path: Path) -> None:
     assert parts(answers) == NOTHING | {"late": len(unheard)}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_gain_mode_loses_blocks(tmp_path: Path) -> None:
     lost = {tick - tick % BLOCK for tick in range(1000, 3500, 200)}
     answers = counted(tmp_path, gain(), lost=lost)
     assert parts(answers) == NOTHING | {"lost_to_host": len(lost) * BLOCK}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_gain_mode_loses_matrices(tmp_path: Path) -> None:
     unheard = {tick + BLOCK - 1 for tick in range(1000, 3500, 60)}
     answers = counted(tmp_path, gain(), unheard=unheard)
     assert parts(answers) == NOTHING | {"lost_to_board": len(unheard) * BLOCK}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_gain_mode_late_matrices(tmp_path: Path) -> None:
     """A matrix is due a block after the one it answers; this one comes when the next is sent."""
     held_up = {tick + BLOCK - 1 for tick in range(1000, 3500, 100)}
@@ -309,13 +309,13 @@ def test_gain_mode_late_matrices(tmp_path: Path) -> None:
     assert parts(answers) == NOTHING | {"late": len(held_up) * BLOCK}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_gain_mode_blocks_that_piled_up(tmp_path: Path) -> None:
     answers = counted(tmp_path, gain(), stops={2000: 3})
     assert parts(answers) == NOTHING | {"unanswered": 2 * BLOCK}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_gain_mode_a_board_that_was_stopped(tmp_path: Path) -> None:
     answers = counted(tmp_path, gain(watchdog_s=0.02), stops={2000: 15})
     assert answers.lost_to_host == 0
@@ -323,7 +323,7 @@ def test_gain_mode_a_board_that_was_stopped(tmp_path: Path) -> None:
     assert answers.stopped > 0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize(("declared", "size"), [(force, 7), (gain, 13)])
 def test_the_count_does_not_depend_on_how_the_record_is_read(
     tmp_path: Path, declared: Callable[[], Bench], size: int

@@ -129,7 +129,7 @@ def test_questions_are_rationed(tmp_path: Path) -> None:
     assert len(kept.rows) == before
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("mode", ["force", "gain"])
 def test_asking_changes_nothing_in_the_record(tmp_path: Path, mode: str) -> None:
     """With and without a question every forty samples: the same bytes."""

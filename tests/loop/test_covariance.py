@@ -44,7 +44,7 @@ def holds_what_the_intervals_are_from(run: RunFolder, every: int) -> None:
         assert np.linalg.eigvalsh(matrix / np.outer(sd, sd))[0] > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("gain", ["fading", "ekf", "stationary"])
 @pytest.mark.parametrize("variant", list(ENTRIES))
 def test_it_is_the_observers_in_force_mode(tmp_path: Path, variant: str, gain: str) -> None:
@@ -65,7 +65,7 @@ def test_it_is_the_observers_in_force_mode(tmp_path: Path, variant: str, gain: s
     np.testing.assert_array_equal(covariance.matrices[-1], observer.covariance)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_effects_are_in_it(tmp_path: Path) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     declared = override(gyro.bench(0.3, loop={"covariance_every": 200}), {"effects": CUBIC}, "test")
@@ -78,7 +78,7 @@ def test_effects_are_in_it(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.covariance.matrices[-1], observers[0].covariance)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize(("block", "estimates", "every"), [(40, 8, 120), (40, 80, 160)])
 def test_it_is_the_observers_in_gain_mode(tmp_path: Path, block: int, estimates: int, every: int) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
@@ -91,7 +91,7 @@ def test_it_is_the_observers_in_gain_mode(tmp_path: Path, block: int, estimates:
     np.testing.assert_array_equal(run.covariance.matrices[-1], observers[0].covariance)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.usefixtures("no_report")
 @pytest.mark.parametrize("every", [80, 1000, 40_000])
 def test_a_replay_has_it_too_and_the_rest_does_not_depend_on_how_often(tmp_path: Path, every: int) -> None:

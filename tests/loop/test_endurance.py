@@ -20,7 +20,7 @@ def test_a_run_gone_on_with_ends_in_the_same_hashes_as_one_that_was_not_stopped(
     assert all(mark.smallest_eigenvalue > 0.0 and mark.asymmetry == 0.0 and mark.lost == 0 for mark in whole)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_snapshot_that_was_not_finished_leaves_the_one_before(tmp_path: Path) -> None:
     endurance.endure(tmp_path, 50_000, 50_000, lambda _: None)
     (tmp_path / f"{endurance.SNAPSHOT}.tmp").write_bytes(b"half a snapshot")

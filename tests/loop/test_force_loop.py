@@ -49,7 +49,7 @@ class Overheard(InprocLink):
         super().send(data)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("latency", [0, 1, 3])
 def test_a_drive_acts_latency_ticks_after_its_sample(tmp_path: Path, latency: int) -> None:
     """And the loop holds the pattern at each latency, because the observer counts with it."""
@@ -122,7 +122,7 @@ def innovation_after(run: RunFolder, gap: int) -> float:
     return float(np.abs(innovation.nu_V[row] / innovation.sd_V[row]).max())
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_lost_samples_are_bridged_and_counted(tmp_path: Path) -> None:
     lost = range(100, 3900, 17)  # from before the loop is closed, too
     run, host, device = paced(tmp_path, lost=lost)
@@ -132,7 +132,7 @@ def test_lost_samples_are_bridged_and_counted(tmp_path: Path) -> None:
     assert host["rearmed"] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_burst_of_lost_samples_is_bridged(tmp_path: Path) -> None:
     run, host, device = paced(tmp_path, lost=range(1000, 1050))
     assert gaps(run) == [(1000, 50)]
@@ -140,14 +140,14 @@ def test_a_burst_of_lost_samples_is_bridged(tmp_path: Path) -> None:
     assert innovation_after(run, 1000) < 4.0  # the drive that the board held all the while was taken into account
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_after_a_long_silence_the_motion_is_found_anew(tmp_path: Path) -> None:
     run, host, _ = paced(tmp_path, lost=range(1000, 1700), watchdog_s=0.5)
     assert gaps(run) == [(1000, 700)]
     assert (host["lost"], host["rearmed"]) == (700, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_lost_answers_are_counted_by_the_board(tmp_path: Path) -> None:
     unheard = range(500, 3900, 17)
     run, host, device = paced(tmp_path, unheard=unheard)
@@ -159,7 +159,7 @@ def test_lost_answers_are_counted_by_the_board(tmp_path: Path) -> None:
     assert device["held"] == device["lost_seq"] == host["held"] == len(unheard)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_host_stopped_for_less_than_the_watchdog_goes_on(tmp_path: Path) -> None:
     run, host, device = paced(tmp_path, stops={1500: 60})
     assert gaps(run) == []
@@ -173,7 +173,7 @@ def test_a_host_stopped_for_less_than_the_watchdog_goes_on(tmp_path: Path) -> No
     assert timing.turnaround_us.min() > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_host_stopped_for_longer_arms_the_board_again(tmp_path: Path) -> None:
     run, host, device = paced(tmp_path, stops={1500: 300})
     ((first, missing),) = gaps(run)
@@ -189,7 +189,7 @@ def test_a_host_stopped_for_longer_arms_the_board_again(tmp_path: Path) -> None:
     assert capture.drive[capture.tick > 2000].any()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_it_is_armed_again_when_the_news_was_lost_as_well(tmp_path: Path) -> None:
     """The line loses what the board says as it trips; then its refusal of the next drive tells."""
     run, host, device = paced(tmp_path, stops={1500: 300}, lost=range(1550, 1600))
@@ -211,7 +211,7 @@ def test_stopped_again_and_again(tmp_path: Path) -> None:
     assert len(gaps(run)) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_stopped_more_often_than_the_limit_allows(tmp_path: Path) -> None:
     with pytest.raises(ProtocolError, match=r"WATCHDOG: .* after it was armed again 3 times, \[limits\] rearm is 3"):
         paced(tmp_path, stops=dict.fromkeys(range(1000, 2600, 400), 200))

@@ -47,7 +47,7 @@ class Overheard(InprocLink):
         super().send(data)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("latency", [0, 1, 2])
 def test_the_pattern_is_held_and_the_angle_right(tmp_path: Path, latency: int) -> None:
     truth = tmp_path / "truth.arrow"
@@ -88,7 +88,7 @@ def test_both_filters_do(tmp_path: Path, kind: str) -> None:
     assert np.abs(angle_errors(run, truth, 0.6)).max() < ANGLE_RAD
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_virtual_rotation_that_is_reversed_stays_bounded(tmp_path: Path) -> None:
     """A matrix holds for a whole block: the reversal falls where a block begins, and the angle allows for it."""
     truth = tmp_path / "truth.arrow"
@@ -102,7 +102,7 @@ def test_a_virtual_rotation_that_is_reversed_stays_bounded(tmp_path: Path) -> No
     assert 0.8 * swing < np.ptp(forced) < 1.2 * swing
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_same_again_is_the_same_record(tmp_path: Path) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     first, again = (close_loop(waiting(scenario), bench(0.5), tmp_path / name)[0] for name in ("first", "again"))
@@ -154,7 +154,7 @@ def innovation_after(run: RunFolder, gap: tuple[int, int], within: int = 40) -> 
     return float(np.abs(run.innovation.nu_V[rows]).max() / 8.9e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_nothing_is_lost_on_a_quiet_line(tmp_path: Path) -> None:
     run, counters, truth = paced(tmp_path)
     assert gaps(run) == []
@@ -168,7 +168,7 @@ def test_nothing_is_lost_on_a_quiet_line(tmp_path: Path) -> None:
     assert np.abs(angle_errors(run, truth, 0.6)).max() < ANGLE_RAD
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_lost_blocks_are_counted_marked_and_bridged(tmp_path: Path) -> None:
     """Without knowing what the board drove meanwhile, dither and all, the prediction would be off by far more."""
     run, counters, truth = paced(tmp_path, lost={2000, 2020, 2600, 3000})
@@ -179,7 +179,7 @@ def test_lost_blocks_are_counted_marked_and_bridged(tmp_path: Path) -> None:
     assert np.abs(angle_errors(run, truth, 0.45)).max() < ANGLE_RAD
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_after_a_long_silence_the_motion_is_found_anew(tmp_path: Path) -> None:
     run, counters, _ = paced(tmp_path, lost=range(2000, 2400), watchdog_s=0.5)
     assert gaps(run) == [(2000, 400)]
@@ -188,7 +188,7 @@ def test_after_a_long_silence_the_motion_is_found_anew(tmp_path: Path) -> None:
     assert np.abs(run.innovation.nu_V[-200:]).max() < 6 * 8.9e-5
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_blocks_that_piled_up_are_all_observed_and_the_newest_is_answered(tmp_path: Path) -> None:
     run, counters, truth = paced(tmp_path, stops={2000: 3}, watchdog_s=0.05)
     assert gaps(run) == []
@@ -201,7 +201,7 @@ def test_blocks_that_piled_up_are_all_observed_and_the_newest_is_answered(tmp_pa
     assert np.abs(angle_errors(run, truth, 0.6)).max() < ANGLE_RAD
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_lost_matrix_leaves_the_one_before_in_force(tmp_path: Path) -> None:
     unheard = set(range(1000, 3500, 60))
     ends = {tick + BLOCK - 1 for tick in unheard}
@@ -232,7 +232,7 @@ class Slow(HandPaced):
         return super().receive(timeout_s)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_holds_are_as_slow_as_the_line(tmp_path: Path) -> None:
     """Holds that act on what was a tenth of a second ago as if it were a hundredth would swing up."""
     device = board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED)
@@ -244,7 +244,7 @@ def test_the_holds_are_as_slow_as_the_line(tmp_path: Path) -> None:
     assert np.abs(estimates["energy_ratio"][estimates.t_s > 1.5] - 1.0).max() < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_host_stopped_for_longer_than_the_watchdog_arms_the_board_again(tmp_path: Path) -> None:
     run, counters, _ = paced(tmp_path, stops={2000: 15})
     assert (counters["rearmed"], counters["board"]["watchdog_trips"]) == (1, 1)

@@ -27,7 +27,7 @@ def captured(declared: Bench, link: str, out: Path) -> bytes:
     return RunFolder(folder).capture_path.read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_same_again_is_the_same_record(tmp_path: Path) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     first, again = (close_loop(waiting(scenario), gyro.bench(), tmp_path / name)[0] for name in ("first", "again"))
@@ -35,7 +35,7 @@ def test_the_same_again_is_the_same_record(tmp_path: Path) -> None:
         assert path.read_bytes() == (again.path / path.name).read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_dither_follows_the_seed(tmp_path: Path) -> None:
     """The board's own noise does not, in this process: what differs is what the host adds to the drive, ± 0.3 m/s²."""
     scenario = gyro.scenario(tmp_path / "board.toml")

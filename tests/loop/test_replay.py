@@ -94,7 +94,7 @@ def test_over_lost_samples_a_replay_can_only_assume_the_drive(tmp_path: Path) ->
         assert abs(later[name][-1] - live[name][-1]) < 4.0 * live.sd(name)[-1], name
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_over_a_burst_the_drive_that_the_board_held_is_known(tmp_path: Path) -> None:
     """Nobody answers what was lost: but for the first interval the board held what the row behind the burst shows."""
     truth = tmp_path / "truth.arrow"
@@ -128,7 +128,7 @@ def test_the_oracles_replay_the_same(tmp_path: Path, backend: Backend) -> None:
     assert_same(run, replayed(run.capture_path, declared, tmp_path / "runs", backend), 1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_an_interrupted_record_is_replayed_as_far_as_it_goes(tmp_path: Path) -> None:
     declared = gyro.bench(1.0)
     run, _ = close_loop(waiting(gyro.scenario(tmp_path / "board.toml")), declared, tmp_path / "run")

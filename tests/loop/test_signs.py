@@ -52,7 +52,7 @@ def told_of(
     return what.opening.wrong_way(observer)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("loop", [{}, GAIN], ids=["force", "gain"])
 @pytest.mark.parametrize("controller", [{}, QUIET], ids=["dithered", "quiet"])
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_each_sign_of_each_axis(
     assert bool(told) == bool(words)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     "scenario",
     [

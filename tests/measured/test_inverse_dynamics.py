@@ -61,7 +61,7 @@ def test_friction_is_named_and_measured(motions):
     assert after < 0.1 * before
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_carriage_without_friction_gets_none():
     motions = [motion_of(*carriage(seed, dry=0.0, one_way=0.0), RATE, FILTERS) for seed in (3, 4)]
     found = trace_forces(*motions, SCALING)

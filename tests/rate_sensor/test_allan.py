@@ -113,7 +113,7 @@ def test_long_clusters_do_not_need_every_place():
     assert curve(rate, [m]).deviation == pytest.approx([plain], rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_angle_random_walk_is_found_and_covered():
     covered = []
     for seed in range(100):
@@ -127,7 +127,7 @@ def test_angle_random_walk_is_found_and_covered():
     assert np.mean(covered) > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_short_record_bounds_the_bias_instability_from_above():
     """White noise over a flicker floor that forty seconds do not reach."""
     below = []
@@ -161,7 +161,7 @@ def test_the_other_terms_are_found():
     assert found.bias_instability.low < np.inf
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_filter_in_the_sensor_is_left_out_of_the_fit():
     """A two-pole low-pass at an eighth of the sample rate: the shortest clusters are not those of white noise."""
     values, covered = [], []

@@ -48,7 +48,7 @@ def test_curves_are_in_shares_of_the_range() -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_play_follows_at_its_width() -> None:
     rate = np.array([0.0, 1.0, 2.0, 1.5, 0.5, -3.0, -2.5, 0.0, 9.0])
     expected = [0.0, 0.25, 1.25, 1.25, 1.25, -2.25, -2.25, -0.75, 8.25]

@@ -86,7 +86,7 @@ def test_what_chance_makes_of_a_few_points_is_no_residual(seed):
     assert any("part held out the residual rose" in one.reason for one in found.rejected)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_only_the_held_out_part_shows_is_unexplained():
     record, fitting = table(lambda f: np.clip(2.0 * f, -3.4, 3.4))
     found = trace_sensor(record, DECLARED, 1e-4, fitting)
@@ -95,7 +95,7 @@ def test_what_only_the_held_out_part_shows_is_unexplained():
     assert "beyond those of the fitting part" in found.reasons[0]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_an_output_that_folds_back_does_not_saturate():
     """Flat at 3.2 V over the rates that are fitted; beyond them, held out, it reads 3.8 V, and then folds back."""
 

@@ -55,7 +55,7 @@ def test_an_interrupted_run_is_told(make_run):
     assert found["capture.arrow"] == ["interrupted: it ends after row 8000, without an end marker"]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_files_of_two_runs_are_told(make_run, tmp_path):
     folder, _ = make_run()
     write_run(tmp_path / "longer", Options(seconds=3.0))
@@ -129,7 +129,7 @@ def test_what_cannot_be_repaired(make_run, tmp_path):
         check(tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_command_line(make_run, capsys):
     folder, _ = make_run()
     assert execute(["check", str(folder)]) == 0

@@ -102,7 +102,7 @@ def test_what_is_not_finite_is_left_out_of_the_drawing_and_not_of_the_figures(ba
     assert np.isnan(of(np.full((ROWS, 1), np.nan)).held.low).all()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @given(st.integers(1, 5000), st.integers(1, 300), st.integers(1, 700))
 def test_a_spread_is_bounded_and_even(rows, most, step):
     values = np.arange(rows, dtype=float)

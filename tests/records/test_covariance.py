@@ -94,7 +94,7 @@ def test_the_band_is_that_of_scipy(degrees):
     assert band(degrees) == pytest.approx(tuple(chi2.ppf((0.025, 0.975), degrees) / degrees))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_an_honest_covariance_is_within_the_band_and_a_boastful_one_above_it(tmp_path):
     """2000 independent errors of three entries, one of them without a truth: two are left."""
     rng = np.random.default_rng(3)

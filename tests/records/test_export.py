@@ -116,7 +116,7 @@ def test_a_mat_file_has_a_struct_for_each_table(folder, tmp_path):
     assert as_in_matlab.shape == (2000, 1)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_an_mcap_file_has_a_topic_for_each_table_in_the_order_of_time(folder, tmp_path):
     target = tmp_path / "ride.mcap"
     rows = export(folder, target, "mcap")

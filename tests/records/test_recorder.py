@@ -162,7 +162,7 @@ def test_a_busy_machine_is_not_a_stuck_recorder(monkeypatch, queued, told):
     watch.close()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_time_without_a_processor_is_what_the_kernel_says():
     """Two that always want one processor have it for half of the time each."""
     place = min(os.sched_getaffinity(0))

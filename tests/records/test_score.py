@@ -290,7 +290,7 @@ def test_an_old_truth_without_codes_is_taken_with_a_remark(make_run, tmp_path):
     assert remarks == ("whether the truth is that of this run cannot be told: the truth has no codes to compare",)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_parts_make_no_difference(make_run, monkeypatch):
     folder, truth = make_run(virtual_rotation_rad_s=5.0, angle_drift=0.02)
     whole = score(folder, truth).model_dump()

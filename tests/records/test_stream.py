@@ -67,7 +67,7 @@ def test_what_was_written_is_read(file):
     assert blocks.header["columns"]["code"] == {"unit": "V", "scale": 0.5}
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @settings(deadline=None, max_examples=30)
 @given(cuts=st.lists(st.integers(0, 40), max_size=6), single=st.booleans())
 def test_bytes_do_not_depend_on_how_rows_were_handed_over(tmp_path_factory, cuts, single):
@@ -108,7 +108,7 @@ def test_a_file_cut_at_any_byte_gives_its_whole_blocks(tmp_path):
         np.testing.assert_array_equal(blocks.columns["tick"], np.arange(blocks.rows))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_file_cut_inside_its_header_is_refused(tmp_path):
     data = written(tmp_path / "whole.arrow", BLOCK)
     file = tmp_path / "cut.arrow"
@@ -199,7 +199,7 @@ def test_any_reader_of_arrow_opens_it(file):
         assert stream.read_all()["tick"].to_pylist() == list(range(2 * BLOCK + 1))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @settings(deadline=None, max_examples=150)
 @given(where=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255))
 def test_a_damaged_file_is_read_or_refused_but_never_more(tmp_path_factory, where, bits):
@@ -270,7 +270,7 @@ def test_closing_twice_changes_nothing(file):
     assert file.read_bytes() == once
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_kill_9_leaves_every_whole_block(file):
     program = (
         "import itertools, sys\n"

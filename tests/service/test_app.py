@@ -56,7 +56,7 @@ def test_programs_of_the_same_user_find_it_while_it_lasts(tmp_path: Path) -> Non
     assert not found.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_an_answer_does_not_wait_until_what_was_sent_before_is_acknowledged(tmp_path: Path) -> None:
     """Without TCP_NODELAY on what asyncio accepts, that takes 40 ms: of SAFE, too."""
 

@@ -400,7 +400,7 @@ def test_deleted_runs_come_back_as_they_were(many: Catalogue, runs: Path) -> Non
         many.restore(run)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_deleted_run_does_not_replace_one_that_took_its_place(source: Path, many: Catalogue, runs: Path) -> None:
     run = "20250101-000004-run"
     many.delete(run)

@@ -67,7 +67,7 @@ def test_a_link_with_its_token_is_enough(bench: Serving) -> None:
         assert service.state["state"] in (None, "IDLE", "SAFE")
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_figures_for_prometheus(bench: Serving) -> None:
     assert bench.ask("GET", "/metrics", token="").status_code == 401
     answer = bench.ask("GET", "/metrics")

@@ -82,7 +82,7 @@ def test_what_was_not_fetched_is_told_in_one_line_with_the_remedy(tmp_path: Path
     assert lacking(tmp_path) == ""
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_service_gives_the_page_out_with_the_right_types(service: Serving) -> None:
     for name, kind in {
         "": "text/html",

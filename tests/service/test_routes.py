@@ -45,7 +45,7 @@ def _until(test: Any, seconds: float = 30.0) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_runs_are_listed_and_paged(bench: Serving) -> None:
     first = bench.ask("GET", "/api/runs", params={"limit": 2, "sort": "time"}).json()
     assert [row["id"] for row in first["runs"]] == [RUN, "20250102-000000-b"]
@@ -159,7 +159,7 @@ def test_no_id_reaches_the_file_system(bench: Serving, hostile: str) -> None:
     assert sorted(path.name for path in bench.folder.iterdir()) == before
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_questions_drawn_at_random_are_answered_or_refused(bench: Serving) -> None:
     drawn = random.Random(5)
     letters = string.printable + "üµ€\x00\u202e"
@@ -297,7 +297,7 @@ def test_the_catalogue_is_made_anew_of_the_folders(bench: Serving) -> None:
         bench.ask("POST", "/api/catalogue/rebuild")
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_campaigns_are_listed_and_a_job_without_a_report_has_none(bench: Serving) -> None:
     assert "s-slow-noise" in bench.ask("GET", "/api/campaigns").json()["campaigns"]
     assert bench.ask("GET", "/api/jobs/20250101-000000-00000000/report").status_code == 404

@@ -110,7 +110,7 @@ def test_the_pages_files_are_the_pages_files(service: Serving) -> None:
         connection.close()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_ticket_reads_one_path_and_changes_nothing(service: Serving) -> None:
     url = service.ask("POST", "/api/ticket", json={"path": "/api/runs/nothing"}).json()["url"]
     assert httpx.get(service.url.rstrip("/") + url).status_code == 404  # heard, and there is none

@@ -77,7 +77,7 @@ def test_buckets_are_hardly_longer_than_asked_for(folder: Path) -> None:
         assert 0.75 * points <= frame.low.shape[1] <= points + 1
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_single_samples_are_told_as_they_are(folder: Path, gapped: npt.NDArray[np.int64]) -> None:
     frame = window(folder, NAMES, 4.99995, 5.0001, 800)
     assert frame.step_s == pytest.approx(1 / RATE_HZ)
@@ -122,7 +122,7 @@ def test_made_afterwards_it_is_the_same_to_the_byte(tmp_path: Path, gapped: npt.
     np.testing.assert_array_equal(frames[0].low, frames[1].low)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_short_record_has_no_pyramid(tmp_path: Path) -> None:
     write(tmp_path, np.arange(SHORT_ROWS), pyramid=True)
     assert [path.name for path in tmp_path.iterdir()] == ["capture.arrow"]
@@ -130,7 +130,7 @@ def test_a_short_record_has_no_pyramid(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["capture.arrow"]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_growing_record_is_seen_up_to_its_last_whole_block(tmp_path: Path) -> None:
     ticks = np.arange(1_500_000)
     writer, along = BlockWriter(tmp_path / "capture.arrow", layout()), Pyramid(tmp_path / "capture.arrow", layout())
@@ -149,7 +149,7 @@ def test_a_growing_record_is_seen_up_to_its_last_whole_block(tmp_path: Path) -> 
     along.close()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_pyramid_of_another_record_is_not_believed(tmp_path: Path, folder: Path) -> None:
     write(tmp_path, np.arange(7_777, 1_500_000), pyramid=False)
     (tmp_path / "pyramid").mkdir()

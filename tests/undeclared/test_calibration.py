@@ -76,7 +76,7 @@ def test_nothing_is_right_of_a_calm_record_only_where_the_bound_holds() -> None:
         assert judge(truth("calm", GAIN), answer).statements == ((1.0, right),)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_campaign_counts_and_draws_them(tmp_path: Path) -> None:
     answer = said("explained") | {"probabilities": [{"effect": None, "classes": {"sense_gain": 0.75, "nothing": 0.25}}]}
     judged = [judge(truth("single", GAIN), answer), judge(truth("clean"), answer), judge(truth("clean"), None)]

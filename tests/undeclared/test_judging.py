@@ -175,7 +175,7 @@ def test_confusion_counts_what_was_named_first() -> None:
     assert [j.right for j in judged] == [True, False, True]
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_the_page_has_every_row(tmp_path: Path) -> None:
     judged = [
         judge(truth("single", GAIN), said("explained", ("sense_gain", {"gy": interval(0.02, 0.001)}))),

@@ -99,7 +99,7 @@ def test_calm_records_have_neither_dither_nor_modulation(tmp_path: Path) -> None
     assert controller.virtual_rotation_rad_s > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_a_device_that_passes_its_converter_is_drawn_again(tmp_path: Path) -> None:
     """A cubic sense and interference that are together beyond the range: the record of draw 91 that was refused."""
     order = Order("double", ("sense_cubic", "interference"), 0, 91)

@@ -103,7 +103,7 @@ def test_everything_fits_its_bits():
     assert max(SenseFlags) < 16
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @given(
     st.integers(0, 2**40), st.integers(1, 60), st.sampled_from([2, 3]), st.integers(0, 7), st.integers(0, 7),
     st.integers(0, 255), st.integers(1, 200),
@@ -281,7 +281,7 @@ def test_a_message_longer_than_any_is_dropped():
     assert rx.decoder.malformed == 1
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @settings(max_examples=200)
 @given(st.binary(max_size=2000), st.integers(1, 300))
 def test_any_bytes_at_all(noise, chunk):

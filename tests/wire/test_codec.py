@@ -46,7 +46,7 @@ plain_messages = st.one_of(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(plain_messages)
 def test_messages_come_back(message):

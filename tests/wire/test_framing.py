@@ -47,7 +47,7 @@ def test_crc_check_value():
     assert crc32c(b"123456789") == 0xE3069283
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(frames)
 def test_a_frame_is_what_its_definition_says(frame):
@@ -57,7 +57,7 @@ def test_a_frame_is_what_its_definition_says(frame):
     assert open_frame(wire) == head + frame.payload
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(st.lists(frames, max_size=6))
 def test_frames_come_back_in_order(sent):
@@ -67,7 +67,7 @@ def test_frames_come_back_in_order(sent):
     assert decoder.bad == decoder.dropped_bytes == decoder.pending == 0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(st.lists(frames, max_size=4))
 def test_two_frames_may_share_a_delimiter(sent):
@@ -91,7 +91,7 @@ def test_chunking_changes_nothing(parts, places):
     assert pieces.pending == whole.pending
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(st.lists(st.binary(max_size=2000), max_size=20))
 def test_any_stream_is_survived_and_accounted_for(chunks):
@@ -107,7 +107,7 @@ def test_any_stream_is_survived_and_accounted_for(chunks):
     assert decoder.pending == 0
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(noise, frames)
 def test_place_is_found_again_at_the_next_delimiter(garbage, frame):
@@ -115,7 +115,7 @@ def test_place_is_found_again_at_the_next_delimiter(garbage, frame):
     assert decoder.feed(garbage + encode_frame(*frame))[-1] == frame
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(frames, st.data())
 def test_a_damaged_frame_is_never_taken_for_another(frame, data):

@@ -426,7 +426,7 @@ def test_a_nonce_of_the_board_works_once():
 # ------------------------------------------------------- a little of what `python -m benchmarks attack` does at length
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("target", ["board", "host"])
 def test_attacks(target):
     tally = attack.attack_python(30_000, 3, target)
@@ -440,7 +440,7 @@ def test_attacks_over_sockets():
     assert (tally.accepted, tally.unheard) == (0, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @pytest.mark.parametrize("target", ["board", "host"])
 @pytest.mark.parametrize("broken", ["any tag", "any counter", "one session"])
 def test_a_broken_receiver_is_found_out(monkeypatch, target, broken):
@@ -544,7 +544,7 @@ def test_a_false_board_is_not_heard_and_is_no_sign_of_life(plain_board):
             assert not host.exchanges
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_both_ends_have_their_addresses_to_themselves(plain_board):
     *_, port = plain_board
     for address in ((GROUP, port), (LOOPBACK, port)):
@@ -557,7 +557,7 @@ def test_both_ends_have_their_addresses_to_themselves(plain_board):
         open_board_link(f"udp:239.255.42.71:{port}")
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_nobody_joins_on_another_interface(plain_board):
     """/proc/net/igmp: an interface, then its groups, as the machine writes them."""
     joined, interface = [], ""

@@ -12,7 +12,7 @@ print(*sorted(name for name in sys.modules))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_what_is_loaded():
     run = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
     loaded = set(run.stdout.split())
@@ -23,7 +23,7 @@ def test_what_is_loaded():
     assert {name for name in loaded if name.startswith("hil.") and not name.startswith("hil.wire")} == set()
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 def test_links_load_serial_only_when_asked():
     code = "import sys, hil.wire.links; sys.exit('serial' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -20,7 +20,7 @@ def codes(width: int, rows: st.SearchStrategy[int]) -> st.SearchStrategy[np.ndar
     return hnp.arrays(np.int32, shapes, elements=st.integers(-limit, limit - 1))
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(st.data(), widths, st.integers(0, 255), st.integers(0, 255))
 def test_blocks_come_back(data, width, flags, matrix_id):
@@ -33,7 +33,7 @@ def test_blocks_come_back(data, width, flags, matrix_id):
     assert back[1:] == (width, flags, matrix_id)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(st.data(), widths, st.integers(0, 7), st.integers(0, 0xFFFF), st.integers(0, 0xFFFFFFFF))
 def test_one_row_is_a_block_of_one(data, width, flags, seq, tick):

@@ -210,7 +210,7 @@ codes = st.integers(-(2**15), 2**15 - 1)
 ticks = st.integers(0, 2**40)
 
 
-@pytest.mark.slow
+@pytest.mark.moderate
 @untimed
 @given(ticks, codes, codes, codes, codes, st.integers(0, 7), st.sampled_from([2, 3]))
 def test_the_short_way_for_rows_is_the_long_way(tick, vx, vy, ux, uy, flags, width):
