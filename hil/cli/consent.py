@@ -25,9 +25,17 @@ def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
         raise InputError(f"{link}: not armed, as you wished")
 
 
-def have_it_turned() -> None:
-    """Wait until somebody turns the gyro, which no host can; where nobody is at a terminal, say so and go on."""
+def have_it_turned(bench: "Bench") -> None:
+    """Wait until somebody turns the gyro, which no host can, no faster than the observer follows; where nobody is at a
+    terminal, say so and go on.
+    """
+    wanders = bench.observer.process_noise.rate_rad_s_per_rts
     print("The gyro has to turn to and fro while this is recorded; by hand will do.", file=sys.stderr)
+    print(
+        f"Its rate should change by {wanders:.3g} rad/s in a second at most, as [observer.process_noise] "
+        "rate_rad_s_per_rts says: where it changes faster, the observer lags behind.",
+        file=sys.stderr,
+    )
     if not _at_terminal():
         print("Nobody is asked, as this is no terminal: it is recorded as it lies.", file=sys.stderr)
         return

@@ -1,6 +1,7 @@
 """``hil trace``: from the residual of a record to the effect that the model lacks."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple, NoReturn
 
@@ -220,14 +221,14 @@ def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> s
     return url
 
 
-def _announced(experiment: "Experiment", words: str) -> None:
+def _announced(bench: "Bench", experiment: "Experiment", words: str) -> None:
     """What will be done, and what somebody at the bench has to do for it."""
     from hil.cli.consent import have_it_turned
     from hil.cli.show import say
 
     say(f"experiment: {words}")
     if experiment.turning:
-        have_it_turned()
+        have_it_turned(bench)
 
 
 def _separated(
@@ -249,7 +250,7 @@ def _separated(
             out,
             fraction=fraction,
             also=also,
-            before_run=_announced,
+            before_run=partial(_announced, bench),
             progress=watch,
         )
     for one in made:

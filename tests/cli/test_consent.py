@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from hil import examples
-from hil.bench import Bench, load_bench
+from hil.bench import Bench, load_bench, override
 from hil.cli import consent
 from hil.errors import InputError
 
@@ -60,17 +60,27 @@ def test_without_a_terminal_nothing_is_asked(bench: Bench, monkeypatch: pytest.M
         consent.require(LINK, bench, given=False, open_loop=False)
 
 
-def test_turning_waits_for_somebody_at_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_turning_waits_for_somebody_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     written = at_terminal(monkeypatch, "\nnot read\n")
-    consent.have_it_turned()
-    assert written.getvalue().endswith("by hand will do.\nEnter when it turns: ")
+    consent.have_it_turned(bench)
+    assert "by hand will do.\n" in written.getvalue()
+    assert written.getvalue().endswith("\nEnter when it turns: ")
     assert sys.stdin.read() == "not read\n"
 
 
-def test_turning_is_told_where_nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_turning_no_faster_than_the_bench_file_lets_the_rate_wander(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    declared = override(bench, {"observer": {"process_noise": {"rate_rad_s_per_rts": 0.125}}}, "test")
+    written = at_terminal(monkeypatch, "\n")
+    consent.have_it_turned(declared)
+    assert "change by 0.125 rad/s in a second at most" in written.getvalue()
+
+
+def test_turning_is_told_where_nobody_can_be_asked(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     written = io.StringIO()
     monkeypatch.setattr(sys, "stderr", written)
     monkeypatch.setattr(sys, "stdin", io.StringIO("not read\n"))
-    consent.have_it_turned()
+    consent.have_it_turned(bench)
     assert "recorded as it lies" in written.getvalue()
     assert sys.stdin.read() == "not read\n"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from estimator.trace.separation import EXPERIMENTS, Experiment
-from hil.bench import load_bench, override
+from hil.bench import Bench, load_bench, override
 from hil.cli.trace import _announced
 from hil.errors import InputError
 from hil.examples import find
@@ -104,7 +104,7 @@ def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(("name", "turned"), [("amplitude", 0), ("rate", 1), ("all", 1)])
 def test_who_is_at_the_bench_is_asked_to_turn_it(monkeypatch: pytest.MonkeyPatch, name: str, turned: int) -> None:
-    asked: list[None] = []
-    monkeypatch.setattr("hil.cli.consent.have_it_turned", lambda: asked.append(None))
-    _announced(named(name), "words")
+    asked: list[Bench] = []
+    monkeypatch.setattr("hil.cli.consent.have_it_turned", asked.append)
+    _announced(load_bench(find("bench", "s-slow")), named(name), "words")
     assert len(asked) == turned
