@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from device_emulator.section import ScenarioError
 from hil.cli import execute
 from hil.examples import find
+from hil.wire.links import open_link
 from tests.cli.conftest import Hil
 from tests.cli.test_errors import refused
 from tests.loop.gyro import scenario
@@ -85,8 +87,8 @@ def assert_one_plain_line(code: int, lines: list[str]) -> None:
     assert len(line) < 1000
 
 
-# A process each: the reader is that of the scenario within the process.
-COSTLY = ("emulate", "scenario on a pty")
+# A process each, two seconds: the reader of scenarios is given all of them below.
+COSTLY = ("emulate", "scenario", "scenario on a pty")
 TRIED = [
     (verb, content) for verb in VERBS for content in (("deep lists", "binary", "empty") if verb in COSTLY else CONTENTS)
 ]
@@ -103,6 +105,14 @@ def test_a_file_that_is_none(
         (place / made).unlink(missing_ok=True)
     arguments = [word.replace("FILE", "file.toml") for word in VERBS[verb]]
     assert_one_plain_line(*told(capsys, *arguments))
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+def test_a_scenario_that_is_none(tmp_path: Path, content: str) -> None:
+    (tmp_path / "file.toml").write_bytes(CONTENTS[content])
+    with pytest.raises(ScenarioError) as refusal:
+        open_link(f"inproc:{tmp_path / 'file.toml'}")
+    assert_one_plain_line(2, str(refusal.value).splitlines())
 
 
 @pytest.mark.slow
