@@ -101,8 +101,8 @@ def test_what_no_effect_accounts_for_is_undone_by_its_form(start: Start, tmp_pat
     )
     for old, new in (
         ('clock = "paced"', 'clock = "lockstep"'),
-        ("duration_s = 24", "duration_s = 8"),
-        ("settle_s = 8", "settle_s = 3"),
+        ("duration_s = 24", "duration_s = 4"),
+        ("settle_s = 8.0", "settle_s = 1.5"),
     ):
         assert old in bench
         bench = bench.replace(old, new)

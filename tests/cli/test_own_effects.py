@@ -286,7 +286,7 @@ def test_a_trace_names_it_and_adds_it(tmp_path: Path, example: Path) -> None:
     hidden = 'name = "nonlinear_coupling"\nc = 5e12\n'
     (tmp_path / "s-undeclared.scenario.toml").write_text(f"{scenario}[[effect]]\n{hidden}", encoding="utf-8")
     source = find("bench", "s-undeclared").read_text(encoding="utf-8")
-    for old, new in (('"paced"', '"lockstep"'), ("duration_s = 24.0", "duration_s = 12.0"), ("8.0", "6.0")):
+    for old, new in (('"paced"', '"lockstep"'), ("duration_s = 24.0", "duration_s = 5.0"), ("8.0", "2.0")):
         source = source.replace(old, new)
     (tmp_path / "mine.bench.toml").write_text(source, encoding="utf-8")
     path, link = [example, PACKAGE], ("--link", "inproc:s-undeclared.scenario.toml", "--json")

@@ -126,7 +126,7 @@ def test_a_record_that_lacks_nothing_is_adequate(hil: Hil, recorded: Path) -> No
 @pytest.mark.timeout(900)  # two runs, a trace, two scores
 def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_path: Path) -> None:
     source = find("bench", "s-undeclared").read_text(encoding="utf-8")
-    for old, new in (('"paced"', '"lockstep"'), ("duration_s = 24.0", "duration_s = 12.0"), ("8.0", "6.0")):
+    for old, new in (('"paced"', '"lockstep"'), ("duration_s = 24.0", "duration_s = 5.0"), ("8.0", "2.0")):
         assert old in source
         source = source.replace(old, new)
     (tmp_path / "mine.bench.toml").write_text(source, encoding="utf-8")
