@@ -99,6 +99,17 @@ def outcomes(one):
     return {each.name: each.outcome for each in one.tried}
 
 
+def test_where_the_one_with_the_right_sign_is_objected_to_the_best_is_asked_after_it():
+    effects = {
+        "drag": Worth(500.0, low=-2.0, high=-1.0),
+        "friction": Worth(499.0, objected=True),
+        "delay": Worth(300.0),
+    }
+    stub = Stub(effects)
+    assert names(choose(stub, (), rules(Dissent.NEXT, most=1, signs=False))) == ["drag"]
+    assert stub.later == ["friction", "drag"]
+
+
 @pytest.mark.parametrize(
     ("behind", "first"),
     [(0.9 * TIE, "friction"), (1.1 * TIE, "drag")],  # no further than the record cannot tell
