@@ -4,9 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from estimator.record import Record
 from estimator.residual.effective import autocorrelation, effective_samples
+from estimator.residual.floor import floor_deviation, quiet_bins
+from estimator.residual.spectrum import periodogram
 from estimator.trace import judgement
 from estimator.trace.judgement import leftover, power_over_prediction, predictable_share, steadied, unexplained
 
@@ -221,3 +224,7 @@ def test_what_chance_makes_of_the_power_is_its_spread_over_many_records():
         found.append(power_over_prediction(fitted, series, record, 0, RATE, RESONANCE))
     powers, deviations = np.transpose(found)
     assert np.mean(deviations) == pytest.approx(np.std(powers), rel=0.15)
+    # The power itself scatters as χ² over its degrees of freedom: the floor of one axis by as much more.
+    count = int(np.sum(quiet_bins(periodogram(series, RATE, RESONANCE).frequency, RATE, RESONANCE)))
+    of_one_axis = floor_deviation(count) ** 2 - chi2(n).var() / n**2
+    assert deviations == pytest.approx(np.sqrt(of_one_axis / 2.0), rel=1e-9)
