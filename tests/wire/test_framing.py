@@ -158,6 +158,12 @@ def test_longest_payload_passes_and_a_longer_one_does_not():
         encode_frame(0x20, 0, 0, payload + b"\0")
 
 
+def test_a_run_too_long_for_any_frame_is_oversize_with_both_its_delimiters_at_once():
+    decoder = Decoder()
+    assert decoder.feed(b"\0" + b"\1" * (MAX_ENCODED + 1) + b"\0") == []
+    assert (decoder.oversize, decoder.bad) == (1, 1)
+
+
 def test_a_longer_frame_that_still_looks_possible_is_oversize():
     """Payloads without zeros have the longest encoding; a shorter one must be judged after decoding."""
     decoder = Decoder()
