@@ -68,6 +68,15 @@ def test_holds_are_proportional_and_bounded(size: float, fastest: float) -> None
     assert square == pytest.approx(-min(0.005, fastest) * ratio, rel=1e-12)
 
 
+def test_a_start_from_rest_is_driven_by_twice_the_gain_at_most() -> None:
+    """At the crest of a modulation by 60 % the energy that is missing is 2.56 times that of the amplitude."""
+    made = observer(energy_gain=0.02, modulation=0.6, modulation_rate=0.01 * TRUTH.omega0)
+    settings, memory = made.arrays.settings[0], made.arrays.memory[0]
+    memory["time"] = 0.5 * math.pi / float(settings["modulation_rate"])
+    hold, _ = holds(settings, memory, np.zeros(4), 0.0, 0.0, np.inf)
+    assert hold == pytest.approx(2.0 * 0.02, rel=1e-12)
+
+
 def test_holds_act_in_the_frame_in_which_the_pattern_rests() -> None:
     """Damping along the velocity that is seen there, a force across the position: with the board's rate and the virtual
     rotation, beside formula (9) alone, which is the law with both holds off.
