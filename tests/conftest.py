@@ -40,6 +40,16 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if wholly_slow or ("realtime" in wanted and "realtime" not in text) else None
 
 
+_COSTLY = frozenset({"source", "finished"})
+"""Fixtures that are a whole run with its report (`tests.service.folders.shared_run`)."""
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Who stands on a whole run takes what that takes."""
+    if _COSTLY.intersection(getattr(item, "fixturenames", ())):
+        item.add_marker(pytest.mark.moderate)
+
+
 @pytest.hookimpl(trylast=True)  # of what `-m` has left
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Where files run side by side, those that may take longest begin first, by the marks of their tests.

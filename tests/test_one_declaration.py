@@ -61,6 +61,7 @@ def test_the_catalogue_is_what_the_modules_declare_each_in_its_place() -> None:
     assert len({effect.name for effect in EFFECTS}) == len(EFFECTS)
 
 
+@pytest.mark.moderate
 def test_an_effect_that_is_declared_is_suspected_watched_akin_described_and_compiled(
     declared: tuple[Effect, ...],
 ) -> None:
@@ -75,6 +76,7 @@ def test_an_effect_that_is_declared_is_suspected_watched_akin_described_and_comp
     assert "rho" in page()
 
 
+@pytest.mark.moderate
 def test_its_code_is_generated_from_the_declaration() -> None:
     without, with_it = (generate(MODELS[:1], effects) for effects in (EFFECTS[:1], (EFFECTS[0], RATCHET)))
     assert len(with_it) > len(without)
@@ -89,6 +91,7 @@ STRUCTURE = {
 }  # fmt: skip
 
 
+@pytest.mark.moderate
 def test_no_other_room_names_an_effect() -> None:
     """Of the bench's code, an effect stands in the module that declares it (and beside look-alikes in the others)."""
     quoted = re.compile(r"[\"'](" + "|".join(effect.name for effect in EFFECTS) + r")(?=[:\"'])")

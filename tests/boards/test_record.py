@@ -159,6 +159,7 @@ def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert "/dev/none: no such port" in capfd.readouterr().err
 
 
+@pytest.mark.moderate
 def test_links_of_adapters() -> None:
     port = find_port("stim300:/dev/ttyUSB0?baud=1843200")
     assert (port.path, port.baud, port.adapter.title) == ("/dev/ttyUSB0", 1_843_200, "Sensonor STIM300, rate")

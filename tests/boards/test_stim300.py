@@ -40,6 +40,7 @@ def test_the_checksum_is_the_published_one() -> None:
     assert checksum(b"1234567890abcd") == remainder(b"1234567890abcd\0\0") == emulated.checksum(b"1234567890abcd")
 
 
+@pytest.mark.moderate
 @given(st.binary(min_size=14, max_size=14))
 def test_three_ways_to_the_same_checksum(body: bytes) -> None:
     assert checksum(body) == remainder(body + b"\0\0") == emulated.checksum(body)
@@ -114,6 +115,7 @@ def test_lines_may_end_in_cr_lf() -> None:
     assert (decoder.crc_errors, decoder.skipped) == (0, 0)
 
 
+@pytest.mark.moderate
 @given(st.binary(max_size=300))
 def test_no_bytes_upset_the_decoder(data: bytes) -> None:
     decoder = Stim300()

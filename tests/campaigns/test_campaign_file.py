@@ -76,6 +76,7 @@ def test_positions_beyond_a_list_and_what_is_no_number_are_told() -> None:
         plan(small(vary=[relative]))
 
 
+@pytest.mark.moderate
 def test_the_published_schema_is_the_programs_and_takes_the_examples() -> None:
     assert (DOCS / "campaign.schema.json").read_text() == json_schema()
     page = (DOCS / "campaigns.md").read_text()

@@ -35,6 +35,7 @@ def uniform(made: Plan) -> Floats:
     return 2.0 * np.array([[one.values[key.rpartition(".")[2]] for key in KEYS] for one in made.runs()]) - 3.0
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("kind", ["latin_hypercube", "sobol"])
 def test_shares_of_a_polynomial_are_those_of_the_closed_form(kind: str) -> None:
     """Of a + b u + c v + d u v + e w² with u, v, w uniform on −1 … 1 the variances are b²/3, c²/3, d²/9, 4 e²/45."""

@@ -38,6 +38,7 @@ def whole(tmp_path: Path) -> dict[str, bytes]:
     return bytes_in(tmp_path / "whole")
 
 
+@pytest.mark.moderate
 def test_results_are_three_files_with_all_rows_in_order(tmp_path: Path, whole: dict[str, bytes]) -> None:
     assert list(whole) == [f"results/file=0000{k}/rows.parquet" for k in range(3)]
     table = read_rows(tmp_path / "whole", schema(plan().campaign))
@@ -48,6 +49,7 @@ def test_results_are_three_files_with_all_rows_in_order(tmp_path: Path, whole: d
     assert not (tmp_path / "whole" / "journal.jsonl").exists()
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("seed", range(5))
 def test_any_order_and_any_number_of_ends_give_the_same_bytes(
     tmp_path: Path, whole: dict[str, bytes], seed: int
@@ -87,6 +89,7 @@ def test_a_kill_at_any_byte_of_the_journal_loses_that_line_alone(tmp_path: Path,
         assert bytes_in(folder) == whole
 
 
+@pytest.mark.moderate
 def test_rows_that_are_in_a_file_and_still_in_the_journal_are_there_once(
     tmp_path: Path, whole: dict[str, bytes]
 ) -> None:
@@ -101,6 +104,7 @@ def test_rows_that_are_in_a_file_and_still_in_the_journal_are_there_once(
     assert bytes_in(tmp_path / "a") == whole
 
 
+@pytest.mark.moderate
 def test_a_long_journal_is_written_anew_without_what_is_in_files(
     tmp_path: Path, whole: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -116,6 +116,7 @@ def test_what_the_board_refuses_is_a_row_and_the_exit_code_says_so(
     assert json.loads(capfd.readouterr().out)["made"] == 0
 
 
+@pytest.mark.moderate
 def test_a_key_that_the_board_does_not_know_is_told_before_anything_is_made(tmp_path: Path) -> None:
     table = small(vary=[{"key": "scenario.sense.nosie_V", "values": [1e-4, 1e-3]}])
     with pytest.raises(hil.InputError, match="nosie_V: unknown key; did you mean"):
@@ -123,6 +124,7 @@ def test_a_key_that_the_board_does_not_know_is_told_before_anything_is_made(tmp_
     assert not (tmp_path / "a" / "results").exists()
 
 
+@pytest.mark.moderate
 def test_the_dry_run_lists_all_and_makes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

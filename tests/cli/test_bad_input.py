@@ -218,6 +218,7 @@ def test_a_bench_that_nobody_can_mean(tmp_path: Path, capsys: pytest.CaptureFixt
     assert_one_plain_line(*told(capsys, *run))
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("name", ["a/b", "../a", "a\nb", "ä", "-a", "", "a b", "n" * 101])
 def test_a_name_that_no_folder_has_is_refused_in_words(hil: Hil, tmp_path: Path, name: str) -> None:
     link = ("--link", "inproc:s-slow", "--clock", "lockstep")

@@ -64,6 +64,7 @@ def test_a_long_number_is_shown_in_a_prefix_or_a_power_of_its_unit(figure: Figur
     assert (*_cells(one), one.unit) == shown
 
 
+@pytest.mark.moderate
 def test_a_difference_is_b_less_a_with_the_uncertainty_of_two_records(two: tuple[Path, Path], hil: Hil) -> None:
     code, out, _ = hil("diff", str(two[0]), str(two[1]), "--json")
     assert code == 0
@@ -89,6 +90,7 @@ def test_the_interval_of_a_difference_holds_it_as_often_as_it_says() -> None:
     assert np.mean(wide) == pytest.approx(0.05, abs=4.0 * math.sqrt(0.05 * 0.95 / 20_000))
 
 
+@pytest.mark.moderate
 def test_of_one_record_the_uncertainty_is_the_most_it_can_be(tmp_path: Path) -> None:
     for name, change in ((A, {}), (B, {})):
         write_run(tmp_path / name, Options(**change))
@@ -114,6 +116,7 @@ def test_bench_keys_that_differ_are_told_and_no_others(two: tuple[Path, Path], h
     assert out.count("apart") == sum(bool(one.apart) for one in compare(*two).figures)
 
 
+@pytest.mark.moderate
 def test_a_key_that_only_one_file_has(two: tuple[Path, Path], tmp_path: Path) -> None:
     bench = two[1] / "bench.toml"
     bench.write_text(bench.read_text(encoding="utf-8") + "\n[effects.cubic_stiffness]\nk3x = 1e12\n", encoding="utf-8")
@@ -123,6 +126,7 @@ def test_a_key_that_only_one_file_has(two: tuple[Path, Path], tmp_path: Path) ->
     assert back["[effects.cubic_stiffness] k3x"] == (1e12, None)
 
 
+@pytest.mark.moderate
 def test_two_traces(tmp_path: Path, hil: Hil) -> None:
     for name in (A, B):
         traced(tmp_path / name, found=name == B)
@@ -142,6 +146,7 @@ def test_two_traces(tmp_path: Path, hil: Hil) -> None:
     assert f"{effect.name}: {symbol}" in out
 
 
+@pytest.mark.moderate
 def test_a_run_and_a_trace_are_not_compared(two: tuple[Path, Path], tmp_path: Path, hil: Hil) -> None:
     trace = tmp_path / "trace"
     traced(trace, found=True)
@@ -168,6 +173,7 @@ def test_values_that_json_has_not_do_not_stop_it(two: tuple[Path, Path], hil: Hi
     assert hil("diff", str(two[0]), str(two[1]))[0] == 0
 
 
+@pytest.mark.moderate
 def test_the_library_takes_folders_and_runs(two: tuple[Path, Path]) -> None:
     found = library.diff(two[0], library.load(two[1]))
     assert [one.name for one in found.figures if one.apart] == [one.name for one in compare(*two).figures if one.apart]

@@ -90,6 +90,7 @@ def test_uneven_time_is_good_enough(hil, reed, drag):
     assert [effect["name"] for effect in json.loads(out)["effects"]] == ["drag"]
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -109,6 +110,7 @@ def test_what_an_amplitude_is_not_for_is_refused_in_a_line(hil, reed, words, sai
     assert "Traceback" not in err
 
 
+@pytest.mark.moderate
 def test_a_bench_file_of_an_amplitude_is_looked_at(hil, reed):
     assert hil("import", "reed.csv", "--map", "reed.map.toml")[0] == 0
     text = BENCH.replace(f"gain_V_per_m = {GAIN}", f"gain_V_per_m = {-GAIN}")

@@ -135,6 +135,7 @@ def test_our_own_faults_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
         cli.execute(["run", "s-slow"])
 
 
+@pytest.mark.moderate
 def test_what_is_asked_for_is_overwritten_but_never_a_folder(hil: Hil, tmp_path: Path) -> None:
     (tmp_path / "ride.csv").write_text("t_s,vx_V,ux_V\n0,0,0\n1,0,0\n", encoding="utf-8")
     for name in ("my.bench.toml", "ride.arrow"):

@@ -119,6 +119,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("kind", BROKEN)
 def test_a_broken_package_is_one_line_that_names_it(install: Install, kind: str) -> None:
     source, says = BROKEN[kind]

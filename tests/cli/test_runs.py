@@ -26,6 +26,7 @@ def two_runs(place: Path) -> Path:
     return runs
 
 
+@pytest.mark.moderate
 def test_the_runs_of_a_folder_oldest_first(hil: Hil, tmp_path: Path) -> None:
     runs = two_runs(tmp_path)
     found = list(listed(runs))
@@ -43,6 +44,7 @@ def test_the_runs_of_a_folder_oldest_first(hil: Hil, tmp_path: Path) -> None:
     assert "no verdict yet" in out.splitlines()[1]
 
 
+@pytest.mark.moderate
 def test_last_is_the_newest_run_whatever_was_touched_since(hil: Hil, tmp_path: Path) -> None:
     runs = two_runs(tmp_path)
     (runs / EARLIER / "note").write_text("touched", encoding="utf-8")
@@ -53,6 +55,7 @@ def test_last_is_the_newest_run_whatever_was_touched_since(hil: Hil, tmp_path: P
     assert f"hil replay runs/{LATER}" in refused(hil("show", "last"))
 
 
+@pytest.mark.moderate
 def test_a_folder_that_is_called_last_is_that_folder(hil: Hil, tmp_path: Path) -> None:
     two_runs(tmp_path)
     write_run(tmp_path / "last", Options(seconds=2.0))
@@ -61,6 +64,7 @@ def test_a_folder_that_is_called_last_is_that_folder(hil: Hil, tmp_path: Path) -
     assert json.loads(out)["run"] == json.loads((tmp_path / "last" / "result.json").read_text(encoding="utf-8"))["run"]
 
 
+@pytest.mark.moderate
 def test_a_run_is_shown_again_with_its_own_exit_code(hil: Hil, tmp_path: Path) -> None:
     runs = two_runs(tmp_path)
     code, out, _ = hil("show", str(runs / EARLIER))
@@ -69,6 +73,7 @@ def test_a_run_is_shown_again_with_its_own_exit_code(hil: Hil, tmp_path: Path) -
     assert "8000 samples" in out
 
 
+@pytest.mark.moderate
 def test_nothing_there_is_said_in_one_line(hil: Hil, tmp_path: Path) -> None:
     assert refused(hil("ls")).startswith("runs: no such folder")
     (tmp_path / "runs").mkdir()

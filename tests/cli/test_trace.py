@@ -32,6 +32,7 @@ def imported(hil: Hil, seconds: float = 3.0, volts: float = 0.089, clip: float =
     return "ride.arrow"
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("record", "says"),
     [
@@ -54,6 +55,7 @@ def test_a_record_that_cannot_be_traced_is_one_line(
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.moderate
 def test_no_number_of_workers_is_one_line(hil: Hil, monkeypatch: pytest.MonkeyPatch) -> None:
     name = imported(hil)
     monkeypatch.setenv("GYROHIL_WORKERS", "many")

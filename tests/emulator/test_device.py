@@ -21,6 +21,7 @@ def drive(n: int) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
     return np.random.default_rng(5).integers(-9000, 9000, (n, 2)).astype(np.int32)
 
 
+@pytest.mark.moderate
 def test_one_seed_one_record() -> None:
     first, second = record(noisy(), drive(N)), record(noisy(), drive(N))
     np.testing.assert_array_equal(first.codes, second.codes)

@@ -280,6 +280,7 @@ def test_what_acts_on_the_mass(name: str) -> None:
     assert np.abs(ours - plain)[:, 0].max() > 100 * tolerance * A
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("kp", "width"), [(0.03, 3e-5), (0.2, 8e-5), (0.05, 2e-6), (0.03, 2e-4)])
 def test_a_foot_with_play_is_caught_and_left_between_the_steps(kp: float, width: float) -> None:
     k = OMEGA**2

@@ -88,6 +88,7 @@ def test_every_harmed_frame_is_a_gap_in_a_sequence(seed: int) -> None:
     assert len(missing) == to_host
 
 
+@pytest.mark.moderate
 def test_a_tick_passes_for_each_frame_lost() -> None:
     """Bench time goes on where a sample got lost; where a drive did, its tick passes with the last one held."""
     host = armed(lost=0.05)
@@ -97,6 +98,7 @@ def test_a_tick_passes_for_each_frame_lost() -> None:
     assert host.board.status().held == pytest.approx(sum(harmed.values()), abs=5)  # twice in a tick is once
 
 
+@pytest.mark.moderate
 def test_the_same_seed_harms_the_same_frames_and_another_does_not() -> None:
     faults = {"lost": 0.02, "corrupted": 0.02, "duplicated": 0.02, "reordered": 0.02}
 
@@ -110,6 +112,7 @@ def test_the_same_seed_harms_the_same_frames_and_another_does_not() -> None:
     assert bytes_of(1) != bytes_of(2)
 
 
+@pytest.mark.moderate
 def test_duplicates_are_dropped_at_both_ends() -> None:
     host = armed(duplicated=0.1)
     host.answer(1000)
@@ -119,6 +122,7 @@ def test_duplicates_are_dropped_at_both_ends() -> None:
     assert host.ticks == list(range(1001))  # and no tick passed for them
 
 
+@pytest.mark.moderate
 def test_an_overtaken_sample_is_lost_to_the_loop_and_counted() -> None:
     host = armed(reordered=0.1, toward="host")
     host.answer(1000)
@@ -146,6 +150,7 @@ def test_before_one_tick_the_host_gets_one_sample_to_answer(faults: dict[str, ob
         assert len(host.ticks) == before + 1
 
 
+@pytest.mark.moderate
 def test_delayed_drives_come_late_and_are_counted() -> None:
     host = armed(delayed=0.2, delay_s=[0.0005, 0.003], toward="board")
     host.answer(1000)
@@ -165,6 +170,7 @@ def test_a_slow_baud_rate_makes_every_answer_late() -> None:
     assert slow.board.status().late > 50
 
 
+@pytest.mark.moderate
 def test_what_does_not_fit_a_slow_line_is_lost_not_queued_for_ever() -> None:
     host = armed(baud=100_000.0)
     host.answer(300)

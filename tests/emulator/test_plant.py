@@ -69,6 +69,7 @@ def assert_same_motion(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -
     np.testing.assert_allclose(ours / scale, theirs / scale, rtol=0, atol=2e-10)
 
 
+@pytest.mark.moderate
 def test_every_term_of_the_base_model() -> None:
     what = scenario(
         {

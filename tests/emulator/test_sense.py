@@ -33,6 +33,7 @@ def test_gain_is_negative_and_per_axis() -> None:
     assert sense_gain(what) == pytest.approx((GAIN, GAIN / 8.0), rel=1e-12)
 
 
+@pytest.mark.moderate
 def test_codes_are_the_displacement_to_half_a_step() -> None:
     what = scenario({"truth": {"position_m": [AMPLITUDE_M, 0.5 * AMPLITUDE_M]}})
     codes, truth, _ = record(what, undriven(200))
@@ -195,6 +196,7 @@ def test_quantisation_and_clipping() -> None:
     assert not small.device.clipped
 
 
+@pytest.mark.moderate
 def test_white_noise_has_its_size_and_no_colour() -> None:
     what = still(noise_V=1e-3)
     shown = volts(what, record(what, undriven(40_000)).codes)
@@ -203,6 +205,7 @@ def test_white_noise_has_its_size_and_no_colour() -> None:
     assert np.abs(correlation - np.eye(4)).max() < 5 / np.sqrt(40_000)
 
 
+@pytest.mark.moderate
 def test_random_walk_has_its_density() -> None:
     truth = record(still(random_walk_V_per_rts=1e-3), undriven(40_000)).truth
     for name in ("phi_x_V", "phi_y_V"):

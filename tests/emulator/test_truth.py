@@ -131,6 +131,7 @@ def test_the_bench_finds_every_block_whole_and_the_codes_in_it(tmp_path: Path) -
         read_blocks(tmp_path / "truth.arrow", "truth")
 
 
+@pytest.mark.moderate
 def test_a_full_disk_is_one_line_and_leaves_whole_blocks(tmp_path: Path) -> None:
     whole = tmp_path / "whole.arrow"
     write(whole, scenario(), 3 * BLOCK_ROWS)

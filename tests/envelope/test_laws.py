@@ -25,6 +25,7 @@ TIME = np.linspace(0.0, 1200.0, 300)
 START, LOWEST = 0.2, -12.0
 
 
+@pytest.mark.moderate
 def test_the_catalogue_has_the_laws_of_the_textbook_and_no_other():
     """Nayfeh & Mook 1979, ch. 3; what is even in the velocity or a spring takes no energy from a cycle."""
     found = laws()
@@ -48,6 +49,7 @@ def test_a_law_of_ones_own_is_one_where_it_is_a_power():
     assert "own" not in laws([own(-(c**2) * vx**3, "c")])
 
 
+@pytest.mark.moderate
 def test_the_equation_is_that_of_si():
     assert laws()["drag"].equation == "ȧ += -0.4244*dqx*omega0*a**2"
     assert laws()["dry_friction"].equation == "ȧ += -0.6366*fx/omega0"
@@ -61,6 +63,7 @@ def solved(coefficients, start):
     return solve_ivp(slope, (0.0, TIME[-1]), [math.exp(start)], "DOP853", TIME, rtol=1e-11, atol=1e-14).y[0]
 
 
+@pytest.mark.moderate
 def test_the_course_is_that_of_the_equation_solved_by_steps():
     found = course(TIME, START, COEFFICIENTS, POWERS, LOWEST)
     amplitude = solved(COEFFICIENTS, START)

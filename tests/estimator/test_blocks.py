@@ -37,6 +37,7 @@ def settings_of(variant: Variant, gain: Gain) -> ObserverSettings:
     return ObserverSettings(variant=variant, gain=gain, memory=0.02, process_noise=NOISE, reference=0.005)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("variant", list(Variant))
 @pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
 def test_estimates_are_the_oracles(record: tuple[Array, Array], variant: Variant, gain: Gain) -> None:
@@ -47,6 +48,7 @@ def test_estimates_are_the_oracles(record: tuple[Array, Array], variant: Variant
     assert one.arrays.memory["referred"][0] == 1
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("general", [0, 1])
 @pytest.mark.parametrize("memory", [0.01, 0.05])
 def test_forgetting_in_haste_and_recalling_are_the_oracles(
@@ -64,6 +66,7 @@ def test_forgetting_in_haste_and_recalling_are_the_oracles(
     assert max(agreement.values()) < 1e-6, agreement
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
 def test_one_axis_is_the_oracles(record: tuple[Array, Array], gain: Gain) -> None:
     device, settings = single_axis(TRUTH.device()), ObserverSettings(gain=gain, memory=0.02, process_noise=NOISE)

@@ -35,6 +35,7 @@ def test_the_response_to_the_drive_tells_a_mode(omega: float, zeta: float) -> No
     assert seen[1] == pytest.approx(zeta, rel=0.2, abs=5e-4)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("at", "is_watched"), [(1.8, True), (0.6, True), (1.0, False), (1.004, False)])
 def test_what_follows_the_drive_at_the_resonance_is_the_gyro_and_no_other_mode(at: float, *, is_watched: bool) -> None:
     rng = np.random.default_rng(4)
@@ -49,6 +50,7 @@ def test_what_follows_the_drive_at_the_resonance_is_the_gyro_and_no_other_mode(a
     assert any(abs(one / omega - 1.0) < 0.01 for one in modes) is is_watched
 
 
+@pytest.mark.moderate
 def test_what_no_record_can_tell_is_never_a_candidate() -> None:
     hidden = {"clock_rate", "unequal_masses", "drive_polarity", "sense_polarity"}
     assert {effect.name for effect in EFFECTS if effect.declared_only} == hidden

@@ -80,6 +80,7 @@ def test_a_verdict_is_open_where_something_is_left(verdict: Verdict, *, is_open:
     assert verdict.is_open is is_open
 
 
+@pytest.mark.moderate
 def test_the_page_of_thresholds_is_what_its_module_prints() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "estimator.thresholds_page"], capture_output=True, text=True, check=True
@@ -190,6 +191,7 @@ def test_of_a_long_record_four_states_a_cycle_are_kept_and_scored_beside_the_rat
     assert found.fitted.rate_error_rms == pytest.approx(float(np.sqrt(np.mean(off[fitted] ** 2))))
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("k3", [-1e40, 1e40])
 def test_an_observer_that_does_not_follow_is_told_and_no_error_of_arithmetic(k3: float) -> None:
     problem = ring(8000, rate=np.zeros(8000)).carrying({"cubic_stiffness": {"k3x": k3, "k3y": k3}})

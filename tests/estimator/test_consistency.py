@@ -104,6 +104,7 @@ def test_a_tabulated_gain_knows_its_errors_to_a_few_tenths(record: Record) -> No
     assert nees(error, c) == pytest.approx(1.0, abs=0.35)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("gain", list(Gain))
 @pytest.mark.parametrize("variant", list(Variant))
 def test_covariances_stay_symmetric_and_positive_definite(record: Record, variant: Variant, gain: Gain) -> None:
@@ -131,6 +132,7 @@ def still_pattern(samples: int, seed: int) -> tuple[Truth, Array, Array]:
     return truth, sense, np.zeros((samples, 2))
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("remembered", [True, False])
 def test_fading_memory_does_not_wind_up_in_directions_that_nothing_excites(remembered: bool) -> None:
     """400 memories long: what fades of the prior is given back; without that 15 memories are beyond all bounds."""

@@ -440,6 +440,7 @@ def test_the_ideal_orbit_is_held_by_the_holding_force() -> None:
     assert momentum == pytest.approx(0.0, abs=1e-15)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("angles", "phases"), [(4, 6), (6, 4)])
 def test_gains_are_gathered_at_the_nearest_angle_and_phase(angles: int, phases: int) -> None:
     """Of an orbit whose pattern goes round: by (11) in NumPy, half a turn on with the phase half a cycle on. What

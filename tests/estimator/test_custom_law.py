@@ -301,6 +301,7 @@ def test_the_sign_of_a_velocity_is_that_of_dry_friction() -> None:
     assert float(other.subs({"x": -0.3})) == pytest.approx(-1.0, abs=1e-9)
 
 
+@pytest.mark.moderate
 @given(st.tuples(*[st.integers(-9, 9)] * 4))
 def test_a_unit_is_read_as_it_is_written(powers: tuple[int, int, int, int]) -> None:
     unit = unit_of("1") * Unit(tuple(sp.Rational(power) for power in powers))  # type: ignore[arg-type]

@@ -45,6 +45,7 @@ def test_what_is_declared_exactly_is_not_fitted_but_an_offset_is() -> None:
     assert unsettled(OBSERVER) == OBSERVER.estimated
 
 
+@pytest.mark.moderate
 def test_a_free_decay_leaves_a_drive_gain_that_is_known_what_it_is() -> None:
     """It says nothing of it: fitted all the same, it ran to 10¹⁶."""
     decay = record(np.zeros((N, 1)), x=0.1, drive_gain_x=1.0)
@@ -60,6 +61,7 @@ def at(fit, name):
     return fit.value(name), fit.deviation[fit.names.index(name)]
 
 
+@pytest.mark.moderate
 def test_what_is_declared_is_one_more_observation_of_the_constant() -> None:
     """An offset in white noise: mean and variance weighed by their information."""
     few = 2000
@@ -77,6 +79,7 @@ def test_what_is_declared_is_one_more_observation_of_the_constant() -> None:
     assert abs(expected - volts) > 3e-6
 
 
+@pytest.mark.moderate
 def test_a_sign_and_a_weight_of_what_is_declared_show() -> None:
     """Known to nothing it changes nothing; known exactly it stays."""
     drive = slow(2e4, 40.0)
@@ -103,6 +106,7 @@ def test_what_is_declared_decides_where_the_record_does_not() -> None:
     assert ratio == pytest.approx(TRUE["drive_gain_x"] / TRUE["kxx"], rel=1e-3)
 
 
+@pytest.mark.moderate
 def test_the_combination_that_is_determined_is_named() -> None:
     drive = slow()
     fit = refine(OBSERVER, record(drive), drive, known=declared(OBSERVER))
@@ -122,6 +126,7 @@ def test_a_record_that_determines_all_says_nothing() -> None:
         assert abs(value - true) < 4.0 * deviation
 
 
+@pytest.mark.moderate
 def test_a_free_decay_says_nothing_of_the_drive() -> None:
     drive = np.zeros((N, 1))
     fit = refine(OBSERVER, record(drive, x=0.05), drive, known=declared(OBSERVER))
@@ -131,6 +136,7 @@ def test_a_free_decay_says_nothing_of_the_drive() -> None:
     assert at(fit, "drive_gain_x") == pytest.approx((1.0, 0.1), rel=1e-3)
 
 
+@pytest.mark.moderate
 def test_beside_a_residual_that_is_no_noise_what_is_declared_counts_for_more() -> None:
     """A disturbance that the model lacks, hundreds of times the noise, moves the stiffness within what is declared of
     it; by the number of samples and the declared noise alone it would move it as far as it can.

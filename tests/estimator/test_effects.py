@@ -481,6 +481,7 @@ def test_a_drive_behind_a_lag_is_that_of_an_integrator(lags: tuple[float, float]
     np.testing.assert_allclose(memory["signals"][0, :4, 0], expected.ravel(), rtol=0, atol=1e-8)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("lags", [(0.1, 0.3), (0.9, 0.5)])
 def test_a_low_pass_is_the_filter_behind_the_mass(lags: tuple[float, float]) -> None:
     """Mass and filters integrated together from any start, under a drive in steps that has nothing of the resonance,
@@ -514,6 +515,7 @@ def test_a_low_pass_is_the_filter_behind_the_mass(lags: tuple[float, float]) -> 
         np.testing.assert_allclose(-nu - x[4:6], motion[4:], rtol=0, atol=1e-8)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("axes", [1, 2])
 @pytest.mark.parametrize("corners", [(0.004, 0.15), (0.6, 0.02)])
 def test_a_high_pass_is_the_filter_behind_the_mass(axes: int, corners: tuple[float, float]) -> None:
@@ -584,6 +586,7 @@ def test_a_drive_integrated_with_a_leak_is_that_of_an_integrator(leaks: tuple[fl
     np.testing.assert_allclose(memory["signals"][0, 2:6, 0], expected.ravel(), rtol=0, atol=1e-9)
 
 
+@pytest.mark.moderate
 def test_a_resonator_follows_its_equation() -> None:
     """A driven resonator over 200 samples of a drive in steps, against SciPy."""
     observer = carrying("parasitic_mode")

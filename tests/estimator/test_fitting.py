@@ -45,6 +45,7 @@ def ring_down(rate: float) -> Record:
     return Record(4e4 * states[:, :2] + noise, np.zeros((N, 2, 1)), np.full(N, 1.0 / SAMPLE_RATE))
 
 
+@pytest.mark.moderate
 def test_a_rate_that_stands_still_is_known_from_the_first_sample_of_the_second_pass() -> None:
     settings = ObserverSettings(
         memory=0.09,
@@ -57,6 +58,7 @@ def test_a_rate_that_stands_still_is_known_from_the_first_sample_of_the_second_p
     assert abs(model.settings.initial["rate"] - RATE) < 0.1
 
 
+@pytest.mark.moderate
 def test_a_rate_that_moves_begins_where_it_is_declared() -> None:
     settings = ObserverSettings(
         memory=0.09, spread=Spread(rate=0.2, stiffness=0.018, damping=0.6), process_noise=ProcessNoise(rate=1.0)
@@ -137,6 +139,7 @@ def test_begun_about_a_part_of_the_record_one_pass_says_what_two_do() -> None:
     np.testing.assert_allclose(widths[0], widths[1], rtol=0.02)
 
 
+@pytest.mark.moderate
 def test_a_pass_that_is_carried_on_is_the_pass_over_all() -> None:
     problem = Problem(hummed(ring_down(RATE)), DEVICE, SETTLED).carrying({"interference": {"omega": LINE}})
     begun = fit(problem.part(slice(0, N // 4)), passes=1)
@@ -178,6 +181,7 @@ def test_a_first_pass_is_of_a_part_and_finds_what_two_whole_ones_do(
         assert abs(found[name] - known[name]) < 0.1 * sure[name], name
 
 
+@pytest.mark.moderate
 def test_free_runs_of_a_long_record_are_around_the_split_and_count_time_from_its_beginning(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -67,6 +67,7 @@ def found(*names: str) -> SimulationTrace:
     )
 
 
+@pytest.mark.moderate
 def test_a_free_run_of_the_rest_has_its_own_start_and_the_constants_that_were_found() -> None:
     """Its first samples set the start; the record begins it elsewhere than the fitted part did."""
     observer, later = Observer(DEVICE, CARRYING), record()

@@ -209,6 +209,7 @@ def test_the_pattern_turns_as_it_should_in_a_continuous_gyro(case: Case) -> None
     assert np.ptp(momenta) < 5e-3
 
 
+@pytest.mark.moderate
 def test_holds_are_in_it_and_no_faster_than_the_host() -> None:
     """A sluggish energy, a round pattern: their damping as eigenvalues of the loop; and capped by the time between."""
     case = Case()

@@ -95,6 +95,7 @@ def test_the_error_goes_with_nothing_that_is_known(record: Record, length: int) 
         assert np.std((record.drive - straight)[~known]) > 1.05 * np.std(off)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("length", "share"), [(1, 0.1), (7, 0.1), (25, 0.1)])
 def test_innovations_are_as_large_as_predicted_behind_gaps(record: Record, length: int, share: float) -> None:
     sense, drive, gaps = holed(record, lost(length, share))
@@ -112,6 +113,7 @@ def test_innovations_are_as_large_as_predicted_behind_gaps(record: Record, lengt
         assert ratio(None) > 1.5  # or nothing was learnt here
 
 
+@pytest.mark.moderate
 def test_a_gap_shows_in_the_parameters_deviation_only_so_far(record: Record) -> None:
     """With the gaps told, constants stay within their deviations; not told, they are off by many."""
     sense, drive, gaps = holed(record, lost(25, 0.1))
@@ -152,6 +154,7 @@ def test_of_an_unknown_drive_the_motion_is_found_anew(record: Record) -> None:
     assert before < 1e-4 * TRUTH.amplitude**2
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("every", [1, 7, SAMPLES, SAMPLES + 1])
 def test_cut_at_gaps_that_add_nothing_a_record_is_what_it_was(record: Record, every: int) -> None:
     gaps = Gaps(np.array([0, 57, 58, SAMPLES - 1]), np.zeros((4, 4, 4)))

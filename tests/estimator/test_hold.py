@@ -42,6 +42,7 @@ def test_bandlimited_pieces_follow_the_signal_between_its_samples(band: float, i
     assert np.max(error) < beside
 
 
+@pytest.mark.moderate
 def test_pieces_join_without_a_step_in_value_and_three_derivatives() -> None:
     u = bandlimited_noise(0.8, 200, seed=2)[::OVERSAMPLED, None]
     pieces = [np.polynomial.Polynomial(c) for c in drive_polynomials(u, "bandlimited")[:, 0]]
@@ -68,6 +69,7 @@ def test_short_and_constant_records_stay_what_they_are(samples: int, value: floa
     np.testing.assert_allclose(between, value, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("hold", "limit"), [("bandlimited", 1e-6), ("foh", 0.2), ("zoh", 1.0)])
 def test_an_oscillator_is_where_the_integrator_puts_it(hold: Hold, limit: float) -> None:
     """Driven by a multisine of up to 60 % of half the sampling rate; the flow between samples against solve_ivp."""

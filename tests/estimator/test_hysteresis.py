@@ -72,6 +72,7 @@ def test_a_driven_mass_runs_so_too_and_so_does_its_velocity():
     np.testing.assert_allclose(run(moving, drive=held).sensed[:, 0], 1e3 * expected[1], atol=2e-3)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("sensed", [Sensed.DISPLACEMENT, Sensed.VELOCITY])
 def test_its_derivatives_are_those_of_differences(sensed):
     device = Device(**(vars(DEVICE) | {"sensed": (sensed,)}))

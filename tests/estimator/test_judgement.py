@@ -45,12 +45,14 @@ def test_white_noise_as_it_was_predicted_leaves_nothing_to_say():
         assert said(white(seed)) == ()
 
 
+@pytest.mark.moderate
 def test_noise_that_is_not_the_declared_one_is_noise_all_the_same():
     """The floor says how large it is, not the bench file."""
     assert said(1.3 * white()) == ()
     assert said(0.7 * white()) == ()
 
 
+@pytest.mark.moderate
 def test_the_uncertainty_of_the_estimate_is_none_of_the_floor():
     """Where noise is half of the prediction's variance, a floor that is 1.44 of it allows 1.22."""
     below = np.sqrt(0.5) * SIGMA
@@ -58,6 +60,7 @@ def test_the_uncertainty_of_the_estimate_is_none_of_the_floor():
     assert "× what its prediction and the noise floor allow" in said(1.2 * white(), noise=below)[0]
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("share", "told"), [(0.03, False), (0.09, True)])
 def test_power_beyond_the_floor_is_told_from_a_twentieth_on(share, told):
     """Low-passed noise below a quarter of the sampling rate, where the floor is not read."""
@@ -78,6 +81,7 @@ def test_an_echo_counts_up_to_the_last_lag_that_is_asked_for() -> None:
     assert predictable_share(series, 6) == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("rho", "told"), [(0.1, False), (0.18, True)])
 def test_memory_is_told_where_a_fiftieth_of_the_power_follows_from_the_past(rho, told):
     """Of x_k = ρ x_{k−1} + e, ρ² of the power does, and ρ⁴ more by two steps: ρ²/(1 − ρ²)."""
@@ -88,6 +92,7 @@ def test_memory_is_told_where_a_fiftieth_of_the_power_follows_from_the_past(rho,
     assert any("predicted from those before" in reason for reason in said(series)) is told
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("frequency", "power", "told"),
     [(733.0, 0.006, True), (733.0, 0.0015, False), (200.0, 0.012, False), (200.0, 0.03, True)],
@@ -100,12 +105,14 @@ def test_a_line_is_told_from_a_thousandth_of_the_power_on_beside_the_resonance_f
         assert float(lines[0].split()[-2]) == pytest.approx(frequency, abs=RATE / N)
 
 
+@pytest.mark.moderate
 def test_the_start_of_a_record_is_not_judged():
     series = white()
     series[: 8 * CYCLE] *= 30.0
     assert said(series) == ()
 
 
+@pytest.mark.moderate
 def test_of_a_short_record_the_power_is_known_as_surely_as_is_said():
     """Of 5,000 samples a floor is known to 4 % and not to a twentieth of its power three times over."""
     short = 5000
@@ -159,6 +166,7 @@ def test_around_a_jump_of_the_rate_innovations_are_brought_down_to_three_times_t
     assert level[20_000] == pytest.approx(1.0)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("share", "says"), [(0.5, "50.0%"), (0.999, "99.9%"), (1.0, "nearly all"), (1.2, "nearly all")]
 )

@@ -173,6 +173,7 @@ def test_the_echo_tells_which_virtual_rotation_was_applied() -> None:
         assert observer.arrays.memory["virtual_applied"][0] == expected
 
 
+@pytest.mark.moderate
 def test_commands_stay_within_the_limit_and_a_lost_state_commands_nothing() -> None:
     observer = observer_of(TRUTH, SETTINGS, force_limit=1.0, dither=0.3)
     limit = round(1.0 / TRUTH.force_quantum)

@@ -86,6 +86,7 @@ def test_jacobian_is_that_of_finite_differences(number: int) -> None:
         np.testing.assert_allclose(jacobian[:, column], (moved[0] - moved[1]) / (2 * d), rtol=0, atol=3e-9)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("number", [GYRO, OSCILLATOR])
 def test_taylor_series_and_matrix_exponential_agree_in_value_and_sensitivity(number: int) -> None:
     c, s, u = some_case(number, 3, seed=8)

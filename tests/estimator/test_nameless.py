@@ -33,6 +33,7 @@ def gain(series, rows=slice(SPLIT, None)) -> float:
     return float(np.sum(some.terms(some.unpredicted(series))[rows] - none.terms(none.unpredicted(series))[rows]))
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("correlation", [0.1, -0.4, 0.8])
 def test_of_a_first_order_process_it_gains_what_prediction_can(correlation: float) -> None:
     """The innovation's variance is 1 − φ² of the whole."""
@@ -42,6 +43,7 @@ def test_of_a_first_order_process_it_gains_what_prediction_can(correlation: floa
     assert gain(series) == pytest.approx(expected, abs=4.0 * chance)
 
 
+@pytest.mark.moderate
 def test_of_a_narrow_resonance_in_noise_it_gains_nearly_what_any_predictor_can() -> None:
     """Kolmogorov and Szegő: the smallest variance is exp of the mean of the logarithm of the spectrum."""
     omega, memory, strength = 0.31, 800.0, 0.05
@@ -62,6 +64,7 @@ def test_of_a_narrow_resonance_in_noise_it_gains_nearly_what_any_predictor_can()
     assert 0.85 * expected < gain(series) < 1.15 * expected
 
 
+@pytest.mark.moderate
 def test_of_a_line_it_leaves_the_noise() -> None:
     t = np.arange(N)
     series = white(4) + 0.5 * np.sin(0.2345 * t)[:, None]
@@ -71,12 +74,14 @@ def test_of_a_line_it_leaves_the_noise() -> None:
     assert 0.85 * together < gain(series) < expected
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("seed", range(10, 18))
 def test_of_white_noise_it_gains_nothing(seed: int) -> None:
     assert gain(white(seed)) < TIE
     assert nameless(white(seed), FITTED).order == 0
 
 
+@pytest.mark.moderate
 def test_what_one_axis_tells_of_the_other_is_predicted() -> None:
     """y is x of three samples before, in noise of its own: half of its power."""
     noise = white(5)
@@ -84,6 +89,7 @@ def test_what_one_axis_tells_of_the_other_is_predicted() -> None:
     assert gain(series) == pytest.approx((N - SPLIT) * math.log(2.0), rel=0.05)
 
 
+@pytest.mark.moderate
 def test_a_prediction_sees_the_past_only() -> None:
     series = lfilter([1.0], [1.0, -0.7], white(6), axis=0) + np.sin(0.1 * np.arange(N))[:, None]
     model = nameless(series, FITTED)
@@ -94,6 +100,7 @@ def test_a_prediction_sees_the_past_only() -> None:
     assert not np.allclose(predicted[20_001], same[20_001], rtol=0.0, atol=1e-3)
 
 
+@pytest.mark.moderate
 def test_lost_samples_stay_lost_and_count_for_nobody() -> None:
     series = lfilter([1.0], [1.0, -0.7], white(7), axis=0)
     series[::50] = np.nan
@@ -123,6 +130,7 @@ def test_of_a_long_record_all_that_are_compared_use_the_same_rows() -> None:
     assert found.dispersions == (1.0, 1.0)
 
 
+@pytest.mark.moderate
 def test_a_model_that_gets_lost_has_no_likelihood() -> None:
     series = white(20)
     lost = series.copy()
@@ -143,6 +151,7 @@ def cubic(seed: int):
     return amplitude**3 * np.cos(0.3 * np.arange(N))[:, None] * np.array([1.0, 0.4])
 
 
+@pytest.mark.moderate
 def test_an_effect_beats_it_where_the_cause_is_there() -> None:
     noise, shape = white(30), cubic(31)
     before, after = noise + 0.5 * shape, noise
@@ -152,6 +161,7 @@ def test_an_effect_beats_it_where_the_cause_is_there() -> None:
     assert promises.nameless(claim(found)) == ()
 
 
+@pytest.mark.moderate
 def test_beside_what_both_leave_an_effect_is_held_to_what_it_adds() -> None:
     """A rate that jumps leaves something with the effect and without it: the force may have that in both."""
     rest, shape = white(32) + lfilter([0.2], [1.0, -0.98], white(33), axis=0), cubic(34)

@@ -32,6 +32,7 @@ def test_a_replay_says_what_the_loop_said(record: Record) -> None:
         np.testing.assert_allclose(getattr(found, name), getattr(record, name), atol=1e-9)
 
 
+@pytest.mark.moderate
 def test_innovation_has_the_sign_of_the_volts(record: Record) -> None:
     """Sense minus prediction, in volts, although the sense gain is negative."""
     observer = observer_of(TRUTH, SETTINGS)

@@ -67,6 +67,7 @@ def test_plain_formula_ripples_at_twice_the_vibration_by_half_the_rotation() -> 
     assert abs(line) == pytest.approx(rate / 2, rel=0.05)
 
 
+@pytest.mark.moderate
 @given(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
 def test_unwrapping_finds_the_nearest_half_turn(double: float, before: float) -> None:
     theta = unwrap_half_turns(double, before)

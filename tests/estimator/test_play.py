@@ -49,6 +49,7 @@ def test_a_decay_runs_as_an_integrator_that_stops_at_its_events(kp, width):
     np.testing.assert_allclose(expected[2], play(expected[0], width), atol=3e-2 * AMPLITUDE)
 
 
+@pytest.mark.moderate
 def test_a_driven_mass_runs_so_too_and_so_does_its_velocity():
     held = 5.0 * np.random.default_rng(2).standard_normal((200, 1))
     t = np.arange(200) / RATE
@@ -91,6 +92,7 @@ def test_from_turn_to_turn_it_takes_2_kp_w_times_what_the_amplitude_is_beyond_th
         assert taken == pytest.approx(KP * width * (first + second - 2.0 * width), rel=1e-4)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("share", [0.05, 0.4, 0.7])
 def test_the_force_along_a_cycle_encloses_the_closed_form_and_that_of_the_foot_alone_would_drive(share):
     """∮ kp (x − z) dx = 4 kp w (A − w) is taken; ∮ kp z dx is as much with the other sign."""

@@ -66,6 +66,7 @@ def test_a_covariate_and_a_cubic_spring_are_told_apart(loaded: Diagnosis) -> Non
         assert interval.high - interval.low < 0.05 * abs(true)
 
 
+@pytest.mark.moderate
 def test_held_out_records_are_foretold_to_the_noise(loaded: Diagnosis) -> None:
     assert loaded.held_out_after.ratio == pytest.approx(1.0, abs=0.1)
     assert loaded.held_out_before.ratio > 10.0
@@ -94,6 +95,7 @@ def test_records_that_differ_by_what_nobody_says_are_not_explained() -> None:
     assert found.verdict is not Verdict.ADEQUATE
 
 
+@pytest.mark.moderate
 def test_a_covariate_that_is_always_the_same_is_refused() -> None:
     rng = np.random.default_rng(7)
     members = [Member(f"run {i}", decay(rng, 1e-3), 0.3) for i in range(3)]
@@ -101,6 +103,7 @@ def test_a_covariate_that_is_always_the_same_is_refused() -> None:
         Level.of(pool(members, "load_kg"))
 
 
+@pytest.mark.moderate
 def test_too_few_records_are_refused() -> None:
     rng = np.random.default_rng(8)
     members = [Member(f"run {i}", decay(rng, 1e-3)) for i in range(2)]

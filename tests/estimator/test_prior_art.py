@@ -87,6 +87,7 @@ def test_noise_of_the_raw_formula_is_that_of_one_sample():
     assert np.std(raw_pattern.read(sense, DEVICE).angle) == pytest.approx(limit, rel=0.03)
 
 
+@pytest.mark.moderate
 def test_noise_of_the_elements_is_that_of_their_window():
     # In phase with x the phasor of y has the variance 2 σ² Σw²/(Σw)² = 3 σ²/N of a Hann window of N samples; carried on
     # by 2 θ − θ(half a window before), of which a sixth is common, it is 5 − 4/6 times that.
@@ -150,6 +151,7 @@ def driven(truth, n, rate, seed=0, noise=True):
     return sense + noise * truth.noise * rng.standard_normal((n, 2)), drive
 
 
+@pytest.mark.moderate
 def test_the_identified_rate_and_constants_are_the_plants():
     sense, drive = driven(MISTUNED, 8000, RATE, noise=False)
     reading = integrated_rate.read(sense, drive, MISTUNED.device(stiffness=1.02, damping=0.7), ObserverSettings())

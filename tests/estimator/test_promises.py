@@ -121,6 +121,7 @@ def test_the_floor_is_allowed_a_tenth_more_or_what_chance_makes_of_few_samples()
     assert np.mean(exact) == pytest.approx(0.01, abs=0.005)
 
 
+@pytest.mark.moderate
 def test_the_middle_between_right_and_chance_is_no_gain() -> None:
     """Coefficients c found elsewhere, where the truth is c and where it is 0: as often below 0 as above."""
     random = np.random.default_rng(7)

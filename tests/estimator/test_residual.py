@@ -160,6 +160,7 @@ def test_a_regressor_that_says_nothing_new_is_left_out() -> None:
 # -- what is in it is found ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.moderate
 def test_level_of_white_noise_is_its_rms() -> None:
     noise = white(40000, 2, 1)
     fit, found, residual = analyse(
@@ -173,6 +174,7 @@ def test_level_of_white_noise_is_its_rms() -> None:
     assert power == pytest.approx(np.var(noise, axis=0), rel=0.02)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("axes", "frequency"), [(1, 731.37), (2, 50.13), (2, 1903.1)])
 def test_a_line_is_found_where_it_is_and_as_large_as_it_is(axes: int, frequency: float) -> None:
     series = white(20000, axes, 4)
@@ -187,6 +189,7 @@ def test_a_line_is_found_where_it_is_and_as_large_as_it_is(axes: int, frequency:
     assert "not a multiple" in finding.text
 
 
+@pytest.mark.moderate
 def test_harmonics_and_their_sidebands_are_told_by_their_order() -> None:
     t = np.arange(20000) / RATE
     series = white(20000, 2, 5)
@@ -259,12 +262,14 @@ def test_short_repeats_are_not_quiet_by_chance() -> None:
     assert floor.repeated_noise(sense, drive) == pytest.approx([0.01], rel=0.06)
 
 
+@pytest.mark.moderate
 def test_gaps_are_no_findings() -> None:
     series = white(20000, 2, 14)
     series[np.random.default_rng(15).random(20000) < 0.01] = np.nan
     assert findings(series) == ()
 
 
+@pytest.mark.moderate
 def test_what_follows_a_gap_is_not_held_against_the_model() -> None:
     """Where the observer knows that it does not know, a large innovation is expected."""
     n = 20000
@@ -275,6 +280,7 @@ def test_what_follows_a_gap_is_not_held_against_the_model() -> None:
     assert [finding.kind for finding in found if finding.kind != "level"] == []
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("sign", "kind", "size"),
     [("amplitude", "amplitude", 4e-6), ("sin 4θ", "orientation", 4e-6), ("rate", "rate", 4e-6)],
@@ -297,6 +303,7 @@ def test_dependence_on_the_motion_is_found(sign: str, kind: str, size: float) ->
     assert found[0].size == pytest.approx(size, rel=0.25)
 
 
+@pytest.mark.moderate
 def test_dependence_on_temperature_is_found() -> None:
     n = 40000
     moving = motion(vibration(n, 1), n, RATE / RESONANCE)
@@ -307,6 +314,7 @@ def test_dependence_on_temperature_is_found() -> None:
     assert only(findings(series), "temperature") == []
 
 
+@pytest.mark.moderate
 def test_feedthrough_of_the_drive_is_found() -> None:
     series = white(20000, 2, 19)
     drive = record_of(series, 3).drive[:, :, 0]

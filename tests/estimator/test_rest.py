@@ -51,6 +51,7 @@ def test_noise_alone_is_rest_throughout_and_a_motion_to_the_end_is_none() -> Non
     assert moves_until(record(swinging(4000, 3950, seed=5)), SINGLE) == 3920
 
 
+@pytest.mark.moderate
 def test_of_a_hundred_records_of_noise_none_moves() -> None:
     """By chance one in ten thousand does, whatever the length."""
     assert sum(moves_until(record(swinging(8000, 0, seed=seed)), SINGLE) for seed in range(100)) == 0

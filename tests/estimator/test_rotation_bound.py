@@ -41,6 +41,7 @@ def test_where_nothing_is_seen_the_rotation_is_the_integral_of_the_rates_random_
     assert found[79] == 0.0
 
 
+@pytest.mark.moderate
 def test_what_is_seen_makes_it_less():
     n = 2000
     settings = replace(SETTINGS, reference=0.1)

@@ -87,6 +87,7 @@ def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: s
         assert normal[column, column] == pytest.approx(expected, rel=0.1 if name in KINKED else 0.01)
 
 
+@pytest.mark.moderate
 def test_nothing_is_evident_where_nothing_is_missing() -> None:
     watched = {
         effect.name: {}
@@ -98,6 +99,7 @@ def test_nothing_is_evident_where_nothing_is_missing() -> None:
     assert max(item.significance for item in found.values()) < 4.0
 
 
+@pytest.mark.moderate
 def test_a_low_pass_far_above_looks_like_a_delay_and_nothing_like_a_cubic() -> None:
     seen = scan(Problem(record(), DEVICE, SETTINGS), {"sense_delay": {}, "sense_low_pass": {}, "cubic_stiffness": {}})
     alike = likeness(seen, "sense_delay", np.array([1e-6, 2e-6]))

@@ -61,6 +61,7 @@ def test_normal_equations_are_those_of_what_carrying_an_effect_does_part_by_part
     np.testing.assert_array_equal(unweighed.course, seen.course)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
 @pytest.mark.parametrize("more", [{}, {"sense_delay": {}}])
 def test_two_halves_of_what_is_watched_say_what_all_of_it_does(
@@ -109,6 +110,7 @@ def test_the_plausible_size_of_a_coefficient_is_that_of_its_declaration_in_si(re
     np.testing.assert_allclose(seen.plausible, expected, rtol=1e-9)
 
 
+@pytest.mark.moderate
 def test_a_scan_about_an_earlier_pass_begins_as_it_ended(record: Record) -> None:
     """Its innovations are those of a run that begins about the same."""
     previous = Observer(UNLIKE, SETTINGS)
@@ -290,6 +292,7 @@ def test_after_a_gap_the_motion_is_unsettled(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_allclose(np.abs(seen.course), np.broadcast_to(factors, seen.course.shape))
 
 
+@pytest.mark.moderate
 def test_of_a_part_cut_by_gaps_all_rows_count(record: Record) -> None:
     """A gap that adds nothing to the motion changes nothing but the order of sums."""
     gaps = Gaps(np.array([3, 500, 501, 2222]), np.zeros((4, 4, 4)))

@@ -196,6 +196,7 @@ def test_rows_and_pulls_are_products() -> None:
     np.testing.assert_allclose(delta, expected, rtol=1e-12)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("latency", [0, 2])
 def test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for(latency: int) -> None:
     """The record beside SciPy's integration under its own drive, and the drive beside a second observer's commands."""

@@ -74,6 +74,7 @@ def test_free_run_shows_what_scipy_computes(sensed: Sensed, effects: bool, drive
     assert np.max(error) < (2e-5 if effects else 1e-9)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("sensed", list(Sensed))
 def test_derivatives_are_those_of_differences(sensed: Sensed, drive: Array) -> None:
     carried: dict[str, dict[str, float]] = {

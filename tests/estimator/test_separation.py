@@ -164,6 +164,7 @@ def orientation(motion: Any) -> Any:
     return np.unwrap(np.arctan2(2.0 * xy, x2 - y2)) / 2.0
 
 
+@pytest.mark.moderate
 def test_an_experiment_is_400_cycles_at_a_held_amplitude_while_the_pattern_turns() -> None:
     record, motion, drive = played("virtual_rotation")
     assert len(record) == 400 * CYCLE
@@ -175,12 +176,14 @@ def test_an_experiment_is_400_cycles_at_a_held_amplitude_while_the_pattern_turns
     assert np.max(np.abs(drive)) < 0.2  # nothing but damping is to be overcome
 
 
+@pytest.mark.moderate
 def test_the_amplitude_is_modulated_by_30_percent() -> None:
     held = sizes(played("amplitude")[1])[60:]
     assert np.max(held) == pytest.approx(1.3, abs=0.06)
     assert np.min(held) == pytest.approx(0.7, abs=0.06)
 
 
+@pytest.mark.moderate
 def test_a_dither_is_a_drive_off_the_resonance() -> None:
     usual, dithered = (np.abs(np.fft.rfft(played(name)[2][:, 0])) for name in ("virtual_rotation", "dither"))
     bins = np.arange(len(usual)) / len(usual)
@@ -189,6 +192,7 @@ def test_a_dither_is_a_drive_off_the_resonance() -> None:
     assert np.sum(dithered[off] ** 2) > 10.0 * np.sum(usual[off] ** 2)
 
 
+@pytest.mark.moderate
 def test_the_stiffness_steps_by_two_percent_to_either_side() -> None:
     """±2 % of the square of the frequency, for 60 cycles each; seen where the motion crosses zero."""
     _, motion, _ = played("stiffness")
@@ -201,6 +205,7 @@ def test_the_stiffness_steps_by_two_percent_to_either_side() -> None:
     assert (usual / stepped) ** 2 == pytest.approx(1.02 / 0.98, rel=2e-3)
 
 
+@pytest.mark.moderate
 def test_a_rate_that_swings_turns_the_pattern_against_it() -> None:
     """Beside the same without it: by a share of −∫Ω dt = 0.15 (cos(ω0 t / 150) − 1), as the case turns under it."""
     usual, turned = (orientation(played(name)[1]) for name in ("virtual_rotation", "rate"))
@@ -211,6 +216,7 @@ def test_a_rate_that_swings_turns_the_pattern_against_it() -> None:
     assert np.hypot(against, beside) < 0.15
 
 
+@pytest.mark.moderate
 def test_noise_is_that_of_the_device_times_what_is_asked() -> None:
     """Told far above the resonance, where nothing moves."""
     usual, loud = (played("virtual_rotation", noise)[0].sense for noise in (1.0, 3.0))

@@ -221,6 +221,7 @@ def test_no_number_of_workers_is_said(monkeypatch, told):
         side_by_side([lambda: 0] * 2)
 
 
+@pytest.mark.moderate
 def test_one_blas_thread_while_the_pieces_use_the_processors() -> None:
     """As many as before, behind it and behind an error."""
 

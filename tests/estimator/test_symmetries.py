@@ -291,6 +291,7 @@ def of_system(system: System, state, u) -> np.ndarray:
 STATE, PUSH = np.array([0.7, -0.4, 0.3, 0.9]), np.array([0.05, -0.08])
 
 
+@pytest.mark.moderate
 def test_a_clock_declared_in_the_words_of_the_list_is_the_drive_gain_that_was_named() -> None:
     clock = of(DRIVE_GAIN)["clock_rate"]
     words = declared(clock)

@@ -80,6 +80,7 @@ def test_pieces_wait_for_pieces_only() -> None:
         assert set(piece.calls) <= set(names[:number])
 
 
+@pytest.mark.moderate
 def test_an_index_that_many_add_to_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiling, "kernel_cache", lambda: tmp_path)
 

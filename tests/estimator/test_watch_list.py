@@ -43,6 +43,7 @@ def watched(seen: Record, device: Device = GYRO, innovation: Array = WHITE, devi
     return watch_list(seen, device, innovation[:, :axes], np.full((N, axes), deviation))
 
 
+@pytest.mark.moderate
 def test_everything_that_needs_nothing_given_is_watched_where_the_device_and_the_record_can_show_it() -> None:
     warm = set(watched(record(temperature=np.linspace(20.0, 30.0, N))))
     cold, free = set(watched(record())), set(watched(record(driven=False)))
@@ -58,6 +59,7 @@ def test_everything_that_needs_nothing_given_is_watched_where_the_device_and_the
     assert not single & {"sense_gain", "nonreciprocal_stiffness", "sense_cross_coupling"}
 
 
+@pytest.mark.moderate
 def test_what_is_tried_on_request_is_watched_where_it_is_asked_for() -> None:
     radial = {effect.name for effect in EFFECTS if effect.plane}
     assert radial == {"nonlinear_damping_radial", "drag_radial", "cubic_damping_radial", "dry_friction_radial"}
@@ -72,6 +74,7 @@ def test_what_is_tried_on_request_is_watched_where_it_is_asked_for() -> None:
     assert not any(effect.on(1) for effect in EFFECTS if effect.plane)
 
 
+@pytest.mark.moderate
 def test_friction_that_falls_with_the_speed_is_watched_at_three_speeds_where_it_is_asked_for() -> None:
     usual = watched(record())
     asked = watch_list(record(), GYRO, WHITE, np.ones((N, 2)), ("stribeck_friction",))
@@ -210,6 +213,7 @@ def test_lost_samples_say_nothing_of_a_mode_and_hide_none() -> None:
     )  # fmt: skip
 
 
+@pytest.mark.moderate
 def test_a_mode_is_that_of_the_response_though_the_drive_has_a_peak_of_its_own() -> None:
     """A drive that is loudest at 372 Hz, and what it leaves of a mode at 360 Hz."""
     random = np.random.default_rng(7).standard_normal((N, 2))
@@ -269,6 +273,7 @@ def test_values_of_one_s_own_are_tried_in_si_and_without_any_the_default() -> No
     }  # fmt: skip
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("signed", [False, True])
 def test_there_is_room_for_as_many_as_the_kernel_carries_less_two(*, signed: bool) -> None:
     """Of 64; the second value of each is tried before the third of any."""

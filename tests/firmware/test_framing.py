@@ -41,6 +41,7 @@ def test_crc_check_value(library: ctypes.CDLL) -> None:
     assert crc ^ 0xFFFFFFFF == 0xE3069283
 
 
+@pytest.mark.moderate
 @untimed
 @given(frame=frames)
 def test_both_sides_write_the_same(library: ctypes.CDLL, frame: Frame) -> None:
@@ -50,6 +51,7 @@ def test_both_sides_write_the_same(library: ctypes.CDLL, frame: Frame) -> None:
     assert len(pieces) == 1 or sum(map(len, pieces)) > 256
 
 
+@pytest.mark.moderate
 @untimed
 @given(size=st.integers(240, 260), last=st.integers(0, 1))
 def test_the_longest_groups_of_cobs(library: ctypes.CDLL, size: int, last: int) -> None:
@@ -75,6 +77,7 @@ def test_streams_that_were_awkward(library: ctypes.CDLL, stream: dict[str, str])
     agree(library, bytes.fromhex(stream["hex"].format(**{name: part.hex() for name, part in parts.items()})))
 
 
+@pytest.mark.moderate
 def test_longest_frames_and_longer_ones(library: ctypes.CDLL) -> None:
     payload = bytes(random.Random(1).choices(range(1, 256), k=SPEC.max_payload))
     (found,) = agree(library, encode_frame(1, 2, 3, payload)).feed(encode_frame(1, 2, 4, payload))

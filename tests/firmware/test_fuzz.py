@@ -28,6 +28,7 @@ def test_python_decoder_of_serial_lines(seed: int) -> None:
     assert tally.checked > 1.2 * tally.taken > 10_000
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("seed", SEEDS)
 def test_python_decoder_of_can_frames(seed: int) -> None:
     tally = fuzz.feed_can(1_000_000, seed)
@@ -58,6 +59,7 @@ class Gullible(Decoder):
         return body
 
 
+@pytest.mark.moderate
 def test_a_python_decoder_without_its_checksum_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzz, "Decoder", Gullible)
     assert fuzz.feed_serial(300_000, 1).corrupt > 0

@@ -33,6 +33,7 @@ def opened(finished: Path) -> hil.Run:
     return hil.load(finished)
 
 
+@pytest.mark.moderate
 def test_importing_loads_nothing_heavy() -> None:
     program = "import hil, sys; print(*[m for m in ('numpy', 'numba', 'pyarrow', 'estimator') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -118,6 +118,7 @@ def test_an_undisturbed_run_is_answered_in_time(tmp_path: Path, declared: Bench)
     assert (answers.ticks, answers.in_time, parts(answers)) == (TICKS, TICKS, NOTHING)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("mode", ["force", "gain"])
 def test_lockstep_is_in_time(tmp_path: Path, mode: str) -> None:
     loop = {} if mode == "force" else {"mode": "gain", "block": BLOCK, "estimate_every": BLOCK}

@@ -69,6 +69,7 @@ def test_a_burst_is_recorded_in_order(tmp_path: Path) -> None:
     assert times == sorted(times)  # the board shares our clock here
 
 
+@pytest.mark.moderate
 def test_a_board_that_never_answers_is_not_asked_while_it_runs() -> None:
     silent = TellsTime(lambda _: ())
     exchanges = ClockExchanges(Endpoint(InprocLink(silent)), kept := Kept(), per_s=math.inf)

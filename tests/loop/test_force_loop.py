@@ -217,6 +217,7 @@ def test_stopped_more_often_than_the_limit_allows(tmp_path: Path) -> None:
         paced(tmp_path, stops=dict.fromkeys(range(1000, 2600, 400), 200))
 
 
+@pytest.mark.moderate
 def test_a_wild_record_stops_the_run(tmp_path: Path) -> None:
     """One axis declared with the wrong sign: closing the loop drives it apart, and soon it is opened again."""
     declared = gyro.bench(2.0, device={"sense": {"gain_V_per_m": (885.42, -885.42)}})
@@ -226,6 +227,7 @@ def test_a_wild_record_stops_the_run(tmp_path: Path) -> None:
     assert counters.samples < 2000
 
 
+@pytest.mark.moderate
 def test_not_a_number_stops_the_run(tmp_path: Path) -> None:
     def spoil(observer: Observer) -> None:
         observer.x[:] = math.nan
@@ -253,6 +255,7 @@ class Forgetful(SmallBoard):
         return super().exchange(data)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("board", "message"),
     [

@@ -80,6 +80,7 @@ def test_the_pattern_is_held_and_the_angle_right(tmp_path: Path, latency: int) -
     np.testing.assert_allclose(dither, 0.3, atol=3e-4)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("kind", ["pair", "luenberger"])
 def test_both_filters_do(tmp_path: Path, kind: str) -> None:
     truth = tmp_path / "truth.arrow"
@@ -110,6 +111,7 @@ def test_the_same_again_is_the_same_record(tmp_path: Path) -> None:
         assert path.read_bytes() == (again.path / path.name).read_bytes()
 
 
+@pytest.mark.moderate
 def test_estimates_less_often_than_blocks(tmp_path: Path) -> None:
     declared = bench(0.5, loop={"estimate_every": 5 * BLOCK})
     run, _ = close_loop(waiting(gyro.scenario(tmp_path / "board.toml")), declared, tmp_path / "run")
@@ -117,6 +119,7 @@ def test_estimates_less_often_than_blocks(tmp_path: Path) -> None:
     assert run.estimates.tick.tolist() == list(range(99, 2000, 100))
 
 
+@pytest.mark.moderate
 def test_open_loop_sends_nothing_but_zeros(tmp_path: Path) -> None:
     link = Overheard(board(gyro.scenario(tmp_path / "board.toml")))
     run, _ = close_loop(link, bench(0.5, controller={"enabled": False}), tmp_path / "run")
@@ -270,6 +273,7 @@ def test_a_board_without_gain_mode_is_refused() -> None:
         require_suitable(bench(), identity, "inproc")
 
 
+@pytest.mark.moderate
 def test_wrong_signs_stop_the_run(tmp_path: Path) -> None:
     declared = bench(2.0, device={"sense": {"gain_V_per_m": (885.42, -885.42)}})
     _, counters = close_loop(waiting(gyro.scenario(tmp_path / "board.toml")), declared, tmp_path / "run")

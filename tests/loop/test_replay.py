@@ -141,6 +141,7 @@ def test_an_interrupted_record_is_replayed_as_far_as_it_goes(tmp_path: Path) -> 
     assert result.reasons[0] == "the record was interrupted"
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [

@@ -69,6 +69,7 @@ def test_a_carriage_without_friction_gets_none():
     assert set(found.rejected) == set(candidates())
 
 
+@pytest.mark.moderate
 def test_the_regressors_of_the_base_model_are_motion_itself(motions):
     names, matrix = columns(motions[0], (), SCALING)
     assert names == BASE
@@ -76,6 +77,7 @@ def test_the_regressors_of_the_base_model_are_motion_itself(motions):
     np.testing.assert_allclose(matrix[:, 3], 1.0, atol=1e-9)
 
 
+@pytest.mark.moderate
 def test_only_forces_of_the_motion_are_candidates():
     assert {"dry_friction", "cubic_stiffness", "damping_asymmetric"} <= set(candidates())
     assert not {"drive_gain", "sense_quadratic", "drive_feedthrough", "sense_gain"} & set(candidates())

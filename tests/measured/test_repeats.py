@@ -26,6 +26,7 @@ def test_beside_the_others_both_intervals_count():
     assert uneven.off[0] == pytest.approx(-mean / math.sqrt(1.0 + 1.0 / 1.25))
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("truth", [5.0, None])
 def test_of_right_intervals_nineteen_of_twenty_agree(truth):
     rng = np.random.default_rng(4)

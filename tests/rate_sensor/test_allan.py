@@ -81,6 +81,7 @@ def test_a_sine_is_exact():
     assert found.deviation == pytest.approx(2.0 * np.sin(phase) ** 2 / phase * held, rel=0.01)
 
 
+@pytest.mark.moderate
 def test_the_interval_holds_the_truth_as_often_as_it_says():
     inside = []
     for seed in range(200):

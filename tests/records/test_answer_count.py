@@ -39,6 +39,7 @@ def by_hand(ticks, flags, sent, elapsed_us, applied, deadline_us, gain):
     return counts
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("gain", [False, True])
 @pytest.mark.parametrize(("piece", "rows_a_piece"), [(1 << 18, 5000), (64, 7), (7, 64), (1, 333), (333, 1)])
 def test_the_pieces_do_not_matter(tmp_path, monkeypatch, gain, piece, rows_a_piece):

@@ -23,6 +23,7 @@ def change(path, place, by=1):
     path.write_bytes(data)
 
 
+@pytest.mark.moderate
 def test_a_whole_run(make_run):
     folder, truth = make_run()
     assert problems(folder) == {}
@@ -35,6 +36,7 @@ def test_a_whole_run(make_run):
     ]
 
 
+@pytest.mark.moderate
 def test_damage_is_told_with_file_and_block(make_run):
     folder, _ = make_run()
     change(folder / "innovation.arrow", 0.5)
@@ -43,12 +45,14 @@ def test_damage_is_told_with_file_and_block(make_run):
     assert "is damaged: its checksum differs" in line
 
 
+@pytest.mark.moderate
 def test_a_header_that_is_damaged_is_told_in_a_folder_too(make_run):
     folder, _ = make_run()
     change(folder / "estimates.arrow", 0.0, 255)
     assert list(problems(folder)) == ["estimates.arrow"]
 
 
+@pytest.mark.moderate
 def test_an_interrupted_run_is_told(make_run):
     folder, _ = make_run(interrupted=True)
     found = problems(folder)
@@ -83,6 +87,7 @@ def test_gaps_are_counted(tmp_path):
     assert entry.remarks == ["12 samples are missing, in 2 gaps"]
 
 
+@pytest.mark.moderate
 def test_a_repair_keeps_the_blocks_before_the_damage_and_the_original(make_run):
     folder, _ = make_run()
     path = folder / "capture.arrow"
@@ -117,6 +122,7 @@ def test_a_run_is_repaired_into_a_folder_of_its_own(make_run):
     assert execute(["score", str(kept), "--truth", str(folder.parent / f"{folder.name}-truth.arrow")]) in (0, 1)
 
 
+@pytest.mark.moderate
 def test_what_cannot_be_repaired(make_run, tmp_path):
     folder, _ = make_run()
     with pytest.raises(InputError, match="nothing to repair"):
@@ -146,6 +152,7 @@ def test_the_command_line(make_run, capsys):
     assert all("\n" not in line for line in capsys.readouterr().err.splitlines())
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("verb", ["replay", "export", "score"])
 def test_a_damaged_record_is_refused_by_every_verb_in_one_line(make_run, capsys, verb):
     folder, truth = make_run()

@@ -189,6 +189,7 @@ def test_an_interrupted_record_may_be_repaired_and_a_whole_one_not(tmp_path: Pat
         repair(write(tmp_path / "b", "capture", range(3000)))
 
 
+@pytest.mark.moderate
 def test_a_folder_is_repaired_where_one_file_is_broken_and_the_others_come_along(tmp_path: Path) -> None:
     run = tmp_path / "run"
     damage(write(run, "capture", range(10_000)), 0.7)

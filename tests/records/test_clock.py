@@ -81,6 +81,7 @@ def test_what_waited_in_queues_does_no_harm() -> None:
     assert abs(plain - 60e-6) > 10 * abs(fit.skew - 60e-6)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("asymmetry_us", "least", "most"), [(0.0, 0.97, 1.0), (24.0, 0.91, 0.98)])
 def test_intervals_hold_what_they_promise(asymmetry_us: float, least: float, most: float) -> None:
     """Over 300 records: where exchanges are better than they are taken for, the intervals are too wide; where each has

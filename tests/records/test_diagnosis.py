@@ -220,6 +220,7 @@ def test_the_exit_code_says_whether_something_is_left(tmp_path: Path, verdict: t
     assert end.value.exit_code == code
 
 
+@pytest.mark.moderate
 def test_a_trace_ends_with_the_command_that_comes_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "a trace"
     folder.mkdir()

@@ -41,6 +41,7 @@ def messages(path: Path) -> dict[str, tuple[np.ndarray, list[dict]]]:
     return {topic: (np.array(times), rows) for topic, (times, rows) in found.items()}
 
 
+@pytest.mark.moderate
 def test_a_csv_reads_back_to_the_last_digit(folder, tmp_path):
     target = tmp_path / "ride.csv"
     assert export(folder / "capture.arrow", target, "csv") == {"capture": 2000}
@@ -60,6 +61,7 @@ def test_an_imported_record_keeps_its_extra_channels(tmp_path):
     assert (tmp_path / "b.csv").read_text() == text
 
 
+@pytest.mark.moderate
 def test_parquet_has_ticks_flags_and_what_the_numbers_mean(folder, tmp_path):
     target = tmp_path / "ride.parquet"
     export(folder, target, "parquet")
@@ -100,6 +102,7 @@ def test_what_was_estimated_with_its_uncertainty(folder, tmp_path, to, what, col
         np.testing.assert_array_equal(values[:, index].astype(there[name].dtype), there[name], err_msg=name)
 
 
+@pytest.mark.moderate
 def test_a_mat_file_has_a_struct_for_each_table(folder, tmp_path):
     target = tmp_path / "ride.mat"
     rows = export(folder, target, "mat")
@@ -199,6 +202,7 @@ def test_a_file_of_estimates_is_exported_by_itself(folder, tmp_path):
     assert {"angle_rad", "angle_u_rad", "sd_rate_rad_s"} <= set(header)
 
 
+@pytest.mark.moderate
 def test_the_library_exports_by_the_name_of_the_file(folder, tmp_path):
     run = hil.load(folder)
     assert hil.export(run, tmp_path / "angle.parquet", what="angle") == tmp_path / "angle.parquet"

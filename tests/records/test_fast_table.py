@@ -98,6 +98,7 @@ def test_both_readers_come_to_the_same(tmp_path: Path, monkeypatch: pytest.Monke
     np.testing.assert_array_equal(lines, slow_lines)
 
 
+@pytest.mark.moderate
 def test_plain_files_go_the_fast_way_and_to_the_last_bit(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     bits = random.integers(0, 1 << 64, 20_000, dtype=np.uint64)

@@ -40,6 +40,7 @@ def cubic() -> MissingForce:
     )  # fmt: skip
 
 
+@pytest.mark.moderate
 def test_the_table_says_what_the_force_is_and_leaves_lost_samples_empty(tmp_path) -> None:
     force, path = cubic(), tmp_path / "force.arrow"
     records.save_force(path, force)

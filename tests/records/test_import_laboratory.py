@@ -78,6 +78,7 @@ def test_a_filter_may_have_one_edge(bring, key, kind, passed):
     np.testing.assert_allclose(capture.sense_V[:, 0], expected, atol=1e-3)
 
 
+@pytest.mark.moderate
 def test_a_filter_has_no_delay_and_its_own_noise(bring):
     """Amplitude by the filter's own response, squared since it runs twice; the noise by counting."""
     inside, outside = np.sin(2 * np.pi * 20 * TIME), np.sin(2 * np.pi * 200 * TIME) + 3.0

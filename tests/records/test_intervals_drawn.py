@@ -2,6 +2,8 @@
 
 from types import SimpleNamespace
 
+import pytest
+
 from estimator.diagnosis import Interval
 from hil.report.diagnosis import intervals
 from hil.report.inline_svg import inline_svg
@@ -15,6 +17,7 @@ def drawn(**coefficients: Interval):
         )
 
 
+@pytest.mark.moderate
 def test_a_coefficient_that_the_record_tells_nothing_of_leaves_the_others_their_room() -> None:
     found = drawn(
         tlx=Interval(2e-5, 1.5e-5, 2.5e-5, "s"),

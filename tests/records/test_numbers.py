@@ -81,6 +81,7 @@ def test_small_ratios_and_counts():
     ]
 
 
+@pytest.mark.moderate
 @given(st.floats(1e-14, 1e11))
 def test_a_prefix_brings_a_size_between_one_and_a_thousand(size):
     factor, _ = prefix_for(size)

@@ -26,6 +26,7 @@ def test_any_numbers(values, size):
         assert got == pytest.approx(want, rel=1e-12, abs=1e-300)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("few", [1, 100, 1 << 20])
 def test_however_many_passes_it_takes(monkeypatch, few):
     monkeypatch.setattr(module, "_FEW", few)

@@ -34,12 +34,14 @@ PROMISED = [
 ]
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("name", sorted(published()))
 def test_the_published_schema_is_current(name):
     remedy = "run: python -m hil.records.schema docs/reference"
     assert (REFERENCE / name).read_text(encoding="utf-8") == published()[name], remedy
 
 
+@pytest.mark.moderate
 def test_every_promised_key_is_written(make_run):
     folder, _ = make_run()
     written = json.loads((folder / "result.json").read_text())
@@ -48,6 +50,7 @@ def test_every_promised_key_is_written(make_run):
     assert written["diagnosis"] is None
 
 
+@pytest.mark.moderate
 def test_a_summary_tells_what_the_records_hold(make_run):
     folder, _ = make_run(result=False)
     result = summarise(RunFolder(folder))

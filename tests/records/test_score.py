@@ -21,6 +21,7 @@ from hil.scoring import (
 from tests.records.synthetic_run import MASS_KG, TRUE, D, K, Options, write_run
 
 
+@pytest.mark.moderate
 def test_a_good_run(make_run):
     folder, truth = make_run(virtual_rotation_rad_s=5.0)
     result = score(folder, truth)
@@ -48,6 +49,7 @@ def test_a_good_run(make_run):
     }
 
 
+@pytest.mark.moderate
 def test_what_is_hidden_in_the_board_is_the_truth_of_the_effect_of_that_name(make_run):
     _, truth_file = make_run()
     truth = read_truth(truth_file)
@@ -63,6 +65,7 @@ def test_what_is_hidden_in_the_board_is_the_truth_of_the_effect_of_that_name(mak
     assert scaled.coefficients(["cubic_stiffness"]) == {}
 
 
+@pytest.mark.moderate
 def test_parameters_stand_beside_their_truth(make_run):
     folder, truth = make_run()
     parameters = score(folder, truth).parameters
@@ -76,6 +79,7 @@ def test_parameters_stand_beside_their_truth(make_run):
         assert low < entry.value < high
 
 
+@pytest.mark.moderate
 def test_unnormalised_parameters_carry_the_mass(make_run):
     folder, truth = make_run(normalised=False)
     parameters = score(folder, truth).parameters
@@ -84,6 +88,7 @@ def test_unnormalised_parameters_carry_the_mass(make_run):
     assert (parameters["kxx"].unit, parameters["dxx"].unit, parameters["phi_x"].unit) == ("N/m", "N·s/m", "V")
 
 
+@pytest.mark.moderate
 def test_a_pattern_that_drifts_is_control_imperfection_not_estimation_error(make_run):
     drift = 0.02
     folder, truth = make_run(angle_drift=drift)
@@ -97,6 +102,7 @@ def test_a_pattern_that_drifts_is_control_imperfection_not_estimation_error(make
     assert result.score.angle_per_rotation - 1 == pytest.approx(drift * length / rotation, rel=0.2)
 
 
+@pytest.mark.moderate
 def test_the_angle_error_is_zero_where_scoring_starts_and_signed(make_run):
     folder, truth_file = make_run(angle_drift=0.05)
     estimates, truth = read_estimates(folder / "estimates.arrow"), read_truth(truth_file)
@@ -107,6 +113,7 @@ def test_the_angle_error_is_zero_where_scoring_starts_and_signed(make_run):
     assert error[-1] == pytest.approx(0.05 * (window.t_s[-1] - 1.0), abs=2e-3)
 
 
+@pytest.mark.moderate
 def test_an_estimate_turned_one_way_is_an_error_of_the_other_sign_in_phi(make_run):
     folder, truth_file = make_run()
     estimates, truth = read_estimates(folder / "estimates.arrow"), read_truth(truth_file)
@@ -154,6 +161,7 @@ def test_the_pattern_formula_follows_an_ellipse_that_a_virtual_rotation_turns(sp
     np.testing.assert_allclose(off, 0.0, atol=1e-12)
 
 
+@pytest.mark.moderate
 def test_a_killed_run_is_scored_too(make_run):
     folder, truth = make_run(interrupted=True, result=False)
     result = score(folder, truth)
@@ -163,6 +171,7 @@ def test_a_killed_run_is_scored_too(make_run):
     assert load_result(folder / "result.json") == result
 
 
+@pytest.mark.moderate
 def test_figures_of_the_run_are_kept(make_run):
     folder, truth = make_run()
     before = load_result(folder / "result.json")
@@ -171,6 +180,7 @@ def test_figures_of_the_run_are_kept(make_run):
     assert after.model_dump(exclude=changed) == before.model_dump(exclude=changed)
 
 
+@pytest.mark.moderate
 def test_a_single_axis_has_no_angle(make_run):
     folder, truth = make_run(axes=1)
     result = score(folder, truth)
@@ -188,6 +198,7 @@ def test_a_run_that_ended_before_it_settled_is_told_as_such(make_run):
     assert (folder / "result.json").read_bytes() == before
 
 
+@pytest.mark.moderate
 def test_a_truth_of_every_tenth_sample_is_enough(make_run, tmp_path):
     folder, truth_file = make_run()
     with pa.ipc.open_stream(str(truth_file)) as stream:
@@ -198,6 +209,7 @@ def test_a_truth_of_every_tenth_sample_is_enough(make_run, tmp_path):
     assert score(folder, sparse).score.rows == 120  # every 25th and every 10th sample meet every 50
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
@@ -240,6 +252,7 @@ def test_a_capture_is_no_truth(make_run):
         score(folder, folder / "capture.arrow")
 
 
+@pytest.mark.moderate
 def test_rotation_back_and_forth_is_added_up(make_run, tmp_path):
     folder, truth_file = make_run()
     with pa.ipc.open_stream(str(truth_file)) as stream:
@@ -254,6 +267,7 @@ def test_rotation_back_and_forth_is_added_up(make_run, tmp_path):
     assert score(folder, other).score.turns == pytest.approx(3 * 1.0 / (2 * np.pi), rel=1e-3)
 
 
+@pytest.mark.moderate
 def test_the_truth_of_another_run_is_refused(make_run, tmp_path):
     folder, _ = make_run()
     other = write_run(tmp_path / "other", Options(seed=2))
@@ -263,6 +277,7 @@ def test_the_truth_of_another_run_is_refused(make_run, tmp_path):
     assert (folder / "result.json").read_bytes() == before
 
 
+@pytest.mark.moderate
 def test_one_changed_code_is_another_run(make_run, tmp_path):
     folder, truth_file = make_run()
     with pa.ipc.open_stream(str(truth_file)) as stream:
@@ -277,6 +292,7 @@ def test_one_changed_code_is_another_run(make_run, tmp_path):
         score(folder, other)
 
 
+@pytest.mark.moderate
 def test_an_old_truth_without_codes_is_taken_with_a_remark(make_run, tmp_path):
     folder, truth_file = make_run()
     with pa.ipc.open_stream(str(truth_file)) as stream:

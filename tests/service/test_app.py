@@ -17,6 +17,7 @@ from hil.service.serve import Where, listening_socket
 from tests.service.serving import Serving, serving
 
 
+@pytest.mark.moderate
 def test_the_page_and_its_description_are_there(service: Serving) -> None:
     page = httpx.get(service.url)
     assert page.status_code == 200

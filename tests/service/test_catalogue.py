@@ -125,6 +125,7 @@ def test_a_quick_look_costs_little_while_nothing_changes(
     assert catalogue.look(whole=False) == (0, 0, ())
 
 
+@pytest.mark.moderate
 def test_rebuilt_from_the_folders_it_is_the_same(source: Path, runs: Path, catalogue: Catalogue) -> None:
     for day in range(1, 8):
         another(source, runs, f"202501{day:02d}-000000-run", {"verdict": "good" if day % 2 else "failed"})
@@ -312,6 +313,7 @@ def many(source: Path, runs: Path, catalogue: Catalogue) -> Catalogue:
     return catalogue
 
 
+@pytest.mark.moderate
 def test_filters_are_exact(many: Catalogue) -> None:
     every = rows(many, limit=1000)
     assert len(every) == 40
@@ -335,6 +337,7 @@ def test_filters_are_exact(many: Catalogue) -> None:
     )
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     "sort", ["-time", "time", "verdict", "-verdict", "-angle_error_rms_rad", "angle_error_rms_rad"]
 )
@@ -367,6 +370,7 @@ def test_pages_over_columns_that_are_empty_lose_none(source: Path, runs: Path, c
         assert len(seen) == len(set(seen)) == 12
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     "asked",
     [{"sort": "nothing"}, {"sort": "time; DROP TABLE runs"}, {"where": ["a<b"]}, {"where": ["angle_rad<nan"]},
@@ -377,12 +381,14 @@ def test_what_is_no_question_is_refused(many: Catalogue, asked: dict[str, Any]) 
         queries.listed(many, queries.Asked(**asked))
 
 
+@pytest.mark.moderate
 def test_a_cursor_is_good_for_its_own_order_only(many: Catalogue) -> None:
     after = queries.listed(many, queries.Asked(limit=5))["next"]
     with pytest.raises(InputError, match="cursor"):
         queries.listed(many, queries.Asked(limit=5, sort="time", after=after))
 
 
+@pytest.mark.moderate
 def test_deleted_runs_come_back_as_they_were(many: Catalogue, runs: Path) -> None:
     run = "20250101-000004-run"
     before = queries.one(many, run)
@@ -411,6 +417,7 @@ def test_a_deleted_run_does_not_replace_one_that_took_its_place(source: Path, ma
     assert queries.one(many, run)["note"] == "the new one"
 
 
+@pytest.mark.moderate
 def test_the_trash_is_emptied_for_good(many: Catalogue, runs: Path) -> None:
     many.delete("20250101-000004-run")
     assert many.empty_trash() == 1
@@ -418,6 +425,7 @@ def test_the_trash_is_emptied_for_good(many: Catalogue, runs: Path) -> None:
     assert list((runs / ".trash").iterdir()) == []
 
 
+@pytest.mark.moderate
 def test_devices_and_the_trend_of_a_figure(many: Catalogue) -> None:
     found = {one["serial"]: one for one in queries.devices(many)}
     assert {serial: one["runs"] for serial, one in found.items()} == {f"{n:016x}": 20 for n in (0, 1)}
@@ -438,6 +446,7 @@ def test_devices_and_the_trend_of_a_figure(many: Catalogue) -> None:
     assert "kxx" in [one["name"] for one in queries.device(many, serial)["figures"]]
 
 
+@pytest.mark.moderate
 def test_two_runs_side_by_side(source: Path, runs: Path, catalogue: Catalogue) -> None:
     told = json.loads((source / "result.json").read_text())
     better = {"angle_error_rms_rad": 0.001, "rate_error_rms_rad_s": 0.5}

@@ -47,6 +47,7 @@ def test_a_run_by_the_names_of_the_library(bench: Serving) -> None:
         assert service.state["lease"] is None  # given back
 
 
+@pytest.mark.moderate
 def test_what_is_refused_is_one_line(bench: Serving) -> None:
     with hil.client.connect(bench.url, bench.token()) as service:
         with pytest.raises(hil.InputError, match=r"no such run|no run"):
@@ -61,6 +62,7 @@ def test_what_is_refused_is_one_line(bench: Serving) -> None:
         assert "\n" not in str(refused.value)
 
 
+@pytest.mark.moderate
 def test_a_link_with_its_token_is_enough(bench: Serving) -> None:
     (link,) = bench.links.values()
     with hil.client.connect(link) as service:

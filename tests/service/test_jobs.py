@@ -164,6 +164,7 @@ def test_a_run_that_is_cancelled_ends_well(watched: Watched) -> None:
     assert watched.jobs.using(run.path.name) == []
 
 
+@pytest.mark.moderate
 def test_what_waits_can_be_cancelled_and_what_ended_forgotten(bench: Path, tmp_path: Path) -> None:
     watched = Watched(tmp_path, at_once=1)
     first = watched.ask(AskedRun(kind="run", bench="short", duration_s=3600))

@@ -56,6 +56,7 @@ def test_runs_are_listed_and_paged(bench: Serving) -> None:
     assert [row["id"] for row in since["runs"]] == ["20250103-000000-c"]
 
 
+@pytest.mark.moderate
 def test_a_run_and_what_belongs_to_it(bench: Serving) -> None:
     run = bench.ask("GET", f"/api/runs/{RUN}").json()
     names = [file["name"] for file in run["files"]]
@@ -277,6 +278,7 @@ def test_killed_in_the_middle_of_a_scan_the_next_service_lists_all(source: Path,
             assert row["figures"]["angle_rad"]
 
 
+@pytest.mark.moderate
 def test_the_catalogue_is_made_anew_of_the_folders(bench: Serving) -> None:
     """A file that an editor changed in place is not seen until then."""
     place = bench.folder / RUN / "result.json"

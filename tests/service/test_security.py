@@ -24,6 +24,7 @@ FOREIGN = (
 )
 
 
+@pytest.mark.moderate
 def test_without_a_token_nothing_is_told(service: Serving) -> None:
     for path in ("/api/who", "/api/audit", "/api/nothing"):
         for token in ("", "x", service.token()[:-1], service.token().swapcase()):
@@ -32,6 +33,7 @@ def test_without_a_token_nothing_is_told(service: Serving) -> None:
             assert answer.headers["www-authenticate"] == "Bearer"
 
 
+@pytest.mark.moderate
 def test_two_tokens_or_another_scheme_are_none(service: Serving) -> None:
     good = f"Bearer {service.token()}"
     for headers in ([("authorization", good)] * 2, [("authorization", f"Basic {service.token()}")]):
@@ -83,6 +85,7 @@ def test_it_answers_to_its_own_names_alone(service: Serving, host: str, status: 
     connection.close()
 
 
+@pytest.mark.moderate
 def test_every_answer_carries_the_headers(service: Serving) -> None:
     for answer in (
         httpx.get(service.url),
@@ -100,6 +103,7 @@ def test_every_answer_carries_the_headers(service: Serving) -> None:
         assert "access-control-allow-origin" not in answer.headers
 
 
+@pytest.mark.moderate
 def test_the_pages_files_are_the_pages_files(service: Serving) -> None:
     for path in ("/../app.py", "/..%2fapp.py", "/%2e%2e/app.py", "//etc/passwd", "/..\\app.py", "/%00"):
         connection = http.client.HTTPConnection(service.address)

@@ -71,6 +71,7 @@ def test_a_window_is_the_rows_lowest_and_highest(
         np.testing.assert_array_equal(frame.high[row], truth[:, 1])
 
 
+@pytest.mark.moderate
 def test_buckets_are_hardly_longer_than_asked_for(folder: Path) -> None:
     for points in (100, 800, 3_000):
         frame = window(folder, NAMES[:1], points=points)
@@ -161,6 +162,7 @@ def test_a_pyramid_of_another_record_is_not_believed(tmp_path: Path, folder: Pat
     )
 
 
+@pytest.mark.moderate
 def test_a_long_record_without_one_asks_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil.service.series._AT_ONCE", 500_000)
     record = write(tmp_path, np.arange(1_100_000), pyramid=False)

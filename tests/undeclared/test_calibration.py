@@ -22,6 +22,7 @@ def test_the_error_is_the_distance_of_what_was_stated_from_what_was_so() -> None
     assert (low, high) == pytest.approx((0.2624, 0.8784), abs=1e-4)  # Clopper and Pearson of 6 in 10, tabulated
 
 
+@pytest.mark.moderate
 def test_honest_odds_have_a_small_error_and_boasts_a_large_one() -> None:
     rng = np.random.default_rng(1)
     stated = rng.uniform(0.0, 1.0, 20_000)

@@ -46,6 +46,7 @@ def test_a_task_is_plain_text() -> None:
     assert Task.from_json(task.as_json()) == task
 
 
+@pytest.mark.moderate
 def test_other_records_other_work_another_folder(tmp_path: Path) -> None:
     few, more = records(tmp_path), Records(population(6, 2), tmp_path, SAMPLES)
     named = {one.results for one in (few, more, records(tmp_path, keep=True), records(tmp_path, tracing=False))}

@@ -43,6 +43,7 @@ def made(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.moderate
 def test_the_truth_scores_nothing_and_a_noise_off_scores_one(made: Path) -> None:
     with np.load(made / "sealed" / "record-00.npz") as arrays:
         truth = arrays["sense"]
@@ -53,6 +54,7 @@ def test_the_truth_scores_nothing_and_a_noise_off_scores_one(made: Path) -> None
     assert task.overall(scores[1]) == pytest.approx(1.0)
 
 
+@pytest.mark.moderate
 def test_a_linear_model_continues_a_linear_device(made: Path) -> None:
     (record,) = task.opened(made / "open")
     found = baselines.linear(record, 2)
@@ -63,6 +65,7 @@ def test_a_linear_model_continues_a_linear_device(made: Path) -> None:
     assert task.score(made / "linear", made / "sealed", made / "open")[0].over_noise < 1e-6
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(
     ("sense", "told"),
     [
@@ -85,6 +88,7 @@ def test_a_folder_that_is_no_set_is_told(tmp_path: Path) -> None:
         task.opened(tmp_path)
 
 
+@pytest.mark.moderate
 def test_what_was_sealed_cannot_be_changed_afterwards(made: Path) -> None:
     sealed = made / "sealed" / "record-00.npz"
     with np.load(sealed) as arrays:
@@ -143,6 +147,7 @@ def test_a_set_says_what_the_board_did_and_nothing_of_what_is_sealed(tmp_path: P
     assert ours < 0.5 * plain
 
 
+@pytest.mark.moderate
 def test_the_published_set_is_whole_and_keeps_its_secret() -> None:
     """Twelve records with their bench files, and a hash for everything that is sealed; nothing of it among them."""
     published = sorted(Path(task.__file__).parent.glob("sets/*/open"))

@@ -36,6 +36,7 @@ def test_the_first_records_are_a_fair_sample() -> None:
         assert sum(order.category == category for order in first) == pytest.approx(60 * share, abs=2)
 
 
+@pytest.mark.moderate
 def test_effects_go_beyond_practice_and_some_are_on_one_axis_alone() -> None:
     rng = np.random.default_rng(5)
     device = draw_device(rng, crest=1.3, slow=False)

@@ -63,6 +63,7 @@ def test_every_message_of_the_spec_has_a_class_and_a_type():
     assert {type_of(cls) for cls in CLASSES.values()} | {type_of(Sense)} == KNOWN_TYPES
 
 
+@pytest.mark.moderate
 @untimed
 @given(st.integers(0, 255), st.binary(max_size=80))
 def test_any_payload_is_a_message_or_a_protocol_error(type_, payload):

@@ -213,6 +213,7 @@ def test_a_table_of_more_lines_than_the_page_allows_is_refused_at_the_first():
     assert endpoint.tx.seq <= 3  # HELLO and one question
 
 
+@pytest.mark.moderate
 def test_a_table_as_long_as_the_page_allows_is_read():
     endpoint, board = pair(spec_hash=1)
     board.table = endless(1024)
@@ -266,6 +267,7 @@ def test_silence_among_other_messages_is_noticed():
         connect(Endpoint(stream), timeout_s=0.01)
 
 
+@pytest.mark.moderate
 def test_hello_is_repeated_while_the_board_starts():
     board = pair()[1]
     deaf = Script(b"", waits=True)

@@ -175,6 +175,7 @@ def test_header_numbers_wrap():
     assert Decoder().feed(encode_frame(1, 0x10002, 0x1_0000_0003, b"")) == [Frame(1, 2, 3, b"")]
 
 
+@pytest.mark.moderate
 @untimed
 @given(frames)
 def test_peek_sees_what_feed_sees_and_changes_nothing(frame):
@@ -185,6 +186,7 @@ def test_peek_sees_what_feed_sees_and_changes_nothing(frame):
     assert decoder.feed(wire) == [frame]
 
 
+@pytest.mark.moderate
 @untimed
 @given(noise)
 def test_peek_never_raises(data):

@@ -435,6 +435,7 @@ def test_attacks(target):
     assert (tally.accepted, tally.unheard) == (0, 0)
 
 
+@pytest.mark.moderate
 def test_attacks_over_sockets():
     tally = attack.attack_sockets(3000, 3)
     assert (tally.accepted, tally.unheard) == (0, 0)

@@ -28,6 +28,7 @@ def seqs(receiver: Receiver, data: bytes) -> list[int]:
     return [item.seq for item in receiver.feed(data)]
 
 
+@pytest.mark.moderate
 @untimed
 @given(st.integers(0, 2**63), st.integers(-(2**31) + 1, 2**31 - 1))
 def test_unwrap_finds_the_nearest_tick(near, step):
@@ -228,6 +229,7 @@ def test_the_short_way_for_rows_is_the_long_way(tick, vx, vy, ux, uy, flags, wid
     assert receiver.decoder.frames == 2
 
 
+@pytest.mark.moderate
 @untimed
 @given(ticks, st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), ticks)
 def test_the_short_way_for_drives_is_the_long_way(tick, ux, uy, effective):
@@ -287,6 +289,7 @@ def test_the_short_way_waits_for_an_unfinished_frame():
     assert [item.tick for item in receiver.feed(second[7:] + third)] == [1, 2]
 
 
+@pytest.mark.moderate
 @untimed
 @given(st.lists(st.binary(max_size=60), max_size=30))
 def test_any_stream_is_survived(chunks):

@@ -37,6 +37,7 @@ def test_what_was_said_is_in_the_log(tmp_path, ending):
     assert [item.message for item in Receiver(host.link.format).feed(records)] == answers
 
 
+@pytest.mark.moderate
 def test_what_was_said_last_is_in_the_log(tmp_path):
     """The log ends when the bus has fallen quiet, not with what is measured."""
     host, board = Endpoint(open_link(URL)), Endpoint(open_board_link(URL))
