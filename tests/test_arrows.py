@@ -92,6 +92,7 @@ def test_nobody_reaches_into_an_observer() -> None:
     assert not found
 
 
+@pytest.mark.moderate
 def test_only_who_calls_a_kernel_takes_the_arrays_of_an_observer() -> None:
     for room in ("estimator", "hil"):
         for path in (ROOT / room).rglob("*.py"):

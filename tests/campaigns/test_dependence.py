@@ -119,6 +119,7 @@ def test_what_is_positive_is_taken_by_its_logarithm() -> None:
     assert ends.last / ends.first == pytest.approx(10.0 ** (2.0 * 4.0 / 3.0), rel=0.15)  # means of the outer thirds
 
 
+@pytest.mark.moderate
 def test_runs_of_one_point_tell_what_seeds_alone_do() -> None:
     made = drawn(64, seeds=4)
     u = uniform(made)[:, 0]

@@ -116,6 +116,7 @@ def test_a_long_journal_is_written_anew_without_what_is_in_files(
     assert bytes_in(tmp_path / "a") == whole
 
 
+@pytest.mark.moderate
 def test_another_campaign_program_or_process_is_refused(tmp_path: Path) -> None:
     fill(tmp_path, [0])
     with pytest.raises(InputError, match="another campaign"), Kept.opened(tmp_path, plan(small(seed=9)), PROGRAM):

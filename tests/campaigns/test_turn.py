@@ -26,6 +26,7 @@ def test_a_bias_of_two_harmonics_comes_out() -> None:
     assert turn.span == pytest.approx(span, rel=2e-3)
 
 
+@pytest.mark.moderate
 def test_of_a_random_walk_little_is_taken_for_a_bias() -> None:
     t, theta = course(9.0, 1.5)
     random_walk = 1e-3 * np.sqrt(t[1])

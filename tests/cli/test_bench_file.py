@@ -239,6 +239,7 @@ def test_template_says_what_is_still_to_be_filled_in(tmp_path: Path) -> None:
     assert complaint(tmp_path, filled).startswith("[device] mass_kg: missing")
 
 
+@pytest.mark.moderate
 def test_published_schema_and_reference_are_current() -> None:
     remedy = "run: .venv/bin/python -m hil.bench.text docs/reference"
     assert (REFERENCE / "bench.schema.json").read_text(encoding="utf-8") == json_schema(), remedy

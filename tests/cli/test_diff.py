@@ -81,6 +81,7 @@ def test_a_difference_is_b_less_a_with_the_uncertainty_of_two_records(two: tuple
     assert named(told["figures"], "innovation, rms")["uncertainty"] is None
 
 
+@pytest.mark.moderate
 def test_the_interval_of_a_difference_holds_it_as_often_as_it_says() -> None:
     """A figure estimated twice, each time off by a normal deviate of its own."""
     rng = np.random.default_rng(7)

@@ -493,6 +493,7 @@ def test_a_step_of_the_rate_turns_the_velocity_by_what_the_mass_feels() -> None:
     np.testing.assert_array_equal(record(what, undriven(100)).truth["y_m"], 0.0)
 
 
+@pytest.mark.moderate
 def test_support_that_holds_is_a_damped_spring_and_one_that_slips_takes_more() -> None:
     """Far below break-away bristles are springs with dampers, and all is linear: the decay is an eigenvalue's."""
     ratio, w, stiff = 0.01, 2 * np.pi * 20.0, (2 * np.pi * 400.0) ** 2

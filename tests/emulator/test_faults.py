@@ -140,6 +140,7 @@ def test_a_late_frame_that_is_no_news_leaves_nobody_waiting() -> None:
     assert host.rx.repeated > 50
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("faults", [{"delayed": 0.5, "delay_s": [0.0, 0.002]}, {"baud": 500_000.0}])
 def test_before_one_tick_the_host_gets_one_sample_to_answer(faults: dict[str, object]) -> None:
     """However a link cuts what it carries: found over UDP, where two samples came as two and were both answered."""
@@ -179,6 +180,7 @@ def test_what_does_not_fit_a_slow_line_is_lost_not_queued_for_ever() -> None:
     assert 0.3 < delay_s < 0.45  # 4096 bytes take 0.41 s
 
 
+@pytest.mark.moderate
 def test_a_stall_holds_everything_and_trips_the_watchdog() -> None:
     host = armed(stall=[{"start_s": 0.05, "duration_s": 0.1}])
     host.answer(199)  # up to the stall, in which the board goes on alone and falls to SAFE
@@ -193,6 +195,7 @@ def test_a_stall_holds_everything_and_trips_the_watchdog() -> None:
     assert host.board.state is State.RUNNING
 
 
+@pytest.mark.moderate
 def test_an_unplugged_line_ends_the_conversation() -> None:
     host = armed(unplugged_s=0.1)
     with pytest.raises(Unplugged):
@@ -201,6 +204,7 @@ def test_an_unplugged_line_ends_the_conversation() -> None:
     assert host.board.state is State.SAFE
 
 
+@pytest.mark.moderate
 def test_a_brown_out_leaves_a_board_that_has_forgotten_the_host() -> None:
     host = armed(brown_out=[{"start_s": 0.1, "duration_s": 0.05}])
     host.answer(400)

@@ -127,6 +127,7 @@ HIDDEN: dict[str, tuple[dict[str, float], Any]] = {
 }
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("name", HIDDEN)
 def test_hidden_forces(name: str) -> None:
     coefficients, force = HIDDEN[name]
@@ -161,6 +162,7 @@ def test_friction_turns_over_within_a_step(name: str, rest: float) -> None:
     np.testing.assert_allclose(got / scale, expected / scale, rtol=0, atol=2e-9)
 
 
+@pytest.mark.moderate
 def test_drive_gain_and_misalignment() -> None:
     effects = [
         {"name": "drive_gain", "hx": 0.1, "hy": -0.2},

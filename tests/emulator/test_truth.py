@@ -116,6 +116,7 @@ def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
     assert path.read_text() == "the record of a long night"
 
 
+@pytest.mark.moderate
 def test_the_bench_finds_every_block_whole_and_the_codes_in_it(tmp_path: Path) -> None:
     """The emulator's checksums and the bench's reader come from the same page, not from the same code."""
     what, n = scenario(), 2 * BLOCK_ROWS + 300

@@ -113,6 +113,7 @@ def test_another_law_than_those_of_the_catalogue_is_not_given_a_name():
     assert found.verdict in (Verdict.PARTLY, Verdict.UNEXPLAINED)
 
 
+@pytest.mark.moderate
 def test_what_is_no_ring_down_is_refused():
     time = np.arange(100) / 40.0
     with pytest.raises(ModelError, match="does not fall"):

@@ -130,6 +130,7 @@ def test_kernel_and_information_recursion_agree_on_a_closed_loop(variant: Varian
     np.testing.assert_allclose(decimated.angle, bound.angle[6::7], rtol=1e-12)
 
 
+@pytest.mark.moderate
 def test_an_effect_that_is_estimated_too_costs_certainty_about_the_rest() -> None:
     """The bound of a model that carries an effect: its coefficient has one, and no other bound gets smaller."""
     truth = Truth()

@@ -373,6 +373,7 @@ def vibration(n: int) -> Estimates:
     )
 
 
+@pytest.mark.moderate
 def test_a_floor_above_the_declared_noise_is_a_finding() -> None:
     n, noise = 20_000, 9e-5
     series = 1.5 * noise * np.random.default_rng(5).standard_normal((n, 2))

@@ -91,6 +91,7 @@ def test_a_sign_and_a_weight_of_what_is_declared_show() -> None:
     assert tight.value("kxx") == pytest.approx(1.96e5, abs=0.01)
 
 
+@pytest.mark.moderate
 def test_what_is_declared_decides_where_the_record_does_not() -> None:
     """Far below the resonance a displacement tells gain over stiffness, neither of them."""
     drive = slow()
@@ -117,6 +118,7 @@ def test_the_combination_that_is_determined_is_named() -> None:
     assert together.partition(",")[0] in ("kxx^−1 × drive_gain_x", "kxx × drive_gain_x^−1")
 
 
+@pytest.mark.moderate
 def test_a_record_that_determines_all_says_nothing() -> None:
     drive = 1e4 * np.random.default_rng(2).standard_normal((N, 1))
     fit = refine(OBSERVER, record(drive), drive, known=declared(OBSERVER))

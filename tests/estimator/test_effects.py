@@ -642,5 +642,6 @@ def test_names_and_symbols_are_unique() -> None:
     assert len(set(names())) == len(names())
 
 
+@pytest.mark.moderate
 def test_the_committed_page_is_current() -> None:
     assert (Path(__file__).parents[2] / "docs" / "reference" / "effects.md").read_text() == page()

@@ -40,6 +40,7 @@ def test_each_effect_is_a_regression_by_itself():
     assert list(found) == sorted(found, key=lambda name: -found[name].gain)
 
 
+@pytest.mark.moderate
 def test_scatter_is_one_where_noise_makes_it_and_large_where_a_coefficient_turns():
     steady = np.mean([evidence(scanned((0.3, -0.2, 0.0), seed)[0])["drive_gain"].scatter for seed in range(40)])
     assert steady == pytest.approx(1.0, abs=0.15)

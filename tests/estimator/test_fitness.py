@@ -69,6 +69,7 @@ def test_what_cannot_is_refused_with_what_to_do(record: Record, says: str) -> No
     assert re.search(says, str(caught.value)), str(caught.value)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_clipped_record_is_refused(side: float) -> None:
     record = ride()

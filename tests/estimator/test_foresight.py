@@ -56,6 +56,7 @@ def record(case: Case, observer: Observer, rows: int, start: int, second: int) -
     return codes, drives, motions
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("latency", [0, 1, 3])
 def test_a_gap_is_filled_with_what_the_board_did(latency: int) -> None:
     """120 rows missing, six cycles, with a second matrix, sent before, coming into force amid them."""

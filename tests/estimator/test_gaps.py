@@ -80,6 +80,7 @@ def test_the_spread_is_that_of_the_errors(record: Record, length: int) -> None:
     np.testing.assert_allclose(share, 1.0, atol=4.0 / math.sqrt(2.0 * len(pushes)))
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("length", LENGTHS)
 def test_the_error_goes_with_nothing_that_is_known(record: Record, length: int) -> None:
     """A straight line between the rows around falls short of every crest: on average that is a weaker drive."""

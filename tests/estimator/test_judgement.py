@@ -130,6 +130,7 @@ def test_of_a_short_record_the_power_is_known_as_surely_as_is_said():
     assert np.mean(power - 1.0 > 2.326 * deviation) < 0.04
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("deviation", "told"), [(0.0, True), (0.025, True), (0.0265, False)])
 def test_what_chance_makes_of_the_floor_is_not_told(monkeypatch, deviation, told):
     """A power of 1.06 where one in a hundred lies 2.326 deviations above 1."""
@@ -137,6 +138,7 @@ def test_what_chance_makes_of_the_floor_is_not_told(monkeypatch, deviation, told
     assert bool(said(white())) is told
 
 
+@pytest.mark.moderate
 def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
     """Eight of 19.9 samples are left to the start, four are asked about the past."""
     asked = {}

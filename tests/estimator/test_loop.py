@@ -157,6 +157,7 @@ def test_a_board_in_safe_is_known_to_apply_no_rotation() -> None:
     assert apart(record.angle_pattern, record) > 0.5
 
 
+@pytest.mark.moderate
 def test_the_echo_tells_which_virtual_rotation_was_applied() -> None:
     """The commanded drive: its own; zero: none, a board in SAFE; any other: the one before, held over a late answer."""
     observer = observer_of(TRUTH, SETTINGS)

@@ -119,6 +119,7 @@ def record() -> tuple[np.ndarray, np.ndarray]:
     return sense + 1e-4 * rng.standard_normal((SAMPLES, 2)), rng.choice([-1.0, 1.0], (SAMPLES, 2))
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("name", ALIKE)
 def test_a_law_as_text_runs_like_the_same_in_the_catalogue(name: str) -> None:
     ours, theirs = both(name)
@@ -222,6 +223,7 @@ def test_a_sensed_voltage_is_of_its_own_axis() -> None:
     np.testing.assert_allclose(added[0], [3e5 * 0.25e-8, 3e5 * 0.64e-8], rtol=1e-9)
 
 
+@pytest.mark.moderate
 def test_a_single_axis_keeps_what_acts_on_it() -> None:
     declared = Declaration("mine", force=("-q * x * r**2", ""), coefficients={"q": Coefficient("1/(m²·s²)")})
     ours = Observer(with_own(declared, 1), ObserverSettings(effects={"mine": {"q": 1e13}}))

@@ -83,6 +83,7 @@ def test_what_it_is_not_made_for() -> None:
     assert not any(plain(Observer(TRUTH.device(), settings)) for settings in others)
 
 
+@pytest.mark.moderate
 def test_covariances_stay_symmetric_and_positive(record: Record) -> None:
     settings = ObserverSettings(process_noise=RANDOM_WALKS, memory=0.05)
     observer = Observer(TRUTH.device(stiffness=1.005), settings, TRUTH.controller())

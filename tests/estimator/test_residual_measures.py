@@ -144,6 +144,7 @@ def test_a_record_of_fewer_than_128_cycles_is_refused(samples: int, *, refused: 
 # -- regression -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("rows", "colour"), [(90, 0.0), (400, 0.8), (400, -0.8)])
 def test_the_variance_of_a_slope_is_the_larger_of_the_ordinary_one_and_newey_and_west_s(
     rows: int, colour: float
@@ -294,6 +295,7 @@ def test_a_floor_s_degrees_of_freedom_are_those_of_the_medians_of_windowed_noise
     assert 2.0 * np.mean(floors) ** 2 / np.var(floors) == pytest.approx(degrees, rel=0.25)
 
 
+@pytest.mark.moderate
 def test_a_density_for_figures_is_welch_s() -> None:
     series = np.random.default_rng(5).standard_normal((5000, 2))
     series[7] = np.nan

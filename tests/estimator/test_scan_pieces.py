@@ -304,6 +304,7 @@ def test_what_followed_forces_push_is_their_integral_along_the_motion() -> None:
     assert np.all(np.abs(expected - start)[:4].max(axis=0) > 1e-3)
 
 
+@pytest.mark.moderate
 def test_what_followed_effects_show_is_taken_off_with_its_sign() -> None:
     names = ("sense_gain", "drive_feedthrough", "interference", "sense_delay")
     one = watching({name: {} for name in names} | {"interference": {"omega": 0.7 * made(SETTINGS).scaling.omega0}})

@@ -89,6 +89,7 @@ def test_a_rotating_two_axis_gyro_runs_as_an_independent_integrator_says():
     assert np.max(np.abs(simulate(observer, state, drive).sensed - expected)) < 1e-9
 
 
+@pytest.mark.moderate
 def test_derivatives_are_those_of_differences():
     effects = {"cubic_stiffness": {}, "nonlinear_damping": {}, "sense_quadratic": {}, "drive_feedthrough": {}}
     observer = Observer(SINGLE, ObserverSettings(effects=effects))
@@ -142,6 +143,7 @@ def test_what_is_not_free_stays():
     np.testing.assert_array_equal(fit.deviation[2:], 0.0)
 
 
+@pytest.mark.moderate
 def test_a_coloured_residual_widens_the_intervals():
     observer = Observer(SINGLE, ObserverSettings())
     drive = noise_drive(3000, 1, 1e4)

@@ -61,6 +61,7 @@ def _number(value: ast.expr) -> bool:
     return False
 
 
+@pytest.mark.moderate
 def test_every_threshold_is_read_somewhere() -> None:
     """By its group's name, or by that of the group which a module goes by."""
     read = set()

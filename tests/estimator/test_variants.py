@@ -157,6 +157,7 @@ def test_force_noise_is_a_one_sided_density() -> None:
     assert np.sqrt(observer.covariance[1, 1]) == pytest.approx(0.02 * np.sqrt(0.1 / 2), rel=1e-3)
 
 
+@pytest.mark.moderate
 def test_a_single_axis_estimates_its_drive_gain() -> None:
     """An oscillator driven in newtons by noise: stiffness, damping, offset and the gain from force to acceleration."""
     k, d, gain, mass = (2 * np.pi * 70.0) ** 2, 25.0, 1.0 / 0.3, 0.3

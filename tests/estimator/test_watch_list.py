@@ -87,6 +87,7 @@ def test_friction_that_falls_with_the_speed_is_watched_at_three_speeds_where_it_
     assert list(asked)[: len(usual)] == list(usual)
 
 
+@pytest.mark.moderate
 def test_corners_and_speeds_of_rest_are_shares_of_the_vibration() -> None:
     found = watched(record())
     for label, share in ((1, 0.001), (2, 0.005), (3, 0.025)):
@@ -99,6 +100,7 @@ def test_corners_and_speeds_of_rest_are_shares_of_the_vibration() -> None:
     assert names == {"sense_high_pass:1", "sense_high_pass:2", "sense_high_pass:3", "dry_friction:1", "dry_friction:2"}
 
 
+@pytest.mark.moderate
 def test_thresholds_are_shares_of_what_drive_and_motion_reach() -> None:
     """The drive is declared in units of 3 m/s²; each channel reaches by its own gain."""
     found = watched(record())
@@ -111,6 +113,7 @@ def test_thresholds_are_shares_of_what_drive_and_motion_reach() -> None:
         assert found[f"sense_clipping:{label}"] == {"level": pytest.approx(share * 0.09 / 445.0)}
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("scale", "low"), [(1.0, 4.0), (1e-4, 4.0), (1.0, 3.0)])
 def test_lines_are_the_five_strongest_that_come_back_ten_times(scale: float, low: float) -> None:
     """3 s of record: a line of 3 Hz is a drift.  Beside a deviation, it does not matter in which unit."""
@@ -195,6 +198,7 @@ def test_a_plateau_of_two_bins_is_one_peak(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(found) == 1
 
 
+@pytest.mark.moderate
 def test_lost_samples_say_nothing_of_a_mode_and_hide_none() -> None:
     """A residual that is the drive's own echo at 1.8 of the resonance, with a tenth of it lost."""
     t = np.arange(2000) / RATE
@@ -265,6 +269,7 @@ def own_watched(*effects: Any) -> dict[str, Any]:
     return watch_list(record(), replace(GYRO, own=effects, amplitude=1e-4), WHITE, np.ones_like(WHITE))
 
 
+@pytest.mark.moderate
 def test_values_of_one_s_own_are_tried_in_si_and_without_any_the_default() -> None:
     found = own_watched(own("mine", (1e-6, 1e-4)), own("plain", (), default=3e-5))
     mine = {name: given["s0"] for name, given in found.items() if kind(name) in ("mine", "plain")}

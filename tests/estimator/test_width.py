@@ -278,6 +278,7 @@ def test_what_has_half_of_the_best_gain_or_a_likeness_at_the_bound_is_no_leader(
     assert shortlist(view.seen, list(view.evidence.values())) == ["kind0", "kind1", "near", "more"]
 
 
+@pytest.mark.moderate
 def test_what_is_left_is_held_against_the_best_of_those_tried() -> None:
     """A hundredth of its gain, and no more."""
     view = crowd(10_000.0)

@@ -28,6 +28,7 @@ def test_file_is_current() -> None:
     assert FILE.read_text(encoding="utf-8") == dbc.render()
 
 
+@pytest.mark.moderate
 def test_every_message_is_there_with_its_frame_format(database: Database) -> None:
     names = {message.name for message in database.messages}
     assert names == {*SPEC.messages, *SPEC.can.classic, "TIME_SYNC_ANSWER"}

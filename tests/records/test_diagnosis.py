@@ -132,6 +132,7 @@ def test_a_file_that_is_none_is_refused_by_its_key(tmp_path: Path) -> None:
         load_diagnosis(tmp_path / "absent.json")
 
 
+@pytest.mark.moderate
 def test_only_what_explains_is_added() -> None:
     (addition,) = additions(to_model(answer(), record="ride", bench="S-test"))
     assert addition.name == "cubic_stiffness"

@@ -74,6 +74,7 @@ def test_parquet_has_ticks_flags_and_what_the_numbers_mean(folder, tmp_path):
     assert [table.schema.field(name).metadata[b"unit"] for name in ("t_s", "ux_mps2")] == [b"s", "m/s²".encode()]
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("to", ["csv", "parquet"])
 @pytest.mark.parametrize(
     ("what", "columns"),
@@ -173,6 +174,7 @@ def test_an_empty_record_is_written_as_one(tmp_path, to):
     assert (tmp_path / f"empty.{to}").stat().st_size > 0
 
 
+@pytest.mark.moderate
 def test_refusals_leave_nothing(folder, tmp_path):
     target = tmp_path / "out" / "ride"
     for to, what, words in (
@@ -195,6 +197,7 @@ def test_refusals_leave_nothing(folder, tmp_path):
     assert not target.parent.exists()
 
 
+@pytest.mark.moderate
 def test_a_file_of_estimates_is_exported_by_itself(folder, tmp_path):
     assert export(folder / "estimates.arrow", tmp_path / "e.csv", "csv") == {"estimates": 200}
     header = (tmp_path / "e.csv").read_text().partition("\n")[0].split(",")

@@ -33,12 +33,14 @@ def mapped(columns: str, more: str = "", hold: str = "bandlimited") -> str:
     return f'hold = "{hold}"\nsampling_rate_Hz = {RATE}\n{more}\n[columns]\n{columns}\n'
 
 
+@pytest.mark.moderate
 def test_a_sensor_keeps_its_unit(bring):
     capture = bring({"e": TIME}, mapped('vx = { column = "e", unit = "µstrain", scale = 2.0, offset = 1.0 }'))
     assert capture.sense_unit == "µstrain"
     np.testing.assert_allclose(capture.sense_V[:, 0], 2 * TIME + 1, atol=1e-12)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("order", "unit", "one"), [(0, "mm", 1e-3), (1, "mm/s", 1e-3), (2, "g", 9.80665)])
 def test_a_base_pushes_by_less_than_its_acceleration(bring, order, unit, one):
     """x = X sin ωt: ẍ = −ω² x in closed form."""
@@ -55,6 +57,7 @@ def test_a_base_pushes_by_less_than_its_acceleration(bring, order, unit, one):
     assert "less its acceleration" in capture.prepared[0]
 
 
+@pytest.mark.moderate
 def test_a_sensor_that_stands_beside_the_base_sees_it_too(bring):
     base, beside = 1e-3 * np.sin(OMEGA * TIME), 0.3 * np.cos(40.0 * TIME)
     seen = 1e3 * (beside + 1e-3 * OMEGA * np.cos(OMEGA * TIME))
@@ -65,6 +68,7 @@ def test_a_sensor_that_stands_beside_the_base_sees_it_too(bring):
     np.testing.assert_allclose(capture.sense_V[20:-20, 0], 1e3 * beside[20:-20], atol=1e-3)
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize(("key", "kind", "passed"), [("low_Hz", "highpass", 200.0), ("high_Hz", "lowpass", 2.0)])
 def test_a_filter_may_have_one_edge(bring, key, kind, passed):
     """The one tone by the filter's own response, the other gone."""

@@ -63,6 +63,7 @@ def test_a_summary_tells_what_the_records_hold(make_run):
     assert result.complete
 
 
+@pytest.mark.moderate
 def test_records_that_are_not_there_leave_nulls(make_run):
     folder, _ = make_run(result=False)
     for name in ("innovation", "timing", "capture"):

@@ -190,6 +190,7 @@ def test_a_single_axis_has_no_angle(make_run):
     assert result.parameters["drive_gain_x"].truth is None
 
 
+@pytest.mark.moderate
 def test_a_run_that_ended_before_it_settled_is_told_as_such(make_run):
     folder, truth = make_run(seconds=0.375)
     before = (folder / "result.json").read_bytes()
@@ -240,12 +241,14 @@ def test_a_truth_that_does_not_fit_is_refused_and_changes_nothing(make_run, tmp_
     assert (folder / "result.json").read_bytes() == before
 
 
+@pytest.mark.moderate
 def test_a_folder_without_records_is_refused(tmp_path, make_run):
     _, truth = make_run()
     with pytest.raises(InputError, match="no run folder"):
         score(tmp_path, truth)
 
 
+@pytest.mark.moderate
 def test_a_capture_is_no_truth(make_run):
     folder, _ = make_run()
     with pytest.raises(InputError, match="holds 'capture', not 'truth'"):

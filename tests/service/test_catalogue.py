@@ -356,6 +356,7 @@ def test_pages_together_are_the_list(many: Catalogue, sort: str) -> None:
     assert len(every) == (36 if name.startswith("angle") else 40)
 
 
+@pytest.mark.moderate
 def test_pages_over_columns_that_are_empty_lose_none(source: Path, runs: Path, catalogue: Catalogue) -> None:
     for number in range(12):
         another(source, runs, f"20250101-{number:06d}-run", {"verdict": None if number % 2 else "good"})

@@ -174,6 +174,7 @@ def test_a_long_record_without_one_asks_for_it(tmp_path: Path, monkeypatch: pyte
     assert window(tmp_path, NAMES).low.shape[1] > 600
 
 
+@pytest.mark.moderate
 def test_a_changed_bit_is_told_and_not_drawn(tmp_path: Path) -> None:
     path = write(tmp_path, np.arange(200_000), pyramid=False)
     data = bytearray(path.read_bytes())
@@ -184,6 +185,7 @@ def test_a_changed_bit_is_told_and_not_drawn(tmp_path: Path) -> None:
     assert window(tmp_path, NAMES, 0.0, 0.01).low.shape[1] > 100  # elsewhere it is what was written
 
 
+@pytest.mark.moderate
 def test_a_block_in_anothers_place_is_told(tmp_path: Path) -> None:
     path = write(tmp_path, np.arange(200_000), pyramid=False)
     with DirectRecord(path) as record:

@@ -29,6 +29,7 @@ def test_outcome(stream, size):
     assert decoder.bytes == len(data)
 
 
+@pytest.mark.moderate
 def test_mutations():
     """Seeded, so that a failure can be repeated: bytes changed, deleted, doubled; chunks of any size."""
     draw = random.Random(1)

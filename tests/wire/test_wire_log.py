@@ -16,6 +16,7 @@ from hil.wire.wire_log import wire_log
 URL = "can:virtual:logged?node=1"
 
 
+@pytest.mark.moderate
 @pytest.mark.parametrize("ending", [".log", ".blf", ".asc"])
 def test_what_was_said_is_in_the_log(tmp_path, ending):
     path = tmp_path / f"bus{ending}"
@@ -52,6 +53,7 @@ def test_what_was_said_last_is_in_the_log(tmp_path):
         assert len(list(log)) == 1000
 
 
+@pytest.mark.moderate
 def test_what_cannot_be_logged(tmp_path):
     for path, url, words in (
         ("bus.log", "serial:/dev/ttyACM0", "wire log: serial:/dev/ttyACM0 has no CAN frames to log; use a link can:"),
