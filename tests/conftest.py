@@ -40,13 +40,17 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if wholly_slow or ("realtime" in wanted and "realtime" not in text) else None
 
 
-_COSTLY = frozenset({"source", "finished"})
-"""Fixtures that are a whole run with its report (`tests.service.folders.shared_run`)."""
+@pytest.fixture(scope="session")
+def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a real run with its report, for all tests that leave it as it is."""
+    from tests.service.folders import shared_run  # loads the bench, which most files of tests do without
+
+    return shared_run(tmp_path_factory)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
     """Who stands on a whole run takes what that takes."""
-    if _COSTLY.intersection(getattr(item, "fixturenames", ())):
+    if "whole_run" in getattr(item, "fixturenames", ()):
         item.add_marker(pytest.mark.moderate)
 
 

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -240,7 +240,7 @@ def _wrong_files(runs: Path, *, removable: bool) -> Iterator[str]:
                 yield f"{file.name}: {problem}"
 
 
-def _left_behind(family: str, rings: Sequence[Path]) -> Iterator[str]:
+def _left_behind(family: str, rings: set[Path]) -> Iterator[str]:
     """Processes of the run that are still there, and those of its rings; they are ended, removed, and told."""
     until_s = time.monotonic() + _LEFT_S
     while (left := _processes(family)) and time.monotonic() < until_s:
@@ -249,7 +249,7 @@ def _left_behind(family: str, rings: Sequence[Path]) -> Iterator[str]:
         command = Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")
         os.kill(process, signal.SIGKILL)
         yield f"still runs: {command}"
-    for ring in sorted(set(rings)):
+    for ring in sorted(rings):
         if ring.exists():
             ring.unlink()
             yield f"{ring} is left behind"

@@ -105,6 +105,6 @@ class Disk:
         return [text for entry in self._plan.log if (text := entry.value.decode("utf-8", "replace"))]
 
     @property
-    def rings(self) -> list[Path]:
-        """The first 64 rings in shared memory that were opened to be written to since `fail`."""
-        return [Path(os.fsdecode(entry.value)) for entry in self._plan.ring if entry.value]
+    def rings(self) -> set[Path]:
+        """Rings in shared memory that were opened to be written to since `fail`, of the first 64 times."""
+        return {Path(os.fsdecode(entry.value)) for entry in self._plan.ring if entry.value}

@@ -1,6 +1,7 @@
 """The command line as its tests drive it: in this process where that does, as a process where not."""
 
 import contextlib
+import re
 import shutil
 import subprocess
 import sys
@@ -84,17 +85,20 @@ def recorded(recorded_once: Path, tmp_path: Path, hil: Hil) -> Path:
 
 def write_short_bench(folder: Path) -> str:
     """Write the short bench file into ``folder``; its name."""
-    text = examples.find("bench", "s-slow").read_text(encoding="utf-8")
-    for old, new in (
-        ('clock = "paced"', 'clock = "lockstep"'),
-        ("duration_s = 30.0", "duration_s = 3.0"),
-        ("settle_s = 8.0", "settle_s = 2.0"),
-        ('name = "s-slow"', 'name = "short"'),
-    ):
-        assert old in text
-        text = text.replace(old, new)
+    text = in_lockstep("s-slow", duration_s=3.0, settle_s=2.0)
+    assert 'name = "s-slow"' in text
+    text = text.replace('name = "s-slow"', 'name = "short"')
     (folder / "short.bench.toml").write_text(text, encoding="utf-8")
     return "short.bench.toml"
+
+
+def in_lockstep(example: str, *, duration_s: float, settle_s: float) -> str:
+    """The bench file of an example, of a run in lockstep that is so long and is scored from `settle_s` on."""
+    text = examples.find("bench", example).read_text(encoding="utf-8")
+    for key, value in (("clock", '"lockstep"'), ("duration_s", duration_s), ("settle_s", settle_s)):
+        text, found = re.subn(rf"^{key} = [^ #\n]+", f"{key} = {value}", text, flags=re.MULTILINE)
+        assert found == 1, key
+    return text
 
 
 def finished(process: "subprocess.Popen[str]", wait_s: float = WAIT_S) -> tuple[int, str, str]:

@@ -63,8 +63,10 @@ def test_without_a_terminal_nothing_is_asked(bench: Bench, monkeypatch: pytest.M
 def test_turning_waits_for_somebody_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     written = at_terminal(monkeypatch, "\nnot read\n")
     consent.have_it_turned(bench)
-    assert "by hand will do.\n" in written.getvalue()
-    assert written.getvalue().endswith("\nEnter when it turns: ")
+    first, second, asked = written.getvalue().splitlines()
+    assert first.endswith("by hand will do.")
+    assert second.endswith("the observer lags behind.")
+    assert asked == "Enter when it turns: "
     assert sys.stdin.read() == "not read\n"
 
 

@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 
 from hil import demo, tracing
-from hil.records.diagnosis import Coefficient, Diagnosis, Effect, Fit, HeldOut
+from hil.records.diagnosis import Coefficient, Effect
 from hil.report import page
 from hil.tracing import Traced
+from tests.cli.diagnoses import explained
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +35,6 @@ def test_in_gain_mode(drawn: Counter[str], tmp_path: Path) -> None:
     assert (folder / "report.html").exists()
 
 
-FIT = Fit(innovation_rms=1e-4, noise_floor=1e-4, ratio=1.0, whiteness_p=0.5, simulation_rmse=None)
 HARDENING = Effect(
     name="cubic_stiffness",
     title="cubic stiffness",
@@ -55,12 +55,7 @@ def traced_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     def trace(capture: Path, bench: object, out: Path, **_: object) -> Traced:
         folder = out / "traced"
         folder.mkdir()
-        named = Diagnosis(
-            verdict="explained", effects=(HARDENING,), confusable=(), before=FIT, after=FIT,
-            held_out=HeldOut(before=FIT, after=FIT), rejected=(), findings=(), reasons=(), equations=(),
-            record=str(capture), bench="b", samples=100, split=60,
-        )  # fmt: skip
-        return Traced(folder, named)
+        return Traced(folder, explained(effects=(HARDENING,), record=str(capture)))
 
     monkeypatch.setattr(tracing, "trace", trace)
 

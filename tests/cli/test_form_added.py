@@ -10,7 +10,7 @@ from hil.addition import add_form
 from hil.bench import load_bench
 from hil.examples import find
 from hil.records.diagnosis import MissingForce
-from tests.cli.conftest import WAIT_S, Start, finished
+from tests.cli.conftest import WAIT_S, Start, finished, in_lockstep
 
 CUBIC = {
     "form": "q³",
@@ -96,16 +96,8 @@ def test_what_no_effect_accounts_for_is_undone_by_its_form(start: Start, tmp_pat
     )
     assert n == 1
     (tmp_path / "hidden.scenario.toml").write_text(hidden, encoding="utf-8")
-    bench = (
-        find("bench", "s-undeclared").read_text(encoding="utf-8").replace("s-undeclared.scenario", "hidden.scenario")
-    )
-    for old, new in (
-        ('clock = "paced"', 'clock = "lockstep"'),
-        ("duration_s = 24", "duration_s = 4"),
-        ("settle_s = 8.0", "settle_s = 1.5"),
-    ):
-        assert old in bench
-        bench = bench.replace(old, new)
+    bench = in_lockstep("s-undeclared", duration_s=4.0, settle_s=1.5)
+    bench = bench.replace("s-undeclared.scenario", "hidden.scenario")
     (tmp_path / "plain.bench.toml").write_text(bench, encoding="utf-8")
 
     def ran(bench_file: str, name: str) -> float:

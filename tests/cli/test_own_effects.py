@@ -17,7 +17,7 @@ from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.examples import directory, find
 from hil.own_effects import own_effects, packaged
-from tests.cli.conftest import Hil
+from tests.cli.conftest import Hil, in_lockstep
 
 PACKAGE = directory() / "cubic-coupling"
 CUSTOM = {"quintic": {"force_x": "-k5 * x * r**4", "coefficients": {"k5": {"unit": "1/(m⁴·s²)", "start": 1e20}}}}
@@ -230,24 +230,12 @@ def hil_process(folder: Path, path: list[Path], *arguments: str) -> "subprocess.
     )
 
 
-def shortened(source: str) -> str:
-    """A bench file of S-slow for three seconds in lockstep, the last two scored."""
-    for old, new in (
-        ("duration_s = 30.0", "duration_s = 3.0"),
-        ("settle_s = 8.0", "settle_s = 1.0"),
-        ("paced", "lockstep"),
-    ):
-        assert old in source
-        source = source.replace(old, new)
-    return source
-
-
 @pytest.mark.slow
 def test_a_run_carries_it_says_what_it_compiled_and_keeps_it(tmp_path: Path) -> None:
     # A law nobody has compiled before: its number is the process's.
     laws = LINES.replace("-k5 * x", f"-k5 * {1 + os.getpid() / 1e7} * x")
-    source = find("bench", "s-slow").read_text(encoding="utf-8") + laws
-    (tmp_path / "mine.bench.toml").write_text(shortened(source), encoding="utf-8")
+    source = in_lockstep("s-slow", duration_s=3.0, settle_s=1.0) + laws
+    (tmp_path / "mine.bench.toml").write_text(source, encoding="utf-8")
     arguments = ("run", "mine.bench.toml", "--link", "inproc:s-slow", "--json")
     first = hil_process(tmp_path, [], *arguments, "--name", "first")
     second = hil_process(tmp_path, [], *arguments, "--name", "second")
@@ -266,7 +254,7 @@ def test_a_run_carries_it_says_what_it_compiled_and_keeps_it(tmp_path: Path) -> 
 def test_a_broken_package_stops_no_run_that_does_without(tmp_path: Path) -> None:
     dist_info(tmp_path / "site", "broken-thing", "mine", "broken_thing:MINE")
     (tmp_path / "site" / "broken_thing.py").write_text("raise RuntimeError('not here')\n")
-    source = shortened(find("bench", "s-slow").read_text(encoding="utf-8"))
+    source = in_lockstep("s-slow", duration_s=3.0, settle_s=1.0)
     (tmp_path / "plain.bench.toml").write_text(source, encoding="utf-8")
     (tmp_path / "named.bench.toml").write_text(f"{source}\n[effects.mine]\n", encoding="utf-8")
     line = "effect 'mine' of package broken-thing 1.0.0: RuntimeError: not here; mend or uninstall it"
@@ -286,9 +274,7 @@ def test_a_trace_names_it_and_adds_it(tmp_path: Path, example: Path) -> None:
     scenario = find("scenario", "s-undeclared").read_text(encoding="utf-8").partition("[[effect]]")[0]
     hidden = 'name = "nonlinear_coupling"\nc = 5e12\n'
     (tmp_path / "s-undeclared.scenario.toml").write_text(f"{scenario}[[effect]]\n{hidden}", encoding="utf-8")
-    source = find("bench", "s-undeclared").read_text(encoding="utf-8")
-    for old, new in (('"paced"', '"lockstep"'), ("duration_s = 24.0", "duration_s = 5.0"), ("8.0", "2.0")):
-        source = source.replace(old, new)
+    source = in_lockstep("s-undeclared", duration_s=5.0, settle_s=2.0)
     (tmp_path / "mine.bench.toml").write_text(source, encoding="utf-8")
     path, link = [example, PACKAGE], ("--link", "inproc:s-undeclared.scenario.toml", "--json")
     run = hil_process(tmp_path, path, "run", "mine.bench.toml", *link)

@@ -11,10 +11,9 @@ from hil.bench import Bench, load_bench, override
 from hil.cli.trace import _announced
 from hil.errors import InputError
 from hil.examples import find
-from hil.records.diagnosis import Confusable, Diagnosis, Fit, HeldOut
+from hil.records.diagnosis import Confusable, Diagnosis
 from hil.separate import changes, named, separable, separate
-
-FIT = Fit(innovation_rms=1e-4, noise_floor=1e-4, ratio=1.0, whiteness_p=0.5, simulation_rmse=None)
+from tests.cli.diagnoses import explained
 
 
 def alike(name: str | None, words: str = "in words that nothing hangs on") -> Diagnosis:
@@ -23,11 +22,7 @@ def alike(name: str | None, words: str = "in words that nothing hangs on") -> Di
         "effect": "sense_gain", "with": "drive_gain", "correlation": 0.9996, "separate_by": words, "expected": 0.9,
         "experiment": name,
     }  # fmt: skip
-    return Diagnosis(
-        verdict="explained", effects=(), confusable=(Confusable.model_validate(pair),), before=FIT, after=FIT,
-        held_out=HeldOut(before=FIT, after=FIT), rejected=(), findings=(), reasons=(), equations=(), record="r",
-        bench="b", samples=100, split=60,
-    )  # fmt: skip
+    return explained(confusable=(Confusable.model_validate(pair),))
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)

@@ -14,7 +14,7 @@ from hil.bench import load_bench
 from hil.declared import device_of
 from hil.errors import InputError
 from hil.examples import find
-from tests.cli.conftest import Hil
+from tests.cli.conftest import Hil, in_lockstep
 
 RATE = 4000.0
 
@@ -127,10 +127,7 @@ def test_a_record_that_lacks_nothing_is_adequate(hil: Hil, recorded: Path) -> No
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # two runs, a trace, two scores
 def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_path: Path) -> None:
-    source = find("bench", "s-undeclared").read_text(encoding="utf-8")
-    for old, new in (('"paced"', '"lockstep"'), ("duration_s = 24.0", "duration_s = 5.0"), ("8.0", "2.0")):
-        assert old in source
-        source = source.replace(old, new)
+    source = in_lockstep("s-undeclared", duration_s=5.0, settle_s=2.0)
     (tmp_path / "mine.bench.toml").write_text(source, encoding="utf-8")
     board = ("--link", "inproc:s-undeclared", "--json")
     code, out, err = hil("run", "mine.bench.toml", *board, "--truth", "before.arrow")

@@ -126,6 +126,10 @@ def test_of_a_short_record_the_power_is_known_as_surely_as_is_said():
         found.append(power_over_prediction(beside, series, RECORD, 0, RATE, RESONANCE))
     power, deviation = np.array(found).T
     assert np.std(power) == pytest.approx(np.mean(deviation), rel=0.2)
+    # The power itself scatters as χ² over its degrees of freedom: the floor of one axis by as much more.
+    count = int(np.sum(quiet_bins(periodogram(series, RATE, RESONANCE).frequency, RATE, RESONANCE)))
+    of_one_axis = floor_deviation(count) ** 2 - chi2(short).var() / short**2
+    assert deviation == pytest.approx(np.sqrt(of_one_axis / 2.0), rel=1e-9)
     assert np.mean(power - 1.0 > 0.05) > 0.05  # a twentieth is no surprise there
     assert np.mean(power - 1.0 > 2.326 * deviation) < 0.04
 
@@ -217,24 +221,3 @@ def test_a_series_is_worth_four_samples_at_least_and_all_of_them_at_most():
     assert effective_samples(np.sin(np.linspace(0.0, 3.0, 500))) == pytest.approx(4.0, abs=1.0)
     assert effective_samples(np.where(np.arange(500) % 2, 1.0, -1.0)) == 500.0
     assert effective_samples(np.ones(500)) == 500.0
-
-
-@pytest.mark.moderate
-def test_what_chance_makes_of_the_power_is_its_spread_over_many_records():
-    """Of white noise: by how much power over floor scatters among 300 of them, two axes each."""
-    n, random = 2000, np.random.default_rng(3)
-    record = Record(np.zeros((n, 2)), np.zeros((n, 2, 1)), np.full(n, 1.0 / RATE))
-    spread = np.full((n, 2), SIGMA)
-    found = []
-    for _ in range(300):
-        series = random.standard_normal((n, 2))
-        estimates = SimpleNamespace(innovation=SIGMA * series, innovation_deviation=spread)
-        device = SimpleNamespace(device=SimpleNamespace(noise=(SIGMA, SIGMA)))
-        fitted = SimpleNamespace(estimates=estimates, observer=device)
-        found.append(power_over_prediction(fitted, series, record, 0, RATE, RESONANCE))
-    powers, deviations = np.transpose(found)
-    assert np.mean(deviations) == pytest.approx(np.std(powers), rel=0.15)
-    # The power itself scatters as χ² over its degrees of freedom: the floor of one axis by as much more.
-    count = int(np.sum(quiet_bins(periodogram(series, RATE, RESONANCE).frequency, RATE, RESONANCE)))
-    of_one_axis = floor_deviation(count) ** 2 - chi2(n).var() / n**2
-    assert deviations == pytest.approx(np.sqrt(of_one_axis / 2.0), rel=1e-9)

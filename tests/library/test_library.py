@@ -10,7 +10,6 @@ import pytest
 
 import hil
 from hil.records.runfolder import RunFolder
-from tests.service.folders import shared_run
 
 RATE = 4000.0
 
@@ -22,15 +21,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> hil.Run:
     return hil.run(bench, link="inproc:s-slow", clock="lockstep", truth=place / "truth.arrow", out=place)
 
 
-@pytest.fixture(scope="session")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a run that tests of the service have, too."""
-    return shared_run(tmp_path_factory)
-
-
 @pytest.fixture
-def opened(finished: Path) -> hil.Run:
-    return hil.load(finished)
+def opened(whole_run: Path) -> hil.Run:
+    return hil.load(whole_run)
 
 
 @pytest.mark.moderate
@@ -59,16 +52,16 @@ def test_arrays_need_no_models_of_figures(run: hil.Run) -> None:
 
 @pytest.mark.moderate
 def test_last_is_the_newest_run_wherever_one_is_named(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    whole_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(hil.InputError, match="runs"):
         hil.load("last")
     for name in ("20250101-000000-older", "20250102-000000-newer"):
-        shutil.copytree(finished, tmp_path / "runs" / name)
+        shutil.copytree(whole_run, tmp_path / "runs" / name)
     assert hil.load("last").path.name == "20250102-000000-newer"
     assert hil.export("last", tmp_path / "angle.csv", what="angle").exists()
-    assert not [row for row in hil.diff("last", finished).figures if row.a != row.b]
+    assert not [row for row in hil.diff("last", whole_run).figures if row.a != row.b]
 
 
 def test_all_that_is_offered_is_there() -> None:

@@ -5,14 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.service.folders import shared_run
 from tests.service.serving import Serving, serving
 
 
 @pytest.fixture(scope="session")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a real run, for all tests that leave it as it is."""
-    return shared_run(tmp_path_factory)
+def source(whole_run: Path) -> Path:
+    """What a service has to show."""
+    return whole_run
 
 
 @pytest.fixture(scope="module")

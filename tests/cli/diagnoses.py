@@ -1,0 +1,15 @@
+"""Diagnoses that no trace came to, for tests of what follows one."""
+
+from typing import Any
+
+from hil.records.diagnosis import Diagnosis, Fit, HeldOut
+
+_FIT = Fit(innovation_rms=1e-4, noise_floor=1e-4, ratio=1.0, whiteness_p=0.5, simulation_rmse=None)
+
+
+def explained(**said: Any) -> Diagnosis:
+    """ "explained", by nothing and with nothing beside it but what is `said`."""
+    least: dict[str, Any] = {"record": "r", "bench": "b", "samples": 100, "split": 60}
+    least |= dict.fromkeys(("effects", "confusable", "rejected", "findings", "reasons", "equations"), ())
+    least |= {"before": _FIT, "after": _FIT, "held_out": HeldOut(before=_FIT, after=_FIT)}
+    return Diagnosis(verdict="explained", **(least | said))
