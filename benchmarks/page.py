@@ -1,11 +1,11 @@
-"""The page in a real browser: the key that makes the board SAFE, at 4 kHz over a pty; then, beside a run at 100 kS/s,
-pictures a second and what the service and the browser need.
+"""The page in a real browser: the key that makes the board SAFE, at 4 kHz over a pty; how soon it tells that the board
+or the service is lost; then, beside a run at 100 kS/s, pictures a second and what the service and the browser need.
 
-PAGE_SAFES sets how often the key is pressed, PAGE_S how long the run is (by default a quarter of an hour); 0 leaves a
-part out.  The key's time is the browser's own, from the event of the key to the message with the board's word.  A
-picture counts where the scope was drawn anew between two animation frames; it is drawn for new samples alone.  The heap
-is what is left of it after a forced collection; its slope has the 95 % interval of a straight line whose errors hang
-together (Newey and West, over a tenth of the points).
+PAGE_SAFES sets how often the key is pressed, PAGE_LOSSES how often each of both is lost, PAGE_S how long the run is (by
+default a quarter of an hour); 0 leaves a part out.  The key's time is the browser's own, from the event of the key to
+the message with the board's word.  A picture counts where the scope was drawn anew between two animation frames; it is
+drawn for new samples alone.  The heap is what is left of it after a forced collection; its slope has the 95 % interval
+of a straight line whose errors hang together (Newey and West, over a tenth of the points).
 """
 
 import json
@@ -13,6 +13,7 @@ import os
 import random
 import re
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -28,9 +29,12 @@ from playwright.sync_api import Page, sync_playwright
 from benchmarks.row import Row, Say
 from benchmarks.service import cpu_s, patient, running_service
 from hil.client import Service
+from hil.emulation import emulator
+from hil.examples import find
 
 SECONDS = float(os.environ.get("PAGE_S", "900"))
 SAFES = int(os.environ.get("PAGE_SAFES", "100"))
+LOSSES = int(os.environ.get("PAGE_LOSSES", "20"))
 WARM_S = 30.0
 EVERY_S = 10.0
 _COUNTED = """
@@ -68,6 +72,14 @@ globalThis.WebSocket = class extends WebSocket {
   }
 };
 """
+_WORD = """
+globalThis.words = [];
+addEventListener("DOMContentLoaded", () => {
+  const state = document.getElementById("state-word");
+  const note = () => words.push([state.textContent, Date.now()]);
+  new MutationObserver(note).observe(state, { childList: true, characterData: true, subtree: true });
+});
+"""
 
 
 def rows(say: Say) -> list[Row]:
@@ -76,6 +88,8 @@ def rows(say: Say) -> list[Row]:
     if SAFES:
         with _page("s-slow", _KEY) as (page, service, _):
             found += _keys(page, service, say)
+    if LOSSES:
+        found += _losses(say)
     if SECONDS:
         with _page("s-modern-5k", _COUNTED) as (page, service, process):
             found += _pictures(page, service, process, say)
@@ -83,7 +97,7 @@ def rows(say: Say) -> list[Row]:
 
 
 @contextmanager
-def _page(example: str, script: str) -> Iterator[tuple[Page, Service, int]]:
+def _page(example: str, script: str, link: str = "") -> Iterator[tuple[Page, Service, int]]:
     """A browser's page that a script watches, with the emulated board of an example; the service and its process."""
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -94,7 +108,7 @@ def _page(example: str, script: str) -> Iterator[tuple[Page, Service, int]]:
         sync_playwright() as playwright,
     ):
         with service.board("benchmark") as board:
-            board.connect(f"pty:{example}", example)
+            board.connect(link or f"pty:{example}", example)
         options = ["--no-sandbox"] if os.geteuid() == 0 else []
         browser = playwright.chromium.launch(executable_path=chromium, args=options)
         page = browser.new_page(viewport={"width": 1440, "height": 900})
@@ -124,6 +138,38 @@ def _keys(page: Page, service: Service, say: Say) -> list[Row]:
         Row("… of it in service, loop and board, p99", float(np.percentile(service_ms, 99)), "ms"),
         Row("from the key to SAFE, not confirmed", float(sum(one is not True for one in confirmed)), "1"),
     ]
+
+
+def _losses(say: Say) -> list[Row]:
+    """A process that is suspended answers nothing, and leaves its line and its port open: no system tells of it."""
+    found = []
+    with emulator(find("scenario", "s-slow")) as board, _page("s-slow", _WORD, board.url) as (page, _, service):
+        for lost, process in ("Board lost", board.process.pid), ("Service lost", service):
+            took_ms = [_told_after(page, lost, process) for _ in range(LOSSES)]
+            say(f"{lost}: {max(took_ms):.0f} ms at most")
+            found += [
+                Row(f"{lost}, told, median of {LOSSES}", float(np.median(took_ms)), "ms"),
+                Row(f"{lost}, told, latest", max(took_ms), "ms"),
+            ]
+    return found
+
+
+def _told_after(page: Page, word: str, process: int) -> float:
+    """Milliseconds from the end of its answers to the word for it on the page, by the page's own clock."""
+    _wait_for(page, "SAFE")
+    page.wait_for_timeout(1000.0)
+    begin, seen = 1000.0 * time.time(), page.evaluate("words.length")
+    os.kill(process, signal.SIGSTOP)
+    try:
+        _wait_for(page, word)
+    finally:
+        os.kill(process, signal.SIGCONT)
+    return float(next(when - begin for told, when in page.evaluate("words")[seen:] if told == word))
+
+
+def _wait_for(page: Page, word: str) -> None:
+    while page.evaluate("document.getElementById('state-word').textContent") != word:
+        page.wait_for_timeout(50.0)
 
 
 def _pictures(page: Page, service: Service, process: int, say: Say) -> list[Row]:

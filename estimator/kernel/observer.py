@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.kernel.angle_error import correct_angle, move_angle, predict_angle, recall_angle, turn_angle
 from estimator.kernel.compiled import compiled, generated, inlined
-from estimator.kernel.flow import begin_ways, drive_at, flow, sensed_before
+from estimator.kernel.flow import LENGTHS, OF_A_LENGTH, begin_ways, drive_at, flow, sensed_before
 from estimator.kernel.lanes import lane, put, put_columns, take
 from estimator.kernel.layout import MAX_AXES, MAX_DEGREE, MAX_SIGNALS, MAX_SLIPS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle
@@ -434,6 +434,26 @@ def pushless(states: int, constants: int, columns: int) -> Push:
 
 
 @compiled
+def flow_work(settings: Record, constants: int, columns: int) -> FlowWork:
+    """Scratch of a flow in so many columns, of a model with so many constants, effects' coefficients included.
+
+    The rows of derivatives by constants are as long as columns in lanes reach.
+    """
+    states = settings.states
+    constants = max(constants, columns + settings.sense_constants - states)
+    return FlowWork(
+        term=np.zeros((states, columns)),
+        other=np.zeros((states, columns)),
+        out=np.zeros((states, columns)),
+        push=pushless(states, constants, columns),
+        state=np.zeros(states),
+        powers=np.zeros((settings.order + 1, 16)),
+        drifts=np.zeros((LENGTHS, OF_A_LENGTH)),
+        entries=np.zeros((4, 8)),
+    )
+
+
+@compiled
 def workspace(settings: Record, n: int, total: int) -> Workspace:
     """Scratch of one observer, made once per block; n counts states and active constants, total states and all
     constants.  What has lanes is filled up to a multiple of four.
@@ -443,14 +463,8 @@ def workspace(settings: Record, n: int, total: int) -> Workspace:
     if states == 4:
         columns = filled_up(columns)
     width = filled_up(n)
-    constants = max(total - states, columns + settings.sense_constants - 1 - states)
     return Workspace(
-        flow=FlowWork(
-            term=np.zeros((states, columns)),
-            other=np.zeros((states, columns)),
-            out=np.zeros((states, columns)),
-            push=pushless(states, constants, columns),
-        ),
+        flow=flow_work(settings, total - states, columns),
         transition=np.zeros((n, states)),
         rows=np.zeros((2 * states, width)),
         projected=np.zeros((4, width)),

@@ -5,10 +5,10 @@ import numpy as np
 from estimator.kernel.compiled import compiled, generated
 from estimator.kernel.flow import advance, begin_ways, part_of
 from estimator.kernel.layout import MAX_AXES, Floats, Record
-from estimator.kernel.observer import pushless
+from estimator.kernel.observer import flow_work
 from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.kernel.signals import line_values
-from estimator.kernel.structures import FlowWork, Interval
+from estimator.kernel.structures import Interval
 
 _sense = generated().sense
 _effect_sense = generated().effect_sense
@@ -62,9 +62,8 @@ def free_run(
     sense_constants = settings.sense_constants
     total = x.shape[0]
     columns = 1 + states + settings.flow_constants if sensitive else 1
-    out = np.zeros((states, columns))
-    push = pushless(states, total - states, columns)
-    work = FlowWork(np.zeros((states, columns)), np.zeros((states, columns)), out, push)
+    work = flow_work(settings, total - states, columns)
+    out, push = work.out, work.push
     signals = push.signals
     time = 0.0
     for i in range(settings.signal_count):

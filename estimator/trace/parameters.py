@@ -13,6 +13,7 @@ import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
+from estimator.settings import ObserverSettings
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted, coefficients_of, fit, parameters_of, widening
@@ -102,9 +103,7 @@ def _refined_in_two(
     begun = fit(beginning.under(model.settings), passes=1)
     behind = begun.likelihood + share * (to_beat - model.likelihood)
     found, searched = _refined(beginning, begun, name, names, None, behind, moves=False)
-    effects = {other: dict(given) for other, given in model.settings.effects.items()}
-    effects[name] |= {which: found.settings.effects[name][which] for which in names}
-    moved = fit(problem.under(model.settings).carrying(effects), passes=1, about=model.observer)
+    moved = fit(problem.under(found.settings), passes=1, about=found.observer)
     if not moved.likelihood > model.likelihood:
         moved, searched = model, NOTHING
     promised = begun.likelihood + _SET.hope * (found.likelihood - begun.likelihood) + _SET.rough_start
@@ -160,6 +159,21 @@ def _refined(
     return hill.fitted(top), Searched(names, covariance / hill.variance, moved, at_top)
 
 
+def between(one: ObserverSettings, other: ObserverSettings, share: float) -> ObserverSettings:
+    """Settings whose initial values and effects' coefficients lie that share of the way from one's to the other's,
+    beyond them where it is below 0 or above 1.
+    """
+
+    def moved(values: Mapping[str, float], others: Mapping[str, float]) -> dict[str, float]:
+        return {name: value + share * (others.get(name, value) - value) for name, value in values.items()}
+
+    return replace(
+        one,
+        initial=moved(one.initial, other.initial),
+        effects={name: moved(given, other.effects[name]) for name, given in one.effects.items()},
+    )
+
+
 class Hill:
     """The likelihood of a model over the parameters of one of its effects.
 
@@ -180,6 +194,7 @@ class Hill:
         self.name, self.names = name, names
         self.model = model
         self.seen: dict[bytes, tuple[float, Array]] = {}
+        self.passed: list[tuple[Array, ObserverSettings]] = []
         self.highest, self.best = -np.inf, b""
         self._counts(model)
 
@@ -194,6 +209,8 @@ class Hill:
         new = {key: place for place in places if (key := place.tobytes()) not in self.seen}
         for key, tried in zip(new, side_by_side([partial(self._fit, place) for place in new.values()]), strict=True):
             self.seen[key] = tried.likelihood, self._coefficients(tried)
+            if np.isfinite(tried.likelihood):
+                self.passed.append((new[key], tried.settings))
             if tried.likelihood > self.highest:
                 self.highest, self.model, self.best = tried.likelihood, tried, key
                 self._counts(tried)
@@ -216,9 +233,27 @@ class Hill:
         return fit(self._at(place), passes=1)
 
     def _at(self, place: Array) -> Problem:
-        effects = {effect: dict(given) for effect, given in self.model.settings.effects.items()}
+        begun = self._beginning(place)
+        effects = {effect: dict(given) for effect, given in begun.effects.items()}
         effects[self.name].update(zip(self.names, place.tolist(), strict=True))
-        return self.problem.under(self.model.settings).carrying(effects)
+        return self.problem.under(begun).carrying(effects)
+
+    def _beginning(self, place: Array) -> ObserverSettings:
+        """What a pass begins with: what the best so far found, moved on as between it and the nearest on one line.
+
+        One that begins far from what it comes to has that in its likelihood, and a climb would creep.
+        """
+        best = self.model.settings
+        here = next((seen for seen, _ in self.passed if seen.tobytes() == self.best), None)
+        if here is None:
+            return best
+        index = np.flatnonzero(place != here)
+        others = [one for one in self.passed if np.array_equal(np.flatnonzero(one[0] != here), index)]
+        if len(index) != 1 or not others:
+            return best
+        seen, other = min(others, key=lambda one: float(abs(one[0] - place)[index[0]]))
+        along = int(index[0])
+        return between(best, other, float((place - here)[along] / (seen - here)[along]))
 
     def climb(
         self, place: Array, index: int, width: float, hopeless: Callable[[], bool] = lambda: False

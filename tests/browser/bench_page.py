@@ -31,7 +31,7 @@ class BenchPage:
         """The page by the address that the service printed, with what others load from elsewhere refused."""
         context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
         try:
-            context.set_default_timeout(10_000)
+            context.set_default_timeout(60_000)
             shown = cls(context.new_page(), service)
             shown.page.goto(list(service.links.values())[-1])
             expect(shown.page.locator("#service-text")).to_have_text("service connected")
@@ -61,7 +61,7 @@ class BenchPage:
         self.page.get_by_label("Bench file").select_option(bench)
         self.page.get_by_label("Link", exact=True).fill(link)
         self.page.get_by_role("button", name="Connect", exact=True).click()
-        expect(self.state).to_have_text("SAFE", timeout=60_000)
+        expect(self.state).to_have_text("SAFE")
 
     def start(self, seconds: float) -> None:
         """Arm with consent, up to the first samples."""
@@ -70,7 +70,7 @@ class BenchPage:
         dialog = self.page.get_by_role("dialog")
         expect(dialog).to_contain_text("It may move, heat or break")
         dialog.get_by_role("button", name="Arm and start").click()
-        expect(self.state).to_have_text("RUNNING", timeout=60_000)
+        expect(self.state).to_have_text("RUNNING")
 
     def connect_unless_connected(self, link: str, bench: str) -> None:
         """As `connect`, where an earlier test has not left it so."""
@@ -83,7 +83,7 @@ class BenchPage:
         if self.api("GET", "/api/board")["connected"]:
             self.idle()
             self.page.get_by_role("button", name="Disconnect").click()
-            expect(self.state).to_have_text("No board", timeout=20_000)
+            expect(self.state).to_have_text("No board")
 
     def idle(self) -> None:
         """No run is under way, its figures and report are made. (A board in lockstep may have gone with its host.)"""
@@ -92,32 +92,14 @@ class BenchPage:
     def settled(self) -> None:
         """As `idle`, and the board is there."""
         self.idle()
-        expect(self.state).to_have_text("SAFE", timeout=20_000)
+        expect(self.state).to_have_text("SAFE")
 
-    def eventually(self, holds: Callable[[], bool], seconds: float = 5.0) -> None:
+    def eventually(self, holds: Callable[[], bool], seconds: float = 60.0) -> None:
         """Wait until it does."""
         end = time.monotonic() + seconds
         while not holds():
             assert time.monotonic() < end, "not in time"
             self.page.wait_for_timeout(50)
-
-    @contextmanager
-    def becoming(self, word: str) -> Iterator[Callable[[], float]]:
-        """Within the block something makes the state `word`; afterwards the call says how many seconds that took.
-
-        The page itself notes when: to ask it over and over would take up to a second more.
-        """
-        self.page.evaluate(
-            """word => { globalThis.became = new Promise(resolve => {
-                const state = document.getElementById("state-word");
-                const look = () => state.textContent === word && resolve(Date.now());
-                new MutationObserver(look).observe(state, { childList: true, characterData: true, subtree: true });
-            }); }""",
-            word,
-        )
-        begin = time.time()
-        yield lambda: float(self.page.evaluate("globalThis.became")) / 1000.0 - begin
-        expect(self.state).to_have_text(word, timeout=10_000)
 
     def millivolts(self, name: str) -> float:
         """A fact below the pattern."""

@@ -41,7 +41,7 @@ def _looked_at(
     browser: Browser, service: Serving, pictures: Path, width: int, height: int, scheme: Scheme
 ) -> list[str]:
     with BenchPage.opened(browser, service, width=width, height=height, scheme=scheme) as page:
-        expect(page.page.locator("#estimates tbody tr")).to_have_count(13, timeout=20_000)
+        expect(page.page.locator("#estimates tbody tr")).to_have_count(13)
         expect(page.page.locator("#spectrum-chart canvas")).to_be_visible()
         page.page.wait_for_timeout(1200)
         page.page.screenshot(path=pictures / f"live-{width}-{scheme}.png", full_page=True)
@@ -85,7 +85,7 @@ def test_a_board_is_connected_armed_and_stopped_by_keyboard_alone(browser: Brows
         keys.press("Control+A")
         keys.type(BOARD)
         keys.press("Enter")
-        expect(page.state).to_have_text("SAFE", timeout=60_000)
+        expect(page.state).to_have_text("SAFE")
         tab_to(page, "#duration")
         keys.press("Control+A")
         keys.type("600")
@@ -96,13 +96,13 @@ def test_a_board_is_connected_armed_and_stopped_by_keyboard_alone(browser: Brows
         keys.press("Tab")
         expect(page.page.locator("#consent-yes")).to_be_focused()
         keys.press("Enter")
-        expect(page.state).to_have_text("RUNNING", timeout=60_000)
+        expect(page.state).to_have_text("RUNNING")
         tab_to(page, "#scope-chart")
         keys.press("Space")
         expect(page.page.locator("#scope-pause")).to_have_attribute("aria-pressed", "true")
         tab_to(page, "#safe")
         keys.press("Enter")
-        expect(page.state).to_have_text("SAFE", timeout=5000)
+        expect(page.state).to_have_text("SAFE")
         page.settled()
 
 

@@ -108,7 +108,7 @@ def test_the_report_is_shown_and_a_file_is_saved(runs: BenchPage) -> None:
     page.get_by_role("link", name="first").click()
     page.get_by_role("button", name="Report", exact=True).click()
     report = page.frame_locator("iframe.report")
-    expect(report.get_by_role("heading", level=1)).to_be_visible(timeout=10_000)
+    expect(report.get_by_role("heading", level=1)).to_be_visible()
     with page.expect_download() as saved:
         page.get_by_role("button", name="result.json").click()
     folder = next(runs.service.folder.glob("*-first"))

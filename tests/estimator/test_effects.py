@@ -16,7 +16,7 @@ from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.page import page
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled
-from estimator.kernel.flow import flow
+from estimator.kernel.flow import LENGTHS, OF_A_LENGTH, flow
 from estimator.kernel.layout import MAX_SIGNALS, MAX_SLIPS
 from estimator.kernel.observer import predict_measurement, workspace
 from estimator.kernel.signals import advance_signals, signal_values
@@ -137,8 +137,10 @@ def step(observer: Observer, s: Array, c: Array) -> Array:
     """[state | ∂/∂s | ∂/∂(flow constants, coefficients)] after one sample."""
     columns = 1 + 4 + int(observer.arrays.settings["flow_constants"][0])
     slips = np.zeros((MAX_SLIPS, columns))
-    push = Push(np.zeros(2), np.zeros((2, 4)), np.zeros((2, len(c))), np.zeros(2), np.zeros(2 * MAX_SIGNALS), slips)
-    work = FlowWork(*(np.zeros((4, columns)) for _ in range(3)), push)
+    by_constants = np.zeros((2, len(c) + 3))
+    push = Push(np.zeros(2), np.zeros((2, 4)), by_constants, np.zeros(2), np.zeros(2 * MAX_SIGNALS), slips)
+    powers, drifts, entries = np.zeros((60, 16)), np.zeros((LENGTHS, OF_A_LENGTH)), np.zeros((4, 8))
+    work = FlowWork(*(np.zeros((4, columns)) for _ in range(3)), push, np.zeros(4), powers, drifts, entries)
     call_flow(observer.arrays.settings, observer.arrays.memory, c, s, DRIVE, observer.h, columns, work)
     return work.out
 

@@ -12,10 +12,15 @@ from scipy.optimize import brentq
 from estimator.effects.declaration import Source
 from estimator.errors import ModelError
 from estimator.kernel.flow import (
+    DRIFTS,
+    LENGTHS,
     LONGEST,
+    OF_A_LENGTH,
     along,
     begin_ways,
     catches,
+    drift,
+    drift_matrices,
     drive_at,
     ends_slopes,
     insert_sorted,
@@ -24,6 +29,7 @@ from estimator.kernel.flow import (
     late_polynomial,
     part_of,
     passing,
+    push_entries,
     push_one,
     push_slips,
     push_two,
@@ -56,7 +62,7 @@ def pushing(states: int, constants: int, columns: int) -> Push:
     return Push(
         np.zeros(2),
         np.zeros((2, states)),
-        np.zeros((2, constants)),
+        np.zeros((2, constants + 3)),
         np.zeros(2),
         np.zeros(2 * MAX_SIGNALS),
         np.zeros((MAX_SLIPS, columns)),
@@ -65,7 +71,9 @@ def pushing(states: int, constants: int, columns: int) -> Push:
 
 def working(states: int, constants: int, columns: int) -> FlowWork:
     term, other, out = (np.zeros((states, columns)) for _ in range(3))
-    return FlowWork(term, other, out, pushing(states, constants, columns))
+    push = pushing(states, constants, columns)
+    powers, drifts, entries = np.zeros((len(LONGEST), 16)), np.zeros((LENGTHS, OF_A_LENGTH)), np.zeros((4, 8))
+    return FlowWork(term, other, out, push, np.zeros(states), powers, drifts, entries)
 
 
 def test_a_drive_is_its_polynomial_and_so_is_any_part_of_it() -> None:
@@ -234,6 +242,38 @@ def test_a_kick_is_the_force_amid_it_and_its_columns_are_differences(axes: int, 
             index = int(settings["sense_constants"]) + j - states
             more[index], less[index] = c[index] + 1e-6, c[index] - 1e-6
         np.testing.assert_allclose(out[:, 1 + j], (after(ahead, more) - after(behind, less)) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("h", [0.05, 0.31, 0.44, -0.31])
+def test_over_each_drift_goes_the_exponential_of_the_matrix_and_what_a_drive_adds(h: float) -> None:
+    """So it does to Gauss's points within it."""
+    c, powers, found = np.zeros(9), np.zeros((len(LONGEST), 16)), np.full((LENGTHS, OF_A_LENGTH), 9.0)
+    c[2:9] = 0.15, 1.1, 0.9, 0.07, 0.2, 0.3, 0.1
+    drift_matrices(c, np.array([[0.7], [-0.4]]), h, powers, found)
+    both = np.zeros((5, 5))
+    both[:4, :4], both[:4, 4] = free_motion(*c[2:9]), (0.0, 0.7, 0.0, -0.4)  # Van Loan
+    points = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
+    for length, one in zip(DRIFTS, found, strict=False):
+        for at, share, rounding in zip((0, 20, 40, 60), (1.0, *points), (1e-14, 1e-11, 1e-11, 1e-11), strict=True):
+            expected = expm(both * length * share * h)[:4]
+            np.testing.assert_allclose(one[at : at + 20].reshape(5, 4).T, expected, atol=rounding)
+
+
+@pytest.mark.parametrize("columns", [12, 14, 16])
+def test_a_drift_takes_all_columns_along(columns: int) -> None:
+    drifts, out = RANDOM.standard_normal((LENGTHS, OF_A_LENGTH)), RANDOM.standard_normal((4, columns))
+    expected = drifts[2, :16].reshape(4, 4).T @ out
+    drift(2, drifts, out)
+    np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-14)
+
+
+def test_forces_push_the_velocities_of_what_entries_of_the_field_do() -> None:
+    push, entries, weight = pushing(4, 9, 12), RANDOM.standard_normal((4, 8)), 0.3
+    push.by_states[:] = RANDOM.standard_normal((2, 4))
+    expected = entries.copy()
+    expected[[1, 3]] += weight * push.by_states @ entries
+    push_entries(weight, push, entries)
+    np.testing.assert_allclose(entries, expected, rtol=1e-12)
 
 
 def test_slopes_at_both_ends_are_those_of_the_equation() -> None:

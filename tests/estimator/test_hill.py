@@ -293,22 +293,47 @@ def hill(monkeypatch: pytest.MonkeyPatch, turned: Callable[[dict[str, float]], b
     return made, models
 
 
-def test_each_place_is_fitted_once_in_one_pass_about_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_place_is_fitted_once_in_one_pass_from_where_those_before_lead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stub finds kxx = ω: moved on along the line of two models, it is begun with right."""
     made, models = hill(monkeypatch, lambda given: False)
     a, b, c = (np.array([omega, 0.02]) for omega in (650.0, 690.0, 640.0))
     assert made.at_each([a, b, a]) == [-2500.0, -100.0, -2500.0]
     assert models.asked == [(650.0, 0.02, 1, 1.0), (690.0, 0.02, 1, 1.0)]
     assert made.at(c) == -3600.0
     assert made.at(a) == -2500.0
-    assert models.asked[2:] == [(640.0, 0.02, 1, 690.0)]  # begun about the best
+    assert models.asked[2:] == [(640.0, 0.02, 1, 640.0)]
     assert made.highest == -100.0
     assert models.about == [None] * 3
     assert made.fitted(a).settings.initial["kxx"] == 650.0
-    assert models.asked[3:] == [(650.0, 0.02, 1, 690.0)]  # a pass about the best, which is its second
+    assert models.asked[3:] == [(650.0, 0.02, 1, 650.0)]  # a pass about the best, which is its second
     assert models.about[3] is made.model.observer
     made.model.likelihood = -np.inf  # unless that diverged
     made.fitted(a)
-    assert (models.asked[4], models.about[4]) == ((650.0, 0.02, 2, 690.0), None)
+    assert (models.asked[4], models.about[4]) == ((650.0, 0.02, 2, 650.0), None)
+
+
+def test_a_place_on_no_line_with_two_that_were_passed_begins_with_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, models = hill(monkeypatch, lambda given: False)
+    made.at(np.array([650.0, 0.02]))
+    assert models.asked[-1][3] == 1.0  # with the model that was given
+    made.at(np.array([690.0, 0.02]))
+    assert models.asked[-1][3] == 650.0
+    made.at(np.array([680.0, 0.03]))  # both have moved
+    assert models.asked[-1][3] == 690.0
+    made.at(np.array([690.0, 0.03]))  # ζ alone has, of which nothing was tried
+    assert models.asked[-1][3] == 690.0
+    made.at(np.array([690.0, 0.05]))  # there, with what is known of ζ: kxx goes with ω alone
+    assert models.asked[-1][3] == 690.0
+    made.at(np.array([710.0, 0.02]))
+    assert models.asked[-1][3] == pytest.approx(710.0)
+
+
+def test_settings_between_two_have_the_share_of_what_moves_and_keep_the_rest() -> None:
+    one = ObserverSettings(initial={"kxx": 1.0, "dxx": 5.0}, effects={"parasitic_mode": {"omega": 2.0, "rx": 4.0}})
+    other = ObserverSettings(initial={"kxx": 3.0}, effects={"parasitic_mode": {"omega": 2.0, "rx": 0.0}})
+    found = parameters.between(one, other, 1.5)
+    assert found.initial == {"kxx": 4.0, "dxx": 5.0}
+    assert found.effects == {"parasitic_mode": {"omega": 2.0, "rx": -2.0}}
 
 
 def test_where_the_effect_is_a_simpler_one_a_model_of_one_pass_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -320,7 +345,7 @@ def test_where_the_effect_is_a_simpler_one_a_model_of_one_pass_will_do(monkeypat
     assert made.fitted(best) is made.model
     assert len(models.asked) == 2
     made.fitted(other)
-    assert models.asked[2:] == [(720.0, 0.02, 1, 690.0)]
+    assert models.asked[2:] == [(720.0, 0.02, 1, 720.0)]
 
 
 def test_coefficients_are_those_of_the_effect_in_the_order_of_its_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -533,6 +558,7 @@ class Fits:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, likelihood: Callable[[int, float], float]) -> None:
         self.asked: list[tuple[int, float]] = []
+        self.about: list[Any] = []
         self.likelihood = likelihood
         monkeypatch.setattr(parameters, "fit", self)
 
@@ -540,6 +566,7 @@ class Fits:
         given = dict(problem.settings.effects["parasitic_mode"])
         samples = len(problem.record)
         self.asked.append((samples, given["omega"]))
+        self.about.append(about)
         settings = ObserverSettings(effects={"parasitic_mode": given})
         likelihood = self.likelihood(samples, given["omega"])
         return SimpleNamespace(settings=settings, likelihood=likelihood, observer="observer")
@@ -555,7 +582,8 @@ class Places(Climbs):
     def fitted(self, place: Array) -> Any:
         given = dict(zip(("omega", "zeta"), place.tolist(), strict=True))
         self.last = self.samples, given
-        return SimpleNamespace(settings=ObserverSettings(effects={"parasitic_mode": given}), likelihood=40.0)
+        settings = ObserverSettings(effects={"parasitic_mode": given})
+        return SimpleNamespace(settings=settings, likelihood=40.0, observer="of the beginning")
 
 
 def long_record(samples: int) -> Problem:
@@ -574,6 +602,7 @@ def test_a_search_on_a_long_record_begins_on_a_quarter_of_it(monkeypatch: pytest
     monkeypatch.setattr(parameters, "turned_into", lambda *_: None)
     found, searched = refine_parameters(long_record(40_000), mode(100.0), "parasitic_mode")
     assert fits.asked == [(10_000, 600.0), (40_000, 6020.0)]
+    assert fits.about == [None, "of the beginning"]
     starts = [one[0] for one in climbs.asked]
     assert starts[0] == (600.0, 0.01)
     assert starts[2] == pytest.approx((6020.0, 20.1))

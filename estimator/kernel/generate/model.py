@@ -199,6 +199,22 @@ def _forcing(model: Model) -> list[list[sp.Expr]]:
     return forcing
 
 
+def _named(m: sp.Matrix, i: int, j: int) -> sp.Expr:
+    """An entry of the field's matrix, by the name that a prologue gives it, or the number that it is."""
+    return m[i, j] if m[i, j].is_number else sp.Symbol(f"m{i}_{j}")
+
+
+def _combined(weights: Sequence[sp.Expr]) -> str:
+    """The sum of the lanes a0, a1, … with these weights."""
+    terms = []
+    for k, weight in enumerate(weights):
+        if weight == 1:
+            terms.append(f"a{k}")
+        elif weight != 0:
+            terms.append(f"{float(weight)!r} * a{k}" if weight.is_number else f"{weight} * a{k}")
+    return " + ".join(terms)
+
+
 def _series(model: Model, indent: str, forced: bool) -> list[str]:
     """Lines that add to the lanes total0, total1, … the terms of the series behind the lanes a0, a1, …; forced: whether
     these are the base model's columns, which have more than M a in each term.
@@ -213,16 +229,11 @@ def _series(model: Model, indent: str, forced: bool) -> list[str]:
     lines += [f"    {s.symbol} = lane(a{i}, 0)" for i, s in enumerate(model.states) if s.symbol in used]
     lines += assignments(forces, "v", "    ")
     for i in rows:
-        terms = []
-        for j in range(m.cols):
-            if m[i, j] == 1:
-                terms.append(f"a{j}")
-            elif m[i, j] != 0:
-                terms.append(f"{float(m[i, j])!r} * a{j}" if m[i, j].is_number else f"m{i}_{j} * a{j}")
+        product = _combined([_named(m, i, j) for j in rows])
         if any(e != 0 for e in forcing[i]):
             named = [f"f{i}_{j}" if e != 0 else "0.0" for j, e in enumerate(forcing[i])]
-            terms.append(f"gather(({', '.join(named)}))")
-        lines.append(f"    b{i} = scale * ({' + '.join(terms)})")
+            product += f" + gather(({', '.join(named)}))"
+        lines.append(f"    b{i} = scale * ({product})")
     lines += [f"    a{i} = b{i}" for i in rows]
     lines += [f"    total{i} = total{i} + b{i}" for i in rows]
     return [indent + line for line in lines]
@@ -258,6 +269,51 @@ def _taylor_lanes(model: Model) -> str:
         more.append(f"        if j + {q} < columns:")
         more += [f"            out[{i}, j + {q}] = lane(total{i}, {q})" for i in rows]
     return "\n".join([*more, "", "", *lines])
+
+
+def _powers(model: Model) -> str:
+    """`<model>_powers(c, h, order, out)`: out[n] ← (M h)ⁿ/n!, column by column, n up to order: the terms of exp(M h).
+    Models of four states only, so that columns are lanes.
+    """
+    m, _ = model.system_matrices()
+    rows = range(m.rows)
+    lines = ["@compiled", f"def {model.name}_powers(c, h, order, out):"]
+    lines += [line for line in _lanes_prologue(model) if "degree" not in line]
+    for j in rows:
+        lines.append(f"    a{j} = gather(({', '.join('1.0' if i == j else '0.0' for i in rows)}))")
+        lines.append(f"    put(out, {4 * j}, a{j})")
+    lines += ["    for n in range(order):", "        scale = h / (n + 1)"]
+    lines += [f"        b{j} = scale * ({_combined([_named(m, i, j) for i in rows])})" for j in rows]
+    lines += [f"        a{j} = b{j}" for j in rows]
+    lines += [f"        put(out, 16 * n + {16 + 4 * j}, a{j})" for j in rows]
+    return "\n".join(lines)
+
+
+def _add_constants(model: Model) -> str:
+    """`<model>_add_constants(c, e, out)`: add to the columns of the flow constants in out what changes of the field's
+    entries do.  Models of two axes only.
+
+    e (4, 8): what a unit of each state added to the force of each axis, [of x | of y], does to the states.
+    """
+    states = [state.symbol for state in model.states]
+    first = 1 + len(states)
+    pairs = []
+    for j, constant in enumerate(model.flow_constants):
+        entries = {
+            4 * axis + k: entry
+            for axis in range(model.axes)
+            for k, state in enumerate(states)
+            if (entry := sp.diff(model.field[2 * axis + 1], constant.symbol, state)) != 0
+        }
+        pairs += [
+            (f"out[{i}, {first + j}]", sum(entry * sp.Symbol(f"e[{i}, {at}]") for at, entry in entries.items()))
+            for i in range(len(states))
+        ]
+    constants = [constant.symbol for constant in model.constants]
+    lines = ["@compiled", f"def {model.name}_add_constants(c, e, out):"]
+    lines += _unpack(constants, "c[{i}]", free_symbols(e for _, e in pairs))
+    lines += [f"    {place} += {PRINTER.doprint(e)}" for place, e in pairs]
+    return "\n".join(lines)
 
 
 def _flow_lanes(model: Model) -> str:
@@ -462,7 +518,9 @@ def _dispatch(models: Sequence[Model], stem: str, arguments: str) -> str:
 def generate(models: Sequence[Model], effects: Sequence[Effect]) -> str:
     """Source of the module that holds every model's and effect's functions and the dispatchers over them."""
     parts = [build(model) for model in models for build in (_field_columns, _taylor, _sense, _jumps)]
-    parts += [_flow_lanes(model) for model in models if len(model.states) == 4]
+    parts += [
+        build(model) for model in models if len(model.states) == 4 for build in (_flow_lanes, _powers, _add_constants)
+    ]
     parts += [
         _effect(model, present)
         for effect in effects
