@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -58,7 +59,7 @@ def print_before_and_after(circle: "Circle") -> None:
 
     from hil.cli.show_diagnosis import print_diagnosis
     from hil.records.diagnosis import load_diagnosis
-    from hil.records.result import load_result
+    from hil.records.result import TOO_SLOW, load_result
     from hil.records.runfolder import RunFolder
 
     if circle.trace is None:
@@ -75,9 +76,8 @@ def print_before_and_after(circle: "Circle") -> None:
         table.add_row(label, before.get(label, ""), after.get(label, ""))
     print("\nthe loop without it and with it")
     Console(highlight=False, soft_wrap=True).print(table)
-    if any("machine" in result.parts and result.parts["machine"].against for result in results):
-        print("this machine was too slow for its part: the loop was open in between, and the angle errors above do not")
-        print("compare the models; that part is told apart from the model's, below")
+    if not all(result.kept_up for result in results):
+        print(textwrap.fill(f"{TOO_SLOW}; that part is told apart from the model's, below", 80))
     print()
 
 

@@ -318,6 +318,13 @@ class Sensor(_Model):
     )
 
 
+TOO_SLOW = (
+    "this machine was too slow for its part: the loop was open in between, "
+    "and the angle errors do not compare the models"
+)
+"""Of two runs, where one of them is not `Result.kept_up`."""
+
+
 class Result(_Model):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
@@ -381,6 +388,11 @@ class Result(_Model):
         """What an unsafe run says before anything else."""
         safety = self.parts.get("safety")
         return (safety and safety.reason) or "a stop was not confirmed: cut the supply"
+
+    @property
+    def kept_up(self) -> bool:
+        """Whether this machine was fast enough for its part, as far as that is known."""
+        return "machine" not in self.parts or not self.parts["machine"].against
 
 
 def save_result(path: Path, result: Result) -> None:

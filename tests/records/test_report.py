@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
-from hil.records.result import Part, load_result, save_result
+from hil.records.result import TOO_SLOW, Part, load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.numbers import quantity
@@ -379,6 +379,11 @@ def test_a_run_with_what_was_found_stands_beside_the_run_before(make_run, tmp_pa
     assert "What the residual told" in page
     assert "The model lacks: cubic stiffness of each axis" in page
     assert f"{result.angle_error_rms_rad * 1e3:.3g}" in page
+    assert TOO_SLOW[1:] not in page
+    slow = load_result(earlier / "result.json")
+    parts = slow.parts | {"machine": Part(outcome="failed", reason="answered 91 % in time")}
+    save_result(earlier / "result.json", slow.model_copy(update={"parts": parts}))
+    assert TOO_SLOW[1:] in write_report(folder, truth, earlier=(earlier, truth)).read_text(encoding="utf-8")
     alone = write_report(folder, truth).read_text(encoding="utf-8")
     assert "The model lacks: cubic stiffness of each axis" in alone
     assert "Angle error before and after" not in alone

@@ -1,7 +1,7 @@
 """What a trace found, told in the report of the run that carries it."""
 
 from hil.records.diagnosis import Diagnosis
-from hil.records.result import Result
+from hil.records.result import TOO_SLOW, Result
 from hil.report import markup
 from hil.report.diagnosis.page import equations_of, headline
 from hil.report.diagnosis.tables import coefficients
@@ -32,7 +32,10 @@ def _beside(before: Result, after: Result) -> str:
         )
     ]
     caption = f"The loop without the effect ({before.run}) and with it ({after.run}), same board, same seed"
-    return markup.table(caption, ("", "before", "after", "smaller"), rows, (1, 2, 3))
+    table = markup.table(caption, ("", "before", "after", "smaller"), rows, (1, 2, 3))
+    if before.kept_up and after.kept_up:
+        return table
+    return table + markup.paragraph(f"{TOO_SLOW[:1].upper()}{TOO_SLOW[1:]}.")
 
 
 def _ratio(result: Result) -> float | None:
