@@ -15,7 +15,6 @@ from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import OF_THE_WAY, OWN, Source, can_be_specialised
 from estimator.errors import ModelError
 from estimator.kernel import block, steps
-from estimator.kernel.flow import taylor_order
 from estimator.kernel.layout import (
     LONGEST_STEP,
     MAX_EFFECTS,
@@ -29,6 +28,7 @@ from estimator.kernel.layout import (
 )
 from estimator.kernel.own import address
 from estimator.kernel.structures import Arrays
+from estimator.kernel.taylor import taylor_order
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling

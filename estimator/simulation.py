@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.effects.declaration import Source
 from estimator.errors import ModelError
-from estimator.kernel.flow import taylor_order
+from estimator.kernel.taylor import taylor_order
 from estimator.observer import Observer
 from estimator.scaling import Array
 

@@ -6,7 +6,7 @@ from typing import Any
 import sympy as sp
 
 from estimator.effects.declaration import Effect
-from estimator.kernel.flow import DRIFTS, KICKS
+from estimator.kernel.drifts import DRIFTS, KICKS
 from estimator.model.declaration import Model
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from benchmarks.speed.cases import CONTROL, DEVICE, Case
 from benchmarks.speed.effects_in_c import in_c
-from estimator.kernel.flow import DRIFTS, taylor, taylor_order
+from estimator.kernel.drifts import DRIFTS
+from estimator.kernel.taylor import taylor, taylor_order
 from estimator.oracle.filterpy_observer import FilterpyObserver
 from estimator.oracle.numpy_observer import NumpyObserver
 from estimator.scaling import Array

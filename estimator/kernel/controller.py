@@ -9,12 +9,13 @@ a sinusoid.
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.flow import effect_forces, flow, taylor
+from estimator.kernel.flow import effect_forces, flow
 from estimator.kernel.layout import DXX, DXY, DYY, KXX, KXY, KYY, MAX_AXES, RATE, Floats, Record
 from estimator.kernel.observer import shift_drives
 from estimator.kernel.pattern import pattern
 from estimator.kernel.signals import line_values, signal_values
 from estimator.kernel.structures import Interval, Push, Workspace
+from estimator.kernel.taylor import taylor
 
 _INVERSIONS = 5
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from estimator.kernel.compiled import compiled
-from estimator.kernel.flow import taylor
 from estimator.kernel.layout import MAX_LATENCY, PHI_X, Floats, Record
+from estimator.kernel.taylor import taylor
 
 HISTORY = 64
 QUEUE = MAX_LATENCY + 2

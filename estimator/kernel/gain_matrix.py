@@ -19,8 +19,8 @@ import numpy as np
 
 from estimator.kernel.compiled import compiled
 from estimator.kernel.controller import holds, virtual_rate
-from estimator.kernel.flow import taylor
 from estimator.kernel.layout import RATE, Floats, Record
+from estimator.kernel.taylor import taylor
 
 
 class Filter(NamedTuple):

@@ -13,7 +13,8 @@ import numpy as np
 
 from estimator.kernel.angle_error import correct_angle, move_angle, predict_angle, recall_angle, turn_angle
 from estimator.kernel.compiled import compiled, generated, inlined
-from estimator.kernel.flow import LENGTHS, OF_A_LENGTH, begin_ways, drive_at, flow, sensed_before
+from estimator.kernel.drifts import LENGTHS, OF_A_LENGTH
+from estimator.kernel.flow import begin_ways, drive_at, flow, sensed_before
 from estimator.kernel.lanes import lane, put, put_columns, take
 from estimator.kernel.layout import MAX_AXES, MAX_DEGREE, MAX_SIGNALS, MAX_SLIPS, Floats, Ints, Record
 from estimator.kernel.pattern import phase_and_angle

@@ -17,11 +17,12 @@ import numpy as np
 from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.controller import virtual_rate
-from estimator.kernel.flow import drive_at, part_of, taylor
+from estimator.kernel.flow import drive_at, part_of
 from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import correct, predict, recall_initial, remember_drive, runs_riccati, workspace
 from estimator.kernel.signals import directions, line_values, signal_values
 from estimator.kernel.structures import Arrays, Constants, Estimate, Sample, Workspace
+from estimator.kernel.taylor import taylor
 
 _effect_force = generated().effect_force
 _effect_sense = generated().effect_sense

@@ -100,7 +100,7 @@ class FlowWork(NamedTuple):
 
     out, columns [state | ∂/∂s0 | ∂/∂flow and effect constants] (states, columns) of what is advanced; term of the
     Taylor series and other, of its shape, and state (states,) are scratch; push what the effects do.  Of two axes:
-    powers (orders, 16), the terms of exp(M h); drifts (4, 80) as `estimator.kernel.flow.drift_matrices` leaves them;
+    powers (orders, 16), the terms of exp(M h); drifts (4, 80) as `estimator.kernel.drifts.drift_matrices` leaves them;
     entries (4, 8), what a unit of each state added to the force of each axis does to the states.
     """
 

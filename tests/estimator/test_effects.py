@@ -16,7 +16,8 @@ from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.page import page
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled
-from estimator.kernel.flow import LENGTHS, OF_A_LENGTH, flow
+from estimator.kernel.drifts import LENGTHS, OF_A_LENGTH
+from estimator.kernel.flow import flow
 from estimator.kernel.layout import MAX_SIGNALS, MAX_SLIPS
 from estimator.kernel.observer import predict_measurement, workspace
 from estimator.kernel.signals import advance_signals, signal_values

@@ -11,16 +11,11 @@ from scipy.optimize import brentq
 
 from estimator.effects.declaration import Source
 from estimator.errors import ModelError
+from estimator.kernel.drifts import DRIFTS, LENGTHS, OF_A_LENGTH, drift, drift_matrices, push_entries
 from estimator.kernel.flow import (
-    DRIFTS,
-    LENGTHS,
-    LONGEST,
-    OF_A_LENGTH,
     along,
     begin_ways,
     catches,
-    drift,
-    drift_matrices,
     drive_at,
     ends_slopes,
     insert_sorted,
@@ -29,17 +24,16 @@ from estimator.kernel.flow import (
     late_polynomial,
     part_of,
     passing,
-    push_entries,
     push_one,
     push_slips,
     push_two,
     slid,
     slide,
-    taylor_order,
     turnovers,
 )
 from estimator.kernel.layout import MAX_DELAY, MAX_SIGNALS, MAX_SLIPS
 from estimator.kernel.structures import FlowWork, Interval, Push
+from estimator.kernel.taylor import LONGEST, taylor_order
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from estimator.errors import ModelError
 from estimator.kernel import layout
-from estimator.kernel.flow import taylor, taylor_order
+from estimator.kernel.taylor import taylor, taylor_order
 from estimator.model.catalogue import MODELS, model_for
 from estimator.observer import Observer
 from estimator.oracle.evaluation import evaluated

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimator.gaps import Gaps
-from estimator.kernel.flow import taylor_order
 from estimator.kernel.scan import Block, Signatures
+from estimator.kernel.taylor import taylor_order
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array

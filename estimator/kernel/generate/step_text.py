@@ -61,7 +61,8 @@ from estimator.kernel.angle import note_forced_rotation, read_angle
 from estimator.kernel.angle_error import note_gradient, refer_angle
 from estimator.kernel.compiled import compiled, generated, inlined
 from estimator.kernel.controller import advance_queue, command, virtual_rate
-from estimator.kernel.flow import DRIFTS, KICKS, LONGEST
+from estimator.kernel.drifts import DRIFTS, KICKS
+from estimator.kernel.taylor import LONGEST
 from estimator.kernel.lanes import gather, lane, put, put_columns, take
 from estimator.kernel.layout import MAX_SIGNALS, RATE
 from estimator.kernel.observer import ATTENTION, fading_factor, workspace
