@@ -239,7 +239,8 @@ class Hill:
         return self.problem.under(begun).carrying(effects)
 
     def _beginning(self, place: Array) -> ObserverSettings:
-        """What a pass begins with: what the best so far found, moved on as between it and the nearest on one line.
+        """What a pass begins with: what the best so far found, moved on as between it and the nearest on one line, no
+        further beyond them than a step uphill goes, for there what two close ones differ in is noise.
 
         One that begins far from what it comes to has that in its likelihood, and a climb would creep.
         """
@@ -253,7 +254,8 @@ class Hill:
             return best
         seen, other = min(others, key=lambda one: float(abs(one[0] - place)[index[0]]))
         along = int(index[0])
-        return between(best, other, float((place - here)[along] / (seen - here)[along]))
+        share = float((place - here)[along] / (seen - here)[along])
+        return between(best, other, float(np.clip(share, -_SET.growth, _SET.growth)))
 
     def climb(
         self, place: Array, index: int, width: float, hopeless: Callable[[], bool] = lambda: False

@@ -328,6 +328,18 @@ def test_a_place_on_no_line_with_two_that_were_passed_begins_with_the_best(monke
     assert models.asked[-1][3] == pytest.approx(710.0)
 
 
+@pytest.mark.parametrize(("omega", "begun"), [(800.0, 694.0), (600.0, 686.0)])
+def test_two_places_that_lie_close_say_nothing_of_what_is_far(
+    monkeypatch: pytest.MonkeyPatch, omega: float, begun: float
+) -> None:
+    """No further than twice as far as they lie apart, on either side of the best."""
+    made, models = hill(monkeypatch, lambda given: False)
+    made.at(np.array([688.0, 0.02]))
+    made.at(np.array([690.0, 0.02]))
+    made.at(np.array([omega, 0.02]))
+    assert models.asked[-1][3] == pytest.approx(begun)
+
+
 def test_settings_between_two_have_the_share_of_what_moves_and_keep_the_rest() -> None:
     one = ObserverSettings(initial={"kxx": 1.0, "dxx": 5.0}, effects={"parasitic_mode": {"omega": 2.0, "rx": 4.0}})
     other = ObserverSettings(initial={"kxx": 3.0}, effects={"parasitic_mode": {"omega": 2.0, "rx": 0.0}})
