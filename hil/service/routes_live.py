@@ -117,10 +117,10 @@ async def live(socket: WebSocket) -> None:
     await socket.accept()
     holder = await _greeted(socket, service)
     if holder is None:
-        await socket.close(_NO_TOKEN, "the first message is {op: hello, token: …} with a valid token")
+        await _close(socket, _NO_TOKEN, "the first message is {op: hello, token: …} with a valid token")
         return
     if len(parts.clients) >= _MOST_CLIENTS:
-        await socket.close(_FULL, f"{_MOST_CLIENTS} clients are connected already")
+        await _close(socket, _FULL, f"{_MOST_CLIENTS} clients are connected already")
         return
     client = Client(socket, parts.hub, lambda: parts.safe(holder))
     client.newest("state", parts.state())
@@ -129,8 +129,13 @@ async def live(socket: WebSocket) -> None:
         await client.serve()
     finally:
         parts.clients.discard(client)
-        with suppress(RuntimeError, WebSocketDisconnect):
-            await socket.close()
+        await _close(socket)
+
+
+async def _close(socket: WebSocket, code: int = 1000, reason: str | None = None) -> None:
+    """Say why; whoever has gone by then does not hear it."""
+    with suppress(RuntimeError, WebSocketDisconnect):
+        await socket.close(code, reason)
 
 
 async def _greeted(socket: WebSocket, service: Service) -> Holder | None:
