@@ -35,6 +35,15 @@ def taylor_order(h: float, norm: float = _NORM, tolerance: float = _TOLERANCE) -
 
 
 @inlined
+def taylor_terms(longest: Floats, t: float, most: int) -> int:
+    """The order that an interval of that length asks for, by the longest for each, at most so much."""
+    order = 2
+    while order < most and abs(t) >= longest[order]:
+        order += 1
+    return order
+
+
+@inlined
 def taylor(model: int, c: Floats, u: Floats, h: float, order: int, columns: int, term: Floats, out: Floats) -> None:
     """Advance the columns of out in place by h under the input polynomial u (axes, degree + 1) in normalised time
     t/h.
@@ -43,16 +52,4 @@ def taylor(model: int, c: Floats, u: Floats, h: float, order: int, columns: int,
     asks for: over a shorter one the terms beyond its own are rounding.
     """
     degree = u.shape[1] - 1
-    own = 2
-    while own < order - degree and abs(h) >= LONGEST[own]:
-        own += 1
-    _taylor(model, c, u, h, own + degree, columns, term, out)
-
-
-@inlined
-def taylor_terms(longest: Floats, t: float, most: int) -> int:
-    """The order that an interval of that length asks for, by the longest for each, at most so much."""
-    order = 2
-    while order < most and abs(t) >= longest[order]:
-        order += 1
-    return order
+    _taylor(model, c, u, h, taylor_terms(LONGEST, h, order - degree) + degree, columns, term, out)

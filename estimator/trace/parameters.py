@@ -245,9 +245,9 @@ class Hill:
         One that begins far from what it comes to has that in its likelihood, and a climb would creep.
         """
         best = self.model.settings
-        here = next((seen for seen, _ in self.passed if seen.tobytes() == self.best), None)
-        if here is None:
+        if not self.best:
             return best
+        here = np.frombuffer(self.best)
         index = np.flatnonzero(place != here)
         others = [one for one in self.passed if np.array_equal(np.flatnonzero(one[0] != here), index)]
         if len(index) != 1 or not others:
