@@ -16,12 +16,10 @@ from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.page import page
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled
-from estimator.kernel.drifts import LENGTHS, OF_A_LENGTH
 from estimator.kernel.flow import flow
-from estimator.kernel.layout import MAX_SIGNALS, MAX_SLIPS
-from estimator.kernel.observer import predict_measurement, workspace
+from estimator.kernel.observer import flow_work, predict_measurement, workspace
 from estimator.kernel.signals import advance_signals, signal_values
-from estimator.kernel.structures import FlowWork, Interval, Push, Sample
+from estimator.kernel.structures import Interval, Sample
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate
 from estimator.observer import Observer
 from estimator.scaling import Array
@@ -55,9 +53,11 @@ SMOOTH = [name for name in FORCES if name not in KINKED]
 
 
 @compiled
-def call_flow(record, memory, c, s, u, h, columns, work):
+def call_flow(record, memory, c, s, u, h, columns):
+    work = flow_work(record[0], c.shape[0], columns)
     signal_values(record[0], memory[0], TIME, work.push.signals)
     flow(record[0], Interval(TIME, h, u), memory[0].past, c, s, columns, work)
+    return work.out
 
 
 @compiled
@@ -134,16 +134,11 @@ def values(effect: Effect, what: str) -> Callable[..., Array]:
     return at
 
 
-def step(observer: Observer, s: Array, c: Array) -> Array:
+def step(observer: Observer, s: Array, c: Array, drive: Array = DRIVE) -> Array:
     """[state | ∂/∂s | ∂/∂(flow constants, coefficients)] after one sample."""
     columns = 1 + 4 + int(observer.arrays.settings["flow_constants"][0])
-    slips = np.zeros((MAX_SLIPS, columns))
-    by_constants = np.zeros((2, len(c) + 3))
-    push = Push(np.zeros(2), np.zeros((2, 4)), by_constants, np.zeros(2), np.zeros(2 * MAX_SIGNALS), slips)
-    powers, drifts, entries = np.zeros((60, 16)), np.zeros((LENGTHS, OF_A_LENGTH)), np.zeros((4, 8))
-    work = FlowWork(*(np.zeros((4, columns)) for _ in range(3)), push, np.zeros(4), powers, drifts, entries)
-    call_flow(observer.arrays.settings, observer.arrays.memory, c, s, DRIVE, observer.h, columns, work)
-    return work.out
+    stepped: Array = call_flow(observer.arrays.settings, observer.arrays.memory, c, s, drive, observer.h, columns)
+    return stepped
 
 
 def base(c: Array, y: Array, u: Array) -> Array:
@@ -297,11 +292,12 @@ def test_friction_turns_over_on_a_late_path_too(path: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("drive", [DRIVE, np.ascontiguousarray(DRIVE[:, :1])], ids=["that moves", "that is held"])
 @pytest.mark.parametrize("name", SMOOTH)
-def test_jacobian_of_the_flow_is_its_difference_quotient(name: str) -> None:
+def test_jacobian_of_the_flow_is_its_difference_quotient(name: str, drive: Array) -> None:
     observer = carrying(name)
     c = observer.x[4:].copy()
-    jacobian = step(observer, STATE, c)[:, 1:]
+    jacobian = step(observer, STATE, c, drive)[:, 1:]
     epsilon = 1e-6
     for column in range(jacobian.shape[1]):
         moved = []
@@ -311,7 +307,7 @@ def test_jacobian_of_the_flow_is_its_difference_quotient(name: str) -> None:
                 s1[column] += sign * epsilon
             else:
                 c1[2 + column - 4] += sign * epsilon
-            moved.append(step(observer, s1, c1)[:, 0])
+            moved.append(step(observer, s1, c1, drive)[:, 0])
         np.testing.assert_allclose(jacobian[:, column], (moved[0] - moved[1]) / (2 * epsilon), rtol=0, atol=2e-9)
 
 
