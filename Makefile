@@ -1,5 +1,5 @@
 # Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
-# make demo · make test · make coverage · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make install
+# make demo · make test · make test-long · make coverage · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make install
 
 PYTHON ?= python3
 BIN    := .venv/bin
@@ -10,12 +10,13 @@ TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
 
-.PHONY: help install demo test coverage test-vcan quick check bench undeclared measured
+.PHONY: help install demo test test-long coverage test-vcan quick check bench undeclared measured
 
 help:
 	@echo "make demo     close the loop in real time, trace what the model lacks, close it again with it"
-	@echo "make test     all tests"
-	@echo "make test-vcan  those of them that need a CAN interface, in user-mode Linux where the kernel has no CAN"
+	@echo "make test     what is promised, ten minutes on two processors"
+	@echo "make test-long  the tests that it leaves out: whole traces, runs and campaigns, statistics; an hour"
+	@echo "make test-vcan  the tests that need a CAN interface, in user-mode Linux where the kernel has no CAN"
 	@echo "make coverage all tests again, and which lines they run"
 	@echo "make quick    the tests of daily work"
 	@echo "make check    lint, types (those of the page as well), import contracts"
@@ -32,19 +33,23 @@ demo: $(WARM)
 # Files side by side, as many as there are processors, the longest first (tests/conftest.py). Then what has to keep up
 # with the wall clock, which mostly waits: two files at a time, unless a file needs the machine to itself
 # (tests/by_the_clock.py). Last the tests on CAN: their machine of one processor would take a whole one
-# from tests by the clock.
+# from tests by the clock. `make test` and `make test-long` together run every test once.
 BY_FILE := --dist loadfile --no-loadscope-reorder
 BESIDE := -n auto $(BY_FILE)
 
 # Bytecode is kept, whatever the environment says, but not between the sources: without it pytest compiles every file of
 # tests in each of its processes, and each process that a test starts all of the bench.
-test quick coverage: export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
-test quick coverage: export PYTHONDONTWRITEBYTECODE :=
+test test-long quick coverage: export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
+test test-long quick coverage: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(WARM) $(PAGE)
-	$(BIN)/python -m pytest $(BESIDE) -m "not realtime"
-	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m realtime
+	$(BIN)/python -m pytest $(BESIDE) -m "not realtime and not long"
+	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "realtime and not long"
 	$(BIN)/python -m tests.vcan --quiet
+
+test-long: $(WARM) $(PAGE)
+	$(BIN)/python -m pytest $(BESIDE) -m "long and not realtime"
+	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "long and realtime"
 
 coverage: $(WARM) $(PAGE)
 	$(BIN)/python -m pytest --cov --cov-report=term

@@ -3,7 +3,7 @@
 import os
 import re
 import signal
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Generator
 from pathlib import Path
 
@@ -25,8 +25,13 @@ settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
 
 
-_WHOLLY_SLOW = re.compile(r"^pytestmark = (?:\[[^\]]*)?pytest\.mark\.slow\b", re.MULTILINE)
-_SLOW_S = 4.0
+_WHOLLY = {
+    name: re.compile(rf"^pytestmark = (?:\[[^\]]*)?pytest\.mark\.(?:{marks})\b", re.MULTILINE)
+    for name, marks in {"not slow": "slow|long", "not long": "long"}.items()
+}
+_MARKED = {"realtime": "realtime", "long": "(?:long|beyond)"}
+_LONG_S = 20.0
+_SLOW_S = 2.0
 _QUICK_S = 0.1
 _FLOOR = pytest.StashKey[Floor]()
 
@@ -36,8 +41,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     if not collection_path.match("test_*.py"):
         return None
     wanted, text = config.getoption("markexpr").split(" and "), collection_path.read_text(encoding="utf-8")
-    wholly_slow = "not slow" in wanted and _WHOLLY_SLOW.search(text)
-    return True if wholly_slow or ("realtime" in wanted and "realtime" not in text) else None
+    left_out = any(mark in wanted and wholly.search(text) for mark, wholly in _WHOLLY.items())
+    lacking = any(mark in wanted and not re.search(rf"mark\.{pattern}\b", text) for mark, pattern in _MARKED.items())
+    return True if left_out or lacking else None
 
 
 @pytest.fixture(scope="session")
@@ -48,10 +54,20 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shared_run(tmp_path_factory)
 
 
+_CASES: Counter[str] = Counter()
+
+
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Who stands on a whole run takes what that takes."""
+    """Who stands on a whole run takes what that takes; of a test whose cases are long beyond some, the first stay."""
     if "whole_run" in getattr(item, "fixturenames", ()):
         item.add_marker(pytest.mark.moderate)
+    for mark in item.iter_markers("beyond"):
+        test = item.nodeid.partition("[")[0]
+        _CASES[test] += 1
+        if _CASES[test] > mark.args[0]:
+            item.add_marker(pytest.mark.long)
+    if item.get_closest_marker("long"):
+        item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(trylast=True)  # of what `-m` has left
@@ -76,6 +92,8 @@ def _may_take(item: pytest.Item) -> float:
     own = item.get_closest_marker("timeout")
     if own is not None:
         return float(own.args[0]) / 5.0
+    if item.get_closest_marker("long"):
+        return _LONG_S
     return _SLOW_S if item.get_closest_marker("slow") else _QUICK_S
 
 

@@ -122,7 +122,7 @@ def test_a_board_not_started_here_is_armed_by_consent_only(pytester: pytest.Pyte
         run(pytester, text, *link, "--hil-arm").assert_outcomes(passed=2, skipped=1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("link", "chosen", "outcomes"),
     [

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.slow  # of boards in lockstep: no machine is too busy f
 SIZES = {1440: 900, 820: 1180, 390: 844}
 
 
+@pytest.mark.long
 def test_a_run_in_every_size_and_in_light_and_dark(browser: Browser, service: Serving, pictures: Path) -> None:
     """One run, looked at by six pages; of each a picture, and no violation on any."""
     with BenchPage.opened(browser, service) as first:
@@ -50,6 +51,7 @@ def _looked_at(
         return violations(page.page)
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", SIZES)
 def test_no_view_has_a_violation(
@@ -70,6 +72,7 @@ def test_no_view_has_a_violation(
         assert {view: said for view, said in found.items() if said} == {}
 
 
+@pytest.mark.long
 def test_a_board_is_connected_armed_and_stopped_by_keyboard_alone(browser: Browser, service: Serving) -> None:
     with BenchPage.opened(browser, service) as page:
         page.disconnect_if_connected()

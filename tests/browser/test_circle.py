@@ -13,7 +13,7 @@ from hil.examples import find
 from tests.browser.bench_page import BenchPage
 from tests.service.serving import Serving, serving
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 SETTLE_S = 4.0
 SECONDS = 12.0

@@ -59,6 +59,7 @@ def suspended(process: "subprocess.Popen[bytes]") -> Iterator[None]:
         process.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.long
 @_IN_LOCKSTEP
 def test_pattern_and_angle_move_and_agree_with_the_board(page: BenchPage) -> None:
     page.connect(BOARD, LOCKSTEP)  # no browser beside it, however busy the machine, makes an answer late
@@ -115,6 +116,7 @@ def test_settings_act_on_the_loop_that_runs_and_stop_ends_it(page: BenchPage) ->
     page.disconnect_if_connected()
 
 
+@pytest.mark.long
 @_IN_LOCKSTEP
 def test_the_scope_holds_zooms_to_single_samples_and_measures(page: BenchPage) -> None:
     page.connect(BOARD, LOCKSTEP)
@@ -146,6 +148,7 @@ def test_the_scope_holds_zooms_to_single_samples_and_measures(page: BenchPage) -
     page.disconnect_if_connected()
 
 
+@pytest.mark.beyond(1)
 @_BY_THE_CLOCK
 @pytest.mark.parametrize("where", ["in a field", "in the dialog", "on another view"])
 def test_escape_is_safe_wherever_one_is(page: BenchPage, where: str) -> None:

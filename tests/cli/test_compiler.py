@@ -35,6 +35,7 @@ def hil(place: Path, *arguments: str, told: str = "1") -> subprocess.CompletedPr
     )  # fmt: skip
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", COMPUTING, ids=" ".join)
 def test_without_its_compiler_a_verb_says_why_and_what_to_do(place: Path, arguments: list[str]) -> None:

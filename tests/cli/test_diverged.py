@@ -52,6 +52,7 @@ def place(kind: str, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.beyond(1)
 def test_score(hil: Hil, place: Path, kind: str) -> None:
     for more in ([], ["--json"]):
         code, out, err = hil("score", "run", "--truth", "run-truth.arrow", *more)
@@ -86,6 +87,7 @@ DIVERGES = {
 """A memory of one cycle, a millionth of the noise, and next to nothing known: beyond all numbers within 0.2 s."""
 
 
+@pytest.mark.long
 def test_run_replay_and_trace(tmp_path: Path) -> None:
     bench_file(tmp_path / "sick.bench.toml", bench(2.0, **DIVERGES))
     link = ["--link", "inproc:s-slow", "--out", "runs", "--json"]

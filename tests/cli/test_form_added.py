@@ -86,7 +86,7 @@ def test_a_form_with_a_memory_alone_writes_nothing(tmp_path: Path) -> None:
     assert not target.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_what_no_effect_accounts_for_is_undone_by_its_form(start: Start, tmp_path: Path) -> None:
     """A coupling that the catalogue lacks, the gradient of c x³ y: two runs in lockstep, the second with the form."""

@@ -16,6 +16,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.realtime]  # whole processes, by the
 ENDS_S = 2.0
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize(("stage", "after_s"), [("scan", 0.0), ("report", 0.0), ("report", 0.5), ("report", 1.5)])
 def test_a_run_ends_at_once_and_says_what_is_there(
@@ -49,6 +50,7 @@ def test_a_run_ends_at_once_and_says_what_is_there(
         assert told[0].endswith("its figures are in result.json, its report is not drawn")
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("after_s", [0.5, 2.0])
 def test_a_score_says_whether_its_figures_are_there(
     start: Start, recorded: Path, tmp_path: Path, after_s: float

@@ -26,6 +26,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make(Order("single", ("interference",), 0, draw=2), tmp_path_factory.mktemp("record"), 60_000)
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("at", range(4))
 @pytest.mark.parametrize("workers", [1, 3])

@@ -230,7 +230,7 @@ def hil_process(folder: Path, path: list[Path], *arguments: str) -> "subprocess.
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_carries_it_says_what_it_compiled_and_keeps_it(tmp_path: Path) -> None:
     # A law nobody has compiled before: its number is the process's.
     laws = LINES.replace("-k5 * x", f"-k5 * {1 + os.getpid() / 1e7} * x")
@@ -250,7 +250,7 @@ def test_a_run_carries_it_says_what_it_compiled_and_keeps_it(tmp_path: Path) -> 
     assert "k5" in json.loads(again.stdout)["parameters"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_broken_package_stops_no_run_that_does_without(tmp_path: Path) -> None:
     dist_info(tmp_path / "site", "broken-thing", "mine", "broken_thing:MINE")
     (tmp_path / "site" / "broken_thing.py").write_text("raise RuntimeError('not here')\n")
@@ -267,7 +267,7 @@ def test_a_broken_package_stops_no_run_that_does_without(tmp_path: Path) -> None
     assert named.stderr == f"hil: {line}\n"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)  # a run, a trace, another run
 def test_a_trace_names_it_and_adds_it(tmp_path: Path, example: Path) -> None:
     """The board has a coupling that the catalogue lacks; a package declares it; nothing here is changed for that."""

@@ -102,6 +102,7 @@ def test_emulator_that_dies_in_use_is_the_error() -> None:
         use_it()
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 @pytest.mark.timeout(1200)  # two runs, each in real time, and a trace, which takes what the machine has left
 def test_demo_goes_the_whole_circle_in_real_time(start: Start, tmp_path: Path) -> None:
@@ -142,6 +143,7 @@ def busy(processes: int) -> Iterator[None]:
             process.wait()
 
 
+@pytest.mark.long
 @pytest.mark.realtime(alone=True)  # it takes all of the machine
 @pytest.mark.timeout(1200)
 def test_what_the_demo_says_stays_right_on_a_busy_machine(start: Start, tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def test_effects_that_are_tried_on_request_are_asked_for_by_name(hil: Hil, monke
         assert err == f"hil: {name}: asked for {names}\n"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_record_that_lacks_nothing_is_adequate(hil: Hil, recorded: Path) -> None:
     code, out, err = hil("trace", str(recorded), "--bench", "s-slow", "--add", "new.bench.toml", "--json")
     assert code == 0, err

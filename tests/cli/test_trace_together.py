@@ -86,6 +86,7 @@ def hil(folder, *words):
 RECORDS = [f"load-{number}.arrow" for number in range(4)]
 
 
+@pytest.mark.long
 def test_four_loads_in_one_trace(bench):
     done = hil(bench, "trace", *RECORDS, "--bench", "beam.bench.toml", "--covariate", "load_kg", "--hold-out", "load-2")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -82,6 +82,7 @@ def test_dry_run_shows_the_board_and_leaves_nothing(hil: Hil, short_bench: str, 
     assert re.search(r"^ +firmware +1\.0\.0$", out, re.MULTILINE)
 
 
+@pytest.mark.long
 def test_open_loop_drives_nothing(hil: Hil, short_bench: str, tmp_path: Path) -> None:
     from hil.records.capture import read_capture
 

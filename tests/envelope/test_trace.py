@@ -128,7 +128,7 @@ def test_what_is_no_ring_down_is_refused():
         traced(time[::-1], -time)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """Forty draws of the noise; by the residual's spectrum alone the scatter was 1.3 times what the intervals said."""
     symbol, size, force = LAWS["drag"]

@@ -54,6 +54,7 @@ def noises() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["estimated", "known"])
 def test_deviation_is_that_of_the_errors_over_many_noises(
     noises: dict[str, tuple[np.ndarray, np.ndarray]], name: str

@@ -7,11 +7,10 @@ from benchmarks.speed.cases import CASES, Case
 from benchmarks.speed.peers import HandWritten, compiler
 
 IN_C = [  # a step of its own is compiled first
-    pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.effects else []) for case in CASES
+    pytest.param(case, id=case.name, marks=[pytest.mark.long] if case.effects else []) for case in CASES
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("case", IN_C)
 def test_angle_state_and_deviations_are_those_of_the_step_in_c(case: Case) -> None:

@@ -79,6 +79,7 @@ MISSING = {
 }
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MISSING)
 def test_a_run_says_what_it_lacks_and_what_that_does_to_the_angle(name: str) -> None:
@@ -96,6 +97,7 @@ def test_a_run_says_what_it_lacks_and_what_that_does_to_the_angle(name: str) -> 
     assert said.high - said.low < 0.5 * really
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MISSING)
 def test_the_sensitivity_is_the_emulated_angle_error_sign_included(name: str) -> None:
@@ -118,7 +120,7 @@ def test_a_clean_run_is_complete() -> None:
     assert max(float(np.max(moved)) for moved in found.information.cannot_exclude({}).values()) < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_hardly_moves_the_angle_is_told_and_not_held_against_the_run() -> None:
     effect, _ = MISSING["sense_gain"]
     found = scanned(record_of(loop(effect)), limit_rad=10.0)
@@ -151,6 +153,7 @@ def with_gaps(record: Record, longest: int) -> Record:
     return replace(record, sense=sense, drive=drive[:, :, None], gaps=Gaps(last, drives.spread(gap[last])))
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("longest", [1, 50])
 def test_a_clean_device_is_not_accused_over_gaps_of_unknown_drive(longest: int) -> None:
@@ -160,6 +163,7 @@ def test_a_clean_device_is_not_accused_over_gaps_of_unknown_drive(longest: int) 
     assert longest == 1 or scanned(replace(holed, gaps=None)).outcome is Outcome.LACKS
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("longest", [1, 50])
 @pytest.mark.parametrize("name", ["drive_gain", "sense_gain"])

@@ -236,7 +236,7 @@ def test_a_displacement_shows_it_in_the_same_form() -> None:
     inside(trace(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("draw", [10, 11])  # the spring is taken first in the other
 def test_twelve_decays_seen_by_a_vibrometer_tell_the_laws_of_both_modes(tmp_path: Path, draw: int) -> None:

@@ -46,7 +46,7 @@ def since(angle: np.ndarray, record: Record) -> np.ndarray:
     return np.asarray(error[first:] - error[first])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_is_the_same_however_the_record_is_cut_and_whatever_is_lost() -> None:
     device, record = wandering(0)
     sense = record.sense[:3000].copy()

@@ -48,6 +48,7 @@ def given_for(name: str) -> dict[str, dict[str, float]]:
     return {effect: dict(values) for effect, values in SETS[name].items()}
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 def test_the_numbers_of_the_general_kernels(record: Record, name: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,6 +59,7 @@ CASES = {
 ACROSS = ("drive_misalignment", "sense_cross_coupling")
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_angle_drifts_as_the_closed_form_says(case: str) -> None:

@@ -68,7 +68,7 @@ def coulomb(amplitude: float, samples: int) -> Array:
     return position
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_mass_that_sticks_is_traced_up_to_there_and_the_friction_is_found(tmp_path: Path) -> None:
     """Nine tenths of the record are at rest; friction, drag and an asymmetric one all predict them."""

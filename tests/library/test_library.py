@@ -169,7 +169,7 @@ def test_what_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
         hil.replay(tmp_path / "capture.arrow")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)  # a whole trace
 def test_from_a_run_to_its_effect_and_back(tmp_path: Path) -> None:
     first = hil.run("s-undeclared", link="inproc:s-undeclared", clock="lockstep", duration_s=10.0, out=tmp_path)

@@ -120,6 +120,7 @@ def leave_by_forgetting(live: hil.Live) -> None:
     gc.collect()
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "leave",
@@ -163,6 +164,7 @@ THEN = {
 }
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("how", THEN)
 def test_every_end_of_the_process_brings_the_board_to_safe(board: str, tmp_path: Path, how: str) -> None:

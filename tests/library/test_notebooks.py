@@ -31,6 +31,7 @@ def _text(cell: Any) -> str:
     return "\n".join(parts)
 
 
+@pytest.mark.long
 def test_a_run_and_its_trace(tmp_path: Path) -> None:
     told = "\n".join(output_of("run-and-trace.ipynb", tmp_path))
     assert "failed" in told
@@ -40,6 +41,7 @@ def test_a_run_and_its_trace(tmp_path: Path) -> None:
     assert float(ratio.split()[3]) < 0.7
 
 
+@pytest.mark.long
 def test_a_measured_record(tmp_path: Path) -> None:
     if not RECORD.exists():
         pytest.skip("the Silverbox record is not here")

@@ -360,6 +360,7 @@ def test_a_count_that_does_not_add_up_is_refused() -> None:
         Answers(**good, stopped=0)
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["force", "gain"])
 @pytest.mark.parametrize(

@@ -46,6 +46,7 @@ def scored(
 NOBODY_ASKS = pytest.mark.usefixtures("no_scan")  # whether the model is complete
 
 
+@pytest.mark.long
 @NOBODY_ASKS
 @pytest.mark.parametrize(
     ("effect", "name", "symbol", "true", "gain"),
@@ -88,6 +89,7 @@ CLOCK = ("[faults]\nclock_skew = 0.01", {"clock_rate": {"delta": 1.0 / 1.01 - 1.
 MASSES = ('name = "unequal_masses"\nm = 0.1', {"unequal_masses": {"m": 0.1}})
 
 
+@pytest.mark.long
 @NOBODY_ASKS
 @pytest.mark.timeout(900)  # three runs with their scans: a minute on four quiet processors
 @pytest.mark.parametrize(
@@ -112,6 +114,7 @@ def test_what_no_record_can_tell_is_undone_once_it_is_declared(
     assert carried.innovation_rms < 1.05 * carried.noise_floor
 
 
+@pytest.mark.long
 @NOBODY_ASKS
 def test_with_the_clock_declared_the_stiffness_is_per_second_of_true_time(tmp_path: Path) -> None:
     kxx = scored(tmp_path, *CLOCK).parameters["kxx"]
@@ -122,6 +125,7 @@ def test_with_the_clock_declared_the_stiffness_is_per_second_of_true_time(tmp_pa
 POLARITIES = [(channel, px, py) for channel in ("drive", "sense") for px, py in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))]
 
 
+@pytest.mark.long
 @NOBODY_ASKS
 @pytest.mark.parametrize("mode", ["force", "gain"])
 @pytest.mark.parametrize(("channel", "px", "py"), POLARITIES)
@@ -139,6 +143,7 @@ def test_a_channel_that_is_turned_round_is_no_matter_once_it_is_declared(
     assert done.innovation_rms < 1.05 * done.noise_floor
 
 
+@pytest.mark.long
 @NOBODY_ASKS
 @pytest.mark.parametrize("channel", ["drive", "sense"])
 def test_a_polarity_that_is_declared_of_the_wrong_axis_loses_the_loop(tmp_path: Path, channel: str) -> None:

@@ -42,6 +42,7 @@ def go(declared: Bench, link: str, out: Path, truth: Path | None = None) -> tupl
     return folder, folder.result
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [7, 8])
 def test_a_bad_line_is_survived_and_told(tmp_path: Path, seed: int) -> None:
@@ -75,7 +76,7 @@ def test_samples_lost_beyond_the_limit_fail_the_run(tmp_path: Path) -> None:
     assert any("of the samples lost, [limits] lost_fraction is 2.00%" in reason for reason in result.reasons)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("no_scan")  # of the records alone
 def test_the_same_seed_is_the_same_record_on_every_link(tmp_path: Path) -> None:
     """In lockstep bench time decides what a lost frame does, so neither link nor speed can change the record."""
@@ -108,6 +109,7 @@ def test_an_unplugged_pty_hangs_up(tmp_path: Path) -> None:
     assert 900 < result.samples <= 1001
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("link", ["inproc", "pty"])
 def test_a_brown_out_stops_the_run_and_is_named(tmp_path: Path, link: str) -> None:

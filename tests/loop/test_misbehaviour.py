@@ -14,11 +14,11 @@ pytestmark = [
 ]
 
 CHOSEN = (
-    "none",
     "id_sense_scale_nan",
     "session_other",
-    "reg_differs_0007",
     "safe_ignored",
+    "none",
+    "reg_differs_0007",
     "safe_confirmed_but_drives",
     "safe_obeyed_unanswered",
     "fault_at_tick",
@@ -31,6 +31,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build(tmp_path_factory.mktemp("board"))
 
 
+@pytest.mark.beyond(3)
 @pytest.mark.parametrize("name", CHOSEN)
 def test_the_bench_does_what_the_pages_say(program: Path, tmp_path: Path, name: str) -> None:
     case = cases()[name]

@@ -49,6 +49,7 @@ def driven(truth: Truth, rate_rad_s: float = 0.1) -> Ticks:
     return np.asarray(truth.tick[:-1][(np.abs(kick[:, [1, 3]]) > FORCE_MPS2 * step_s).any(axis=1)])
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.realtime
 @pytest.mark.parametrize("victim", ["loop", "host"])
 def test_killed(tmp_path: Path, victim: str) -> None:
@@ -85,6 +86,7 @@ def test_killed(tmp_path: Path, victim: str) -> None:
     assert first.tick[-1] < second.tick[0] <= force[-1]  # the board goes on counting, and is driven again
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_stopped_for_less_than_the_watchdog(tmp_path: Path) -> None:
     """The board holds its drive; the answers that come too late are counted, and the loop goes on."""

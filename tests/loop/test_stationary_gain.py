@@ -13,6 +13,7 @@ from benchmarks.stationary import outcome
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("variant", ["full", "gyro", "sense"])
 def test_at_the_shipped_memory_it_does_what_the_ekf_does(variant: str) -> None:
     found = outcome("stationary", variant, 1.0, 0.05)
@@ -21,6 +22,7 @@ def test_at_the_shipped_memory_it_does_what_the_ekf_does(variant: str) -> None:
     assert found.rate_error_rad_s < 0.05
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("mismatch", [0.0, 0.05])
 @pytest.mark.parametrize("memory_s", [0.1, 3.0, 10.0])

@@ -74,6 +74,7 @@ def test_a_board_that_behaves_passes(tmp_path: Path) -> None:
     assert board.driven
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("why", [SafeReason.FAULT, SafeReason.HOST_REQUEST, SafeReason.RESIDUAL])
 def test_a_stop_that_latches_ends_the_run(tmp_path: Path, why: SafeReason) -> None:
     """FAULT is the board's own, the others must come from another node: this host has not sent them."""
@@ -138,6 +139,7 @@ def test_a_board_that_says_safe_and_drives_is_unsafe(tmp_path: Path) -> None:
     assert "STATUS says SAFE, yet SENSE of tick" in result.reasons[0]
 
 
+@pytest.mark.long
 def test_a_board_that_streams_in_safe_is_confirmed_and_told(tmp_path: Path) -> None:
     with served(misbehaving.Talkative()) as board:
         result = go(board, bench(1.5), tmp_path)
@@ -173,6 +175,7 @@ def test_safe_after_arm_was_not_answered_may_be_unconfirmed(tmp_path: Path) -> N
     unsafe(result, told)
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize(("reason", "words"), [(8, "LATCHED"), (NackReason.BAD_STATE, "not greeted")])
 def test_a_refusal_to_be_armed_is_one_line(tmp_path: Path, reason: int, words: str) -> None:
     with served(misbehaving.Refuses(reason)) as board, pytest.raises(ProtocolError, match="refused ARM") as caught:
@@ -182,6 +185,7 @@ def test_a_refusal_to_be_armed_is_one_line(tmp_path: Path, reason: int, words: s
     assert board.safes == 1
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize(("n", "width"), [(0, 2), (65535, 2), (1, 7)])
 @pytest.mark.parametrize("at", [0, AT])
 def test_rows_that_cannot_be_accepted_are_silence(tmp_path: Path, n: int, width: int, at: int) -> None:
@@ -195,6 +199,7 @@ def test_rows_that_cannot_be_accepted_are_silence(tmp_path: Path, n: int, width:
     assert time.monotonic() - begin < 20.0
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
 def test_a_board_that_answers_and_streams_nothing(tmp_path: Path, clock: str) -> None:
     with served(misbehaving.Still(AT)) as board:
@@ -213,6 +218,7 @@ def test_a_register_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.beyond(4)
 @pytest.mark.parametrize("dry", [True, False])
 @pytest.mark.parametrize(
     ("field", "value"),
@@ -273,6 +279,7 @@ def test_a_clock_that_does_not_keep_time_is_refused(tmp_path: Path, factor: floa
     assert board.arms == 0
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize(("axis", "code", "words"), [("x", 0, "stands still"), ("y", 2**15 - 1, "stands still")])
 def test_a_channel_that_stands_still_is_refused_before_the_first_drive(
     tmp_path: Path, axis: str, code: int, words: str
@@ -285,6 +292,7 @@ def test_a_channel_that_stands_still_is_refused_before_the_first_drive(
     assert board.state is State.SAFE
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.parametrize("lax", [False, True])
 @pytest.mark.parametrize("streams", [False, True])
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
@@ -302,6 +310,7 @@ def test_a_watchdog_that_nobody_accounts_for_ends_the_run(tmp_path: Path) -> Non
     assert board.arms == 1
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
 def test_ticks_that_cannot_have_passed_end_the_run(tmp_path: Path, clock: str) -> None:
     with served(misbehaving.Jumps()) as board:
@@ -310,6 +319,7 @@ def test_ticks_that_cannot_have_passed_end_the_run(tmp_path: Path, clock: str) -
     assert board.state is State.SAFE
 
 
+@pytest.mark.long
 def test_ticks_leap_in_lockstep_no_further_than_frames_were_lost(tmp_path: Path) -> None:
     """A second of them, and not one frame is missing."""
     with served(misbehaving.Jumps(400)) as board:
@@ -348,6 +358,7 @@ def test_a_record_of_one_sample_is_told(tmp_path: Path) -> None:
     assert "too few" in result.parts["model"].reason
 
 
+@pytest.mark.long
 def test_a_run_is_bounded_in_wall_time(tmp_path: Path) -> None:
     """The board's ticks come at half the rate it says."""
     board = Board()
@@ -367,6 +378,7 @@ def test_session_is_written_and_is_not_zero(tmp_path: Path) -> None:
 # ------------------------------------------------------------------- wire.md, "What a host does with what it hears"
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize(
     ("status", "words"),
     [
@@ -383,6 +395,7 @@ def test_a_status_that_cannot_be_ends_the_run(tmp_path: Path, status: tuple[int,
     assert (board.arms, board.state) == (1, State.SAFE)
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("reason", [SafeReason.NONE, SafeReason.LINK_LOST, SafeReason.WATCHDOG, 99])
 def test_a_reason_that_does_not_latch_confirms_no_stop(tmp_path: Path, reason: int) -> None:
     told = Told()
@@ -398,12 +411,14 @@ def test_an_identity_that_nobody_asked_for_ends_the_run(tmp_path: Path) -> None:
     assert (board.arms, board.state) == (1, State.SAFE)
 
 
+@pytest.mark.long
 def test_a_hello_that_was_repeated_has_two_answers(tmp_path: Path) -> None:
     with served(misbehaving.Introduces(twice=True)) as board:
         result = go(board, bench(4.0, "lockstep"), tmp_path)
     assert result.verdict == "good"
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
 @pytest.mark.parametrize(
     ("shown", "flags"),
@@ -422,12 +437,14 @@ def test_an_echo_that_disagrees_ends_the_run(tmp_path: Path, clock: str, shown: 
     assert (board.arms, board.state) == (1, State.SAFE)
 
 
+@pytest.mark.long
 def test_a_board_that_limits_further_and_says_so_is_believed(tmp_path: Path) -> None:
     with served(misbehaving.Echoes(lambda ux, uy: (ux // 2 if ux > 0 else ux, 0), SenseFlags.SATURATED)) as board:
         result = go(board, bench(2.5, "lockstep"), tmp_path)
     assert result.parts["safety"].outcome == "good", result.reasons
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("answer", [(State.IDLE, 0), (State.SAFE, SafeReason.HOST_REQUEST), (99, 98)])
 def test_an_arm_answered_by_another_state_is_refused(tmp_path: Path, answer: tuple[int, int]) -> None:
     with served(misbehaving.Answers(*answer)) as board, pytest.raises(ProtocolError, match="answered ARM") as caught:
@@ -441,6 +458,7 @@ def test_a_hello_that_is_refused_is_not_called_unanswered(tmp_path: Path) -> Non
         run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.parametrize(
     ("field", "value"),
     [("axes", 0), ("axes", 3), ("tick_rate_Hz", 1e12), ("sense_scale_V", 1e-300), ("drive_scale_mps2", 1e300)],
@@ -456,6 +474,7 @@ def test_a_board_that_drives_in_no_mode_is_refused(tmp_path: Path) -> None:
         run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
 def test_a_board_that_takes_arm_and_streams_nothing_has_a_verdict(tmp_path: Path, clock: str) -> None:
     with served(misbehaving.Still(0)) as board:

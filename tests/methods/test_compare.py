@@ -54,6 +54,7 @@ def found(printed: dict[str, Any]) -> hil.Methods:
     return load_methods(Path(printed["folder"]) / "comparison.json")
 
 
+@pytest.mark.long
 def test_there_is_a_row_for_every_method_and_the_bound_is_last(found: hil.Methods) -> None:
     assert [row.name for row in found.rows] == [*ON_RECORD, *OWN, BOUND]
     assert found.reference == "truth"

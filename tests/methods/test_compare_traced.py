@@ -13,7 +13,7 @@ from hil.cli import execute
 from hil.examples import find
 from hil.records.methods import load_methods
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 PLAIN, TRACED = "13 states, fading", "13 states, fading, with cubic_stiffness"
 WITHOUT = "13 states, fading, without cubic_stiffness"
 

@@ -46,6 +46,7 @@ def number_of(calls: list[str], beginning: str) -> int:
     raise AssertionError(f"{beginning}: not among {calls}")
 
 
+@pytest.mark.beyond(3)
 @pytest.mark.parametrize("place", PLACES)
 def test_a_full_disk(failing: Campaign, place: str) -> None:
     outcome = failing.fail("disk full", number_of(failing.calls, PLACES[place]))
@@ -53,6 +54,7 @@ def test_a_full_disk(failing: Campaign, place: str) -> None:
     assert not outcome.wrong, outcome
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("fault", [name for name in FAULTS if name != "disk full"])
 def test_every_other_way_to_fail_in_the_middle_of_the_record(failing: Campaign, fault: str) -> None:
     blocks = [number for number, call in enumerate(failing.calls, 1) if call.startswith("write") and "capture" in call]

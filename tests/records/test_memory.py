@@ -16,6 +16,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, Path]]:
     return [write_long_run(tmp_path_factory.mktemp("run"), seconds) for seconds in (SHORT_S, LONG_S)]
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("verb", ["check", "score", "export csv", "export parquet"])

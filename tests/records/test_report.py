@@ -141,7 +141,7 @@ def test_figures_take_the_colours_of_the_page(make_run):
         assert used - {"text", "plain", "fixed"} <= set(re.findall(r"--(\w+):", defined))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_equal_records_give_equal_pages(make_run):
     folder, truth = make_run()
     assert written(folder, truth) == written(folder, truth)
@@ -365,6 +365,7 @@ def test_importing_the_report_does_not_import_matplotlib():
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout == b"[]\n"
 
 
+@pytest.mark.long
 def test_a_run_with_what_was_found_stands_beside_the_run_before(make_run, tmp_path):
     folder, truth = make_run()
     earlier = tmp_path / "runs" / "earlier"

@@ -278,6 +278,7 @@ def test_the_service_dies_and_the_loop_does_not_notice(tmp_path: Path, board: st
     until(lambda: not processes("hil.service.board.keeper", tmp_path))
 
 
+@pytest.mark.long
 def test_sigterm_brings_the_board_to_safe_and_closes_the_record(tmp_path: Path, board: str) -> None:
     bench_file(tmp_path / "unhurried.bench.toml", unhurried_bench(LONG_S, loop={"settle_s": 1.0}))
     with serving(tmp_path / "runs") as running:
@@ -293,7 +294,7 @@ def test_sigterm_brings_the_board_to_safe_and_closes_the_record(tmp_path: Path, 
     assert safe_reason(board) is SafeReason.INTERRUPTED
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_loop_that_is_killed_leaves_a_board_in_safe_and_a_record(bench: Serving, board: str) -> None:
     operator = Operator(bench)
     folder = operator.run(board)
@@ -308,7 +309,7 @@ def test_a_loop_that_is_killed_leaves_a_board_in_safe_and_a_record(bench: Servin
     assert safe_reason_of(operator, board) in (SafeReason.WATCHDOG, SafeReason.LINK_LOST)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_who_holds_the_board_is_killed_and_the_loop_brings_it_to_safe(bench: Serving, board: str) -> None:
     operator = Operator(bench)
     folder = operator.run(board)

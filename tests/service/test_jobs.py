@@ -73,7 +73,7 @@ def ended(watched: Watched, asked: Any) -> dict[str, Any]:
     return watched.until(watched.ask(asked), "done", "failed", "cancelled")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_run_trace_and_replay_one_after_another(watched: Watched) -> None:
     row = ended(watched, AskedRun(kind="run", bench="short", note="from a job", score=True))
     assert (row["state"], row["error"], row["by"]) == ("done", None, "tester")
@@ -112,7 +112,7 @@ def campaign(bench: Path) -> str:
     return "few"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_campaign_tells_how_long_it_takes_is_cancelled_and_goes_on(watched: Watched, campaign: str) -> None:
     job = watched.ask(AskedSweep(kind="sweep", campaign=campaign, workers=1))
     deadline = time.monotonic() + LIMIT_S
@@ -143,7 +143,7 @@ def test_a_campaign_is_named_not_located(watched: Watched, campaign: str) -> Non
     assert "few.campaign.toml" in row["error"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_that_is_cancelled_ends_well(watched: Watched) -> None:
     job = watched.ask(AskedRun(kind="run", bench="short", duration_s=3600, name="long"))
     deadline = time.monotonic() + LIMIT_S
@@ -257,7 +257,7 @@ def _processes_of(place: Path) -> list[int]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ending_the_service_ends_its_jobs_well(bench: Path, tmp_path: Path) -> None:
     watched = Watched(tmp_path)
     job = watched.ask(AskedRun(kind="run", bench="short", duration_s=3600))

@@ -36,7 +36,7 @@ def test_a_failure_is_one() -> None:
     assert not Done("hil ls", 0, 0.0, "Traceback (most recent call last)").as_documented
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1200)
 def test_the_quick_ones_twice_and_in_any_order(tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()

@@ -53,7 +53,7 @@ def test_other_records_other_work_another_folder(tmp_path: Path) -> None:
     assert len(named) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_its_judgements_are_those_of_its_records(tmp_path: Path) -> None:
     """Rows come from processes of their own, by way of JSON and Parquet; nothing of a judgement is lost on it."""
@@ -80,7 +80,7 @@ def test_its_judgements_are_those_of_its_records(tmp_path: Path) -> None:
     assert (tmp_path / ORDERS[1].name / "traced.json").stat().st_mtime_ns == answered
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_killed_twice_it_comes_to_the_same(tmp_path: Path) -> None:
     """`kill -9` of the whole of it, among the first records and then among the rest."""
@@ -107,7 +107,7 @@ def test_killed_twice_it_comes_to_the_same(tmp_path: Path) -> None:
     assert sorted(runs) == list(range(len(population(6, 2))))  # none twice
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cluster_comes_to_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two workers of a Dask scheduler, each its own process: records, rows and answers to the last byte those of one
     process here; the workers began elsewhere, so a folder that is given by a relative path is still the same one.

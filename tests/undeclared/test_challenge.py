@@ -119,7 +119,7 @@ def test_a_secret_gives_its_records_and_no_other_gives_them(tmp_path: Path) -> N
         draw.read_secret(tmp_path / "none")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_set_says_what_the_board_did_and_nothing_of_what_is_sealed(tmp_path: Path) -> None:
     """A record of a device with a cubic stiffness: the bench's own entry continues it, the linear model less well."""

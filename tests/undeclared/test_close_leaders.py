@@ -10,7 +10,7 @@ from evaluation.undeclared.record import write_capture
 from hil.bench.template import template, values_of
 from hil.tracing import trace_file
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a trace that carries thirteen, where the kernels may be new
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # a trace that carries thirteen, where the kernels may be new
 
 
 def test_the_truth_is_found_behind_leaders_that_the_scan_ranks_higher(tmp_path: Path) -> None:

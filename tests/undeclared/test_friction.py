@@ -16,7 +16,7 @@ from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.tracing import record_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a loop of 24,000 samples and a trace with a climb
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # a loop of 24,000 samples and a trace with a climb
 
 SAMPLES = 24_000
 

@@ -17,7 +17,7 @@ from hil.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.tracing import record_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # loops of 24,000 samples, and traces of them
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # loops of 24,000 samples, and traces of them
 
 SAMPLES = 24_000
 RADIAL = tuple(effect.name for effect in EFFECTS if effect.plane)

@@ -47,6 +47,7 @@ def traced(order: Order, folder: Path) -> Judgement:
     return judge(json.loads((place / "truth.json").read_text()), said_of(place))
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize(
     "effect",
     ["cubic_stiffness", "nonreciprocal_stiffness", "dry_friction", "sense_quadratic", "sense_delay", "drive_delay"],
@@ -60,6 +61,7 @@ def test_an_effect_nobody_declared_is_named(effect: str, tmp_path: Path) -> None
     assert judged.after < judged.before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", ["interference", "sense_clipping"])
 def test_what_was_searched_for_lies_in_its_interval(effect: str, tmp_path: Path) -> None:
     judged = traced(Order("single", (effect,), 0, draw=2), tmp_path)
@@ -69,6 +71,7 @@ def test_what_was_searched_for_lies_in_its_interval(effect: str, tmp_path: Path)
     assert {symbol: error for symbol, error in judged.error.items() if abs(error) > 1.3} == {}
 
 
+@pytest.mark.long
 def test_what_is_said_hangs_on_no_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit: candidates, a search for a parameter, what is held out, look-alikes and the angle's bound."""
     place = make(Order("single", ("sense_clipping",), 0, draw=2), tmp_path, SAMPLES)
@@ -80,6 +83,7 @@ def test_what_is_said_hangs_on_no_number_of_workers(tmp_path: Path, monkeypatch:
     assert told[0]["effects"]
 
 
+@pytest.mark.long
 def test_what_cannot_be_undone_is_bounded(tmp_path: Path) -> None:
     said = said_of(make(Order("single", ("cubic_stiffness",), 1, draw=2), tmp_path, SAMPLES))
     (found,) = said["effects"]
@@ -90,16 +94,19 @@ def test_what_cannot_be_undone_is_bounded(tmp_path: Path) -> None:
     assert "none of the" in said["reasons"][1]
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("number", [0, 1])
 def test_nothing_hidden_nothing_named(number: int, tmp_path: Path) -> None:
     assert traced(Order("clean", (), number, draw=2), tmp_path).verdict == "adequate"
 
 
-@pytest.mark.parametrize("effect", ["hysteretic_stiffness", "telegraph_offset"])
+@pytest.mark.beyond(1)
+@pytest.mark.parametrize("effect", ["telegraph_offset", "hysteretic_stiffness"])
 def test_what_the_catalogue_lacks_gets_no_wrong_name(effect: str, tmp_path: Path) -> None:
     assert not traced(Order("outside", (effect,), 2, draw=2), tmp_path).misnamed
 
 
+@pytest.mark.long
 def test_two_effects_at_once(tmp_path: Path) -> None:
     judged = traced(Order("double", ("cubic_stiffness", "sense_gain"), 0, draw=2), tmp_path)
     assert judged.verdict == "explained"

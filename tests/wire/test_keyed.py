@@ -193,7 +193,7 @@ def test_a_host_is_heard_through_whoever_is_in_the_way(place):
     assert {datagram[0] for datagram in place.way.from_board} == {0xC2, 0xC4}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_recorded_does_anything_again(place, key):
     """In its session; in the next one, of the same host and of another; after a restart; on another board."""
     host = place.host()
@@ -280,6 +280,7 @@ def test_no_bit_and_no_length_but_the_right_one(place, message):
     assert after == before._replace(tick=after.tick)
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ATTACKS)
 def test_nothing_without_a_key_is_heard(place, name):

@@ -27,6 +27,7 @@ def named(found: MissingForce) -> list[str]:
     return [f"{'sensed ' if term.sense else ''}{term.form}" for term in found.form.terms]
 
 
+@pytest.mark.long
 def test_a_cubic_spring_on_each_axis_is_its_own_form() -> None:
     true = np.array([0.03, 0.015])
     found, _ = asked(lambda q, v: -true * q**3, 2)
@@ -39,6 +40,7 @@ def test_a_cubic_spring_on_each_axis_is_its_own_form() -> None:
         assert one.low < one.value < one.high
 
 
+@pytest.mark.long
 def test_a_law_of_the_plane_has_one_coefficient() -> None:
     found, _ = asked(lambda q, v: -0.02 * (q @ q) * v, 2)
     assert named(found) == ["r² v"]
@@ -48,6 +50,7 @@ def test_a_law_of_the_plane_has_one_coefficient() -> None:
     assert one.value == pytest.approx(-0.02 * OMEGA / LENGTH**2, rel=0.03)
 
 
+@pytest.mark.long
 def test_a_law_that_crosses_the_axes_on_one_of_them() -> None:
     found, _ = asked(lambda q, v: np.array([-0.03 * q[1] ** 2 * v[0], 0.0]), 2)
     assert named(found) == ["p² v"]
@@ -56,6 +59,7 @@ def test_a_law_that_crosses_the_axes_on_one_of_them() -> None:
     assert abs(y.value) < 0.05 * abs(x.value)
 
 
+@pytest.mark.long
 def test_friction_of_a_single_axis() -> None:
     found, _ = asked(lambda q, v: -0.002 * np.tanh(v / 0.03), 1)
     assert named(found) == ["tanh(v/v0)"]
@@ -64,6 +68,7 @@ def test_friction_of_a_single_axis() -> None:
     assert term.coefficients["x"].value == pytest.approx(-0.002 * LENGTH * OMEGA**2, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_gap_is_found_between_those_that_are_tried() -> None:
     def gap(q: Floats, v: Floats) -> Floats:
         return -0.03 * (q - np.clip(q, -0.55, 0.55))
@@ -80,6 +85,7 @@ def sensed(change: Callable[[Floats], Floats]) -> MissingForce:
     return missing_force(problem.on(replace(record, sense=change(record.sense))), round(0.6 * SAMPLES))
 
 
+@pytest.mark.long
 def test_a_rail_that_the_readings_stop_at() -> None:
     """The noise comes behind it."""
     problem = simulated(lambda q, v: 0.0 * q, axes=2, samples=SAMPLES, noise=1e-9).problem.part(slice(0, 9000))
@@ -94,6 +100,7 @@ def test_a_rail_that_the_readings_stop_at() -> None:
     assert found.form.left < 0.1
 
 
+@pytest.mark.long
 def test_values_that_a_converter_loses() -> None:
     def shown(volts: Floats) -> Floats:
         codes = np.round(volts / 7.6e-6)
@@ -105,6 +112,7 @@ def test_values_that_a_converter_loses() -> None:
     assert found.form.terms[0].coefficients["x"].value == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.long
 def test_an_offset_that_switches_between_two_levels() -> None:
     rng = np.random.default_rng(4)
     level = np.cumprod(np.where(rng.random(SAMPLES) < 1.0 / 600.0, -1.0, 1.0))
@@ -115,12 +123,14 @@ def test_an_offset_that_switches_between_two_levels() -> None:
     assert list(found.form.terms[0].coefficients) == ["x"]
 
 
+@pytest.mark.long
 def test_an_offset_that_wanders_has_no_two_levels() -> None:
     rng = np.random.default_rng(4)
     walk = np.cumsum(rng.standard_normal(SAMPLES)) * 0.1 * NOISE * GAIN * LENGTH
     assert "sensed offset of two levels" not in named(sensed(lambda volts: volts + walk[:, None]))
 
 
+@pytest.mark.long
 def test_an_offset_that_decays_has_its_rate() -> None:
     t = np.arange(SAMPLES) / 4000.0
     found = sensed(lambda volts: volts + 0.1 * GAIN * LENGTH * np.exp(-3.0 * t)[:, None] * np.array([1.0, 0.0]))
@@ -134,6 +144,7 @@ def test_where_nothing_is_missing_no_form_is_proposed() -> None:
     assert found.form.left == 1.0
 
 
+@pytest.mark.long
 def test_what_is_left_is_less_than_the_force() -> None:
     found, _ = asked(lambda q, v: -np.array([0.03, 0.015]) * q**3, 2)
     later = slice(found.split, None)

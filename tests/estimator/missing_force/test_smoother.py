@@ -67,6 +67,7 @@ def judged(record: Simulated) -> tuple[float, float]:
     return float(np.sqrt(np.mean(off**2) / np.mean(true**2))), float(covered)
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("name", PLANE)
 def test_the_force_in_a_plane_is_found_within_its_band(name: str) -> None:
     error, covered = judged(simulated(PLANE[name], axes=2, samples=SAMPLES, noise=NOISE))
