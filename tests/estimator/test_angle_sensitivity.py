@@ -49,9 +49,10 @@ def instants(samples: int) -> Array:
     return np.concatenate([begin + np.ceil(steps * (end - begin)) - 1 for begin, end in pairwise(edges)])
 
 
+@pytest.mark.beyond(len(NAMES))
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
 def test_the_angle_moves_as_the_scan_says(name: str, settings: ObserverSettings) -> None:
     seen = scan(Problem(record(), DEVICE, settings, CONTROLLER), {name: PARAMETERS.get(name, {})}, weighed=False)
     at = instants(len(record())).astype(int)

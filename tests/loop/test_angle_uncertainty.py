@@ -78,7 +78,7 @@ def test_an_angular_gain_that_is_off_lies_within_what_was_declared(tmp_path: Pat
     assert not result_of(folder).uncertainty[0].assumed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("no_scan")  # of the angle alone, not of how sure it is
 def test_a_declared_angular_gain_is_taken_off(tmp_path: Path) -> None:
     effects = '[[effect]]\nname = "angular_gain"\nkappa = 0.02\n'

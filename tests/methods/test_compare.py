@@ -62,6 +62,7 @@ def test_there_is_a_row_for_every_method_and_the_bound_is_last(found: hil.Method
     assert {row.name for row in found.rows if row.record == "its own"} == set(OWN)
 
 
+@pytest.mark.long
 def test_thirteen_states_are_as_good_as_their_score_says(run: tuple[hil.Run, Path], found: hil.Methods) -> None:
     made, truth = run
     result = hil.score(made, truth).result

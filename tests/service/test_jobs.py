@@ -92,7 +92,7 @@ def test_run_trace_and_replay_one_after_another(watched: Watched) -> None:
     assert hil.load(watched.runs / again["result"]["run"]).result.samples == result.samples
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_trace_says_what_it_found(watched: Watched, source: Path) -> None:
     shutil.copytree(source, watched.runs / source.name)
     row = ended(watched, AskedTrace(kind="trace", run=source.name))
