@@ -38,12 +38,14 @@ def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str
     if power - 1.0 > max(_SET.level, float(norm.isf(THRESHOLDS.promises.floor_chance)) * deviation):
         reasons.append(f"the innovation is {np.sqrt(power):.3g} × what its prediction and the noise floor allow")
     share = predictable_share(series, _SET.lags * cycle)
-    if share > _SET.predictable:
+    # What a jump of the rate leaves is as much in a short record as in a long one, and the larger a share of it.
+    shortness = max(1.0, _SET.short / len(series))
+    if share > shortness * _SET.predictable:
         how_much = f"{share:.1%}" if share < 1.0 else "nearly all"
         reasons.append(f"{how_much} of the innovation can be predicted from those before")
     spectrum = periodogram(series, sample_rate, resonance_hz)
     for line in lines(spectrum, sample_rate, resonance_hz, _SET.line_chance):
-        allowed = _SET.rate_power if line.order == 1 else _SET.line_power
+        allowed = shortness * _SET.rate_power if line.order == 1 else _SET.line_power
         if line.rms**2 > allowed * float(np.sum(np.nanmean(series**2, axis=0))):
             reasons.append(f"a line is left at {line.frequency:.6g} Hz")
             break

@@ -18,7 +18,7 @@ from tests.campaigns.conftest import bytes_in
 from tests.campaigns.small import RUNS, plan, small
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_workers_give_the_bytes_of_one(swept: hil.Sweep, whole: dict[str, bytes], tmp_path: Path) -> None:
     two = hil.sweep(RUNS, out=tmp_path / "two", workers=2)
     assert len(whole) == 6

@@ -42,6 +42,7 @@ def children_of(parent: int) -> list[int]:
     return [int(word) for word in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 
 
+@pytest.mark.long
 def test_two_terminals(start: Start, short_bench: str) -> None:
     board = start("emulate", "s-slow", "--json")
     url = json.loads(line_of(board, "stdout"))["ready"]

@@ -81,6 +81,7 @@ def test_thirteen_states_are_as_good_as_their_score_says(run: tuple[hil.Run, Pat
     assert row.cost_us is not None
 
 
+@pytest.mark.long
 def test_the_offsets_are_what_eleven_states_and_the_raw_formula_suffer_from(found: hil.Methods) -> None:
     ours = found.of("13 states, fading").angle_error_rms_rad
     assert ours is not None

@@ -185,7 +185,7 @@ def test_bench_files_are_listed_and_given_what_a_trace_found(bench: Serving, tmp
     assert bench.ask("POST", "/api/benches/s-slow/effects", json={"trace": RUN, "name": "../x"}).status_code == 422
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_trace_by_a_job_and_its_effect_added(bench: Serving) -> None:
     """The circle without the board: what is missing is found, declared in a new bench file, and undone by a replay."""
     from hil import examples
