@@ -14,8 +14,8 @@ PAGE   := $(VENDOR)/uPlot.esm.js
 
 help:
 	@echo "make demo     close the loop in real time, trace what the model lacks, close it again with it"
-	@echo "make test     what is promised, ten minutes on two processors"
-	@echo "make test-long  the tests that it leaves out: whole traces, runs and campaigns, statistics; an hour"
+	@echo "make test     every promise once"
+	@echo "make test-long  the tests that it leaves out: whole traces, runs and campaigns, statistics"
 	@echo "make test-vcan  the tests that need a CAN interface, in user-mode Linux where the kernel has no CAN"
 	@echo "make coverage all tests again, and which lines they run"
 	@echo "make quick    the tests of daily work"
