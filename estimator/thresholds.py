@@ -232,7 +232,7 @@ class Judgement:
     lags: int = _set(4, "cycles", "So far back the innovations may tell of the next.")
     jump: float = _set(3.0, "× the usual power", "What lies around a jump of the rate counts less from there on.")
     short: int = _set(
-        30_000, "samples", "With fewer, more of the power may be left: a rate that jumps leaves as much whatever follows."
+        30_000, "samples", "With fewer, a larger share may be left: a jump of the rate leaves as much."
     )
     line_chance: float = _set(1e-6, "probability", "Long records show lines of no size; their size is asked next.")
     line_power: float = _set(1e-3, "of the power", "A smaller line moves the angle by less than its own noise.")
