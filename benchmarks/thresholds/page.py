@@ -68,7 +68,8 @@ def _said(record: str, answer: Mapping[str, Any], before: Mapping[str, Any]) -> 
         return f"{record}: {answer['verdict']}"
     more = [f"+ {word}" for word in answer["words"] if word not in before["words"]]
     less = [f"− {word}" for word in before["words"] if word not in answer["words"]]
-    return f"{record}: {', '.join([*more, *less])}"
+    # Where it is that of a tracer before, the answer by the thresholds as they are may have been another one.
+    return f"{record}: {', '.join([*more, *less]) or answer['verdict']}"
 
 
 def _number(value: Any) -> str:

@@ -144,18 +144,20 @@ def _cliff() -> Answer:
     """A likelihood with its top at 1, beyond 1.25 no model: begun at 0.9 with steps of 0.4."""
     from estimator.trace.parameters import Hill
 
-    hill = Hill.__new__(Hill)
     asked: set[Any] = set()
 
-    def at_each(places: Any) -> list[float]:
-        asked.update(float(place[0]) for place in places)
-        return [-np.inf if place[0] > 1.25 else -(((place[0] - 1.0) / 0.02) ** 2) for place in places]
+    class Cliff(Hill):
+        def __init__(self) -> None:
+            self.seen = {}
 
-    hill.at_each = at_each  # type: ignore[method-assign]
-    hill.at = lambda place: at_each([place])[0]  # type: ignore[method-assign]
-    hill.turned = lambda place: False  # type: ignore[method-assign]
-    hill.seen = {}
-    top, deviation = hill.climb(np.array([0.9]), 0, 0.4)
+        def at_each(self, places: Any) -> list[float]:
+            asked.update(float(place[0]) for place in places)
+            return [-np.inf if place[0] > 1.25 else -(((place[0] - 1.0) / 0.02) ** 2) for place in places]
+
+        def turned(self, place: Any) -> bool:
+            return False
+
+    top, deviation = Cliff().climb(np.array([0.9]), 0, 0.4)
     return {"verdict": f"top at {top[0]:.3f} ± {deviation:.3f} after {len(asked)} models", "words": []}
 
 
@@ -183,14 +185,14 @@ def _lobe() -> Answer:
             return np.zeros((4, 1))
 
         def fitted(self, place: Any) -> Any:
-            return float(place[0])
+            return SimpleNamespace(omega=float(place[0]), likelihood=self.highest)
 
     model: Any = SimpleNamespace(
         settings=ObserverSettings(effects={"interference": {"omega": 900.0 + 4.0 / span}}), likelihood=0.0
     )
     with _in_place_of(parameters, "Hill", Lobe):
         top: Any = parameters.refine_parameters(_ring(1000), model, "interference")[0]
-    return {"verdict": f"top at {top:.2f} rad/s after {len(asked)} models", "words": []}
+    return {"verdict": f"top at {top.omega:.2f} rad/s after {len(asked)} models", "words": []}
 
 
 def _modes() -> Answer:

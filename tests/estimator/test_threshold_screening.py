@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.thresholds.change import changed, with_changes
 from benchmarks.thresholds.page import page
+from benchmarks.thresholds.pieces import pieces
 from benchmarks.thresholds.screening import added, screen
 from estimator.thresholds import THRESHOLDS, each, values
 
@@ -97,3 +98,11 @@ def test_what_time_does_not_suffice_for_is_told_as_open():
     found = screen(Stub(), NAMES, ["axes", "axis"], 1, lambda line: None, minutes=0.0)
     assert "width.alike" in {*found["open"]["half"], *found["half"]}
     assert "## Open" in page(found)
+
+
+@pytest.mark.parametrize(
+    ("piece", "top"), [("a climb beside a cliff", "top at 1.000 "), ("a climb within a lobe", "top at 900.00 ")]
+)
+def test_a_climb_of_a_likelihood_in_closed_form_ends_at_its_top(piece, top):
+    """What stands in for a model has all that a climb asks of one."""
+    assert pieces()[piece]()["verdict"].startswith(top)
