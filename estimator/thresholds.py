@@ -231,9 +231,7 @@ class Judgement:
     predictable: float = _set(0.02, "of the power", "Clean records show less that follows from the innovations before.")
     lags: int = _set(4, "cycles", "So far back the innovations may tell of the next.")
     jump: float = _set(3.0, "× the usual power", "What lies around a jump of the rate counts less from there on.")
-    short: int = _set(
-        30_000, "samples", "With fewer, a larger share may be left: a jump of the rate leaves as much."
-    )
+    short: int = _set(30_000, "samples", "With fewer, a larger share may be left: a jump of the rate leaves as much.")
     line_chance: float = _set(1e-6, "probability", "Long records show lines of no size; their size is asked next.")
     line_power: float = _set(1e-3, "of the power", "A smaller line moves the angle by less than its own noise.")
     rate_power: float = _set(

@@ -4,7 +4,7 @@ import os
 import re
 import signal
 from collections import Counter, defaultdict
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from pathlib import Path
 
 import pytest
@@ -54,29 +54,22 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shared_run(tmp_path_factory)
 
 
-_CASES: Counter[str] = Counter()
-
-
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Who stands on a whole run takes what that takes; of a test whose cases are long beyond some, the first stay."""
+    """Who stands on a whole run takes what that takes."""
     if "whole_run" in getattr(item, "fixturenames", ()):
         item.add_marker(pytest.mark.moderate)
-    for mark in item.iter_markers("beyond"):
-        test = item.nodeid.partition("[")[0]
-        _CASES[test] += 1
-        if _CASES[test] > mark.args[0]:
-            item.add_marker(pytest.mark.long)
-    if item.get_closest_marker("long"):
-        item.add_marker(pytest.mark.slow)
 
 
-@pytest.hookimpl(trylast=True)  # of what `-m` has left
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Where files run side by side, those that may take longest begin first, by the marks of their tests.
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # marks before `-m` chooses by them, order of what it has left
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Generator[None]:
+    """Says what is long; and where files run side by side, those that may take longest begin first, by the marks of
+    their tests.
 
     The last file to begin decides when all have ended, and xdist by itself begins with those of the most tests: a
     single test of four minutes would come last.
     """
+    mark_long(items)
+    yield
     if not hasattr(config, "workerinput"):
         return
     config.stash[_FLOOR] = floor = Floor(config.workerinput["testrunuid"])
@@ -85,6 +78,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         may_take[item.path] += _may_take(item)
     items.sort(key=lambda item: -may_take[item.path])
+
+
+def mark_long(items: Iterable[pytest.Item]) -> None:
+    """Of a test whose cases are long beyond some, the first stay; what is long is slow as well."""
+    cases: Counter[str] = Counter()
+    for item in items:
+        if beyond := item.get_closest_marker("beyond"):
+            test = item.nodeid.partition("[")[0]
+            cases[test] += 1
+            if cases[test] > beyond.args[0]:
+                item.add_marker(pytest.mark.long)
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.slow)
 
 
 def _may_take(item: pytest.Item) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import pytest_ignore_collect, pytest_itemcollected
+from tests.conftest import mark_long, pytest_ignore_collect
 
 LONG = "pytestmark = pytest.mark.long\n"
 SLOW = "pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]\n"
@@ -18,7 +18,7 @@ class Item:
     """As much of a test as the hook asks for."""
 
     def __init__(self, nodeid: str, *marks: pytest.MarkDecorator) -> None:
-        self.nodeid, self.fixturenames = nodeid, ("tmp_path",)
+        self.nodeid = nodeid
         self.marks = [mark.mark for mark in marks]
 
     def iter_markers(self, name: str) -> list[pytest.Mark]:
@@ -31,20 +31,19 @@ class Item:
         self.marks.append(mark.mark)
 
 
-def collected(name: str, *marks: pytest.MarkDecorator) -> set[str]:
-    item: Any = Item(name, *marks)
-    pytest_itemcollected(item)
-    return {mark.name for mark in item.marks} - {"beyond"}
+def marked(*items: Any) -> list[set[str]]:
+    mark_long(items)
+    return [{mark.name for mark in item.marks} - {"beyond"} for item in items]
 
 
 def test_cases_beyond_a_number_are_long_and_slow() -> None:
-    cases = [collected(f"file.py::test_counted[{case}]", pytest.mark.beyond(2)) for case in "abcd"]
-    assert cases == [set(), set(), {"long", "slow"}, {"long", "slow"}]
-    assert collected("file.py::test_other[a]", pytest.mark.beyond(1)) == set()  # is counted for itself
+    cases = [Item(f"file.py::test_counted[{case}]", pytest.mark.beyond(2)) for case in "abcd"]
+    other = Item("file.py::test_other[a]", pytest.mark.beyond(1))  # is counted for itself
+    assert marked(*cases, other) == [set(), set(), {"long", "slow"}, {"long", "slow"}, set()]
 
 
 def test_what_is_long_is_slow() -> None:
-    assert collected("file.py::test_one", pytest.mark.long) == {"long", "slow"}
+    assert marked(Item("file.py::test_one", pytest.mark.long)) == [{"long", "slow"}]
 
 
 @pytest.mark.parametrize(

@@ -25,14 +25,14 @@ def model(innovation, *, noise: float = SIGMA, likelihood: float = 0.0):
     return SimpleNamespace(estimates=estimates, observer=observer, likelihood=likelihood)
 
 
-def white(seed: int = 1):
-    return np.random.default_rng(seed).standard_normal((N, 2))
+def white(seed: int = 1, samples: int = N):
+    return np.random.default_rng(seed).standard_normal((samples, 2))
 
 
-def tone(frequency: float, power: float):
+def tone(frequency: float, power: float, samples: int = N):
     """Of that power over both axes together, where white noise has 2."""
-    wave = np.sqrt(2.0 * power) * np.sin(2.0 * np.pi * frequency * np.arange(N) / RATE)
-    return np.stack([wave, np.zeros(N)], axis=1)
+    wave = np.sqrt(2.0 * power) * np.sin(2.0 * np.pi * frequency * np.arange(samples) / RATE)
+    return np.stack([wave, np.zeros(samples)], axis=1)
 
 
 def said(innovation, **other) -> tuple[str, ...]:
@@ -60,10 +60,6 @@ def test_the_uncertainty_of_the_estimate_is_none_of_the_floor():
     assert "× what its prediction and the noise floor allow" in said(1.2 * white(), noise=below)[0]
 
 
-def of_length(samples: int, seed: int = 1):
-    return np.random.default_rng(seed).standard_normal((samples, 2))
-
-
 def burst(samples: int, energy: float):
     """Half a second of an oscillation beside the resonance, in the middle; energy: in samples' worth of noise."""
     at = np.arange(samples) / RATE
@@ -76,16 +72,15 @@ def burst(samples: int, energy: float):
 @pytest.mark.parametrize("samples", [10_000, 20_000, 30_000])
 def test_what_a_jump_of_the_rate_leaves_counts_by_its_size_not_by_how_short_the_record_is(samples):
     """One beside the resonance: 80 samples' worth in its middle look like 2 % of 10,000."""
-    assert said(of_length(samples) + burst(samples, 80.0)) == ()
-    (told, *_) = said(of_length(samples) + burst(samples, 700.0))
+    assert said(white(samples=samples) + burst(samples, 80.0)) == ()
+    (told, *_) = said(white(samples=samples) + burst(samples, 700.0))
     assert "can be predicted" in told or "a line is left" in told
 
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("samples", [10_000, 30_000])
 def test_a_line_elsewhere_counts_by_its_share_however_short_the_record_is(samples):
-    wave = np.sqrt(2.0 * 2.0 * 0.013) * np.sin(2.0 * np.pi * 733.0 * np.arange(samples) / RATE)
-    told = said(of_length(samples) + np.stack([wave, np.zeros(samples)], axis=1))
+    told = said(white(samples=samples) + tone(733.0, 0.026, samples))
     (line,) = [reason for reason in told if "a line is left" in reason]
     assert float(line.split()[-2]) == pytest.approx(733.0, abs=0.1)
 
