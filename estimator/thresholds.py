@@ -153,7 +153,9 @@ class Choice:
     """The choice of effects for two axes."""
 
     most: int = _set(3, "effects", "With more the model is a patchwork, and none of them is the cause.")
-    compared: int = _set(150_000, "samples", "Candidates are compared on so many: more costs minutes.")
+    compared: int = _set(36_000, "samples", "Candidates are compared on so many first: more costs minutes.")
+    worth_more: float = _set(4.0, "× as many", "So long a record tells twice as sharply; less costs, and tells little.")
+    confirmed: int = _set(150_000, "samples", "On so many, those that the first do not tell apart, and who else shows.")
     screened: int = _set(20_000, "samples", "Those that the scan expects least of are compared on so many first.")
     glanced: int = _set(
         5_000, "samples", "On the first of those, what has nothing to do with it is far behind already."
@@ -177,6 +179,7 @@ class ParameterSearch:
     worth_beginning: float = _set(0.5, "of the record", "A longer beginning saves nothing.")
     first_share: float = _set(0.1, "of the parameter", "First step of a threshold, a corner or a damping ratio.")
     first_turn: float = _set(0.5, "rad over the record", "First step of a frequency: within the lobe of its line.")
+    explains: float = _set(4.0, "× the predicted power", "A model that leaves more is none, wherever they are.")
     near: float = _set(0.2, "standard deviations", "A top that is nearer moves no interval.")
     fine: float = _set(3.0, "standard deviations", "Over such a step the likelihood is a parabola.")
     hope: float = _set(4.0, "× the gain so far", "So much may the other parameters still add.")

@@ -46,7 +46,7 @@ class Constancy:
 
 def constancies(problem: Problem, model: Fitted, names: Iterable[str]) -> Mapping[str, Constancy]:
     """Of effects that `model` carries, fitted to the record of `problem`: by one scan that watches them once more."""
-    part = problem.part(slice(0, THRESHOLDS.choice.compared))
+    part = problem.part(slice(0, THRESHOLDS.choice.confirmed))
     again = {f"{kind(name)}:{_LABEL}{n}": name for n, name in enumerate(names)}
     if not again or not np.isfinite(model.likelihood):
         return {}

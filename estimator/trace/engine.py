@@ -262,7 +262,7 @@ def reconsidered(
             continue
         beside = {name: trial for name, trial in trials.items() if name != best} | {step.name: Trial(current, kept)}
         current, steps = trials[best].fit, [*others, Step(best, trials[best], less, beside)]
-        rounds = [*rounds[:at], _exchanged(rounds[at], best), *rounds[at + 1 :]]
+        rounds = [*rounds[:at], exchanged(rounds[at], best), *rounds[at + 1 :]]
     return current, steps, rounds
 
 
@@ -289,7 +289,7 @@ def _near(
     return {name: Trial(fits[name], scores[name]) for name in fits}
 
 
-def _exchanged(one: Round[Look], best: str) -> Round[Look]:
+def exchanged(one: Round[Look], best: str) -> Round[Look]:
     why = {best: (Outcome.TAKEN, ""), one.taken: (Outcome.BEATEN, "another explains more for its price")}
     tried = (
         replace(each, outcome=why[each.name][0], reason=why[each.name][1]) if each.name in why else each

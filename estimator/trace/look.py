@@ -63,7 +63,7 @@ def bounds(problem: Problem, model: Fitted, watched: Mapping[str, Parameters]) -
     loses the motion from such a start.
     """
     others = {name: given for name, given in watched.items() if name not in model.settings.effects}
-    seen = scan(problem.under(scanned_with(model, problem.device, problem.settings)), others)
+    seen = scan(problem.under(scanned_with(model, problem.device, problem.settings)), others, halves=True)
     found = evidence(seen) if seen.sound else {}
     if not of_resonance_alone(problem.record, problem.device):
         return found

@@ -283,12 +283,17 @@ class Hill:
                 width *= _SET.retreat
                 continue
             curvature = 2.0 * here - low - high
-            if max(low, high) > here + _SET.seen * self.variance:
+            bends = curvature >= _SET.seen * self.variance
+            shift = 0.5 * width * (high - low) / curvature if bends else np.inf
+            wide = width * float(np.sqrt(2.0 * self.variance / curvature)) if bends else 0.0
+            narrow = width < 2.0 * _SET.fine * wide
+            rises = max(low, high) > here + _SET.seen * self.variance
+            if rises and not (narrow and abs(shift) <= _SET.growth * width):  # no parabola whose top is close
                 uphill, moves, bent = 1.0 if high > low else -1.0, 1, np.inf
                 place = place + uphill * width * along
                 width *= _SET.growth
                 continue
-            if curvature < _SET.seen * self.variance:
+            if not bends:
                 if width >= _SET.widest * place[index]:
                     break
                 width *= _SET.flat_growth
@@ -296,12 +301,8 @@ class Hill:
                 continue
             if curvature > _SET.jump * bent:
                 break
-            deviation = width * float(np.sqrt(2.0 * self.variance / curvature))
-            if hopeless():
-                break
-            shift = 0.5 * width * (high - low) / curvature
-            narrow = width < 2.0 * _SET.fine * deviation
-            if abs(shift) < _SET.near * deviation and narrow:
+            deviation = wide
+            if hopeless() or (abs(shift) < _SET.near * deviation and narrow):
                 break
             variance = self.variance
             gained, promised = self.at(place + shift * along) - here, variance * (shift / deviation) ** 2
@@ -370,11 +371,26 @@ class Hill:
 
     def moves(self, place: Array, deviation: Array) -> Array:
         """By how much one unit of each of the n parameters moves each of the k coefficients (k, n)."""
-        sides = [place + side * step for step in np.diag(deviation) for side in (-1.0, 1.0)]
-        self.at_each(sides)
-        moved = np.stack([self.seen[side.tobytes()][1] for side in sides], axis=1)
-        apart = np.where(deviation > 0.0, 2.0 * deviation, np.inf)
-        return np.asarray((moved[:, 1::2] - moved[:, ::2]) / apart)
+        sides = [self._beside(place, i, deviation[i]) for i in range(len(place))]
+        self.at_each([side for pair in sides for side in pair])
+        moved = np.zeros((len(self.seen[sides[0][0].tobytes()][1]), len(place)))
+        for i, (low, high) in enumerate(sides):
+            if deviation[i] > 0.0:
+                difference = self.seen[high.tobytes()][1] - self.seen[low.tobytes()][1]
+                moved[:, i] = difference / (high[i] - low[i])
+        return moved
+
+    def _beside(self, place: Array, index: int, deviation: float) -> tuple[Array, Array]:
+        """A place on either side along a parameter, a deviation away, or what was tried as near as a few."""
+        others = np.arange(len(place)) != index
+        known = [one for one, _ in self.passed if np.array_equal(one[others], place[others])]
+        sides = []
+        for side in (-1.0, 1.0):
+            away = [(side * (one[index] - place[index]), one) for one in known]
+            near = [pair for pair in away if 0.0 < pair[0] <= _SET.fine * deviation]
+            step = side * deviation * np.eye(len(place))[index]
+            sides.append(max(near, key=lambda pair: float(pair[0]))[1] if near else place + step)
+        return sides[0], sides[1]
 
     def _coefficients(self, model: Fitted) -> Array:
         _, effect = effect_for(self.name, self.problem.device.axes, self.problem.device.own)

@@ -14,7 +14,8 @@ from estimator.errors import DivergedError
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, pruned
-from estimator.trace.fitting import Fitted, coefficients_of, fit
+from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
+from estimator.trace.longer import gone_on
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import refine_parameters
@@ -75,10 +76,16 @@ def select(problem: Problem, progress: Progress) -> Selection:
     family = ObserverModel(compared, progress)
     found = choose(family, start, RULES, lambda done, most: progress("effects", done, most), reducible=family)
     chosen = pruned(family, found)
+    if len(problem.record) >= _SET.worth_more * len(compared.record):
+        compared = problem.part(slice(0, _SET.confirmed))
+        family = ObserverModel(compared, progress)
+        found = gone_on(family, chosen, RULES, lambda done, most: progress("effects", done, most))
+        chosen = pruned(family, found)
     carrying = found.fit
     model, searched = carrying.fitted, dict(carrying.searched)
     effects = coefficients_of(chosen.fit.fitted.observer)
-    whole = len(problem.record) > len(compared.record)
+    whole = len(problem.record) > len(carrying.problem.record)
+    longer = len(problem.record) > len(start.problem.record)
     pruned_too = len(effects) < len(model.observer.effects)
 
     def over_the_whole(found: Fitted) -> Fitted:
@@ -91,10 +98,11 @@ def select(problem: Problem, progress: Progress) -> Selection:
         return fit(problem.under(model.settings).carrying(effects)) if whole or pruned_too else model
 
     if chosen.steps:
-        before, last = together(lambda: over_the_whole(start.fitted) if whole else start.fitted, with_effects)
+        before, last = together(lambda: over_the_whole(start.fitted) if longer else start.fitted, with_effects)
     else:
         before = last = with_effects()
-    if not chosen.more and (whole or len(chosen.gains) > 1):
+    explains = widening(last) ** 2 < THRESHOLDS.parameters.explains
+    if not chosen.more and explains and (whole or len(chosen.gains) > 1):
         for name in chosen.gains:  # what a parameter should be depends on the record and on what else is carried
             last, searched[name] = refine_parameters(problem, last, name, before=searched[name])
     return Selection(

@@ -63,7 +63,7 @@ def trace(
     watched = selection.rounds[-1].look.watched
     reader = AngleReader(problem.part(slice(0, min(split, THRESHOLDS.scoring.read))))
     largest, (alike, effects) = together(
-        lambda: bounds(fitted_part.part(slice(0, THRESHOLDS.choice.compared)), found.selection.after, watched),
+        lambda: bounds(fitted_part.part(slice(0, THRESHOLDS.choice.confirmed)), found.selection.after, watched),
         lambda: (
             _confusable(named, found.selection, reader, progress),
             tuple(side_by_side([partial(_found, name, named, found.selection, reader) for name in named])),

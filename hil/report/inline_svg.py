@@ -18,8 +18,11 @@ def inline_svg(figure: "Figure", key: str, title: str, alt: str) -> str:
     `key` makes its ids unique in the page; `title` and `alt` are its accessible name and description. Equal
     figures give equal text.
     """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    # Laid out and drawn once: `savefig` draws all of it a second time, to nothing, for a box that it is not asked for.
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, count=1, flags=re.DOTALL)

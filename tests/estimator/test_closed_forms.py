@@ -288,6 +288,7 @@ def hill(moved: Any = None) -> Hill:
             made.seen[place.tobytes()] = value, None if moved is None else moved @ place
         return [made.seen[place.tobytes()][0] for place in places]
 
+    made.passed = []
     made.at_each = at_each  # type: ignore[method-assign]
     made.at = lambda place: at_each([place])[0]  # type: ignore[method-assign]
     return made

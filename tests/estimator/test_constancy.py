@@ -101,7 +101,7 @@ def test_a_drive_gain_that_changes_on_the_way_is_seen_and_one_that_does_not_is_n
     assert (found.chance < 1e-4) is (swing > 0.0)
 
 
-def test_what_a_model_carries_is_watched_once_more_where_candidates_are_compared(
+def test_what_a_model_carries_is_watched_once_more_where_the_choice_was_confirmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Each under a label of its own, with its parameters, by the observer that the model is scanned with."""
@@ -109,7 +109,7 @@ def test_what_a_model_carries_is_watched_once_more_where_candidates_are_compared
     given = {"drive_gain": {}, "interference:2": {"omega": 7.0}}
     model = SimpleNamespace(likelihood=1.0, observer="observer")
     settings = replace(SETTINGS, memory=9.0)
-    samples = THRESHOLDS.choice.compared + 3
+    samples = THRESHOLDS.choice.confirmed + 3
     record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.arange(1.0, samples + 1.0))
 
     def scan(problem: Problem, watched: dict[str, dict[str, float]], observer: str) -> str:
@@ -122,7 +122,7 @@ def test_what_a_model_carries_is_watched_once_more_where_candidates_are_compared
     monkeypatch.setattr(module, "constancy", lambda seen, label: (seen, label))
     found = constancies(Problem(record, DEVICE, SETTINGS), model, list(given))
     watched = {"drive_gain:again0": {}, "interference:again1": {"omega": 7.0}}
-    assert asked == [([1.0, float(THRESHOLDS.choice.compared)], settings, watched, "observer")]
+    assert asked == [([1.0, float(THRESHOLDS.choice.confirmed)], settings, watched, "observer")]
     assert found == {name: ("seen", label) for name, label in zip(given, watched, strict=True)}
 
 

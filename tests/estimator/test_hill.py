@@ -32,7 +32,7 @@ class Counted:
 
     def __init__(self, likelihood: Likelihood, turned: Callable[[Array], bool] = lambda place: False) -> None:
         self.hill = Hill.__new__(Hill)
-        self.hill.seen = {}
+        self.hill.seen, self.hill.passed = {}, []
         self.models: list[Array] = []
 
         def at_each(places: Any) -> list[float]:
@@ -40,6 +40,7 @@ class Counted:
                 if place.tobytes() not in self.hill.seen:
                     self.models.append(place.copy())
                     self.hill.seen[place.tobytes()] = likelihood(place), np.zeros(1)
+                    self.hill.passed.append((place.copy(), ObserverSettings()))
             return [self.hill.seen[place.tobytes()][0] for place in places]
 
         self.hill.at_each = at_each  # type: ignore[method-assign]

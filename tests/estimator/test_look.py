@@ -110,7 +110,7 @@ def test_bounds_are_of_what_is_watched_and_not_carried_with_constants_as_declare
 ) -> None:
     scans = []
 
-    def scan(asked: Problem, watched: Any) -> Any:  # no earlier pass: the constants are as sure as declared
+    def scan(asked: Problem, watched: Any, *, halves: bool) -> Any:  # no earlier pass: the constants are as sure as declared
         scans.append((set(asked.effects), watched))
         return SimpleNamespace(name="scanned", sound=True)
 
@@ -133,7 +133,7 @@ def test_a_frequency_is_new_where_it_is_five_turns_from_those_that_are_carried()
 @pytest.mark.parametrize("sound", [True, False])
 def test_an_observer_that_diverges_bounds_nothing(monkeypatch: pytest.MonkeyPatch, *, sound: bool) -> None:
     monkeypatch.setattr(look, "coefficients_of", lambda observer: {})
-    monkeypatch.setattr(look, "scan", lambda problem, watched: SimpleNamespace(sound=sound))
+    monkeypatch.setattr(look, "scan", lambda problem, watched, halves: SimpleNamespace(sound=sound))
     monkeypatch.setattr(look, "evidence", lambda seen: {"cubic_stiffness": item("cubic_stiffness", 1.0)})
     record = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 2.5e-4))
     found = look.bounds(Problem(record, DEVICE, BENCH), model(0.01), {"cubic_stiffness": {}})
@@ -154,7 +154,7 @@ def test_where_the_drive_has_one_frequency_the_bound_of_a_mode_holds_for_any(
     drive = np.stack([line, 0.5 * line], axis=1)[:, :, None]
     record = Record(np.zeros((N * 8, 2)), drive, np.full(N * 8, 1.0 / rate))
     found = Evidence("parasitic_mode:1", 1.0, 2, 1.0, np.array([-0.02, 0.01]), np.array([0.01, 0.005]))
-    monkeypatch.setattr(look, "scan", lambda problem, watched: SimpleNamespace(sound=True))
+    monkeypatch.setattr(look, "scan", lambda problem, watched, halves: SimpleNamespace(sound=True))
     monkeypatch.setattr(look, "evidence", lambda seen: {found.name: found, "drag": item("drag", 1.0)})
     parameters = {found.name: {"omega": watched, "zeta": 1e-6}, "drag": {}}
     monkeypatch.setattr(look, "coefficients_of", lambda observer: {})

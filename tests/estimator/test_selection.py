@@ -60,7 +60,7 @@ class Bench:
         for name in self.taken:
             carried = (*carried, name)
             searched = {one: f"searched {one}" for one in carried[1:]}
-            fit = SimpleNamespace(fitted=model(carried, COMPARED), searched=searched)
+            fit = SimpleNamespace(fitted=model(carried, COMPARED), searched=searched, problem=family.problem)
             steps.append(SimpleNamespace(name=name, trial=SimpleNamespace(fit=fit)))
         last = SimpleNamespace(fitted=model(("drag", *self.kept), COMPARED))
         last.fitted.settings = ObserverSettings(
@@ -86,6 +86,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         *,
         more: bool = False,
         likelihood: float = 0.0,
+        widened: float = 1.0,
     ) -> tuple[Bench, Any]:
         made = Bench(taken, taken if kept is None else kept, more=more, likelihood=likelihood)
         monkeypatch.setattr(selection, "_SET", replace(selection._SET, compared=COMPARED))
@@ -95,6 +96,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
             selection, "pruned", lambda family, chosen: SimpleNamespace(**(vars(chosen) | {"fit": made.last}))
         )
         monkeypatch.setattr(selection, "refine_parameters", made.refine)
+        monkeypatch.setattr(selection, "widening", lambda model: widened)
         monkeypatch.setattr(selection, "coefficients_of", lambda observer: {name: {} for name in observer.effects})
         monkeypatch.setattr(selection, "effects_of", lambda model, searched: {n: {} for n in model.observer.effects})
         monkeypatch.setattr(selection, "rivals", lambda step: {f"rival of {step.name}": None})
@@ -156,6 +158,14 @@ def test_of_a_patchwork_no_parameter_is_searched_for(bench: Any) -> None:
     made, found = bench(COMPARED + 1, ("interference", "drive_gain"), more=True)
     assert made.searched == []
     assert found.patchwork
+
+
+@pytest.mark.parametrize(("widened", "searched"), [(1.99, 1), (2.01, 0)])
+def test_of_what_explains_nothing_no_parameter_is_searched_for(bench: Any, widened: float, searched: int) -> None:
+    """Four times the predicted power, and it is no model wherever its parameters are."""
+    made, found = bench(COMPARED + 1, ("interference",), widened=widened)
+    assert len(made.searched) == searched
+    assert set(found.searched) == {"interference"}
 
 
 def test_what_a_later_effect_made_superfluous_is_gone_from_the_model(bench: Any) -> None:
