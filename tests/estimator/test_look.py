@@ -110,7 +110,8 @@ def test_bounds_are_of_what_is_watched_and_not_carried_with_constants_as_declare
 ) -> None:
     scans = []
 
-    def scan(asked: Problem, watched: Any, *, halves: bool) -> Any:  # no earlier pass: the constants are as sure as declared
+    # No earlier pass: the constants are as sure as declared.
+    def scan(asked: Problem, watched: Any, *, halves: bool) -> Any:
         scans.append((set(asked.effects), watched))
         return SimpleNamespace(name="scanned", sound=True)
 
