@@ -116,7 +116,9 @@ class BlockWriter:
         self._blocks += 1
 
     def _write(self, columns: list[npt.NDArray[Any]], note: dict[str, object]) -> None:
-        arrays = [pa.array(column) for column in columns] or [pa.array([], kind) for kind in self._schema.types]
+        kinds = self._schema.types
+        columns = columns or [np.zeros(0, kind.to_pandas_dtype()) for kind in kinds]
+        arrays = [_filled(column, kind) for column, kind in zip(columns, kinds, strict=True)]
         batch = pa.RecordBatch.from_arrays(arrays, schema=self._schema)
         self._stream.write_batch(batch, custom_metadata={HEADER_KEY: note_text(note)})
         made = self._taken()
@@ -174,13 +176,18 @@ def schema_of(layout: Layout) -> Any:
     return pa.schema(fields, metadata={HEADER_KEY: layout.header_json(head_lengths(plain))})
 
 
+def _filled(column: npt.NDArray[Any], kind: Any) -> Any:
+    """A column as Arrow's array, by its bytes: what takes numbers loads pandas first, where that is installed."""
+    return pa.Array.from_buffers(kind, column.size, [None, pa.py_buffer(column)])
+
+
 def head_lengths(schema: Any) -> list[int]:
     """Lengths of the heads of an empty block and of one with rows: no others are in a file of this schema."""
     found = []
     for rows in (0, 1):
         made = io.BytesIO()
         with pa.ipc.new_stream(made, schema) as stream:
-            arrays = [pa.nulls(rows, kind).fill_null(0) for kind in schema.types]
+            arrays = [_filled(np.zeros(rows, kind.to_pandas_dtype()), kind) for kind in schema.types]
             stream.write_batch(
                 pa.RecordBatch.from_arrays(arrays, schema=schema), custom_metadata={HEADER_KEY: note_text({})}
             )
