@@ -74,6 +74,7 @@ _TRACE = {
     "free_run_model": "by_simulation free_run_model",
     "judgement": "judgement",
     "kin": "width",
+    "longer": "longer",
     "look": "look candidates",
     "nameless": "nameless_pieces closed_forms nameless",
     "nested": "nested",

@@ -16,7 +16,7 @@ from estimator.trace.engine import Dissent
 from estimator.trace.problem import Problem
 from tests.estimator.device import NOMINAL as DEVICE
 
-COMPARED = 1000
+COMPARED, CONFIRMED = 1000, 6000
 
 
 def problem(samples: int) -> Problem:
@@ -40,6 +40,7 @@ class Bench:
         self.taken, self.kept, self.more, self.likelihood = taken, kept, more, likelihood
         self.fits: list[tuple[int, tuple[str, ...], float | None]] = []
         self.searched: list[tuple[str, int, str]] = []
+        self.held: list[tuple[int, int, Any]] = []
 
     def fit(self, asked: Problem, passes: int = 2, *, about: Any = None) -> Any:
         if about is not None:  # of the whole record, about what the part came to
@@ -72,6 +73,15 @@ class Bench:
             steps=steps, rounds=rounds, more=self.more, fit=carrying, gains=dict.fromkeys(self.kept, 500.0)
         )
 
+    def gone_on(self, family: Any, chosen: Any, rules: Any, progress: Callable[[int, int], None]) -> Any:
+        progress(1, rules.most)
+        samples = len(family.problem.record)
+        self.held.append((samples, len(chosen.fit.fitted.estimates.innovation), rules))
+        self.last.fitted = model(("drag", *self.kept), samples)
+        fit = SimpleNamespace(fitted=self.last.fitted, searched=chosen.steps[-1].trial.fit.searched,
+                              problem=family.problem)  # fmt: skip
+        return SimpleNamespace(**(vars(chosen) | {"fit": fit}))
+
     def refine(self, asked: Problem, fitted: Any, name: str, *, before: str) -> Any:
         self.searched.append((name, len(asked.record), before))
         return fitted, f"again {name}"
@@ -89,7 +99,8 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         widened: float = 1.0,
     ) -> tuple[Bench, Any]:
         made = Bench(taken, taken if kept is None else kept, more=more, likelihood=likelihood)
-        monkeypatch.setattr(selection, "_SET", replace(selection._SET, compared=COMPARED))
+        monkeypatch.setattr(selection, "_SET", replace(selection._SET, compared=COMPARED, confirmed=CONFIRMED))
+        monkeypatch.setattr(selection, "gone_on", made.gone_on)
         monkeypatch.setattr(selection, "fit", made.fit)
         monkeypatch.setattr(selection, "choose", made.choose)
         monkeypatch.setattr(
@@ -104,7 +115,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         monkeypatch.setattr(selection, "left_out", lambda look: ("left out", look))
         told: list[tuple[str, int, int]] = []
         found = selection.select(problem(samples), lambda *what: told.append(what))
-        assert told == [("effects", 1, 3)]
+        assert told == [("effects", 1, 3)] * (1 + len(made.held))
         return made, found
 
     return run
@@ -136,6 +147,24 @@ def test_candidates_compete_on_a_part_and_the_models_before_and_after_are_of_the
     assert found.samples == COMPARED + 1
     assert made.searched == [("drive_gain", COMPARED + 1, "searched drive_gain")]
     assert found.searched == {"drive_gain": "again drive_gain"}
+
+
+@pytest.mark.parametrize("samples", [4 * COMPARED - 1, 4 * COMPARED, CONFIRMED + 1])
+def test_the_choice_of_a_record_four_times_as_long_is_held_to_more_of_it(bench: Any, samples: int) -> None:
+    made, found = bench(samples, ("drive_gain",))
+    if samples < 4 * COMPARED:
+        assert made.held == []
+        return
+    ((held, before, rules),) = made.held
+    assert (held, before, rules) == (min(samples, CONFIRMED), COMPARED, selection.RULES)
+    _, *whole = made.fits
+    carried = [("drag",)] if samples <= CONFIRMED else [("drag",), ("drag", "drive_gain")]
+    assert (
+        sorted((effects for _, effects, _ in whole), key=len) == carried
+    )  # what was held to all of it is of the whole
+    assert {length for length, *_ in whole} == {samples}
+    assert len(made.searched) == (samples > CONFIRMED)
+    assert found.samples == samples
 
 
 def test_a_long_record_on_which_nothing_is_chosen_is_fitted_whole_once(bench: Any) -> None:
