@@ -101,7 +101,9 @@ def _refined_in_two(
     """`refine_parameters` over the beginning of the record, and from there over all of it, which few steps do then."""
     share = len(beginning.record) / len(problem.record)
     begun = fit(beginning.under(model.settings), passes=1)
-    behind = begun.likelihood + share * (to_beat - model.likelihood)
+    # The phase of a frequency that is off grows with the time, and what that costs with its cube.
+    power = 3 if "omega" in names else 1
+    behind = begun.likelihood + share**power * (to_beat - model.likelihood)
     found, searched = _refined(beginning, begun, name, names, None, behind, moves=False)
     moved = fit(problem.under(found.settings), passes=1, about=found.observer)
     if not moved.likelihood > model.likelihood:
@@ -145,8 +147,9 @@ def _refined(
     top, deviation = start, np.zeros(len(names))
     nothing = np.zeros((len(effect.coefficients), len(names)))
 
-    def hopeless() -> bool:
-        return model.likelihood + _SET.hope * (hill.highest - hill.at(start)) + _SET.rough_start < to_beat
+    def hopeless(promised: float = 0.0) -> bool:
+        reached = hill.highest + promised - hill.at(start)
+        return model.likelihood + _SET.hope * reached + _SET.rough_start < to_beat
 
     for i in range(len(names)):
         top, deviation[i] = hill.climb(top, i, float(width[i]), hopeless)
@@ -258,7 +261,7 @@ class Hill:
         return between(best, other, float(np.clip(share, -_SET.growth, _SET.growth)))
 
     def climb(
-        self, place: Array, index: int, width: float, hopeless: Callable[[], bool] = lambda: False
+        self, place: Array, index: int, width: float, hopeless: Callable[[float], bool] = lambda promised: False
     ) -> tuple[Array, float]:
         """Along one parameter: steps uphill, twice as long each, until both sides are lower; then to the top of the
         parabola through the three, with steps of a few standard deviations.  Returns where, and its deviation, the
@@ -302,10 +305,11 @@ class Hill:
             if curvature > _SET.jump * bent:
                 break
             deviation = wide
-            if hopeless() or (abs(shift) < _SET.near * deviation and narrow):
-                break
             variance = self.variance
-            gained, promised = self.at(place + shift * along) - here, variance * (shift / deviation) ** 2
+            promised = variance * (shift / deviation) ** 2
+            if hopeless(promised) or (abs(shift) < _SET.near * deviation and narrow):
+                break
+            gained = self.at(place + shift * along) - here
             if gained > 0.0:
                 place = place + shift * along
             if narrow and abs(gained - promised) < variance * _SET.near**2:  # the parabola holds as far as its top

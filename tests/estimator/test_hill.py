@@ -169,9 +169,17 @@ def test_a_climb_ends_where_the_effect_is_a_simpler_one() -> None:
 
 def test_a_climb_that_is_hopeless_ends_short_of_the_top_and_knows_how_wide_it_is() -> None:
     counted = Counted(parabola(5.0, 0.01))
-    place, deviation = counted.hill.climb(np.array([5.02]), 0, 0.01, lambda: len(counted.models) >= 3)
+    place, deviation = counted.hill.climb(np.array([5.02]), 0, 0.01, lambda promised: len(counted.models) >= 3)
     assert place[0] != pytest.approx(5.0, abs=1e-3)
     assert deviation == pytest.approx(0.01)
+
+
+def test_whether_a_climb_is_hopeless_is_asked_with_what_its_parabola_promises() -> None:
+    """Two deviations beside the top: four in twice the log-likelihood, before a model of it was made."""
+    told: list[float] = []
+    counted = Counted(parabola(5.0, 0.01))
+    counted.hill.climb(np.array([5.02]), 0, 0.01, lambda promised: told.append(promised) or False)
+    assert told == [pytest.approx(4.0)]
 
 
 @pytest.mark.parametrize(
@@ -407,6 +415,7 @@ class Climbs:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.asked: list[tuple[tuple[float, ...], int, float]] = []
         self.deviations, self.is_turned, self.highest, self.variance = [0.5, 0.25], False, -np.inf, 1.0
+        self.promised = 0.0
         self.at_top = True
         monkeypatch.setattr(parameters, "Hill", self)
 
@@ -417,9 +426,9 @@ class Climbs:
     def at(self, place: Array) -> float:
         return -100.0
 
-    def climb(self, place: Array, index: int, width: float, hopeless: Callable[[], bool]) -> tuple[Array, float]:
+    def climb(self, place: Array, index: int, width: float, hopeless: Callable[[float], bool]) -> tuple[Array, float]:
         self.asked.append((tuple(place.tolist()), index, width))
-        self.hopeless = hopeless()
+        self.hopeless = hopeless(self.promised)
         return place + 1.0, self.deviations[index]
 
     def turned(self, place: Array) -> bool:
@@ -491,16 +500,25 @@ def test_what_was_found_before_makes_the_steps_smaller(
     assert [one[2] for one in climbs.asked] == pytest.approx([60.0, 0.001])
 
 
-@pytest.mark.parametrize(("to_beat", "ends"), [(-np.inf, False), (539.0, False), (541.0, True)])
+@pytest.mark.parametrize(
+    ("to_beat", "promised", "is_hopeless", "ends"),
+    [
+        (-np.inf, 0.0, False, False),
+        (539.0, 0.0, False, False),
+        (541.0, 0.0, True, True),
+        (559.0, 5.0, False, True),  # it climbs on, and is asked again where it has come to no more
+        (561.0, 5.0, True, True),
+    ],
+)
 def test_a_climb_is_hopeless_where_four_times_its_gain_and_what_a_start_may_take_off_do_not_reach(
-    monkeypatch: pytest.MonkeyPatch, to_beat: float, *, ends: bool
+    monkeypatch: pytest.MonkeyPatch, to_beat: float, promised: float, *, is_hopeless: bool, ends: bool
 ) -> None:
-    """From 200, with 10 gained so far: 200 + 4 · 10 + 300."""
+    """From 200, with 10 gained so far and, while it climbs, what is promised: 200 + 4 · 10 + 300."""
     climbs = Climbs(monkeypatch)
-    climbs.highest = -90.0
+    climbs.highest, climbs.promised = -90.0, promised
     model = carrying("parasitic_mode", MODE, 200.0)
     found, searched = refine_parameters(PROBLEM, model, "parasitic_mode", to_beat=to_beat)
-    assert climbs.hopeless is ends
+    assert climbs.hopeless is is_hopeless
     assert len(climbs.asked) == (1 if ends else 2)
     if ends:
         assert found == (601.0, 1.01)
@@ -576,12 +594,12 @@ class Fits:
         monkeypatch.setattr(parameters, "fit", self)
 
     def __call__(self, problem: Problem, passes: int, about: Any = None) -> Any:
-        given = dict(problem.settings.effects["parasitic_mode"])
-        samples = len(problem.record)
-        self.asked.append((samples, given["omega"]))
+        ((name, given),) = problem.settings.effects.items()
+        samples, first = len(problem.record), next(iter(given.values()))
+        self.asked.append((samples, first))
         self.about.append(about)
-        settings = ObserverSettings(effects={"parasitic_mode": given})
-        likelihood = self.likelihood(samples, given["omega"])
+        settings = ObserverSettings(effects={name: dict(given)})
+        likelihood = self.likelihood(samples, first)
         return SimpleNamespace(settings=settings, likelihood=likelihood, observer="observer")
 
 
@@ -589,13 +607,13 @@ class Places(Climbs):
     """Climbs that end in models."""
 
     def __call__(self, problem: Problem, model: Any, name: str, names: tuple[str, ...]) -> "Places":
-        self.samples = len(problem.record)
+        self.samples, self.name, self.names = len(problem.record), name, names
         return self
 
     def fitted(self, place: Array) -> Any:
-        given = dict(zip(("omega", "zeta"), place.tolist(), strict=True))
+        given = dict(zip(self.names, place.tolist(), strict=True))
         self.last = self.samples, given
-        settings = ObserverSettings(effects={"parasitic_mode": given})
+        settings = ObserverSettings(effects={self.name: given})
         return SimpleNamespace(settings=settings, likelihood=40.0, observer="of the beginning")
 
 
@@ -647,18 +665,27 @@ def test_a_short_record_and_a_slow_line_are_searched_whole(
     assert (fits.asked, climbs.samples) == ([], samples)
 
 
-def test_what_is_hopeless_on_the_beginning_is_left_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A quarter of the lead of another model is out of reach there: 30 + 4 · 10 + 300."""
+@pytest.mark.parametrize(
+    ("name", "given", "part"),
+    # The phase of a frequency that is off grows with the time, and what that costs with its cube.
+    [("parasitic_mode", MODE, 4.0**-3), ("drive_saturation", {"limit": 3.0}, 1.0 / 4.0)],
+    ids=["a frequency", "a limit"],
+)
+def test_what_is_hopeless_on_the_beginning_is_left_there(
+    monkeypatch: pytest.MonkeyPatch, name: str, given: dict[str, float], part: float
+) -> None:
+    """What another model leads by on a quarter of the record is out of reach there: 30 + 4 · 10 + 300."""
     climbs = Places(monkeypatch)
-    climbs.highest = -90.0
-    Fits(monkeypatch, lambda samples, omega: 30.0 if samples == 10_000 else 110.0)
+    climbs.highest, climbs.deviations = -90.0, [0.5, 0.25][: len(given)]
+    Fits(monkeypatch, lambda samples, first: 30.0 if samples == 10_000 else 110.0)
     monkeypatch.setattr(parameters, "turned_into", lambda *_: None)
-    for lead, left in ((1359.0, False), (1361.0, True)):
+    model = SimpleNamespace(**vars(carrying(name, given, 100.0)), observer="before")
+    for lead, left in ((339.9 / part, False), (340.1 / part, True)):
         climbs.asked.clear()
-        _, searched = refine_parameters(long_record(40_000), mode(100.0), "parasitic_mode", to_beat=100.0 + lead)
-        assert len(climbs.asked) == (1 if left else 3)  # of the whole record, one more
+        _, searched = refine_parameters(long_record(40_000), model, name, to_beat=100.0 + lead)
+        assert len(climbs.asked) == (1 if left else len(given) + 1)  # of the whole record, one more
         if left:
-            np.testing.assert_array_equal(searched.covariance, np.zeros((2, 2)))
+            np.testing.assert_array_equal(searched.covariance, np.zeros((len(given), len(given))))
 
 
 # -- a parameter that is a coefficient --------------------------------------------------------------------------------
