@@ -23,7 +23,7 @@ from estimator.trace.problem import Problem
 from estimator.trace.same_number import same_numbers, surer
 from estimator.trace.screening import spoken_for
 from estimator.trace.searched import NOTHING, Searched
-from estimator.trace.width import hopeful, worth_finishing, worth_refining
+from estimator.trace.width import hopeful, worth_finishing, worth_following, worth_refining
 
 _SET = THRESHOLDS.choice
 
@@ -89,7 +89,8 @@ class ObserverModel:
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]
     ) -> Mapping[str, Carrying | str]:
         """Each beside what `current` carries, those that one pass leaves far behind by that pass; parameters of those
-        near the best are searched.  What turns into a simpler effect on the way is none.
+        near the best are searched, and those with the same parameters follow them.  What turns into a simpler effect
+        on the way is none.
         """
         base = current.fitted
         effects = coefficients_of(base.observer)
@@ -106,10 +107,20 @@ class ObserverModel:
         models |= dict(zip(going_on, ends, strict=True))
         near = worth_refining(models, base, gains, look.watched)
         near = [name for name in near if not self._is_reversed(models[name], name)]
+        following = worth_following(models, base, gains, look.watched, near)
         for done, name in enumerate(near, 1):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
             models[name], searched[name] = refine_parameters(self.problem, models[name], name, to_beat=best)
             self.progress("parameters", done, len(near))
+        found_there = [
+            partial(fit, self.problem.carrying({**effects, name: parameters_of(models[other], other)}))
+            for name, other in following.items()
+        ]
+        for (name, other), there in zip(following.items(), side_by_side(found_there), strict=True):
+            if there.likelihood > models[name].likelihood:
+                known = searched[other]
+                models[name] = there
+                searched[name] = replace(known, moves=np.zeros((self._degrees(name), len(known.names))))
         found: dict[str, Carrying | str] = {}
         for name, fitted in models.items():
             if simpler := turned_into(self.problem, name, parameters_of(fitted, name)):

@@ -138,13 +138,36 @@ def worth_refining(
 
     tried: gains over `base` of those that were carried before.
     """
+    taken: list[str] = []
+    for name in _near_the_best(models, base, tried):
+        if watched[name] and all(watched[name] != watched[other] and kind(name) != kind(other) for other in taken):
+            taken.append(name)
+    return taken
+
+
+def worth_following(
+    models: Mapping[str, Fitted],
+    base: Fitted,
+    tried: Mapping[str, float],
+    watched: Mapping[str, Parameters],
+    refined: Collection[str],
+) -> dict[str, str]:
+    """Of those that come near the best, the ones with the parameters of another kind that is refined, and which: as a
+    line in the sense channel and a vibration of the base, which come near each other at any frequency.
+
+    tried: as of `worth_refining`.
+    """
+    found: dict[str, str] = {}
+    for name in _near_the_best(models, base, tried):
+        same = [other for other in refined if watched[other] == watched[name] and kind(other) != kind(name)]
+        if same and name not in refined:
+            found[name] = same[0]
+    return found
+
+
+def _near_the_best(models: Mapping[str, Fitted], base: Fitted, tried: Mapping[str, float]) -> list[str]:
     gains = dict(tried) | {name: fitted.likelihood - base.likelihood for name, fitted in models.items()}
     best = max(gains, key=lambda name: gains[name])
     share = {name: _SET.as_good if are_kin(best, name) else _SET.refined for name in models}
     near = [name for name in models if gains[name] > share[name] * gains[best]]
-    near.sort(key=lambda name: -models[name].likelihood)
-    taken: list[str] = []
-    for name in near:
-        if watched[name] and all(watched[name] != watched[other] and kind(name) != kind(other) for other in taken):
-            taken.append(name)
-    return taken
+    return sorted(near, key=lambda name: -models[name].likelihood)

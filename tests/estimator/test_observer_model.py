@@ -13,7 +13,7 @@ from estimator.trace.criterion import TIE, chance_gain
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.observer_model import Carrying, ObserverModel, numbers
 from estimator.trace.problem import Problem
-from estimator.trace.searched import NOTHING
+from estimator.trace.searched import NOTHING, Searched
 from tests.estimator.device import UNLIKE as DEVICE
 
 N = 30_000
@@ -125,6 +125,37 @@ def test_no_search_for_the_corner_of_a_filter_that_would_have_to_run_backwards(
     look: Any = SimpleNamespace(watched={name: {}})
     assert isinstance(ObserverModel(PROBLEM).fit(BASE, look, [name], {})[name], Carrying)
     assert asked == ([name] if searched else [])
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_what_has_the_parameter_of_another_that_was_searched_follows_it_where_it_is_better_there(
+    monkeypatch: pytest.MonkeyPatch, fits: Any, *, better: bool
+) -> None:
+    worth = {("interference:1", 7.0): 1090.0, ("base_vibration:1", 7.0): 1080.0}
+    worth["base_vibration:1", 7.5] = 1200.0 if better else 1070.0
+
+    def fit(asked: Problem, passes: int = 2, *, again: bool = True) -> Any:
+        ((name, given),) = ((name, given) for name, given in asked.effects.items() if name != "known")
+        return fitted(dict(asked.effects), worth[name, given["omega"]], settled=again)
+
+    monkeypatch.setattr(observer_model, "fit", fit)
+    monkeypatch.setattr(observer_model, "worth_refining", lambda *asked: ["interference:1"])
+    monkeypatch.setattr(observer_model, "worth_following", lambda *asked: {"base_vibration:1": asked[-1][0]})
+    moved, known = fitted({"known": {}, "interference:1": {"omega": 7.5}}, 1190.0), np.array([[4.0]])
+    monkeypatch.setattr(
+        observer_model,
+        "refine_parameters",
+        lambda *asked, **more: (moved, Searched(("omega",), known, np.ones((3, 1)))),
+    )
+    look: Any = SimpleNamespace(watched={"interference:1": {"omega": 7.0}, "base_vibration:1": {"omega": 7.0}})
+    found: Any = ObserverModel(PROBLEM).fit(BASE, look, ["interference:1", "base_vibration:1"], {})["base_vibration:1"]
+    assert found.fitted.settings.effects["base_vibration:1"] == {"omega": 7.5 if better else 7.0}
+    searched = found.searched["base_vibration:1"]
+    if better:
+        np.testing.assert_array_equal(searched.covariance, known)
+        np.testing.assert_array_equal(searched.moves, np.zeros((4, 1)))  # what moves its own four nobody asked
+    else:
+        assert searched is NOTHING
 
 
 def test_what_turns_into_a_simpler_effect_is_no_model(monkeypatch: pytest.MonkeyPatch, fits: Any) -> None:

@@ -9,7 +9,15 @@ from estimator.trace import width
 from estimator.trace.criterion import TIE
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import Look
-from estimator.trace.width import hopeful, is_small, shortlist, within_reach, worth_finishing, worth_refining
+from estimator.trace.width import (
+    hopeful,
+    is_small,
+    shortlist,
+    within_reach,
+    worth_finishing,
+    worth_following,
+    worth_refining,
+)
 
 KINDS = [f"kind{n}" for n in range(30)]
 
@@ -248,6 +256,11 @@ def test_who_is_within_a_tenth_of_the_best_gain_has_its_parameters_improved() ->
     assert worth_refining(models, base, {}, watched) == ["drive_saturation:2", "interference:1"]
     assert worth_refining(models, base, {"electrostatic_drive": 107.0}, watched) == ["drive_saturation:2"]
     assert worth_refining(models, base, {"electrostatic_drive": 200.0}, watched) == []
+    # Whoever has the parameter of one that is improved follows it, if it comes as near.
+    refined = ["drive_saturation:2", "interference:1"]
+    assert worth_following(models, base, {}, watched, refined) == {"base_vibration:1": "interference:1"}
+    assert worth_following(models, base, {"electrostatic_drive": 105.0}, watched, refined) == {}
+    assert worth_following(models, base, {}, watched, []) == {}
 
 
 @pytest.mark.parametrize(("likeness", "tried"), [(0.975, True), (0.965, False)])
