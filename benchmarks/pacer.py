@@ -11,6 +11,7 @@ import json
 import select
 import sys
 import time
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ ANSWER_LENGTH = len(Transmitter().encode_drive(1, 1, 1, 1))
 LEAD_S = 0.002  # from the choice of a host to its first tick
 
 
-class Line:
+class Line(ABC):
     """A pty, the board behind it, and the stamps: when each sample was sent and when its answer had been read."""
 
     def __init__(self, board: Board) -> None:
@@ -67,14 +68,15 @@ class Line:
                 self._elapsed_ns.append(now - sent)
         self.attend(data)
 
+    @abstractmethod
     def mark(self, said: bytes) -> bytes | int:
         """By what an answer tells which sample it belongs to."""
-        raise NotImplementedError
 
+    @abstractmethod
     def marks(self, data: bytes) -> list[bytes | int]:
         """The marks of the answers in `data`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def attend(self, data: bytes) -> None:
         """What else there is to do about `data`."""
 
@@ -121,6 +123,9 @@ class BareHost(Line):
 
     def marks(self, data: bytes) -> list[bytes | int]:
         return [data[at : at + ANSWER_LENGTH] for at in range(0, len(data), ANSWER_LENGTH)]
+
+    def attend(self, data: bytes) -> None:
+        """Nothing: the board is not spoken to."""
 
 
 def segment(line: Line, ticks: int, period_s: float) -> None:

@@ -198,10 +198,10 @@ class _Reader:
         raise self._refused(node)
 
     def _number(self, node: ast.expr, value: object) -> Node:
-        if type(value) not in (int, float):
+        if not isinstance(value, int | float) or isinstance(value, bool):
             raise self._refused(node)
         try:
-            number = float(value)  # type: ignore[arg-type]  # int or float, by the line above
+            number = float(value)
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):

@@ -97,7 +97,8 @@ def _as_another(term: Term, estimates: Mapping[str, Estimate], every: tuple[Term
     """What else a law may be, with the coefficient that it then has."""
     said = []
     for other in _same_laws(term, every):
-        assert term.law is not None and other.law is not None  # noqa: PT018 - look-alikes are laws
+        assert term.law is not None  # look-alikes are laws
+        assert other.law is not None
         factor = term.law.size * other.factor / (other.law.size * term.factor)
         one = estimates[term.symbol]
         said.append(

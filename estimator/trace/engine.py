@@ -290,6 +290,7 @@ def _near(
 
 
 def exchanged(one: Round[Look], best: str) -> Round[Look]:
+    """The round as if `best`, which was carried in it, had been taken, and the one that was had been beaten."""
     why = {best: (Outcome.TAKEN, ""), one.taken: (Outcome.BEATEN, "another explains more for its price")}
     tried = (
         replace(each, outcome=why[each.name][0], reason=why[each.name][1]) if each.name in why else each

@@ -9,6 +9,7 @@ from then on, and the residual that is left is scanned again.
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from estimator.errors import DivergedError
 from estimator.side_by_side import together
@@ -74,12 +75,13 @@ def select(problem: Problem, progress: Progress) -> Selection:
     if not math.isfinite(start.fitted.likelihood):
         raise DivergedError
     family = ObserverModel(compared, progress)
-    found = choose(family, start, RULES, lambda done, most: progress("effects", done, most), reducible=family)
+    rounds_done = partial(progress, "effects")
+    found = choose(family, start, RULES, rounds_done, reducible=family)
     chosen = pruned(family, found)
     if len(problem.record) >= _SET.worth_more * len(compared.record):
         compared = problem.part(slice(0, _SET.confirmed))
         family = ObserverModel(compared, progress)
-        found = gone_on(family, chosen, RULES, lambda done, most: progress("effects", done, most))
+        found = gone_on(family, chosen, RULES, rounds_done)
         chosen = pruned(family, found)
     carrying = found.fit
     model, searched = carrying.fitted, dict(carrying.searched)

@@ -3,14 +3,22 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Literal
 
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
+import hil
 from tests.service.serving import Serving
 
 PATIENT, LOCKSTEP, BOARD = "patient", "lockstep", "pty:s-slow"
 Scheme = Literal["light", "dark"]
+
+
+def leave_run(folder: Path, name: str, seed: int) -> str:
+    """Make a short run below `folder`, as from a notebook, and say what its own folder is called."""
+    bench = hil.load_bench("s-slow").with_(loop={"settle_s": 0.5, "duration_s": 2.0, "clock": "lockstep"})
+    return hil.run(bench, link="inproc:s-slow", seed=seed, name=name, out=folder).path.name
 
 
 class BenchPage:

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Request, expect
 
-import hil
 from tests.browser.axe import violations
-from tests.browser.bench_page import BOARD, LOCKSTEP, BenchPage, Scheme
+from tests.browser.bench_page import BOARD, LOCKSTEP, BenchPage, Scheme, leave_run
 from tests.service.serving import Serving
 
 pytestmark = pytest.mark.slow  # of boards in lockstep: no machine is too busy for them
@@ -54,9 +53,8 @@ def _looked_at(
 
 @pytest.fixture(scope="module")
 def run(service: Serving) -> str:
-    """A run of the catalogue, made by the command line's library beside the service."""
-    bench = hil.load_bench("s-slow").with_(loop={"settle_s": 0.5, "duration_s": 2.0, "clock": "lockstep"})
-    return hil.run(bench, link="inproc:s-slow", seed=1, name="looked-at", out=service.folder).path.name
+    """A run of the catalogue, made beside the service."""
+    return leave_run(service.folder, "looked-at", seed=1)
 
 
 @pytest.mark.beyond(2)

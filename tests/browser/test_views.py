@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-import hil
 from tests.browser.axe import violations
-from tests.browser.bench_page import BenchPage
+from tests.browser.bench_page import BenchPage, leave_run
 from tests.service.serving import Serving, serving
 
 pytestmark = pytest.mark.slow
@@ -20,9 +19,8 @@ pytestmark = pytest.mark.slow
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:
     """A service with two runs of one device, which somebody made before it began."""
     folder = tmp_path_factory.mktemp("bench") / "runs"
-    bench = hil.load_bench("s-slow").with_(loop={"settle_s": 0.5, "duration_s": 2.0, "clock": "lockstep"})
     for seed, name in enumerate(("first", "second")):
-        hil.run(bench, link="inproc:s-slow", seed=seed, name=name, out=folder)
+        leave_run(folder, name, seed)
     with serving(folder) as running:
         yield running
 

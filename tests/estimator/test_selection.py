@@ -159,9 +159,8 @@ def test_the_choice_of_a_record_four_times_as_long_is_held_to_more_of_it(bench: 
     assert (held, before, rules) == (min(samples, CONFIRMED), COMPARED, selection.RULES)
     _, *whole = made.fits
     carried = [("drag",)] if samples <= CONFIRMED else [("drag",), ("drag", "drive_gain")]
-    assert (
-        sorted((effects for _, effects, _ in whole), key=len) == carried
-    )  # what was held to all of it is of the whole
+    # What was held to all of it is of the whole already.
+    assert sorted((effects for _, effects, _ in whole), key=len) == carried
     assert {length for length, *_ in whole} == {samples}
     assert len(made.searched) == (samples > CONFIRMED)
     assert found.samples == samples
