@@ -10,6 +10,7 @@ from fractions import Fraction
 import sympy as sp
 
 from estimator.custom.grammar import Call, Name, Node, Number, Power, Product, Sum, names_in, told, walk
+from estimator.custom.hyperbolic import tanh
 from estimator.custom.names import ANGLES
 from estimator.effects.declaration import Signal, Source
 from estimator.errors import ModelError
@@ -45,7 +46,7 @@ _TWICE = {
     "orientation": (x**2 - y**2 + vx**2 - vy**2, 2 * (x * y + vx * vy)),
     "phase": (x**2 + y**2 - vx**2 - vy**2, -2 * (x * vx + y * vy)),
 }
-_PLAIN = {"sin": sp.sin, "cos": sp.cos, "tanh": sp.tanh, "exp": sp.exp}
+_PLAIN = {"sin": sp.sin, "cos": sp.cos, "tanh": tanh, "exp": sp.exp}
 
 
 def expression(node: Node, own: Mapping[str, sp.Symbol]) -> sp.Expr:
@@ -106,7 +107,7 @@ def _called(function: str, argument: Node, inner: sp.Expr) -> sp.Expr:
     for axis, name in enumerate(("vx", "vy")):
         if argument == Name(name):
             return DIRECTIONS[axis]
-    return sp.tanh(inner / TURNOVER)
+    return tanh(inner / TURNOVER)
 
 
 def _power(base: sp.Expr, exponent: Fraction) -> sp.Expr:

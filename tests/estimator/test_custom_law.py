@@ -263,6 +263,27 @@ def test_a_law_means_what_python_means_by_it(text: str) -> None:
     assert found.real == pytest.approx(meant, rel=1e-6, abs=1e-6)
 
 
+def test_a_fraction_within_fractions_is_not_split_into_real_and_imaginary_parts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """SymPy splits the argument of a hyperbolic tangent to learn whether it is real: of this law, for minutes."""
+    for split in (sp.Add, sp.Mul, sp.Pow):
+        monkeypatch.setattr(split, "as_real_imag", lambda *_, **__: pytest.fail("a law was split"))
+    law = "cos(abs(vx) / (2 + tanh(r / (2 + tanh(v)))) - sqrt(1 + abs(cos(vy))))"
+    built = expression(parsed(law), {})
+    slope = sp.diff(built, sp.Symbol("vx"))
+    at = {sp.Symbol(name): value for name, value in VALUES.items()}
+    r = math.hypot(VALUES["x"], VALUES["y"])
+
+    def meant(vx: float) -> float:
+        speed = math.hypot(vx, VALUES["vy"])
+        inner = abs(vx) / (2 + math.tanh(r / (2 + math.tanh(speed))))
+        return math.cos(inner - math.sqrt(1 + abs(math.cos(VALUES["vy"]))))
+
+    assert float(built.subs(at)) == pytest.approx(meant(VALUES["vx"]))
+    assert float(slope.subs(at)) == pytest.approx((meant(0.3 + 1e-6) - meant(0.3 - 1e-6)) / 2e-6, rel=1e-6)
+
+
 @pytest.mark.moderate
 def test_roots_and_poles_do_not_stop_an_observer_at_rest() -> None:
     for text in ("sqrt(x)", "abs(x)", "r", "v", "abs(x)**1.5", "x * r**3", "vx * v", "vx / v", "sqrt(x**2 + y**2)"):
