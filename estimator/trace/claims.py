@@ -127,13 +127,19 @@ def _levels(
     return tuple(found)
 
 
+def _rate_moved(before: Examination, after: Examination, split: int) -> float:
+    """By what the estimate of the rate differs, rms over the part held out."""
+    was, now = (one.estimates.of("rate")[one.estimates.index >= split] for one in (before, after))
+    return float(np.sqrt(np.nanmean((now - was) ** 2)))
+
+
 def _votes(problem: Problem, before: Examination, after: Examination, split: int) -> tuple[Vote, ...]:
     """Angle and rate against the record's own reference for the rate.
 
     To be expected are what the observer takes its estimate to be off by, and the noise of the reference, which its
     steps from sample to sample tell.  An angle that is off has been so in one draw.  An estimate of the rate also
     lags, by any model; it only must not become worse: with e the error before and δ by what an effect moves the
-    estimate, |e + δ| < |e| says that more than half of δ is in −e.
+    estimate, |e + δ| < |e| says that more than half of δ is in −e.  It is drawn anew once in the observer's memory.
     """
     reference = problem.record.channels.get("rate")
     if reference is None or after.held_out.rate_error_rms is None or before.held_out.rate_error_rms is None:
@@ -146,9 +152,8 @@ def _votes(problem: Problem, before: Examination, after: Examination, split: int
     sure = estimates.deviation[estimates.index >= split, estimates.names.index("rate")]
     rate = float(np.sqrt(np.nanmean(sure**2) + noise**2))
     draws = max(span / problem.settings.memory, 1.0)
-    was = before.held_out.rate_error_rms
-    errors = Errors(was, after.held_out.rate_error_rms, max(rate, was), draws)
-    votes = [Vote("error of the rate", "rad/s", errors)]
+    errors = Errors(before.held_out.rate_error_rms, after.held_out.rate_error_rms, rate, draws)
+    votes = [Vote("error of the rate", "rad/s", errors, _rate_moved(before, after, split))]
     if before.held_out.angle_error_rms is not None and after.held_out.angle_error_rms is not None:
         random_walk = noise * step * np.sqrt(len(later))
         angle = float(np.sqrt(np.nanmean(estimates.angle_deviation[split:] ** 2) + random_walk**2))

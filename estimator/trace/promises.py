@@ -13,6 +13,7 @@ from scipy.stats import f as f_distribution
 
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
+from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
@@ -40,11 +41,15 @@ class Errors:
         """Whether it is less than before; what is no number did not fall.
 
         Coefficients that were found elsewhere and would gain g, were they right, lose g where nothing of the kind is
-        there: 0 is the middle.
+        there: 0 is the middle.  What gains may leave the rms where it was, and not raise it by more than one of so many
+        samples is sure of itself.
         """
         if not math.isfinite(self.after):
             return False
-        return self.after < self.before if self.gain is None else self.gain > 0.0
+        if self.gain is None:
+            return self.after < self.before
+        sure = 1.0 / math.sqrt(2.0 * max(self.samples, 1.0))
+        return self.gain > 0.0 and self.after <= self.before * (1.0 + sure)
 
     @property
     def at_floor(self) -> bool:
@@ -99,11 +104,29 @@ class Level:
 
 @dataclass(frozen=True)
 class Vote:
-    """An error against something measured beside the record: what it is in words, and its size before and after."""
+    """An error against something measured beside the record: what it is in words, and its size before and after.
+
+    moved: rms of what the effects move the estimate by, where the error need not go, only must not grow.
+    """
 
     what: str
     unit: str
     errors: Errors
+    moved: float | None = None
+
+    @property
+    def against(self) -> bool:
+        """Whether it speaks against what is named: it is more than is to be expected, and most of it stays; or, where
+        it need not go, it grew by more than chance: with e the error before and δ the move, |e + δ|² − |e|² has, of n
+        samples, a standard deviation of 2|e||δ|/√n.
+        """
+        errors = self.errors
+        if errors.at_floor:
+            return False
+        if self.moved is None:
+            return not errors.share >= _SET.part
+        by_chance = 2.0 * TWO_SIDED * errors.before * self.moved / math.sqrt(max(errors.samples, 1.0))
+        return not errors.after**2 <= errors.before**2 + by_chance
 
 
 @dataclass(frozen=True)
@@ -134,7 +157,7 @@ def fell(claim: Claim) -> tuple[str, ...]:
     errors = claim.residual
     if errors.fell:
         return ()
-    if errors.gain is not None and errors.after <= _SET.floor * errors.before:
+    if errors.gain is not None and errors.gain <= 0.0 and errors.after <= _SET.floor * errors.before:
         return (f"the part held out is not predicted better: {_gain(errors.gain)} in twice the log-likelihood",)
     return (f"on the part held out the residual rose from {_times(errors.before, errors)} to {_over(errors)}",)
 
@@ -179,7 +202,7 @@ def votes(claim: Claim) -> tuple[str, ...]:
         f"the reference speaks against it: on the part held out the {vote.what} was {vote.errors.before:.3g} "
         f"{vote.unit} rms and is {vote.errors.after:.3g}"
         for vote in claim.votes
-        if not vote.errors.at_floor and not vote.errors.share >= _SET.part
+        if vote.against
     )
 
 

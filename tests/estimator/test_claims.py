@@ -144,7 +144,10 @@ def seen(rate_error: float | None, angle_error: float | None, sure: float = 0.01
     deviation = np.full((len(index), 2), 77.0)
     deviation[:, 1] = np.where(index >= SPLIT, sure, 55.0)
     angle_deviation = np.where(np.arange(N) >= SPLIT, 0.002, 9.0)
-    estimates = SimpleNamespace(names=("x", "rate"), index=index, deviation=deviation, angle_deviation=angle_deviation)
+    rates = np.where(index >= SPLIT, 0.0 if rate_error is None else rate_error, 44.0)
+    estimates = SimpleNamespace(
+        names=("x", "rate"), index=index, deviation=deviation, angle_deviation=angle_deviation, of={"rate": rates}.get
+    )
     fit = Fit((1.0,), (1.0,), 1.0, 0.5, angle_error_rms=angle_error, rate_error_rms=rate_error)
     return SimpleNamespace(estimates=estimates, held_out=fit)
 
@@ -180,8 +183,11 @@ def test_what_is_to_be_expected_is_of_the_part_held_out_from_its_first_sample_on
 
 
 def test_a_rate_only_must_not_become_worse() -> None:
-    (rate, _) = claims._votes(problem(rate=reference(0.0)), seen(0.4, 0.3), seen(0.5, 0.1), SPLIT)
-    assert rate.errors.floor == 0.4
+    """Its move is the one from 0.4 to 0.5 on the part held out, before which both are alike."""
+    (rate, angle) = claims._votes(problem(rate=reference(0.0)), seen(0.4, 0.3), seen(0.5, 0.1), SPLIT)
+    assert rate.errors.floor == pytest.approx(0.01)
+    assert rate.moved == pytest.approx(0.1)
+    assert angle.moved is None
 
 
 def test_of_less_than_a_memory_an_error_is_one_draw() -> None:
@@ -210,7 +216,7 @@ def test_who_has_no_error_has_no_vote(before: Any, after: Any, votes: list[str])
 
 def test_states_that_were_kept_now_and_then_vote_as_all() -> None:
     asked = problem(rate=reference(0.0))
-    one, other = (claims._votes(asked, seen(1e-3, 0.3), seen(1e-3, 0.1, every=k), SPLIT)[0] for k in (1, 5))
+    one, other = (claims._votes(asked, seen(1e-3, 0.3, every=k), seen(1e-3, 0.1, every=k), SPLIT)[0] for k in (1, 5))
     assert one.errors.floor == pytest.approx(other.errors.floor)
 
 

@@ -214,7 +214,10 @@ def test_what_is_to_be_expected_of_a_rate_is_of_the_part_held_out_from_its_first
     n, split = 100, 60
     sure = np.zeros((n, 2))
     sure[split, 1], sure[split - 1, 1] = 3.0, 99.0
-    estimates = SimpleNamespace(names=("x", "rate"), index=np.arange(n), deviation=sure, angle_deviation=np.zeros(n))
+    still = {"rate": np.zeros(n)}
+    estimates = SimpleNamespace(
+        names=("x", "rate"), index=np.arange(n), deviation=sure, angle_deviation=np.zeros(n), of=still.get
+    )
     seen: Any = SimpleNamespace(
         estimates=estimates, held_out=Fit((1.0,), (1.0,), 1.0, 0.5, angle_error_rms=0.1, rate_error_rms=0.01)
     )

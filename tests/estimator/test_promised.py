@@ -274,16 +274,15 @@ def test_a_reference_votes_on_rate_and_angle() -> None:
     channels = {"rate": 0.1 + 0.02 * random.standard_normal(N)}
     problem = replace(PROBLEM, record=replace(RECORD, channels=channels), settings=ObserverSettings(memory=0.01))
     calm = np.zeros(N)
-    before, after = examined(calm, 0.041, 0.03), examined(calm, 0.038, 0.05)
+    before, after = examined(calm, 0.041, 0.03), examined(calm + 0.04, 0.038, 0.05)
     rate, angle = claims._votes(problem, before, after, SPLIT)
     assert (rate.errors.before, rate.errors.after) == (0.03, 0.05)
-    assert rate.errors.floor == pytest.approx(0.03)  # what it was: more than is to be expected
+    assert rate.errors.floor == pytest.approx(np.hypot(0.01, 0.02), rel=0.1)  # its own, and the reference's noise
     assert rate.errors.samples == pytest.approx(400 / 4000.0 / 0.01)
+    assert rate.moved == pytest.approx(0.04)
     assert not rate.errors.at_floor
     assert (angle.errors.before, angle.errors.after, angle.errors.samples) == (0.041, 0.038, 1.0)
     assert angle.errors.floor == pytest.approx(np.hypot(0.002, 0.02 / 4000.0 * 20.0), rel=0.1)
-    quiet = claims._votes(problem, examined(calm, 0.041, 0.001), after, SPLIT)[0]
-    assert quiet.errors.floor == pytest.approx(np.hypot(0.01, 0.02), rel=0.1)  # its own, and the reference's noise
     assert claims._votes(PROBLEM, before, after, SPLIT) == ()
 
 

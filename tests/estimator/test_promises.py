@@ -54,6 +54,9 @@ def test_what_holds_has_nothing_against_it() -> None:
         ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.22, 0.24, 0.003, samples=1.0)),)}),
         ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.041, 0.038, 0.003, samples=1.0)),)}),
         ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.041, math.nan, 0.003, samples=1.0)),)}),
+        ("votes", {"votes": (Vote("error of the rate", "rad/s", Errors(0.40, 0.43, 0.01, samples=200.0), 0.158),)}),
+        ("votes", {"votes": (Vote("error of the rate", "rad/s", Errors(0.40, math.nan, 0.01, samples=200.0), 0.158),)}),
+        ("fell", {"residual": Errors(1.00, 1.01, 1.0, 1e5, gain=3.0)}),
     ],
 )
 def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: dict) -> None:
@@ -82,6 +85,9 @@ def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: 
         {"levels": (Level("saturation", 0.2, 5.2, lowest=0.195, highest=5.205, noise=1e-3),)},
         {"votes": (Vote("error of the angle", "rad", Errors(0.0061, 0.0062, 0.003, samples=1.0)),)},  # to be expected
         {"votes": (Vote("error of the angle", "rad", Errors(0.040, 0.020, 0.003, samples=1.0)),)},
+        {"votes": (Vote("error of the rate", "rad/s", Errors(0.40, 0.43, 0.01, samples=20.0), 0.158),)},  # by chance
+        {"votes": (Vote("error of the rate", "rad/s", Errors(0.40, 0.40, 0.01, samples=200.0), 0.0),)},  # it lags
+        {"votes": (Vote("error of the rate", "rad/s", Errors(0.01, 0.0105, 0.01, samples=200.0), 0.0),)},  # expected
         {"votes": ()},
     ],
 )
@@ -122,6 +128,19 @@ def test_the_floor_is_allowed_a_tenth_more_or_what_chance_makes_of_few_samples()
 
 
 @pytest.mark.moderate
+def test_a_rate_that_an_effect_leaves_as_far_off_is_seldom_said_to_be_farther_off() -> None:
+    """Of moves that halve the angle between error and estimate, |e + δ| = |e| but for chance: one in forty."""
+    random = np.random.default_rng(11)
+    n, told = 200, 0
+    for _ in range(2000):
+        e = random.standard_normal(n)
+        moved = -0.25 * e + math.sqrt(0.25**2 * 7.0) * random.standard_normal(n)  # E[e·δ] = −E[δ²]/2
+        before, after, size = (float(np.sqrt(np.mean(one**2))) for one in (e, e + moved, moved))
+        told += Vote("error of the rate", "rad/s", Errors(before, after, 1e-3, float(n)), size).against
+    assert told / 2000 == pytest.approx(0.025, abs=0.015)
+
+
+@pytest.mark.moderate
 def test_the_middle_between_right_and_chance_is_no_gain() -> None:
     """Coefficients c found elsewhere, where the truth is c and where it is 0: as often below 0 as above."""
     random = np.random.default_rng(7)
@@ -134,6 +153,8 @@ def test_the_middle_between_right_and_chance_is_no_gain() -> None:
     wrong = np.mean(np.array(gains[0.0]) > 0.0), np.mean(np.array(gains[c]) <= 0.0)
     assert wrong[0] == pytest.approx(wrong[1], abs=0.02)
     assert Errors(1.0, 1.0, 1.0, gain=1e-3).fell
+    assert Errors(1.0, 1.0 + 1e-3, 1.0, 1e5, gain=1e-3).fell  # of so many samples an rms is sure of itself to 2e-3
+    assert not Errors(1.0, 1.0 + 4e-3, 1.0, 1e5, gain=1e-3).fell
     assert not Errors(2.0, 1.0, 1.0, gain=0.0).fell
 
 
