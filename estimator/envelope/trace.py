@@ -3,7 +3,7 @@
 Both parts are blocks taken by turns, since what is large at the beginning of a ring-down has died away at its end.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
-from estimator.trace.engine import Chosen, Dissent, Estimate, Rules, choose, leaves_the_rest, why_not
+from estimator.trace.engine import Chosen, Dissent, Estimate, Rules, as_near, choose, leaves_the_rest, why_not
 from estimator.trace.probability import of_rounds, stated
 from estimator.trace.promises import Claim, Constant, Errors
 
@@ -61,7 +61,7 @@ def trace_envelope(envelope: Envelope, resonator: Resonator, fitting: Rows) -> D
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(term, estimates[term.name], gains[term.name]) for term in named),
-        confusable=_alike(envelope, resonator, after, named, every, fitting),
+        confusable=_alike(envelope, resonator, after, named, every, fitting, as_near(chosen.rounds)),
         rejected=_rejected(every, chosen, why, {term.name for term in named}),
         findings=(),
         before=_score(before, fitting, resonator),
@@ -181,9 +181,10 @@ def _alike(
     named: tuple[Term, ...],
     every: tuple[Term, ...],
     rows: Rows,
+    near: Mapping[str, Collection[str]],
 ) -> tuple[Confusable, ...]:
-    """Pairs of a term that was named and one that was not whose signatures, beside all that is fitted else, are the
-    same on this record.
+    """Pairs of a term that was named and one that was not which this record does not tell apart: their signatures,
+    beside all that is fitted else, are the same, or their likelihoods came as near.
     """
     pairs = []
     for place, term in enumerate(named, start=2):
@@ -196,7 +197,7 @@ def _alike(
             rest = _beside(derivative[rows][:, -1], after.derivative[rows][:, others])
             size = float(np.linalg.norm(own) * np.linalg.norm(rest))
             alike = abs(float(own @ rest)) / size if size > 0.0 else 0.0
-            if alike > THRESHOLDS.free_runs.alike:
+            if alike > THRESHOLDS.free_runs.alike or candidate.name in near.get(term.name, ()):
                 pairs.append(Confusable(term.name, candidate.name, min(alike, 1.0), _apart(term, candidate), None))
     return tuple(pairs)
 

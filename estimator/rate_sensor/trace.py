@@ -23,7 +23,18 @@ from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
-from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, gained, leaves_the_rest, why_not
+from estimator.trace.engine import (
+    Chosen,
+    Dissent,
+    Estimate,
+    Round,
+    Rules,
+    as_near,
+    choose,
+    gained,
+    leaves_the_rest,
+    why_not,
+)
 from estimator.trace.probability import of_rounds, stated
 from estimator.trace.promises import Claim, Errors, Level
 
@@ -106,7 +117,7 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
         verdict,
         {name: intervals[name] for name in ("V0", "S")},
         effects if named else (),
-        _confusable(after, candidates, fitting) if named else (),
+        _confusable(after, candidates, fitting, as_near(chosen.rounds)) if named else (),
         rejected,
         _score(before, fitting, floor),
         _score(after, fitting, floor),
@@ -283,8 +294,11 @@ def _score(fitted: SensorFit, rows: Rows, floor: float) -> Fit:
     return Fit((rms,), (floor,), rms / floor, whiteness, simulation_rmse=rms)
 
 
-def _confusable(after: SensorFit, candidates: tuple[Effect, ...], rows: Rows) -> tuple[Confusable, ...]:
-    """Pairs of an effect that was named and one that was not whose signatures this record does not tell apart.
+def _confusable(
+    after: SensorFit, candidates: tuple[Effect, ...], rows: Rows, near: Mapping[str, Collection[str]]
+) -> tuple[Confusable, ...]:
+    """Pairs of an effect that was named and one that was not which this record does not tell apart, by their signatures
+    or, of those that came as near, by their likelihoods.
 
     A signature is what the best fit of a candidate changes in the prediction, with the parameters of the base and of
     the other effects projected out.
@@ -303,7 +317,7 @@ def _confusable(after: SensorFit, candidates: tuple[Effect, ...], rows: Rows) ->
             other = _signature(without, candidate, rows)
             size = float(np.linalg.norm(own) * np.linalg.norm(other))
             alike = abs(float(own @ other)) / size if size > 0.0 else 0.0
-            if alike > _SET.alike:
+            if alike > _SET.alike or candidate.name in near.get(effect.name, ()):
                 advice = effect.look_alikes.get(candidate.name)
                 pairs.append(Confusable(effect.name, candidate.name, alike, advice, None))
     return tuple(pairs)

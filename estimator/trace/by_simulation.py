@@ -12,7 +12,7 @@ import numpy as np
 from estimator.observer import Observer
 from estimator.refinement import Refined
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.engine import Dissent, Round, Rules, choose, why_not
+from estimator.trace.engine import Dissent, Round, Rules, as_near, choose, why_not
 from estimator.trace.free_run_model import (
     FreeRun,
     FreeRunModel,
@@ -76,7 +76,7 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     for name in model.names:
         if name not in effects and name not in rejected:
             rejected[name] = _why(name, promises[name].gain, chosen.rounds)
-    alike = _alike(model, chosen.fit, known)
+    alike = _alike(model, chosen.fit, known, as_near(chosen.rounds))
     progress("refinement", 0, 2)
     whole = slice(skip, None)
     before = fitted(problem, known, None, whole)
@@ -116,8 +116,12 @@ def _why(name: str, promised: float, rounds: Sequence[Round[Promises]]) -> str:
     return why_not(rounds, name.__eq__) or f"evidence {promised:.1f} does not outweigh its coefficients"
 
 
-def _alike(model: FreeRunModel, found: FreeRun, known: Sequence[str]) -> tuple[tuple[str, str, float], ...]:
-    """Pairs of an effect that was taken and one that was not whose signatures this record does not tell apart."""
+def _alike(
+    model: FreeRunModel, found: FreeRun, known: Sequence[str], near: Mapping[str, Collection[str]]
+) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of an effect that was taken and one that was not which this record does not tell apart, by their signatures
+    or, of those that came as near, by their likelihoods; how far the signatures correlate.
+    """
     pairs = []
     for name in found.effects[len(known) :]:
         others = [other for other in found.effects if other != name]
@@ -132,6 +136,6 @@ def _alike(model: FreeRunModel, found: FreeRun, known: Sequence[str]) -> tuple[t
             rest = signatures[candidate].signature
             cosines = np.linalg.svd(np.linalg.qr(own)[0].T @ np.linalg.qr(rest)[0], compute_uv=False)
             correlation = float(np.max(cosines, initial=0.0))  # what acts on nothing is like none
-            if correlation > _SET.alike:
+            if correlation > _SET.alike or candidate in near.get(name, ()):
                 pairs.append((name, candidate, correlation))
     return tuple(pairs)

@@ -171,6 +171,23 @@ class Step(Generic[Fit]):
     beside: Mapping[str, Trial[Fit]]
 
 
+def as_near(rounds: Sequence[Round[Look]]) -> dict[str, frozenset[str]]:
+    """Of each effect that was taken, those carried beside it whose likelihood, price included, is not so much less that
+    the record would tell them apart (`TIE`), however little their signatures were alike where the search stood; less
+    those that the part without a vote objects to.
+    """
+    found: dict[str, frozenset[str]] = {}
+    for one in rounds:
+        scores = {each.name: each.score for each in one.tried if each.outcome is not Outcome.OBJECTED}
+        if one.taken is not None and (taken := scores[one.taken]) is not None:
+            found[one.taken] = frozenset(
+                name
+                for name, score in scores.items()
+                if name != one.taken and score is not None and taken.standing - score.standing < TIE
+            )
+    return found
+
+
 @dataclass(frozen=True)
 class Chosen(Generic[Fit, Look]):
     """The way to the model.

@@ -22,6 +22,7 @@ from estimator.simulation import simulate
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
+from estimator.trace.claims import residual_of
 from estimator.trace.determined import undetermined
 from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
@@ -47,10 +48,10 @@ def trace_free_run(
     later = problem.record.part(slice(split, len(problem.record)))
     found, claim, why = _promised(part, selected, later)
     errors, device = claim.residual, problem.device
-    verdict, against = judged(claim)
     carried = {**problem.effects, **{name: _coefficients(name, found, device) for name in found.effects}}
     before = _examined(problem, found.before, split)
     after = _examined(problem.carrying(carried), found.after, split) if found.effects else before
+    verdict, against = judged(replace(claim, observed=residual_of(before.held_out, after.held_out, later.sense.size)))
     named = found.effects if verdict in (Verdict.EXPLAINED, Verdict.PARTLY) else ()
     if not named:
         why |= {name: leaves_the_rest(found.evidence[name]) for name in found.effects}

@@ -183,6 +183,8 @@ def test_alike_are_those_whose_signature_beside_the_rest_is_one_s_own_turned_by_
     assert one[1] == ["cubic", "friction", "line", "never"]
     assert one[2] == ("c_given", "c_drag")
     assert (one[3], one[4]) == (asked.model.choice, "cubic")
+    monkeypatch.setattr(by_simulation, "as_near", lambda rounds: {"cubic": {"line"}, "never": {"friction"}})
+    assert asked.trace().alike == (*found.alike, ("cubic", "line", pytest.approx(far)))
     assert other[0] == ["given", "cubic"]
     assert other[1] == ["drag", "friction", "line", "never"]
 

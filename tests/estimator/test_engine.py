@@ -19,6 +19,7 @@ from estimator.trace.engine import (
     Trial,
     Tried,
     _near,
+    as_near,
     choose,
     leader,
     leaves_the_rest,
@@ -488,6 +489,23 @@ def test_a_step_keeps_the_others_of_its_round_and_the_model_before():
     assert (first.name, first.before, first.trial.fit) == ("a", (), ("a",))
     assert {name: trial.fit for name, trial in first.beside.items()} == {"b": ("b",)}
     assert (second.name, second.before, second.beside) == ("b", ("a",), {})
+
+
+def test_who_comes_as_near_as_the_one_taken_is_not_told_from_it_unless_the_rest_objects():
+    effects = {
+        "a": Worth(90.0),
+        "near": Worth(90.0 - 0.9 * TIE),
+        "dear": Worth(90.0, price=1.0 + 1.1 * TIE),
+        "far": Worth(90.0 - 1.001 * TIE),
+        "unasked": Worth(90.0 - 0.5 * TIE, objected=True),
+        "none": Worth(90.0, impossible=True),
+        "later": Worth(30.0),
+    }
+    found = choose(Stub(effects), (), rules(Dissent.NEXT, most=1))
+    assert names(found) == ["a"]
+    assert as_near(found.rounds) == {"a": {"near", "unasked"}}  # behind one that is taken, the rest says nothing
+    leads = effects | {"unasked": Worth(95.0, objected=True)}
+    assert as_near(choose(Stub(leads), (), rules(Dissent.NEXT, most=1)).rounds) == {"a": {"near"}}
 
 
 def test_one_that_ties_by_as_much_as_tells_two_apart_is_told_apart():

@@ -205,6 +205,23 @@ def test_of_a_part_it_is_said_what_it_acts_like_and_what_is_left(answered: Any) 
     assert [one.text for one in said.left] == ["1 carried"]
 
 
+@pytest.mark.parametrize(("left", "verdict"), [(1.3, Verdict.UNEXPLAINED), (1.15, Verdict.EXPLAINED)])
+def test_what_makes_an_observer_worse_explains_nothing(
+    answered: Any, monkeypatch: pytest.MonkeyPatch, left: float, verdict: Verdict
+) -> None:
+    """By the two that were examined, before and after, on as many samples as were held out."""
+
+    def residual_of(before: Fit, after: Fit, samples: float) -> Errors:
+        assert (before.ratio, after.ratio, samples) == (0.0, 1.0, N - SPLIT)
+        return Errors(1.2, left, 1.0, samples)
+
+    monkeypatch.setattr(free_run, "residual_of", residual_of)
+    said, _ = answered(found("cubic_stiffness"), EXPLAINED)
+    assert said.verdict is verdict
+    told = "an observer that carries it leaves more of the part held out: 1.3 × the noise floor, was 1.2"
+    assert (told in said.reasons) is (verdict is Verdict.UNEXPLAINED)
+
+
 def test_where_nothing_is_named_its_gain_is_told(answered: Any) -> None:
     said, _ = answered(found("cubic_stiffness"), Errors(5e-3, 4.9e-3, 1e-4, 1e4))
     assert (said.verdict, said.effects, said.share, said.confusable) == (Verdict.UNEXPLAINED, (), None, ())

@@ -56,6 +56,8 @@ def test_what_holds_has_nothing_against_it() -> None:
         ("votes", {"votes": (Vote("error of the angle", "rad", Errors(0.041, math.nan, 0.003, samples=1.0)),)}),
         ("votes", {"votes": (Vote("error of the rate", "rad/s", Errors(0.40, 0.43, 0.01, samples=200.0), 0.158),)}),
         ("votes", {"votes": (Vote("error of the rate", "rad/s", Errors(0.40, math.nan, 0.01, samples=200.0), 0.158),)}),
+        ("observed", {"observed": Errors(1.2, 1.4, 1.0, 1e5)}),
+        ("observed", {"observed": Errors(1.2, math.nan, 1.0, 1e5)}),
         ("fell", {"residual": Errors(1.00, 1.01, 1.0, 1e5, gain=3.0)}),
     ],
 )
@@ -89,6 +91,8 @@ def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: 
         {"votes": (Vote("error of the rate", "rad/s", Errors(0.40, 0.40, 0.01, samples=200.0), 0.0),)},  # it lags
         {"votes": (Vote("error of the rate", "rad/s", Errors(0.01, 0.0105, 0.01, samples=200.0), 0.0),)},  # expected
         {"votes": ()},
+        {"observed": Errors(1.4, 1.3, 1.0, 1e5)},
+        {"observed": Errors(1.02, 1.05, 1.0, 1e5)},
     ],
 )
 def test_what_is_within_the_promise_is_let_through(part: dict) -> None:
@@ -175,6 +179,7 @@ def test_the_share_is_of_the_power_above_the_floor() -> None:
         (replace(HOLDS, residual=Errors(3.0, 2.3, 1.0, 1e5)), False),  # 0.46
         (replace(HOLDS, residual=Errors(3.0, 2.0, 1.0, 1e5, gain=-5.0)), False),
         (replace(HOLDS, effects={}), False),
+        (replace(HOLDS, residual=Errors(3.0, 2.0, 1.0, 1e5), observed=Errors(1.2, 1.3, 1.0, 1e5)), False),
         (replace(HOLDS, effects={"drag": {"dqx": Estimate(0.1, -0.1, 0.3)}}), False),
         (replace(HOLDS, effects={"dry_friction": {"fx": Estimate(-2.0, -3.0, -1.0, positive=True)}}), False),
         (replace(HOLDS, levels=(Level("saturation", 0.2, 5.2, 0.2, 5.8, 1e-3),)), False),

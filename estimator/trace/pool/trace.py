@@ -2,7 +2,7 @@
 they begin.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -31,7 +31,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.by_simulation import RULES
 from estimator.trace.determined import unsettled
-from estimator.trace.engine import Chosen, Estimate, choose, leaves_the_rest, why_not
+from estimator.trace.engine import Chosen, Estimate, as_near, choose, leaves_the_rest, why_not
 from estimator.trace.free_run import judged
 from estimator.trace.free_run_model import Promises, candidates, parts_of
 from estimator.trace.free_run_model import fitted as fitted_alone
@@ -225,7 +225,9 @@ def _diagnosis(
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, models, pool) for name in said if constant_of(name) is None),
-        confusable=_alike(model, after, tuple(name for name in said if constant_of(name) is None)),
+        confusable=_alike(
+            model, after, tuple(name for name in said if constant_of(name) is None), as_near(chosen.rounds)
+        ),
         rejected=tuple(Rejected(name, reason) for name, reason in rejected.items()),
         findings=(),
         before=fits[0],
@@ -303,8 +305,12 @@ def _dependence(name: str, models: _Models, pool: Pool) -> Dependence:
     )
 
 
-def _alike(model: PooledModel, run: PooledRun, named: tuple[str, ...]) -> tuple[Confusable, ...]:
-    """Pairs of an effect that is named and one that is not whose signatures these records do not tell apart."""
+def _alike(
+    model: PooledModel, run: PooledRun, named: tuple[str, ...], near: Mapping[str, Collection[str]]
+) -> tuple[Confusable, ...]:
+    """Pairs of an effect that is named and one that is not which these records do not tell apart, by their signatures
+    or, of those that came as near, by their likelihoods.
+    """
     pairs = []
     for name in named:
         own = {c.name for c in effect_for(name, model.pool.device.axes, model.pool.device.own)[1].coefficients}
@@ -323,7 +329,7 @@ def _alike(model: PooledModel, run: PooledRun, named: tuple[str, ...]) -> tuple[
             if other == name or not mine.shape[1] or not theirs.shape[1]:
                 continue
             likeness = float(np.linalg.norm(np.linalg.qr(mine)[0].T @ np.linalg.qr(theirs)[0], 2))
-            if likeness > _SET.alike:
+            if likeness > _SET.alike or other in near.get(name, ()):
                 pairs.append(Confusable(name, other, likeness, None, None))
     return tuple(pairs)
 
