@@ -167,14 +167,30 @@ def screen(
 
 
 def added(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
-    """What was kept, with what was found of some thresholds, and of records that it has not, in its place."""
-    names = set(found["read"])
-    whole = {**kept, "baseline": {**found["baseline"], **kept["baseline"]}, "read": {**kept["read"], **found["read"]}}
+    """What was kept, with what was found of some thresholds on some records in its place: what they did on others
+    stays.
+    """
+    asked, names = set(found["baseline"]), set(found["read"])
+
+    def elsewhere(records: Iterable[str]) -> list[str]:
+        return [record for record in records if record not in asked]
+
+    reads = {name: [*elsewhere(kept["read"].get(name, ())), *on] for name, on in found["read"].items()}
+    whole = {
+        **kept,
+        "baseline": {**found["baseline"], **kept["baseline"]},
+        "read": {**kept["read"], **reads},
+        "open": dict(kept["open"]),
+    }
     for side in SIDES:
-        rest = {name: answers for name, answers in kept[side].items() if name not in names}
-        whole[side] = {**rest, **found[side]}
-        left = {name: records for name, records in kept["open"][side].items() if name not in names}
-        whole["open"] = {**whole["open"], side: {**left, **found["open"][side]}}
+        before, left = kept[side], kept["open"][side]
+        still = {name: {r: before[name][r] for r in elsewhere(before[name])} for name in names & before.keys()}
+        told = {name: {**still.get(name, {}), **found[side].get(name, {})} for name in names}
+        rest = {name: answers for name, answers in before.items() if name not in names}
+        whole[side] = {**rest, **{name: answers for name, answers in told.items() if answers}}
+        waiting = {name: [*elsewhere(left.get(name, ())), *found["open"][side].get(name, ())] for name in names}
+        rest = {name: records for name, records in left.items() if name not in names}
+        whole["open"][side] = {**rest, **{name: records for name, records in waiting.items() if records}}
     return whole
 
 

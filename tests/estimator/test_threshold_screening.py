@@ -97,6 +97,19 @@ def test_what_is_found_of_some_is_put_in_its_place_and_the_rest_stays():
     assert added(added(whole, late), whole) == whole | {"baseline": whole["baseline"]}
 
 
+def test_what_is_asked_of_some_records_leaves_what_was_found_on_the_others():
+    whole = screen(Stub(), NAMES, ["axes", "axis"], 1, lambda line: None)
+    for record, others in (("axis", {"axes"}), ("axes", set())):
+        some = screen(Stub(), NAMES, [record], 1, lambda line: None)
+        some["half"] = {}  # it changes nothing there any more
+        found = added(whole, some)
+        assert {name: set(on) for name, on in found["read"].items()} == {n: set(on) for n, on in whole["read"].items()}
+        assert set(found["half"].get("width.alike", {})) == others
+    late = screen(Stub(), ["width.alike"], ["axis"], 1, lambda line: None, minutes=0.0)
+    waiting = whole | {"open": {"half": {"width.alike": ["axes", "axis"]}, "double": {}}}
+    assert added(waiting, late)["open"]["half"]["width.alike"][0] == "axes"
+
+
 def test_what_time_does_not_suffice_for_is_told_as_open():
     found = screen(Stub(), NAMES, ["axes", "axis"], 1, lambda line: None, minutes=0.0)
     assert "width.alike" in {*found["open"]["half"], *found["half"]}
