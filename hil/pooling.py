@@ -21,6 +21,7 @@ from hil.progress import Progress, Watcher
 from hil.records.capture import Capture, read_capture
 from hil.records.diagnosis import save_diagnosis, to_model
 from hil.replaying import require_fit
+from hil.time_left import TimeLeft
 from hil.tracing import Traced, called
 
 _ALIKE = 1e-3  # relative, of the noise that filters leave of records traced together
@@ -70,8 +71,10 @@ def trace_pool_files(
     judges = _judges(names, held_out) or held_out_by_default(pool)
     from estimator.trace.pool.trace import trace_pool
 
+    left = TimeLeft()
+
     def told(stage: str, done: int, total: int) -> None:
-        progress(Progress(stage, done, total))
+        progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
     try:
         found = interruptible(lambda: trace_pool(pool, judges, told))

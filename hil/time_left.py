@@ -7,6 +7,9 @@ import time
 from collections.abc import Callable
 
 _FOLLOWS = {
+    "records by themselves": (2.0, 0.5),
+    "free runs": (0.0, 0.3),
+    "refinement": (0.0, 0.1),
     "parameters": (0.8, 0.3),
     "other kinds": (0.0, 0.3),
     "before and after": (0.0, 0.1),
@@ -34,7 +37,7 @@ class TimeLeft:
         self._longer = longer
         self._clock = clock
         self._began = clock()
-        self._stage, self._stage_began = "", self._began
+        self._stage, self._stage_began, self._first = "", self._began, 0
         self._end: float | None = None
 
     def told(self, stage: str, done: int, total: int) -> float | None:
@@ -43,9 +46,9 @@ class TimeLeft:
         if stage not in _FOLLOWS:
             return self._said(now)
         if stage != self._stage:
-            self._stage, self._stage_began = stage, now
-        if 0 < done <= total and now - self._began > _GROUND_S and (done == total or done > 1):
-            rest = (total - done) * (now - self._stage_began) / max(done - 1, 1)
+            self._stage, self._stage_began, self._first = stage, now, done
+        if 0 < done <= total and now - self._began > _GROUND_S and (done == total or done > self._first):
+            rest = (total - done) * (now - self._stage_began) / max(done - self._first, 1)
             compared, whole = _FOLLOWS[stage]
             self._estimate(now, rest + (compared + self._longer * whole) * (now - self._began + rest))
         return self._said(now)

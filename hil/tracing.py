@@ -64,7 +64,7 @@ def trace_file(
             raise InputError("--fraction: the record of a rate sensor is split by its segments, or in alternate blocks")
         if also:
             raise InputError("--also: all effects of a rate sensor are tried anyway; leave it out")
-        return _trace_sensor(capture, declared, bench, out, name or "trace", report=report)
+        return _trace_sensor(capture, declared, bench, out, name or "trace", report=report, progress=progress)
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
     return trace(capture, named, out, fraction=fraction, report=report, force=force, also=also, progress=progress)
 
@@ -94,7 +94,7 @@ def trace(
     if bench.device.sense.is_envelope:
         if also:
             raise InputError("--also: all laws of an envelope are tried anyway; leave it out")
-        return _trace_envelope(capture, bench, out, fraction=fraction, report=report, force=force)
+        return _trace_envelope(capture, bench, out, fraction=fraction, report=report, force=force, progress=progress)
     require_compiler()
     workers()  # no number of them is told before minutes are spent
     captured = read_capture(capture)
@@ -159,9 +159,12 @@ def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, Writte
     return found, force_model(found)
 
 
-def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path, name: str, *, report: bool) -> Traced:
+def _trace_sensor(
+    capture: Path, bench: RateSensorBench, source: Path, out: Path, name: str, *, report: bool, progress: Watcher
+) -> Traced:
     """The same of a rate sensor: its answer is a static curve and a response instead of an innovation."""
-    found = trace_rate_sensor(capture, bench)
+    progress(Progress("effects", 0, 0))
+    found = interruptible(lambda: trace_rate_sensor(capture, bench))
     captured = read_capture(capture)
     fitted = int(np.sum(fitting_rows(captured)))
     nothing: Array = np.zeros(0)
@@ -199,7 +202,14 @@ def _trace_sensor(capture: Path, bench: RateSensorBench, source: Path, out: Path
 
 
 def _trace_envelope(
-    capture: Path, bench: Bench, out: Path, *, fraction: float | None, report: bool, force: bool | None
+    capture: Path,
+    bench: Bench,
+    out: Path,
+    *,
+    fraction: float | None,
+    report: bool,
+    force: bool | None,
+    progress: Watcher,
 ) -> Traced:
     """The same of a ring-down whose amplitude was recorded: a law of damping."""
     if force:
@@ -209,7 +219,8 @@ def _trace_envelope(
     split = None
     if fraction is not None or "train" in captured.segments:
         captured, split = parts_of(captured, fraction)
-    envelope, found = trace_ring_down(capture, captured, bench, split)
+    progress(Progress("effects", 0, 0))
+    envelope, found = interruptible(lambda: trace_ring_down(capture, captured, bench, split))
     unit = bench.device.sense.unit
     diagnosis = to_model(
         found, record=called(capture), bench=bench.device.name, sense_unit=unit, prepared=captured.prepared

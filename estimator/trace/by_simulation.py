@@ -68,7 +68,7 @@ def trace_by_simulation(problem: Problem, skip: int, progress: Progress) -> Simu
     start = fitted(part, known, None, choice)
     part = replace(part, begun=begun(part.device, part.asked, [start.fit.residual]))
     names = (*candidates(part.device, part.settings, part.asked), *(name for name in part.begun if name not in known))
-    model = FreeRunModel(part, choice, later, names)
+    model = FreeRunModel(part, choice, later, names, progress)
     chosen = choose(model, start, RULES, lambda done, most: progress("free runs", done, most))
     effects = chosen.fit.effects
     rejected = dict(chosen.barred)

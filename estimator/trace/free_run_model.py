@@ -5,7 +5,7 @@ explain beyond what the parameters so far could; the few that promise most are t
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -60,13 +60,14 @@ Promises = Mapping[str, Promise]
 @dataclass(frozen=True)
 class FreeRunModel:
     """`estimator.trace.engine.Model` by free runs over the record of `problem`: fitted to the rows `choice`, while
-    `later` must agree; `names` are the candidates.
+    `later` must agree; `names` are the candidates; progress: told how many of a round are fitted.
     """
 
     problem: Problem
     choice: Rows
     later: Rows
     names: tuple[str, ...]
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None
 
     def promise(self, current: FreeRun, barred: Collection[str]) -> Promises:
         """At first order, by one free run."""
@@ -84,7 +85,11 @@ class FreeRunModel:
         self, current: FreeRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[FreeRun]]
     ) -> Mapping[str, FreeRun | str]:
         """Fitted in earnest, from what `current` found."""
-        return dict(zip(names, side_by_side([partial(self._fit, current, name) for name in names]), strict=True))
+        found = side_by_side(
+            [partial(self._fit, current, name) for name in names],
+            lambda done: self.progress("candidates", done, len(names)),
+        )
+        return dict(zip(names, found, strict=True))
 
     def _fit(self, current: FreeRun, name: str) -> FreeRun | str:
         try:

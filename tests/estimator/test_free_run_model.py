@@ -175,8 +175,10 @@ def test_each_is_fitted_beside_what_is_carried_from_what_was_found(monkeypatch: 
         return effects
 
     monkeypatch.setattr(free_run_model, "fitted", fitted)
-    said = model().fit(current, {}, ("cubic", "line"), {})
+    told: list[tuple[str, int, int]] = []
+    said = replace(model(), progress=lambda *what: told.append(what)).fit(current, {}, ("cubic", "line"), {})
     assert said == {"cubic": ("drag", "cubic"), "line": "no free run with it stays within bounds"}
+    assert told == [("candidates", 1, 2), ("candidates", 2, 2)]
 
 
 def test_a_gain_is_counted_in_independent_samples_of_the_rows_that_choose(monkeypatch: pytest.MonkeyPatch) -> None:

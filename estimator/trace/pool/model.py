@@ -3,7 +3,7 @@ compete for what the free runs of all records leave.
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -37,12 +37,15 @@ def constant_of(candidate: str) -> str | None:
 
 @dataclass(frozen=True)
 class PooledModel:
-    """`estimator.trace.engine.Model` over a pool: fitted to the rows `choice`, while `later` must agree."""
+    """`estimator.trace.engine.Model` over a pool: fitted to the rows `choice`, while `later` must agree; progress: told
+    how many of a round are fitted.
+    """
 
     pool: Pool
     choice: Rows
     later: Rows
     names: tuple[str, ...]
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None
 
     def candidates(self, current: PooledRun, barred: Collection[str]) -> list[str]:
         """Effects that are not carried, and what may depend on the covariate of what is."""
@@ -124,7 +127,11 @@ class PooledModel:
         self, current: PooledRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[PooledRun]]
     ) -> Mapping[str, PooledRun | str]:
         """Fitted in earnest, from what `current` found."""
-        return dict(zip(names, side_by_side([partial(self._fit, current, name) for name in names]), strict=True))
+        found = side_by_side(
+            [partial(self._fit, current, name) for name in names],
+            lambda done: self.progress("candidates", done, len(names)),
+        )
+        return dict(zip(names, found, strict=True))
 
     def _fit(self, current: PooledRun, name: str) -> PooledRun | str:
         constant = constant_of(name)

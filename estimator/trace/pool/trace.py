@@ -82,7 +82,7 @@ def trace_pool(pool: Pool, held_out: Sequence[int], progress: Progress = lambda 
     first = fitted(fit, known, tuple(begun.slopes), begun, choice)
     fit = replace(fit, begun=rings_begun(pool.device, pool.asked, first.residual))
     names = (*candidates(pool.device, pool.settings, pool.asked), *(name for name in fit.begun if name not in known))
-    model = PooledModel(fit, choice, later, names)
+    model = PooledModel(fit, choice, later, names, progress)
     chosen = choose(model, first, RULES, lambda done, most: progress("free runs", done, most))
     progress("refinement", 0, 2)
     models = _refined(fit, known, begun, chosen, whole)
@@ -111,8 +111,10 @@ def _started(pool: Pool, level: Level, known: tuple[str, ...], progress: Progres
     own = own_names(observer)
     progress("records by themselves", 0, len(pool.members))
     each = zip(pool.members, pool.problems, strict=True)
-    alone = side_by_side([partial(_alone, member.name, one, known) for member, one in each])
-    progress("records by themselves", len(alone), len(pool.members))
+    alone = side_by_side(
+        [partial(_alone, member.name, one, known) for member, one in each],
+        lambda done: progress("records by themselves", done, len(pool.members)),
+    )
     names = shared_names(observer)
     shared = {name: float(np.median([fit.value(name) for fit in alone])) for name in names}
     slopes = {}
