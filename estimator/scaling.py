@@ -1,4 +1,4 @@
-"""SI at every boundary, scaled inside: time by ω0 = √k target, length by the nominal amplitude (PHYSICS.md §2).
+"""SI at every boundary, scaled inside: time by ω0 = √k target, length by the nominal amplitude.
 
 In SI the stiffness is about 1e8 1/s² and the position 1e-6 m; scaled, everything the covariance holds is of order one.
 """

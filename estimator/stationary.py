@@ -8,7 +8,7 @@ propagated.
 The motion on that orbit is that of an ideal oscillator, but its *error* swings at the device's own frequencies, because
 the observer takes the drive for what it is and not for what the control makes of it.  Hence the recursion runs with the
 declared constants of the device, held on the orbit by the force that does so; and as they are not known exactly, the
-motion is corrected faster than its error can turn in a way that the table does not foresee.  The memory of the
+motion is corrected faster than its error can turn in a way that the table does not predict.  The memory of the
 constants stays what it is.
 """
 

@@ -123,9 +123,7 @@ class Scanning:
     parts: int = _set(32, "parts of the record", "Enough to tell scatter from part to part within a quarter.")
     course: int = _set(16, "instants a part", "The angle's sensitivity is drawn and bounded by so many points.")
     jump: float = _set(4.0, "× the usual innovation", "What lies around a jump of the rate counts less from there on.")
-    same: float = _set(
-        0.9992, "likeness of signatures", "Above it the record does not tell two effects apart (PHYSICS.md §4)."
-    )
+    same: float = _set(0.9992, "likeness of signatures", "Above it the record does not tell two effects apart.")
     blind: float = _set(1e-9, "of the largest information", "Below it rounding decides what a coefficient is.")
     locked: float = _set(
         0.03, "of the amplitude", "With a larger innovation, the motion gets away from a filter that forgets nothing."

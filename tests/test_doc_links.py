@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 TREE = Path(__file__).parents[1]
+ROOMS = ("benchmarks", "device_emulator", "docs", "estimator", "evaluation", "examples", "firmware", "hil", "tests")
 PAGES = [TREE / "README.md", *sorted((TREE / "docs").rglob("*.md"))]
 
 _LINK = re.compile(r"\]\(([^)\s]+)\)")

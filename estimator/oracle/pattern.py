@@ -2,7 +2,7 @@
 
 With z = x + iy the motion is two counter-rotating circles a e^{iωt} + b e^{-iωt}, and the ellipse lies along
 θ = ½ arg(ab) = ½ arg(k z² + ż²): formula (11) of TW I384198 B1.  Seen in the frame in which the pattern rests, ż
-becomes ż + iWz and k becomes k + W² − Ω² (PHYSICS.md §2).
+becomes ż + iWz and k becomes k + W² − Ω² (docs/explanation.md).
 """
 
 import math

@@ -174,7 +174,7 @@ def summary(plan: "Plan", found: "Sweep") -> dict[str, Any]:
         if dependence is None
         else {
             "explained": dependence.explained,
-            "foretold": dependence.foretold,
+            "predicted": dependence.predicted,
             "between_seeds": dependence.between_seeds,
             "keys": [{"keys": one.keys, "share": one.share, "ci95": one.interval} for one in dependence.keys],
             "pairs": [{"keys": one.keys, "share": one.share, "ci95": one.interval} for one in dependence.pairs],
@@ -198,7 +198,7 @@ def _print(told: dict[str, Any]) -> None:
     outcomes = ", ".join(f"{number} {outcome}" for outcome, number in told["outcomes"].items())
     print(printable(f"{told['campaign']}: {told['runs']} runs ({outcomes}), {told['made']} of them made now"))
     if (found := told["dependence"]) is not None:
-        print(f"\nvariance of {told['figure']}; the fit foretells {percent(found['foretold'])} of what it has not seen")
+        print(f"\nvariance of {told['figure']}; the fit predicts {percent(found['predicted'])} of what it has not seen")
         for one in [*found["keys"], *(pair for pair in found["pairs"] if pair["ci95"][0] > 0.0)][:12]:
             low, high = one["ci95"]
             named = " × ".join(one["keys"])

@@ -63,7 +63,7 @@ def rows(state: dict[str, Any]) -> list[tuple[str, str]]:
         innovation, drive = now.get("innovation") or {}, now.get("drive") or {}
         if innovation.get("ratio") is not None:
             told.append(
-                ("innovation", f"{1e6 * innovation['rms_V']:.3g} µV, {innovation['ratio']:.2f} of what is foreseen")
+                ("innovation", f"{1e6 * innovation['rms_V']:.3g} µV, {innovation['ratio']:.2f} of what is predicted")
             )
         if drive.get("full_scale"):
             peak = max(drive.get("peak_x", 0.0), drive.get("peak_y", 0.0))

@@ -61,10 +61,10 @@ test = [6000, 10000]
     hil import beam.csv --map beam.map.toml          an example's name will do as well: --map silverbox
     hil trace beam.arrow --bench beam.bench.toml
 
-What the map leaves open the bench file says, and the two must agree: `[device] axes` and `sample_rate_Hz` (behind the
-filter), `[device.drive] unit`, and `[device.sense] unit`, `senses` and `gain_V_per_m`: in which unit the sensor shows
-what, and how much of it for a metre, for 1 m/s or 1 m/s² ([bench file](bench.md)). With `unit = "px"` a volt in the
-names of its keys is a pixel.
+The bench file says what the map leaves open, and the two must agree: `[device] axes` and `sample_rate_Hz` (behind the
+filter), `[device.drive] unit`, and `[device.sense] unit`, `senses` and `gain_V_per_m`. The last three say in which unit
+the sensor shows what, and how much of it for a metre, for 1 m/s or 1 m/s² ([bench file](bench.md)). With
+`unit = "px"` a volt in the names of its keys is a pixel.
 """
 
 _COLUMN = """

@@ -64,7 +64,7 @@ def with_settings(bench: Bench, settings: Mapping[str, float]) -> Bench:
 def at_once(bench: Bench, settings: Mapping[str, float]) -> dict[str, str]:
     """Why each of `settings` has to wait for the next start, "" for one that the running loop of `bench` can take.
 
-    Gain mode's dither is the board's own, and the host foresees it bit by bit; its filter is made for the target
+    Gain mode's dither is the board's own, and the host predicts it bit by bit; its filter is made for the target
     frequency, as the scale of all numbers is.
     """
     declared, controller = in_force(bench), bench.controller

@@ -2,7 +2,7 @@
 
 The observer is run over the same samples with each combination of signs of the drive.  A wrong sign of the sense gain
 of one axis looks the same as one of its drive: what turns it round in the observer turns it right.  The combination of
-the bench file is refuted when it foresees the samples far worse than another one, which foresees them well.
+the bench file is refuted when it predicts the samples far worse than another one, which predicts them well.
 """
 
 import itertools

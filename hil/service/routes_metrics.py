@@ -61,7 +61,7 @@ class _Told:
                 yield _gauge(metric, words, now[name])
         innovation = now.get("innovation") or {}
         if innovation.get("ratio") is not None:
-            yield _gauge("hil_innovation_ratio", "Innovation over what the model foresees, rms", innovation["ratio"])
+            yield _gauge("hil_innovation_ratio", "Innovation over what the model predicts, rms", innovation["ratio"])
         for name, (metric, words) in _COUNTS.items():
             if name in health:
                 yield CounterMetricFamily(metric, words, value=health[name])

@@ -5,7 +5,7 @@ orthonormal over the points that were run.  The square of a coefficient is then 
 first-order and second-order indices of Sobol (Math. Comput. Simul. 55, 2001) by polynomial chaos (Sudret, Reliab. Eng.
 Syst. Saf. 93, 2008); over a full grid with as many degrees as levels it is the analysis of variance.  What noise alone
 gives a squared coefficient is taken off; intervals are by propagation of the coefficients' own deviations.  The fit is
-judged by what it foretells of each run when that is left out.
+judged by what it predicts of each run when that is left out.
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ class Share(NamedTuple):
 class Dependence(NamedTuple):
     """The decomposition: of `figure` over `rows` runs; shares of keys and of pairs, largest first.
 
-    explained: of the variance by the fit.  foretold: of the variance of runs left out, 0 or less for a fit that is
+    explained: of the variance by the fit.  predicted: of the variance of runs left out, 0 or less for a fit that is
     worth nothing.  between_seeds: share of the variance that runs of one point have among themselves, None where there
     is one of each.
     """
@@ -64,7 +64,7 @@ class Dependence(NamedTuple):
     keys: tuple[Share, ...]
     pairs: tuple[Share, ...]
     explained: float
-    foretold: float
+    predicted: float
     between_seeds: float | None
 
 
@@ -109,7 +109,7 @@ def dependence(plan: Plan, table: "pyarrow.Table", figure: str) -> Dependence | 
         keys=tuple(one for one in found if len(one.keys) == 1),
         pairs=tuple(one for one in found if len(one.keys) == 2),
         explained=1.0 - float(np.mean(residual**2)) / variance,
-        foretold=1.0 - float(np.mean(loo**2)) / variance,
+        predicted=1.0 - float(np.mean(loo**2)) / variance,
         between_seeds=_between_seeds(y, point, variance),
     )
 

@@ -28,7 +28,7 @@ _QUANTILES = (
     "innovation_ratio", "coverage", "converged_s", "angle_u_rad",
 )  # fmt: skip
 _MOST_PAIRS = 10
-_FORETELLS = 0.3
+_PREDICTS = 0.3
 """Below that the shares are of a fit that says little."""
 
 _READ = """\
@@ -136,14 +136,14 @@ def _fit(plan: Plan, found: Dependence | None) -> str:
         return markup.paragraph("Too few runs have the figure, or it is the same in all: nothing can be divided.")
     said = (
         f"Of the variance of {'log10 of ' if found.logarithmic else ''}{found.figure} over {count(found.rows)} runs "
-        f"the fit explains {percent(found.explained)}, and foretells {percent(found.foretold)} of runs that it has not "
-        "seen."
+        f"the fit explains {percent(found.explained)}. Of the variance of runs that it has not seen it predicts "
+        f"{percent(found.predicted)}."
     )
     if found.left_out:
         said += f" {count(found.left_out)} runs have no such figure and are left out."
     if found.between_seeds is not None:
         said += f" Between runs of one point, which differ by their seeds, there is {percent(found.between_seeds)}."
-    if found.foretold < _FORETELLS:
+    if found.predicted < _PREDICTS:
         said += " That is little: the shares below say what stands out, not what the error is made of."
     return markup.paragraph(said)
 

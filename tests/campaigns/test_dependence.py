@@ -50,7 +50,7 @@ def test_shares_of_a_polynomial_are_those_of_the_closed_form(kind: str) -> None:
     for keys, variance in parts.items():
         assert shares[keys] == pytest.approx(variance / sum(parts.values()), abs=0.01), keys
     assert shares[("noise_V", "temperature_K")] < 0.003
-    assert found.foretold > 0.999
+    assert found.predicted > 0.999
     assert not found.logarithmic
     assert found.keys[0].keys == ("rate_rad_s",)
     assert found.keys[0].first is not None
@@ -82,15 +82,15 @@ def sum_of_effects(y: Floats) -> Floats:
 
 
 @pytest.mark.moderate
-def test_noise_alone_gives_no_key_and_says_that_it_foretells_nothing() -> None:
+def test_noise_alone_gives_no_key_and_says_that_it_predicts_nothing() -> None:
     made = drawn(128)
-    named, foretold = 0, []
+    named, predicted = 0, []
     for seed in range(40):
         found = found_in(made, np.random.default_rng(seed).standard_normal(128))
         named += sum(one.clear for one in found.keys)
-        foretold.append(found.foretold)
+        predicted.append(found.predicted)
     assert named <= 12  # of 120: one-sided at 2.5 %, of sums that are skewed
-    assert np.median(foretold) < 0.0
+    assert np.median(predicted) < 0.0
 
 
 @pytest.mark.moderate

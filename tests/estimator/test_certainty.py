@@ -316,7 +316,7 @@ def test_foresight_fits_the_first_part_and_scores_the_rest(monkeypatch):
     assert found == pytest.approx(expected)
 
 
-def test_an_observer_that_diverged_foresees_nothing(monkeypatch):
+def test_an_observer_that_diverged_predicts_nothing(monkeypatch):
     monkeypatch.setattr(fitting, "fit", lambda part: SimpleNamespace(observer=SimpleNamespace(x=np.array([np.nan]))))
     monkeypatch.setattr(
         fitting, "run", lambda observer, record: SimpleNamespace(innovation=np.ones(2), innovation_deviation=np.ones(2))

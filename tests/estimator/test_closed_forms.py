@@ -121,7 +121,7 @@ def test_a_deficit_is_that_behind_the_first_part_where_it_is_less_there() -> Non
     assert fitting.deficit(of(two, 1.0), of(one, 1.0)) == pytest.approx(-2 * 20 * 2 * 3.0)
 
 
-def test_an_observer_one_of_whose_states_diverged_foresees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_observer_one_of_whose_states_diverged_predicts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     diverged = SimpleNamespace(observer=SimpleNamespace(x=np.array([1.0, np.nan])))
     monkeypatch.setattr(fitting, "fit", lambda part: diverged)
     monkeypatch.setattr(fitting, "run", lambda observer, record: of(np.ones((9, 2)), 1.0).estimates)

@@ -155,7 +155,7 @@ def test_of_a_short_record_the_power_is_known_as_surely_as_is_said():
     count = int(np.sum(quiet_bins(periodogram(series, RATE, RESONANCE).frequency, RATE, RESONANCE)))
     of_one_axis = floor_deviation(count) ** 2 - chi2(short).var() / short**2
     assert deviation == pytest.approx(np.sqrt(of_one_axis / 2.0), rel=1e-9)
-    assert np.mean(power - 1.0 > 0.05) > 0.05  # a twentieth is no surprise there
+    assert np.mean(power - 1.0 > 0.05) > 0.05  # a twentieth above the floor is usual there
     assert np.mean(power - 1.0 > 2.326 * deviation) < 0.04
 
 

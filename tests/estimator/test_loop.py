@@ -1,4 +1,5 @@
-"""The closed loop and its traps (PHYSICS.md §3): each remedy works, and without it the trap is there.
+"""The closed loop and its traps: each remedy works, and without it the trap is there.  docs/explanation.md says why the
+delay is predicted.
 
 Throughout: ±2 % stiffness mismatch, Q ≈ 1000, 20 samples a cycle, noise 1e-3 of the amplitude, Ω = 1e-3 ω0.
 `angle_pattern` takes only the virtual rotation off the pattern's angle and so shows how well the control is done;

@@ -123,7 +123,7 @@ def test_flow_can_be_run_backwards() -> None:
 
 
 def test_runge_kutta_at_20_samples_a_cycle_would_bias_the_stiffness_and_the_flow_does_not() -> None:
-    """PHYSICS.md §3: one RK4 step shifts the frequency by h⁴/120, the stiffness by twice that, 1.6e-4 at 20 a cycle."""
+    """One RK4 step shifts the frequency by h⁴/120, the stiffness by twice that, 1.6e-4 at 20 a cycle."""
     h = 2 * np.pi / 20
     c = np.array([0.0, 1.0, 0.0, 1.0])
     state, u = np.array([1.0, 0.0]), np.zeros((1, 1))

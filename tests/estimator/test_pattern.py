@@ -1,4 +1,4 @@
-"""Sign, unwrapping and turn counting of the angle, on an ideal oscillator that solve_ivp swings (PHYSICS.md §2)."""
+"""Sign, unwrapping and turn counting of the angle, on an ideal oscillator by solve_ivp (docs/explanation.md)."""
 
 import numpy as np
 import pytest

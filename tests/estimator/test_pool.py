@@ -67,7 +67,7 @@ def test_a_covariate_and_a_cubic_spring_are_told_apart(loaded: Diagnosis) -> Non
 
 
 @pytest.mark.moderate
-def test_held_out_records_are_foretold_to_the_noise(loaded: Diagnosis) -> None:
+def test_held_out_records_are_predicted_to_the_noise(loaded: Diagnosis) -> None:
     assert loaded.held_out_after.ratio == pytest.approx(1.0, abs=0.1)
     assert loaded.held_out_before.ratio > 10.0
     assert any("load 2, load_kg = 0.2" in reason for reason in loaded.reasons)

@@ -626,7 +626,7 @@ def test_a_limiting_distribution_is_corrected_for_the_count() -> None:
 
 
 def test_a_channel_without_a_single_sample_leaves_the_other_as_it_is() -> None:
-    """An observer that diverges at its first sample foresees nothing; nobody is warned by NumPy of that."""
+    """An observer that diverges at its first sample predicts nothing; nobody is warned by NumPy of that."""
     series = np.random.default_rng(3).standard_normal((4096, 2))
     series[100:140, 0] = np.nan
     alone = periodogram(series[:, :1], 4000.0, 200.0)

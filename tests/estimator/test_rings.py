@@ -220,7 +220,7 @@ def test_one_mode_alone_needs_no_other() -> None:
 
 
 @pytest.mark.moderate
-def test_one_decay_tells_it_too_and_foretells_the_part_held_out() -> None:
+def test_one_decay_tells_it_too_and_predicts_the_part_held_out() -> None:
     """Which begins at another phase of both modes."""
     problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE, asked=(NAME,))
     found = trace(problem, split=round(0.6 * SAMPLES))

@@ -107,7 +107,7 @@ def test_a_low_pass_far_above_looks_like_a_delay_and_nothing_like_a_cubic() -> N
     assert alike["cubic_stiffness"] < 0.9
 
 
-def test_the_ratio_of_an_observer_that_never_foresaw_anything_is_no_number() -> None:
+def test_the_ratio_of_an_observer_that_never_predicted_anything_is_no_number() -> None:
     """As of one that diverges at once; a single loud sample counts, a lost one does not."""
     some = scan(Problem(record().part(slice(0, 200)), DEVICE, SETTINGS), {"sense_gain": {}})
     lost = np.full_like(some.innovation, np.nan)

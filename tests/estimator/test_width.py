@@ -26,13 +26,13 @@ def item(name: str, gain: float, scatter: float = 1.0) -> Evidence:
     return Evidence(name, gain, 1, scatter, np.zeros(1), np.ones(1))
 
 
-def look(*items: Evidence, ratio=1.0, twins=()) -> Look:
-    """What a scan shows whose candidates have nothing in common but the pairs in twins, which look alike; ratio:
+def look(*items: Evidence, ratio=1.0, alike=()) -> Look:
+    """What a scan shows whose candidates have nothing in common but the pairs in `alike`; ratio:
     innovation over what was predicted.
     """
     n, names = len(items), [one.name for one in items]
     normal = np.eye(n)
-    for one, other in twins:
+    for one, other in alike:
         normal[names.index(one), names.index(other)] = normal[names.index(other), names.index(one)] = 0.99
     seen = SimpleNamespace(
         ratio=ratio,
@@ -92,7 +92,7 @@ def test_whoever_looks_like_the_best_that_was_carried_follows() -> None:
     # The scan's leader is another than the best, and five others keep what looks like the best from being a leader.
     items = [item("a", 900.0), item("b", 800.0), item("c:1", 700.0), item("d", 600.0), item("e", 590.0)]
     behind = [item("like", 400.0), item("c:2", 390.0), item("other", 380.0)]
-    view = look(*items, *behind, twins=[("c:1", "like"), ("c:1", "c:2")])
+    view = look(*items, *behind, alike=[("c:1", "like"), ("c:1", "c:2")])
     tried = {"a": 900.0, "b": 800.0, "c:1": 2000.0, "d": 600.0, "e": 590.0}
     assert asked(view, tried) == ["like"]
     assert asked(view, tried | {"a": 3000.0}) == []

@@ -1,4 +1,4 @@
-"""`import hil`: a run, its arrays, a replay and a trace of it, as README and docs/library.md promise."""
+"""`import hil`: a run, its arrays, a replay and a trace of it, as README and docs/reference/library.md promise."""
 
 import shutil
 import subprocess

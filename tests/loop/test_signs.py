@@ -130,9 +130,9 @@ def test_two_samples_are_looked_at_and_one_is_not(samples: int) -> None:
 # ------------------------------------------------------------------------------ the rule itself, on innovations by hand
 
 
-class Foresees:
-    """In an observer's place: `nis` says by the signs of the drive how well it foresees the samples, from row
-    `BEGIN` on, where the drive begins; before that and where samples are lost, it foresees nothing.
+class Predicts:
+    """In an observer's place: `nis` says by the signs of the drive how well it predicts the samples, from row
+    `BEGIN` on, where the drive begins; before that and where samples are lost, it predicts nothing.
     """
 
     BEGIN, LOST, ROWS = 3, 6, 9
@@ -172,25 +172,25 @@ ALL_WELL = {(1, 1): 1.0, (1, -1): 1.0, (-1, 1): 1.0, (-1, -1): 1.0}
         (100.0, 1.0, True),
         (4.5, 1.0, True),  # four times worse is worse
         (3.5, 1.0, False),
-        (100.0, 3.5, True),  # four is foreseen well enough
+        (100.0, 3.5, True),  # four is predicted well enough
         (100.0, 4.5, False),
         (2.0, 0.45, True),
         (0.45, 1.0, False),
-        (float("nan"), 1.0, True),  # an observer that is lost foresees nothing
+        (float("nan"), 1.0, True),  # an observer that is lost predicts nothing
         (100.0, float("nan"), False),
     ],
 )
-def test_other_signs_have_to_foresee_well_and_the_declared_ones_far_worse(
+def test_other_signs_have_to_predict_well_and_the_declared_ones_far_worse(
     declared: float, turned: float, told: bool
 ) -> None:
     usual = dict.fromkeys(ALL_WELL, 200.0)
-    found = Foresees(usual | {(1, 1): declared, (1, -1): turned}).told()
+    found = Predicts(usual | {(1, 1): declared, (1, -1): turned}).told()
     assert found.startswith("the drive of y acts the wrong way round: check the sign of") == told
     assert bool(found) == told
 
 
-def test_an_observer_that_is_lost_at_a_single_row_foresees_nothing() -> None:
-    observer = Foresees(dict.fromkeys(ALL_WELL, 100.0) | {(1, 1): 2.0, (1, -1): 1.0})
+def test_an_observer_that_is_lost_at_a_single_row_predicts_nothing() -> None:
+    observer = Predicts(dict.fromkeys(ALL_WELL, 100.0) | {(1, 1): 2.0, (1, -1): 1.0})
     assert observer.told() == ""
     observer.gone = 1, 1
     for row in (observer.BEGIN, observer.ROWS - 1):  # the first row that is driven counts, as the last
@@ -202,15 +202,15 @@ def test_an_observer_that_is_lost_at_a_single_row_foresees_nothing() -> None:
 
 def test_only_signs_of_axes_that_were_driven_are_tried() -> None:
     for driven, signs in (((1, 0), {(1, 1), (-1, 1)}), ((0, 1), {(1, 1), (1, -1)}), ((1, 1), set(ALL_WELL))):
-        observer = Foresees(ALL_WELL)
+        observer = Predicts(ALL_WELL)
         assert observer.told(driven) == ""
         assert len(observer.asked) == len(signs)
         assert set(observer.asked) == signs
-    assert Foresees(ALL_WELL).told((0, 0)) == ""
+    assert Predicts(ALL_WELL).told((0, 0)) == ""
 
 
 def test_of_a_record_without_a_single_sample_after_the_first_drive_nobody_can_tell() -> None:
-    observer = Foresees(dict.fromkeys(ALL_WELL, 100.0) | {(-1, 1): 1.0})
+    observer = Predicts(dict.fromkeys(ALL_WELL, 100.0) | {(-1, 1): 1.0})
     drive = np.zeros((observer.ROWS, 2))
     drive[observer.BEGIN :] = 1.0
     lost = np.full((observer.ROWS, 2), np.nan)

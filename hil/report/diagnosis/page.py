@@ -39,7 +39,7 @@ _WORDS = {
 }
 _SAYS = {
     "adequate": "Nothing stands in the residual that the model would have to explain",
-    "explained": "The model lacked an effect, and with it the rest of the record is foretold",
+    "explained": "The model lacked an effect, and with it the rest of the record is predicted",
     "partly explained": "Something is missing that acts like effects of the catalogue, and something else besides",
     "unexplained": "Nothing in the catalogue accounts for what is seen",
 }

@@ -53,7 +53,7 @@ Whenever the host says HELLO it sends CALL in its place, with a nonce of its own
 goes on repeating that call until it is answered. The board answers every CALL whose tag is right, to where it came
 from, with its present nonce, and remembers nothing. To a CHALLENGE with a right tag, its own nonce and no other host,
 the host replies by OPEN, which brings the HELLO. The board takes an OPEN with its present nonce and a right tag,
-unless another host has it; then the session begins: it takes a new nonce, the sender is its peer, both counters are
+unless another host has it. Then the session begins: it takes a new nonce, the sender is its peer, both counters are
 0, and HELLO is answered by IDENTITY in the board's first FRAME. The session before, if there was one, is over.
 
 Each end numbers its FRAMEs from 0, one by one, and takes one only if its counter is larger than those of all FRAMEs
