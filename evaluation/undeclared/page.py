@@ -66,7 +66,7 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
             )
         ),
         "",
-        "What keeps the innovation above the true noise is the rate: it moves as nobody could foresee, and the",
+        "What keeps the innovation above the true noise is the rate: it moves as nobody could predict, and the",
         "observer has to allow for it. Records with nothing hidden have the same few per cent.",
         "",
         "![What was hidden, in rows, and what was named first, in columns](undeclared.svg)",
