@@ -25,7 +25,10 @@ Board = Annotated[
 ]
 Traced = Annotated[
     Path | None,
-    typer.Option("--diagnosis", help="Folder of a trace of the record: its effect is carried by the 13 states."),
+    typer.Option(
+        "--diagnosis",
+        help="Folder of a trace of the record, or `last`, the newest trace: its effect is carried by the 13 states.",
+    ),
 ]
 Trace = Annotated[bool, typer.Option("--trace", help="Trace the record first, and do so with what is found.")]
 _WIDTH = 200  # the table is not cut where nobody says how wide the terminal is
@@ -33,7 +36,7 @@ _WIDTH = 200  # the table is not cut where nobody says how wide the terminal is
 
 def compare(
     capture: CaptureArgument,
-    bench: BenchOption,
+    bench: BenchOption = None,
     truth: TruthFile = None,
     link: Board = None,
     diagnosis: Traced = None,
@@ -56,22 +59,22 @@ def compare(
 
     \b
       hil run s-slow --link inproc:s-slow --clock lockstep --truth truth.arrow --replace
-      hil compare last --bench s-slow --truth truth.arrow --link inproc:s-slow
-      hil compare last --bench s-undeclared --truth truth.arrow --trace --json
+      hil compare last --truth truth.arrow --link inproc:s-slow
+      hil compare last --truth truth.arrow --trace --json
+      hil compare last --bench s-classic --diagnosis last
     """
     from hil.bench import load_bench, override
-    from hil.cli.files import capture_in
+    from hil.cli.files import bench_file, capture_in
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.errors import InputError
-    from hil.examples import find
 
     if trace and diagnosis is not None:
         raise InputError("--trace and --diagnosis: one of them says what the record lacks; leave out the other")
-    path = find("bench", bench)
+    place = capture_in(capture)
+    path = bench_file(bench, place, "compare")
     declared = load_bench(path)
     prepare(declared)
-    place = capture_in(capture)
     from hil.methods.comparing import compare as compare_record  # loads the estimator: after what can be refused
 
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-compare"}}, str(path))
@@ -90,7 +93,9 @@ def _diagnosis(folder: Path | None) -> "Diagnosis | None":
     if folder is None:
         return None
     from hil.records.diagnosis import load_diagnosis
+    from hil.records.listing import named_trace
 
+    folder = named_trace(folder)
     return load_diagnosis(folder / "diagnosis.json" if folder.is_dir() else folder)
 
 
