@@ -86,7 +86,7 @@ def compare(
             traced = override(declared, {"loop": {"name": f"{named.loop.name}-trace"}}, str(path))
             found = trace_record(place, traced, out, report=report, progress=watch).diagnosis
         done = compare_record(place, named, out, truth=truth, link=link, diagnosis=found, report=report, progress=watch)
-    _finish(done, as_json=json)
+    _finish(done, place, as_json=json)
 
 
 def _diagnosis(folder: Path | None) -> "Diagnosis | None":
@@ -99,22 +99,23 @@ def _diagnosis(folder: Path | None) -> "Diagnosis | None":
     return load_diagnosis(folder / "diagnosis.json" if folder.is_dir() else folder)
 
 
-def _finish(done: "Compared", *, as_json: bool) -> None:
+def _finish(done: "Compared", record: Path, *, as_json: bool) -> None:
     from hil.cli.show import print_json
 
     if as_json:
         print_json({"folder": str(done.folder), **done.methods.model_dump(mode="json")})
     else:
-        _print(done)
+        _print(done, record)
     raise typer.Exit(1 if done.diverged else 0)
 
 
-def _print(done: "Compared") -> None:
+def _print(done: "Compared", record: Path) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from hil.errors import printable
+    from hil.next_step import after_comparison
     from hil.report.methods import HEAD, cells, headline
 
     found = done.methods
@@ -135,3 +136,4 @@ def _print(done: "Compared") -> None:
     _, word, sentence = headline(found)
     console.print(printable(f"{word}  {sentence}"), markup=False)
     console.print(printable(f"{done.folder}"), markup=False)
+    console.print(printable(f"next  {after_comparison(done.folder, found, record=record)}"), markup=False)

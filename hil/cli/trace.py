@@ -143,10 +143,11 @@ def trace(
             record, path, out, name=name, fraction=fraction, report=report, force=force, also=also or (),
             progress=watch,
         )  # fmt: skip
+    taken = None if board is not None else record
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction, also or ())
     written = add is not None and _added(done.diagnosis, path, add)
-    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None)
+    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None, record=taken)
 
 
 def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
