@@ -75,7 +75,7 @@ def _place(folder: Path, name: str, record: Path | None) -> Path:
 def _has_no_loop(device: Any) -> bool:
     """Whether it is a rate sensor, or an envelope was recorded: what is found there is declared in no bench file."""
     sense = device.get("sense", {})
-    return device.get("axes") == 0 or sense.get("senses") == "envelope"
+    return bool(device.get("axes") == 0 or sense.get("senses") == "envelope")
 
 
 def _used(place: Path, bench: Path, device: Any) -> str:
