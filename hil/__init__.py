@@ -20,18 +20,20 @@ if TYPE_CHECKING:
     from hil.errors import InputError
     from hil.library.campaign import Sweep
     from hil.library.finished_run import Run
-    from hil.library.live import Live
-    from hil.library.loading import load
+    from hil.library.live import Block, Live
+    from hil.library.loading import load, load_trace
     from hil.library.series import Series
     from hil.library.tracing import Trace
-    from hil.library.verbs import compare, diff, export, load_bench, replay, run, score, sweep, trace
-    from hil.library.verbs import open_live as open
+    from hil.library.verbs import compare, diff, export, load_bench, open_live, replay, run, score, sweep, trace
     from hil.loop.run import Interrupted
     from hil.records.methods import MethodRow, Methods
     from hil.wire.errors import WireError
 
+    open = open_live
+
 __all__ = [
     "Bench",
+    "Block",
     "Comparison",
     "InputError",
     "Interrupted",
@@ -51,6 +53,7 @@ __all__ = [
     "export",
     "load",
     "load_bench",
+    "load_trace",
     "replay",
     "run",
     "score",
@@ -62,6 +65,7 @@ __version__: str
 
 _HOMES = {
     "Bench": "hil.bench",
+    "Block": "hil.library.live",
     "Comparison": "hil.comparison",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
@@ -80,6 +84,7 @@ _HOMES = {
     "export": "hil.library.verbs",
     "load": "hil.library.loading",
     "load_bench": "hil.library.verbs",
+    "load_trace": "hil.library.loading",
     "open": "hil.library.verbs:open_live",
     "replay": "hil.library.verbs",
     "run": "hil.library.verbs",
@@ -89,16 +94,18 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        from importlib.metadata import version
+if not TYPE_CHECKING:  # whose checkers would take any name for one that is there
 
-        return version("gyrohil")
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home, _, called = _HOMES[name].partition(":")
-    found = globals()[name] = getattr(import_module(home), called or name)
-    return found
+    def __getattr__(name: str) -> Any:
+        if name == "__version__":
+            from importlib.metadata import version
+
+            return version("gyrohil")
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        home, _, called = _HOMES[name].partition(":")
+        found = globals()[name] = getattr(import_module(home), called or name)
+        return found
 
 
 def __dir__() -> list[str]:

@@ -82,7 +82,7 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
     text = source.read_text(encoding="utf-8")
     written: list[str] = []
     for term in missing.form:
-        if not term.laws or all(_may_be_zero(one) for one in term.coefficients.values()):
+        if not term.declarable:
             continue
         symbols = {label: f"c_{label.replace(' ', '_')}" for label in term.coefficients}
         along = [
@@ -110,11 +110,6 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
         parse_table(expected, Bench, str(target))
         write_text(target, text)
     return written, [term.form for term in missing.form if not term.laws]
-
-
-def _may_be_zero(one: Coefficient) -> bool:
-    low, high = one.ci95
-    return (low is None or low <= 0.0) and (high is None or high >= 0.0)
 
 
 def write_custom(

@@ -1,5 +1,6 @@
 """Recording a sensor that speaks a vendor's framing: nothing to arm, nothing to drive, a record and its checks."""
 
+import shlex
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -196,5 +197,7 @@ def _conclude(folder: Path, adapter: Adapter, stream: _Stream, link: str, note: 
         complete=capture.complete,
     )
     verdict, reasons, remarks = judge(result, sensor, stopped)
-    result = result.model_copy(update={"verdict": verdict, "reasons": tuple(reasons), "remarks": tuple(remarks)})
+    after = f"hil {'export' if verdict == 'good' else 'check'} {shlex.quote(str(folder))}"
+    said = {"verdict": verdict, "reasons": tuple(reasons), "remarks": tuple(remarks), "next": after}
+    result = result.model_copy(update=said)
     save_result(folder / "result.json", result)

@@ -7,7 +7,9 @@ import typer
 
 from hil.cli.options import Json
 
-Place = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, or one of its .arrow files.")]
+Place = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Run folder, one of its .arrow files, or `last`, the newest run.")
+]
 Repair = Annotated[bool, typer.Option("--repair", help="Keep every whole block, in a new file or folder.")]
 Target = Annotated[
     Path | None,
@@ -24,11 +26,12 @@ def check(place: Place, repair: Repair = False, out: Target = None, json: Json =
     Examples:
 
     \b
-      hil check runs/first
+      hil check last
       hil check runs/first/capture.arrow --json
       hil check runs/first --repair
       hil check capture.arrow --repair -o kept.arrow
     """
+    from hil.cli.files import run_folder
     from hil.cli.show import print_json, say
     from hil.errors import InputError, printable
     from hil.records.check import check as check_records
@@ -36,6 +39,7 @@ def check(place: Place, repair: Repair = False, out: Target = None, json: Json =
 
     if out is not None and not repair:
         raise InputError("--out: only with --repair")
+    place = run_folder(place)
     found = check_records(place)
     whole = all(entry.whole for entry in found)
     made = repair_records(place, out) if repair else None

@@ -25,7 +25,10 @@ Board = Annotated[
 ]
 Traced = Annotated[
     Path | None,
-    typer.Option("--diagnosis", help="Folder of a trace of the record: its effect is carried by the 13 states."),
+    typer.Option(
+        "--diagnosis",
+        help="Folder of a trace of the record, or `last`, the newest trace: its effect is carried by the 13 states.",
+    ),
 ]
 Trace = Annotated[bool, typer.Option("--trace", help="Trace the record first, and do so with what is found.")]
 _WIDTH = 200  # the table is not cut where nobody says how wide the terminal is
@@ -33,7 +36,7 @@ _WIDTH = 200  # the table is not cut where nobody says how wide the terminal is
 
 def compare(
     capture: CaptureArgument,
-    bench: BenchOption,
+    bench: BenchOption = None,
     truth: TruthFile = None,
     link: Board = None,
     diagnosis: Traced = None,
@@ -56,22 +59,22 @@ def compare(
 
     \b
       hil run s-slow --link inproc:s-slow --clock lockstep --truth truth.arrow --replace
-      hil compare last --bench s-slow --truth truth.arrow --link inproc:s-slow
-      hil compare last --bench s-undeclared --truth truth.arrow --trace --json
+      hil compare last --truth truth.arrow --link inproc:s-slow
+      hil compare last --truth truth.arrow --trace --json
+      hil compare last --bench s-classic --diagnosis last
     """
     from hil.bench import load_bench, override
-    from hil.cli.files import capture_in
+    from hil.cli.files import bench_file, capture_in
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.errors import InputError
-    from hil.examples import find
 
     if trace and diagnosis is not None:
         raise InputError("--trace and --diagnosis: one of them says what the record lacks; leave out the other")
-    path = find("bench", bench)
+    place = capture_in(capture)
+    path = bench_file(bench, place, "compare")
     declared = load_bench(path)
     prepare(declared)
-    place = capture_in(capture)
     from hil.methods.comparing import compare as compare_record  # loads the estimator: after what can be refused
 
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-compare"}}, str(path))
@@ -83,33 +86,36 @@ def compare(
             traced = override(declared, {"loop": {"name": f"{named.loop.name}-trace"}}, str(path))
             found = trace_record(place, traced, out, report=report, progress=watch).diagnosis
         done = compare_record(place, named, out, truth=truth, link=link, diagnosis=found, report=report, progress=watch)
-    _finish(done, as_json=json)
+    _finish(done, place, as_json=json)
 
 
 def _diagnosis(folder: Path | None) -> "Diagnosis | None":
     if folder is None:
         return None
     from hil.records.diagnosis import load_diagnosis
+    from hil.records.listing import named_trace
 
+    folder = named_trace(folder)
     return load_diagnosis(folder / "diagnosis.json" if folder.is_dir() else folder)
 
 
-def _finish(done: "Compared", *, as_json: bool) -> None:
+def _finish(done: "Compared", record: Path, *, as_json: bool) -> None:
     from hil.cli.show import print_json
 
     if as_json:
         print_json({"folder": str(done.folder), **done.methods.model_dump(mode="json")})
     else:
-        _print(done)
+        _print(done, record)
     raise typer.Exit(1 if done.diverged else 0)
 
 
-def _print(done: "Compared") -> None:
+def _print(done: "Compared", record: Path) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from hil.errors import printable
+    from hil.next_step import after_comparison
     from hil.report.methods import HEAD, cells, headline
 
     found = done.methods
@@ -130,3 +136,4 @@ def _print(done: "Compared") -> None:
     _, word, sentence = headline(found)
     console.print(printable(f"{word}  {sentence}"), markup=False)
     console.print(printable(f"{done.folder}"), markup=False)
+    console.print(printable(f"next  {after_comparison(done.folder, found, record=record)}"), markup=False)

@@ -13,7 +13,12 @@ if TYPE_CHECKING:
 
     from hil.comparison import Comparison, Figure
 
-First = Annotated[Path, typer.Argument(metavar="A", help="Folder of a run or a trace, or `last`, the newest run.")]
+First = Annotated[
+    Path,
+    typer.Argument(
+        metavar="A", help="Folder of a run or a trace; `last` is the newest run, `last-trace` the newest trace."
+    ),
+]
 Second = Annotated[Path, typer.Argument(metavar="B", help="Another of the same kind.")]
 
 
@@ -28,7 +33,7 @@ def diff(a: First, b: Second, json: Json = False) -> None:
 
     \b
       hil diff runs/20250314-092653-s-slow last
-      hil diff runs/before-trace runs/after-trace --json
+      hil diff runs/before-trace last-trace --json
     """
     from hil.cli.files import run_folder
     from hil.cli.show import print_json

@@ -46,7 +46,7 @@ def export(
       hil export last --to mat -o first.mat
       hil export last -o first.mcap
       hil export silverbox.arrow --to parquet
-      hil export runs/first-trace/force.arrow --to csv
+      hil export last-trace --what force --to csv
     """
     from hil.cli.files import fresh, run_folder
     from hil.cli.show import print_json, say

@@ -6,7 +6,14 @@ from typing import Annotated
 import typer
 
 BenchArgument = Annotated[str, typer.Argument(metavar="BENCH", help="Bench file, or the name of an example (s-slow).")]
-BenchOption = Annotated[str, typer.Option("--bench", "-b", help="Bench file, or the name of an example (silverbox).")]
+BenchOption = Annotated[
+    str | None,
+    typer.Option(
+        "--bench",
+        "-b",
+        help="Bench file, or the name of an example (silverbox).  [default: the one by which the run was made]",
+    ),
+]
 CaptureArgument = Annotated[
     Path, typer.Argument(metavar="CAPTURE", help="A capture.arrow, the run folder it is in, or `last`, the newest run.")
 ]

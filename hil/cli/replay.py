@@ -14,7 +14,7 @@ Backend = Annotated[
 
 def replay(
     capture: CaptureArgument,
-    bench: BenchOption,
+    bench: BenchOption = None,
     out: Out = RUNS,
     name: Name = None,
     backend: Backend = None,
@@ -22,28 +22,30 @@ def replay(
 ) -> None:
     """Run the observer of a bench file over a record.
 
-    The record is an imported one or that of an earlier run; the outcome is a new run folder.
+    The record is an imported one or that of an earlier run, whose own bench file is taken unless --bench names another;
+    the outcome is a new run folder.
 
     Examples:
 
     \b
-      hil replay runs/first --bench s-slow
+      hil replay last
+      hil replay runs/first --bench better.bench.toml
       hil replay silverbox.arrow --bench silverbox
       hil replay runs/first --bench s-slow --backend numpy --json
     """
     from hil.bench import load_bench, override
-    from hil.cli.files import capture_in
+    from hil.cli.files import bench_file, capture_in
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish
-    from hil.examples import find
     from hil.replaying import replay as replay_record
 
-    path = find("bench", bench)
+    record = capture_in(capture)
+    path = bench_file(bench, record, "replay")
     declared = load_bench(path)
     declared = override(declared, {"loop": {"name": name or f"{declared.loop.name}-replay"}}, str(path))
     prepare(declared)
     with watching("replay") as watch:
-        done = replay_record(capture_in(capture), declared, out, backend=backend, progress=watch)
+        done = replay_record(record, declared, out, backend=backend, progress=watch)
     assert done.folder is not None  # only a dry run leaves none
     finish(done.folder, as_json=json)

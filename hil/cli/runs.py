@@ -14,7 +14,12 @@ Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Where runs were 
 Junit = Annotated[
     Path | None, typer.Option("--junit", help="Write the verdicts as JUnit XML too, for continuous integration.")
 ]
-Place = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run or a trace, or `last`, the newest run.")]
+Place = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RUN", help="Folder of a run or a trace; `last` is the newest run, `last-trace` the newest trace."
+    ),
+]
 
 
 def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: Replace = False) -> None:
@@ -50,6 +55,7 @@ def show(run: Place, json: Json = False) -> None:
 
     \b
       hil show last
+      hil show last-trace
       hil show runs/20250314-092653-s-slow --json
     """
     from hil.cli.files import run_folder

@@ -1,6 +1,5 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
-import shlex
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -22,15 +21,18 @@ _REJECTED = 5
 SOMETHING_LEFT = 1
 
 
-def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool, added: Path | None = None) -> NoReturn:
+def finish(
+    folder: Path, diagnosis: "Diagnosis", *, as_json: bool, added: Path | None = None, record: Path | None = None
+) -> NoReturn:
     """Print the diagnosis and leave: exit code 0, or 1 when something is left that nothing accounts for.
 
-    added: bench file that declares what was found, where one was written.
+    added: bench file that declares what was found, where one was written.  record: the capture that was traced, where
+    that is known.
     """
     if as_json:
         print(printable_json((folder / "diagnosis.json").read_text(encoding="utf-8")), end="")
     else:
-        from hil.report.diagnosis.next_step import next_of
+        from hil.next_step import after_trace
 
         print_diagnosis(diagnosis)
         print()
@@ -40,8 +42,7 @@ def finish(folder: Path, diagnosis: "Diagnosis", *, as_json: bool, added: Path |
         page = folder / "report.html"
         if page.exists():
             print(printable(f"report     {page}"))
-        opened = f"xdg-open {shlex.quote(str(page))}" if page.exists() else None
-        if (command := next_of(folder, diagnosis, added) or opened) is not None:
+        if (command := after_trace(folder, diagnosis, added, record=record)) is not None:
             print(printable(f"next       {command}"))
     raise typer.Exit(0 if diagnosis.verdict in _COMPLETE else SOMETHING_LEFT)
 

@@ -65,7 +65,7 @@ Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board fo
 
 def trace(
     capture: CaptureArgument,
-    bench: BenchOption,
+    bench: BenchOption = None,
     more: More = None,
     covariate: Covariate = None,
     hold_out: HoldOut = None,
@@ -84,18 +84,18 @@ def trace(
 ) -> None:
     """Find the effect that the model lacks.
 
-    Runs the observer of the bench file over the record and looks at what it leaves. Tries the effects of the catalogue,
-    and those that the bench file or a package declares, on one part of the record, and judges them on the rest. Several
-    records are traced together; each has a start of its own, and whole records are kept to judge by. Writes
-    diagnosis.json and report.html. Exit code 0: nothing is missing, or what is missing has been found; 1: something is
-    missing, and nothing accounts for all of it.
+    Runs the observer of the bench file, by default the run's own, over the record and looks at what it leaves.
+    Tries the effects of the catalogue, and those that the bench file or a package declares, on one part of the
+    record, and judges them on the rest. Several records are traced together; each has a start of its own, and whole
+    records are kept to judge by. Writes diagnosis.json and report.html. Exit code 0: nothing is missing, or what is
+    missing has been found; 1: something is missing, and nothing accounts for all of it.
     Where something is left, the missing force is estimated without a name: the report draws it and proposes a form,
     force.arrow has it sample by sample (hil export makes CSV of it).
 
     Examples:
 
     \b
-      hil trace runs/first --bench s-undeclared
+      hil trace last
       hil trace runs/first --bench s-undeclared --add better.bench.toml --replace
       hil trace runs/first --bench my.bench.toml --live --link serial:/dev/ttyACM0 --arm
       hil trace silverbox.arrow --bench silverbox --json
@@ -104,14 +104,16 @@ def trace(
       hil trace runs/first --bench s-undeclared --also drag_radial,cubic_damping_radial
     """
     from hil.bench import RateSensorBench, load_any_bench
-    from hil.cli.files import capture_in, fresh
+    from hil.cli.files import bench_file, capture_in, fresh
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show_diagnosis import finish
     from hil.errors import InputError
-    from hil.examples import find
 
-    path = find("bench", bench)
+    if more and bench is None:
+        raise InputError("--bench: missing; of several records, name the one for all of them")
+    record = capture_in(capture)
+    path = bench_file(bench, record, "trace")
     declared = load_any_bench(path)
     if add is not None:
         fresh(add, replace=replace)
@@ -138,13 +140,14 @@ def trace(
 
     with watching("trace", whole=True) as watch:
         done = trace_file(
-            capture_in(capture), path, out, name=name, fraction=fraction, report=report, force=force, also=also or (),
+            record, path, out, name=name, fraction=fraction, report=report, force=force, also=also or (),
             progress=watch,
         )  # fmt: skip
+    taken = None if board is not None else record
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction, also or ())
     written = add is not None and _added(done.diagnosis, path, add)
-    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None)
+    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None, record=taken)
 
 
 def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:

@@ -2,17 +2,28 @@
 
 from pathlib import Path
 
+from hil.errors import InputError
 from hil.library.finished_run import Run
 from hil.library.tracing import Trace
-from hil.records.listing import named
+from hil.records.listing import named, named_trace
 from hil.records.runfolder import RunFolder
 
 
-def load(place: Path | str) -> Run | Trace:
-    """What `hil run`, `hil replay` or `hil trace` left in a folder; `last` is the newest run in runs/."""
-    folder = named(place)
+def load(run: Path | str) -> Run:
+    """The run in a folder; `last` is the newest in runs/.  Raises InputError where there is none, or a trace."""
+    folder = named(run)
     if (folder / "diagnosis.json").exists():
-        from hil.records.diagnosis import load_diagnosis
-
-        return Trace(folder, load_diagnosis(folder / "diagnosis.json"))
+        raise InputError(f"{folder}: a trace, no run; hil.load_trace opens it")
     return Run(RunFolder.open(folder))
+
+
+def load_trace(trace: Path | str) -> Trace:
+    """The trace in a folder; `last` is the newest in runs/.  Raises InputError where there is none, or a run."""
+    from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which a run does without
+
+    folder = named_trace(trace)
+    if not (folder / "diagnosis.json").exists():
+        if RunFolder(folder).capture_path.exists():
+            raise InputError(f"{folder}: a run, no trace; hil.load opens it, hil.trace traces it")
+        raise InputError(f"{folder}: no trace; give the folder that hil trace made")
+    return Trace(folder, load_diagnosis(folder / "diagnosis.json"))

@@ -29,7 +29,7 @@ from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
 from hil.records.listing import RUNS, named
 from hil.records.methods import Methods
-from hil.records.runfolder import RunFolder
+from hil.records.runfolder import RunFolder, bench_of_record
 from hil.strict_toml import parse_table
 
 if TYPE_CHECKING:
@@ -285,8 +285,8 @@ def _bench_for(record: Record, bench: AnyBench | None) -> Bench | RateSensorBenc
         return load_any_bench(find("bench", str(bench)))
     if isinstance(record, Run):
         return record.bench
-    if isinstance(record, str | Path) and (named(record) / "bench.toml").exists():
-        return load_any_bench(named(record) / "bench.toml")
+    if isinstance(record, str | Path) and (own := bench_of_record(named(record))) is not None:
+        return load_any_bench(own)
     raise InputError("no bench: give the bench file that declares the device of this record")
 
 

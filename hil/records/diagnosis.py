@@ -27,6 +27,12 @@ class Coefficient(_Model):
     ci95: tuple[float | None, float | None] = Field(description="95 % interval, [low, high]; null where unbounded")
     unit: str
 
+    @property
+    def may_be_zero(self) -> bool:
+        """Whether zero is within the interval."""
+        low, high = self.ci95
+        return (low is None or low <= 0.0) and (high is None or high >= 0.0)
+
 
 class Effect(_Model):
     """A physical effect that the model lacks."""
@@ -140,6 +146,11 @@ class FormTerm(_Model):
         description="By coefficient, what one of it adds along x and y, in the grammar of [effects.custom]; none for a "
         "term with a memory",
     )
+
+    @property
+    def declarable(self) -> bool:
+        """Whether a bench file can declare it, and it is more than nothing."""
+        return bool(self.laws) and not all(one.may_be_zero for one in self.coefficients.values())
 
 
 class MissingForce(_Model):

@@ -11,7 +11,10 @@ RUNS = Path("runs")
 """Where runs and traces are kept, of the folder one works in."""
 
 LAST = "last"
-"""What stands for the newest run, wherever a run is named."""
+"""What stands for the newest run, wherever a run is named; where only a trace can be meant, for the newest trace."""
+
+LAST_TRACE = "last-trace"
+"""What stands for the newest trace, wherever a run or a trace is named."""
 
 Kind = Literal["run", "trace"]
 _STAMP = len("20250314-092653")
@@ -49,13 +52,30 @@ def last_run(folder: Path) -> Path:
     return runs[-1]
 
 
+def last_trace(folder: Path, word: str = LAST_TRACE) -> Path:
+    """The newest trace below `folder`, asked for as `word`.  Raises InputError where there is none."""
+    traces = [place for place in _by_time(folder) if (place / "diagnosis.json").exists()]
+    if not traces:
+        raise InputError(f"{word}: no trace in {folder}/; make one (hil trace {LAST}), or name its folder")
+    return traces[-1]
+
+
 def named(place: Path | str, folder: Path = RUNS) -> Path:
-    """The path meant by `place`: `last` is the newest run in `folder`, unless something has that name.
+    """The path meant by `place`: `last` is the newest run in `folder`, `last-trace` the newest trace, unless something
+    has that name.
 
     Raises InputError where there is none.
     """
     path = Path(place)
-    return last_run(folder) if str(place) == LAST and not path.exists() else path
+    if str(place) not in (LAST, LAST_TRACE) or path.exists():
+        return path
+    return last_run(folder) if str(place) == LAST else last_trace(folder)
+
+
+def named_trace(place: Path | str, folder: Path = RUNS) -> Path:
+    """The same where only a trace can be meant: `last` is the newest trace too."""
+    path = Path(place)
+    return last_trace(folder, LAST) if str(place) == LAST and not path.exists() else named(path, folder)
 
 
 def _by_time(folder: Path) -> list[Path]:

@@ -152,3 +152,10 @@ class RunFolder:
 
 def _read_if_there(path: Path, read: Callable[[Path], _Record]) -> _Record | None:
     return read(path) if path.exists() else None
+
+
+def bench_of_record(record: Path) -> Path | None:
+    """The bench file by which a run was made, given its folder or the capture in it; None for any other record."""
+    folder = record.parent if record.name == "capture.arrow" else record
+    path = RunFolder(folder).bench_path
+    return path if path.exists() else None

@@ -12,7 +12,7 @@ from hil.records.result import Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
 from hil.verdict.machine import judge_machine, mishaps
-from hil.verdict.model import judge_model
+from hil.verdict.model import judge_model, trace_command
 from hil.verdict.safety import judge_safety
 from hil.verdict.safety import remarks as stops_survived
 
@@ -60,7 +60,8 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     at = int(parts["safety"].against)
     reasons = told[:at] + ([stopped] if stopped and not any(stopped in line for line in told) else []) + told[at:]
     remarks = (*stops_survived(outcome), *refused, *mishaps(result, outcome.get("counters", {})))
-    return Judgement(_verdict(parts, ended_early), parts, tuple(reasons), remarks, _next(parts, folder))
+    verdict = _verdict(parts, ended_early)
+    return Judgement(verdict, parts, tuple(reasons), remarks, _next(verdict, parts, folder, result))
 
 
 def _verdict(parts: Mapping[str, Part], ended_early: bool) -> RunVerdict:
@@ -71,7 +72,20 @@ def _verdict(parts: Mapping[str, Part], ended_early: bool) -> RunVerdict:
     return "failed" if any(part.against for part in parts.values()) else "good"
 
 
-def _next(parts: Mapping[str, Part], folder: RunFolder) -> str:
-    """What the worst part asks for; a look at the report where none asks for anything."""
-    asked = (part.next for part in parts.values() if part.against and part.next)
-    return next(asked, f"xdg-open {shlex.quote(str(folder.report_path))}")
+def _next(verdict: RunVerdict, parts: Mapping[str, Part], folder: RunFolder, result: Result) -> str:
+    """What the worst part asks for; else what one does with such a run.  A look at the report where its reasons are to
+    be mended by hand.
+    """
+    if asked := [part.next for part in parts.values() if part.against and part.next]:
+        return asked[0]
+    place = shlex.quote(str(folder.path))
+    if verdict == "interrupted":
+        return f"hil check {place}"
+    if verdict == "good":
+        return f"hil export {place} --what {'estimates' if result.angle is None else 'angle'}"
+    if result.innovation_rms is not None:
+        if parts["model"].against:
+            return trace_command(folder)
+        if parts["angle"].against and result.angle is not None:
+            return f"hil compare {place}"
+    return f"xdg-open {shlex.quote(str(folder.report_path))}"

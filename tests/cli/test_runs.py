@@ -1,13 +1,18 @@
 """`hil ls`, `hil show`, `last` wherever a run is named, and `hil --version` (docs/reference/cli.md)."""
 
 import json
+import shutil
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
+from hil.errors import InputError
+from hil.methods import comparing
+from hil.records.diagnosis import Diagnosis
 from hil.records.listing import last_run, listed
 from tests.cli.conftest import Hil
+from tests.cli.diagnoses import explained, save_trace
 from tests.cli.test_errors import refused
 from tests.records.synthetic_run import Options, write_run
 
@@ -53,6 +58,52 @@ def test_last_is_the_newest_run_whatever_was_touched_since(hil: Hil, tmp_path: P
     assert code == 0, err
     assert (tmp_path / "last.csv").exists()
     assert f"hil replay runs/{LATER}" in refused(hil("show", "last"))
+
+
+@pytest.mark.moderate
+def test_the_last_trace_is_the_newest_trace(hil: Hil, tmp_path: Path) -> None:
+    runs = two_runs(tmp_path)
+    (runs / "20260103-000000-c" / "diagnosis.json").unlink()
+    save_trace(runs / "20251231-000000-a-trace", explained(record="older"))
+    save_trace(runs / "20260101-120000-a-trace", explained(record="newer"))
+    code, out, err = hil("show", "last-trace", "--json")
+    assert (code, json.loads(out)["record"]) == (0, "newer"), err
+    assert f"hil replay runs/{LATER}" in refused(hil("show", "last"))  # the newest run, as ever
+    code, out, err = hil("diff", "last-trace", "runs/20251231-000000-a-trace", "--json")
+    assert (code, json.loads(out)["a"]) == (0, "runs/20260101-120000-a-trace"), err
+
+
+@pytest.mark.moderate
+def test_no_trace_yet_is_said_in_one_line(hil: Hil, tmp_path: Path) -> None:
+    write_run(tmp_path / "runs" / EARLIER, Options(seconds=2.0))
+    assert refused(hil("show", "last-trace")) == (
+        "last-trace: no trace in runs/; make one (hil trace last), or name its folder"
+    )
+
+
+@pytest.mark.moderate
+def test_the_last_run_is_checked(hil: Hil, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    write_run(runs / EARLIER, Options(seconds=2.0))
+    shutil.copytree(runs / EARLIER, runs / LATER)
+    (runs / LATER / "innovation.arrow").unlink()
+    for place in ("last", f"runs/{LATER}"):
+        code, out, err = hil("check", place, "--json")
+        assert code in (0, 1), err
+        assert "innovation.arrow" not in [one["name"] for one in json.loads(out)["files"]]
+
+
+@pytest.mark.moderate
+def test_a_comparison_takes_the_last_trace(hil: Hil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_run(tmp_path / "runs" / EARLIER, Options(seconds=2.0))
+    save_trace(tmp_path / "runs" / LATER, explained(record="the last"))
+
+    def taken(*_: object, diagnosis: Diagnosis, **__: object) -> None:
+        raise InputError(f"carried from {diagnosis.record}")
+
+    monkeypatch.setattr(comparing, "compare", taken)
+    for word in ("last", "last-trace", f"runs/{LATER}"):
+        assert refused(hil("compare", "last", "--bench", "s-slow", "--diagnosis", word)) == "carried from the last"
 
 
 @pytest.mark.moderate

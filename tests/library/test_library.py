@@ -64,6 +64,17 @@ def test_last_is_the_newest_run_wherever_one_is_named(
     assert not [row for row in hil.diff("last", whole_run).figures if row.a != row.b]
 
 
+@pytest.mark.moderate
+def test_a_run_and_a_trace_are_opened_each_by_its_own_verb(whole_run: Path, tmp_path: Path) -> None:
+    with pytest.raises(hil.InputError, match=r"a run, no trace; hil\.load opens it"):
+        hil.load_trace(whole_run)
+    with pytest.raises(hil.InputError, match="no trace; give the folder"):
+        hil.load_trace(tmp_path)
+    (tmp_path / "diagnosis.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(hil.InputError, match=r"a trace, no run; hil\.load_trace opens it"):
+        hil.load(tmp_path)
+
+
 def test_all_that_is_offered_is_there() -> None:
     for name in hil.__all__:
         assert getattr(hil, name) is not None
@@ -181,8 +192,7 @@ def test_from_a_run_to_its_effect_and_back(tmp_path: Path) -> None:
     assert trace.report().exists()
     figure = trace.plot()
     assert len(figure.axes) == 2
-    kept = hil.load(trace.path)
-    assert isinstance(kept, hil.Trace)
+    kept = hil.load_trace(trace.path)
     assert kept.diagnosis == trace.diagnosis
     better = hil.replay(first, trace.add_to(first.bench), out=tmp_path)
     settled = 2.0

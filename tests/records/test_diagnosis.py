@@ -72,7 +72,13 @@ def answer(*, found: bool = True, verdict: traced.Verdict = traced.Verdict.EXPLA
     return traced.Diagnosis(
         verdict,
         (effect,) if found else (),
-        (traced.Confusable("cubic_stiffness", "sense_cubic", 0.9995, "step the amplitude", 0.6),) if found else (),
+        (
+            traced.Confusable(
+                "cubic_stiffness", "sense_cubic", 0.9995, "step the amplitude", 0.6, experiment="amplitude"
+            ),
+        )
+        if found
+        else (),
         (
             traced.Rejected("sense_gain", "explains <nothing>", {"gy": traced.Interval(0.0, -1e-3, 2e-3, "1")}, 3.0),
             traced.Rejected("dry_friction", "predicts worse"),
@@ -225,6 +231,7 @@ def test_the_exit_code_says_whether_something_is_left(tmp_path: Path, verdict: t
 def test_a_trace_ends_with_the_command_that_comes_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "a trace"
     folder.mkdir()
+    (folder / "bench.toml").touch()
 
     def told(verdict: traced.Verdict, added: Path | None = None, *, found: bool = True) -> str:
         model = to_model(answer(verdict=verdict, found=found), record="ride", bench="S-test")
@@ -233,16 +240,15 @@ def test_a_trace_ends_with_the_command_that_comes_next(tmp_path: Path, capsys: p
         last = capsys.readouterr().out.splitlines()[-1]
         return last.removeprefix("next       ") if last.startswith("next ") else ""
 
-    assert told(traced.Verdict.EXPLAINED) == ""
-    (folder / "report.html").touch()
-    assert told(traced.Verdict.EXPLAINED) == f"xdg-open '{folder}/report.html'"
+    assert (
+        told(traced.Verdict.EXPLAINED) == f"hil trace ride.arrow --bench '{folder}/bench.toml' --add better.bench.toml"
+    )
     (tmp_path / "ride").mkdir()
-    (folder / "bench.toml").touch()
     again = f"hil trace {tmp_path}/ride --bench '{folder}/bench.toml'"
     assert told(traced.Verdict.EXPLAINED) == f"{again} --add better.bench.toml"
     assert told(traced.Verdict.EXPLAINED, Path("better.bench.toml")) == "hil run better.bench.toml"
     assert told(traced.Verdict.PARTLY) == f"{again} --live"
-    assert told(traced.Verdict.ADEQUATE, found=False) == f"xdg-open '{folder}/report.html'"
+    assert told(traced.Verdict.ADEQUATE, found=False) == f"hil export {tmp_path}/ride --what angle"
 
 
 def test_the_page_says_what_comes_next_above_everything_else(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil import verdict
-from hil.records.result import Answers, Part, Result
+from hil.records.result import Angle, Answers, Part, Result
 from hil.records.runfolder import RunFolder
 from hil.verdict import Judgement
 from tests.loop import gyro
@@ -33,13 +33,23 @@ UNSAFE = Part(outcome="unsafe", reason="SAFE was not confirmed: cut the supply",
 def judged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     """`judged(stopped="…", complete=False, model=Part(…))`: four parts as given, good where not."""
 
-    def judge(stopped: str = "", complete: bool = True, **parts: Part) -> Judgement:
+    def judge(
+        stopped: str = "",
+        complete: bool = True,
+        angled: bool = False,
+        innovation_rms: float | None = None,
+        **parts: Part,
+    ) -> Judgement:
         for name, part in (GOOD | parts).items():
             monkeypatch.setattr(verdict, f"judge_{name}", lambda *_, part=part, **__: part)
         counted = Answers(
             ticks=9, in_time=9, late=0, unanswered=0, lost_to_board=0, lost_to_host=0, stopped=0, slow=0
         )  # fmt: skip
-        result = Result(run="r", seconds=1.0, samples=9, answers=counted, complete=complete)
+        result = Result(
+            run="r", seconds=1.0, samples=9, answers=counted, complete=complete, innovation_rms=innovation_rms
+        )
+        if angled:
+            result = result.model_copy(update={"angle": Angle(kind="pattern", rad=1.0)})
         outcome = {"stopped": stopped, "counters": {}, "refused": ["memory is not locked"]}
         return verdict.judge(RunFolder(tmp_path / "a run"), result, gyro.bench(), outcome)
 
@@ -50,8 +60,8 @@ def test_four_good_parts_are_a_good_run(judged: Any) -> None:
     found = judged()
     assert (found.verdict, found.reasons, found.remarks) == ("good", (), ("memory is not locked",))
     assert list(found.parts) == ["safety", "machine", "model", "angle"]
-    assert found.next.startswith("xdg-open '")
-    assert found.next.endswith("a run/report.html'")
+    assert found.next.startswith("hil export '")
+    assert found.next.endswith("a run' --what estimates")
 
 
 @pytest.mark.parametrize("name", list(BAD))
@@ -69,6 +79,17 @@ def test_the_worst_part_says_what_is_next(judged: Any) -> None:
     assert judged(model=BAD["model"], angle=BAD["angle"]).next == "hil trace runs/a"
     hint = Part(outcome="good", reason="confirmed", next="nothing")
     assert judged(safety=hint, model=BAD["model"]).next == "hil trace runs/a"  # a good part asks for nothing
+
+
+def test_where_no_part_asks_for_anything_the_command_is_what_one_does_with_such_a_run(judged: Any) -> None:
+    assert judged(angled=True).next.endswith("a run' --what angle")
+    assert judged(stopped="stopped on request").next.startswith("hil check '")
+    lacks, invalid = Part(outcome="lacks", reason="innovation 9 ×"), BAD["angle"]
+    assert judged(model=lacks, innovation_rms=1e-3).next.startswith("hil trace '")
+    assert judged(angle=invalid, angled=True, innovation_rms=1e-4).next.startswith("hil compare '")
+    diverged = judged(model=lacks, angle=invalid)  # of which a trace would say nothing
+    assert diverged.next.startswith("xdg-open '")
+    assert diverged.next.endswith("a run/report.html'")
 
 
 def test_unsafe_stands_above_all(judged: Any) -> None:

@@ -53,9 +53,7 @@ def _trace(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Wat
 def _replay(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
     bench: Any = order.get("bench")
     if "effects_of" in order:
-        trace = hil.load(order["effects_of"])
-        if not isinstance(trace, hil.Trace):
-            raise hil.InputError("effects_of: that is no trace; name one")
+        trace = hil.load_trace(order["effects_of"])
         bench = trace.add_to(hil.load_bench(bench or Path(order["run"]) / "bench.toml"))
     done = hil.replay(order["run"], bench, name=order.get("name"), out=out, progress=progress)
     began(done.path.name)
@@ -116,7 +114,6 @@ def _pyramid(order: dict[str, Any], _: Path, __: Path, began: Said, progress: Wa
 
 def _of_run(folder: Path) -> dict[str, Any]:
     run = hil.load(folder)
-    assert isinstance(run, hil.Run)
     error = run.result.angle_error_rms_rad
     return {"run": folder.name, "verdict": run.result.verdict, "angle_error_rms_rad": error}
 

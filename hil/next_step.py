@@ -1,0 +1,93 @@
+"""The command that comes next, after a trace and after a comparison: each ends with one, on the terminal and on its
+page.  That of a run is part of its verdict (`hil.verdict`).
+"""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+from hil.records.diagnosis import Diagnosis
+from hil.records.methods import Methods
+from hil.strict_toml import read_table
+
+_ADDED = "better.bench.toml"
+_ANOTHER = "OTHER.arrow"
+"""Stands for a record that is yet to be made."""
+
+_SEVERAL = re.compile(r"\d+ records: ")
+
+
+def after_trace(
+    folder: Path, diagnosis: Diagnosis, added: Path | None = None, *, record: Path | None = None
+) -> str | None:
+    """The command after the trace in `folder`; None only where the folder has no bench file, which every trace writes.
+
+    added: bench file that declares what was found, where one was written.  record: the capture that was traced; without
+    it the run beside `folder` that has the record's name, or an imported record of that name.
+    """
+    bench = folder / "bench.toml"
+    if not bench.exists():
+        return None if added is None else f"hil run {_quoted(added)}"
+    device = read_table(bench).get("device", {})
+    place = _place(folder, diagnosis.record, record)
+    if added is not None:
+        return (
+            f"hil run {_quoted(added)}" if place.is_dir() else f"hil replay {_quoted(place)} --bench {_quoted(added)}"
+        )
+    if _SEVERAL.match(diagnosis.record) or _has_no_loop(
+        device
+    ):  # several records, a rate sensor, an envelope: none is written
+        return _traced(Path(_ANOTHER), bench)
+    again = _traced(place, bench)
+    if diagnosis.verdict == "adequate":
+        return _used(place, bench, device)
+    if diagnosis.verdict == "explained":
+        return f"{again} --add {_ADDED}"
+    if place.is_dir() and any(pair.experiment is not None for pair in diagnosis.confusable):
+        return f"{again} --live"
+    missing = diagnosis.missing_force
+    if missing is None:
+        return f"{again} --force"
+    if any(term.declarable for term in missing.form):
+        return f"{again} --add {_ADDED}"
+    if missing.refused is None:
+        return f"hil export {_quoted(folder)} --what force"
+    return _traced(Path(_ANOTHER), bench)
+
+
+def after_comparison(folder: Path, methods: Methods, *, record: Path | None = None) -> str:
+    """The command after the comparison in `folder`: what the model lacks, or the bench file that declares what was
+    carried already.  record: as of `after_trace`.
+    """
+    again = _traced(_place(folder, methods.record, record), folder / "bench.toml")
+    return f"{again} --add {_ADDED}" if any(row.kind == "traced" for row in methods.rows) else again
+
+
+def _place(folder: Path, name: str, record: Path | None) -> Path:
+    """A run's folder, or the file of another record."""
+    if record is not None:
+        return record.parent if record.name == "capture.arrow" else record
+    run = folder.parent / name
+    return run if run.is_dir() else Path(f"{name}.arrow")
+
+
+def _has_no_loop(device: Any) -> bool:
+    """Whether it is a rate sensor, or an envelope was recorded: what is found there is declared in no bench file."""
+    sense = device.get("sense", {})
+    return bool(device.get("axes") == 0 or sense.get("senses") == "envelope")
+
+
+def _used(place: Path, bench: Path, device: Any) -> str:
+    """What one does with a record of which the model lacks nothing."""
+    if not place.is_dir():
+        return f"hil replay {_quoted(place)} --bench {_quoted(bench)}"
+    return f"hil export {_quoted(place)} --what {'estimates' if device.get('axes') == 1 else 'angle'}"
+
+
+def _traced(place: Path, bench: Path) -> str:
+    return f"hil trace {_quoted(place)} --bench {_quoted(bench)}"
+
+
+def _quoted(path: Path) -> str:
+    return shlex.quote(str(path))

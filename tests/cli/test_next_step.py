@@ -1,0 +1,116 @@
+"""Every verdict ends with the command that comes next: of a trace and of a comparison, by what was taken and found."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.next_step import after_comparison, after_trace
+from hil.records.diagnosis import Coefficient, Confusable, Diagnosis, FormTerm, MissingForce
+from hil.records.methods import MethodRow, Methods
+from tests.cli.diagnoses import explained
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A trace's folder beside the run "ride", of two axes."""
+    monkeypatch.chdir(tmp_path)
+    Path("runs/ride").mkdir(parents=True)
+    trace = Path("runs/trace")
+    trace.mkdir()
+    (trace / "bench.toml").write_text("[device]\naxes = 2\n", encoding="utf-8")
+    return trace
+
+
+def found(verdict: str, **said: Any) -> Diagnosis:
+    return explained(**({"record": "ride"} | said)).model_copy(update={"verdict": verdict})
+
+
+def missing(*coefficients: tuple[float, float], refused: str | None = None) -> MissingForce:
+    """A force whose form is a cube with such intervals; none without any."""
+    law: dict[str, Any] = {"form": "q**3", "sensed": False, "laws": {"both": ("x**3", "y**3")}}
+    form = tuple(
+        FormTerm(**law, coefficients={"both": Coefficient(value=sum(ci95) / 2, ci95=ci95, unit="1/(m²·s²)")})
+        for ci95 in coefficients
+    )
+    figures = dict.fromkeys(("rms_mps2", "deviation_mps2", "left", "innovation_before", "innovation_after"))
+    return MissingForce(form=form, text="a force", refused=refused, **figures)  # type: ignore[arg-type]
+
+
+AGAIN = "hil trace runs/ride --bench runs/trace/bench.toml"
+ALIKE = Confusable.model_validate(
+    {
+        "effect": "a",
+        "with": "b",
+        "correlation": 1.0,
+        "separate_by": "half the amplitude",
+        "expected": None,
+        "experiment": "amplitude",
+    }
+)
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "command"),
+    [
+        (found("explained"), f"{AGAIN} --add better.bench.toml"),
+        (found("adequate"), "hil export runs/ride --what angle"),
+        (found("partly explained", confusable=(ALIKE,)), f"{AGAIN} --live"),
+        (found("unexplained"), f"{AGAIN} --force"),
+        (found("unexplained", missing_force=missing((1.0, 3.0))), f"{AGAIN} --add better.bench.toml"),
+        (found("unexplained", missing_force=missing((-1.0, 3.0))), "hil export runs/trace --what force"),
+        (found("unexplained", missing_force=missing()), "hil export runs/trace --what force"),
+        (
+            found("unexplained", missing_force=missing(refused="too short")),
+            "hil trace OTHER.arrow --bench runs/trace/bench.toml",
+        ),
+        (found("explained", record="2 records: a, b"), "hil trace OTHER.arrow --bench runs/trace/bench.toml"),
+    ],
+)
+def test_after_the_trace_of_a_run(folder: Path, diagnosis: Diagnosis, command: str) -> None:
+    assert after_trace(folder, diagnosis) == command
+    assert after_trace(folder, diagnosis, record=Path("runs/ride/capture.arrow")) == command
+
+
+def test_an_imported_record_is_named_by_its_file(folder: Path) -> None:
+    there = Path("records/my ride.arrow")
+    again = f"hil trace 'records/my ride.arrow' --bench {folder}/bench.toml"
+    assert after_trace(folder, found("explained"), record=there) == f"{again} --add better.bench.toml"
+    told = after_trace(folder, found("adequate"), record=there)
+    assert told == f"hil replay 'records/my ride.arrow' --bench {folder}/bench.toml"
+    alike = found("partly explained", confusable=(ALIKE,))  # of which there is no board to make the experiment on
+    assert after_trace(folder, alike, record=there) == f"{again} --force"
+    kept = found("explained", record="elsewhere")  # shown again, nobody knows where it was
+    assert after_trace(folder, kept) == f"hil trace elsewhere.arrow --bench {folder}/bench.toml --add better.bench.toml"
+
+
+def test_what_was_added_is_tried_on_the_board_or_on_the_record(folder: Path) -> None:
+    added = Path("better.bench.toml")
+    assert after_trace(folder, found("explained"), added) == "hil run better.bench.toml"
+    told = after_trace(folder, found("explained"), added, record=Path("ride.arrow"))
+    assert told == "hil replay ride.arrow --bench better.bench.toml"
+
+
+@pytest.mark.parametrize("device", ["axes = 0", 'axes = 1\n[device.sense]\nsenses = "envelope"'])
+@pytest.mark.parametrize("verdict", ["adequate", "explained", "partly explained", "unexplained"])
+def test_what_no_bench_file_can_declare_is_looked_for_on_another_record(
+    folder: Path, device: str, verdict: str
+) -> None:
+    (folder / "bench.toml").write_text(f"[device]\n{device}\n", encoding="utf-8")
+    told = after_trace(folder, found(verdict), record=Path("ride.arrow"))
+    assert told == f"hil trace OTHER.arrow --bench {folder}/bench.toml"
+
+
+def test_a_single_axis_has_estimates_and_no_angle(folder: Path) -> None:
+    (folder / "bench.toml").write_text("[device]\naxes = 1\n", encoding="utf-8")
+    assert after_trace(folder, found("adequate")) == "hil export runs/ride --what estimates"
+
+
+def test_after_a_comparison_the_record_is_traced(folder: Path) -> None:
+    row = MethodRow(name="13 states, fading", kind="observer", record="this")
+    methods = Methods(record="ride", bench="b", seconds=3.0, window_s=(1.0, 3.0), rows=(row,))
+    assert after_comparison(folder, methods) == AGAIN
+    told = after_comparison(folder, methods, record=Path("ride.arrow"))
+    assert told == f"hil trace ride.arrow --bench {folder}/bench.toml"
+    carried = methods.model_copy(update={"rows": (row, row.model_copy(update={"kind": "traced"}))})
+    assert after_comparison(folder, carried) == f"{AGAIN} --add better.bench.toml"
