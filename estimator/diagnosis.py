@@ -69,14 +69,16 @@ class Confusable:
 class Rejected:
     """A candidate that was not taken, and why.
 
-    bound: an upper bound (95 %) on each coefficient, SI, where there is one; evidence: as of `Found`, what it would
-    have explained by itself, where that was computed.
+    bound: an upper bound (95 %) on each coefficient, SI, where there is one; evidence: as of `Found`, what a scan of
+    the first residual promised of it by itself, where that was computed; gain: as of `Found`, what it gained where it
+    was last carried, None where it never was.
     """
 
     name: str
     reason: str
     bound: Mapping[str, Interval] = field(default_factory=dict)
     evidence: float | None = None
+    gain: float | None = None
 
 
 @dataclass(frozen=True)
