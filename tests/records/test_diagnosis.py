@@ -367,3 +367,18 @@ def test_how_probable_each_account_is_stands_in_the_file_and_on_the_page(tmp_pat
     assert "How probable: cubic stiffness 90%, sense cubic 10%" in page
     assert "drag 0%" not in page
     assert "oes not determine kxx and drive_gain_x" in page
+
+
+@pytest.mark.slow
+def test_a_page_that_names_nothing_tells_of_nothing_found(tmp_path: Path) -> None:
+    nothing = replace(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), angle_moved=5.54)
+    page = written(tmp_path, nothing)
+    assert "by what was found" not in page
+    assert "The angle moves by" in page
+    assert "at most, by what was carried and is not named" in page
+    spectrum = page[page.index("Spectrum of the residual") :].partition("</svg>")[0]
+    assert "3.00 times the floor." in spectrum
+    assert "before" not in spectrum
+    named = written(tmp_path, replace(answer(), angle_moved=5.54))
+    assert "at most, by what was found" in named
+    assert "3.00 times the floor before, 1.00 after." in named

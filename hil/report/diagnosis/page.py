@@ -243,7 +243,8 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
         if was is not None and now is not None and changed:
             entries.append((what, sensed(now, unit), f"rms; before {sensed(was, unit)}"))
     if diagnosis.angle_moved_rad is not None:
-        entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), "at most, by what was found"))
+        by = "what was found" if changed else "what was carried and is not named"
+        entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), f"at most, by {by}"))
     return entries
 
 
