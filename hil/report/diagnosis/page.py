@@ -216,7 +216,7 @@ def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
         remedy = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone + rest)
         parts.append(
-            f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation">{lines}</div>'
+            f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation" tabindex="0">{lines}</div>'
             f"{markup.paragraph(remedy)}"
         )
     return "".join(parts)
