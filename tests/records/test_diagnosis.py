@@ -156,7 +156,7 @@ def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
         "Evidence for the candidates", "Coefficients", "the control law subtracts its force",
     ):  # fmt: skip
         assert words in page, words
-    assert page.count("<figure") == 4  # an interval of ± 1 % would be a dot on a drawing of coefficients
+    assert page.count("<figure") == 5  # an interval of ± 1 % would be a dot on a drawing of coefficients
 
 
 @pytest.mark.slow
@@ -164,7 +164,7 @@ def test_intervals_that_can_be_seen_are_drawn(tmp_path: Path) -> None:
     (effect,) = answer().effects
     wide = {"k3x": traced.Interval(1e13, 0.7e13, 1.3e13, "1/(m²·s²)")}
     page = written(tmp_path, replace(answer(), effects=(replace(effect, coefficients=wide),)))
-    assert page.count("<figure") == 5
+    assert page.count("<figure") == 6
     assert "Each coefficient over its own estimate" in page
 
 

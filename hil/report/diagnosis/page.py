@@ -20,6 +20,7 @@ from hil.report.diagnosis import (
     intervals,
     level,
     missing_force,
+    prediction,
     spectrum,
     tables,
 )
@@ -93,7 +94,9 @@ def render(material: Material, made: str = "", command: str | None = None) -> st
     figures = Figures()
     pictures = Pictures(
         effect=figures.add(lambda: intervals.draw(material)),
-        error=figures.add(lambda: level.draw(material)) + figures.add(lambda: spectrum.draw(material)),
+        error=figures.add(lambda: prediction.draw(material))
+        + figures.add(lambda: level.draw(material))
+        + figures.add(lambda: spectrum.draw(material)),
         force=figures.add(lambda: missing_force.draw_fast(material))
         + figures.add(lambda: missing_force.draw_slow(material)),
         residual=figures.add(lambda: dependence.draw(material)),
