@@ -17,9 +17,11 @@ from estimator.settings import Device, ObserverSettings
 from hil.addition import additions
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
-from hil.records.diagnosis import Probabilities, load_diagnosis, save_diagnosis, to_model
+from hil.records.diagnosis import MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
+from hil.records.result import Result, save_result
 from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
+from hil.report.diagnosis.next_step import next_of
 from hil.report.diagnosis.page import Pictures, headline, write_page
 from hil.report.diagnosis.tables import coefficients, probable
 
@@ -382,3 +384,37 @@ def test_a_page_that_names_nothing_tells_of_nothing_found(tmp_path: Path) -> Non
     named = written(tmp_path, replace(answer(), angle_moved=5.54))
     assert "at most, by what was found" in named
     assert "3.00 times the floor before, 1.00 after." in named
+
+
+def test_the_first_screen_says_of_what_record_a_trace_is(tmp_path: Path) -> None:
+    folder, said = tmp_path / "20250314-101500-trace", to_model(answer(), record="ride", bench="S-test")
+    folder.mkdir()
+
+    def top() -> str:
+        page = write_page(folder, said, Pictures(), ("Record", "4.00 s", "16 000 samples")).read_text(encoding="utf-8")
+        (line,) = re.findall(r'<p class="facts">(.*?)</p>', page)
+        return re.sub(r"<[^>]+>", "", line)
+
+    assert top().startswith("14 March 2025, 10:15 bench S-test 4.00 s gyrohil ")  # an imported record has no link
+    (tmp_path / "ride").mkdir()
+    run = Result(run="ride", seconds=4.0, samples=N, complete=True, link="pty:/somewhere/s-slow.scenario.toml")
+    save_result(tmp_path / "ride" / "result.json", run)
+    assert " pty:s-slow.scenario.toml 4.00 s " in top()
+    (tmp_path / "ride" / "result.json").write_text("{")
+    assert "pty:" not in top()
+    pool = write_page(folder, said, Pictures(), ("Records", "16 000", "samples, 9600 fitted"))
+    assert "<span>16 000 samples</span>" in pool.read_text(encoding="utf-8")
+
+
+def test_where_no_effect_accounts_for_it_the_form_is_what_comes_next(tmp_path: Path) -> None:
+    folder = tmp_path / "trace"
+    folder.mkdir()
+    (tmp_path / "ride").mkdir()
+    (folder / "bench.toml").touch()
+    said = to_model(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), record="ride", bench="S-test")
+    figures = dict.fromkeys(("rms_mps2", "deviation_mps2", "left", "innovation_before", "innovation_after"))
+    term = {"form": "q³", "sensed": False, "coefficients": {}, "laws": {"x": ("x**3", "")}}
+    form = MissingForce.model_validate({"form": (term,), "text": "a form", **figures})
+    assert next_of(folder, said) is None
+    asked = next_of(folder, said.model_copy(update={"missing_force": form}))
+    assert asked == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"
