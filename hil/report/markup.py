@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 
+from hil.report.numbers import counted
 from hil.report.verdict import Headline
 
 Row = Sequence[str]
@@ -125,8 +126,8 @@ def paragraph(text: str) -> str:
 
 def listing(text: str) -> str:
     """A file as it is, in fixed pitch, folded."""
-    lines = len(text.splitlines())
-    return f'<details><summary>{lines} lines</summary><pre tabindex="0"><code>{escape(text)}</code></pre></details>'
+    lines = counted(len(text.splitlines()), "line")
+    return f'<details><summary>{lines}</summary><pre tabindex="0"><code>{escape(text)}</code></pre></details>'
 
 
 def _cells(row: Row, kinds: Mapping[int, str]) -> str:
