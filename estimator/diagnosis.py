@@ -69,14 +69,16 @@ class Confusable:
 class Rejected:
     """A candidate that was not taken, and why.
 
-    bound: an upper bound (95 %) on each coefficient, SI, where there is one; evidence: as of `Found`, what it would
-    have explained by itself, where that was computed.
+    bound: an upper bound (95 %) on each coefficient, SI, where there is one; evidence: as of `Found`, what a scan of
+    the first residual promised of it by itself, where that was computed; gain: as of `Found`, what it gained where it
+    was last carried, None where it never was.
     """
 
     name: str
     reason: str
     bound: Mapping[str, Interval] = field(default_factory=dict)
     evidence: float | None = None
+    gain: float | None = None
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,8 @@ class Diagnosis:
     part held out, what the effects account for, None where none are named; left: what the residual still holds with
     the effects, where something is left; probabilities: one for each effect that is named, one where none is, none
     where nobody was carried; undetermined: sentences on constants that a free run does not determine; dependences: of
-    several records, what goes with their covariate.
+    several records, what goes with their covariate; free_run: of what was traced by the free run, measured less
+    simulated volts (m, axes) from the split on, as far as is shown, before and after, NaN where that set its state.
     """
 
     verdict: Verdict
@@ -181,3 +184,4 @@ class Diagnosis:
     probabilities: tuple[Classes, ...] = ()
     undetermined: tuple[str, ...] = ()
     dependences: tuple[Dependence, ...] = ()
+    free_run: tuple[Array, Array] | None = None

@@ -15,6 +15,7 @@ from typing import Generic, Protocol, TypeVar
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import TIE
+from estimator.written import significant
 
 _SET = THRESHOLDS.promises
 
@@ -351,7 +352,7 @@ def tried_reason(tried: Tried, taken: str | None) -> str:
         return tried.reason
     if tried.outcome is Outcome.TOO_DEAR and tried.score.gain < -tried.score.bar:
         lost = -tried.score.gain
-        how = f"loses {lost:.4g} in twice the log-likelihood" if math.isfinite(lost) else "diverges"
+        how = f"loses {significant(lost)} in twice the log-likelihood" if math.isfinite(lost) else "diverges"
         return f"the model with it {how}: the search did not reach its coefficients, which says nothing against it"
     if tried.outcome is Outcome.TOO_DEAR:
         return f"{gained(tried.score.gain)}: no more than chance"
@@ -376,7 +377,7 @@ def leaves_the_rest(gain: float) -> str:
 
 def gained(gain: float) -> str:
     """A gain in words."""
-    return f"carried, it gains {gain:.4g} in twice the log-likelihood"
+    return f"carried, it gains {significant(gain)} in twice the log-likelihood"
 
 
 _Verdicts = dict[str, tuple[Outcome, str]]
@@ -431,7 +432,7 @@ def _best(
     """Who is taken, and whether the round is to be made again; `verdicts` and `barred` learn why not."""
     for name, trial in trials.items():
         if not trial.score.gain > trial.score.bar:
-            why = f"gains {trial.score.gain:.4g}, and {trial.score.bar:.4g} would be needed"
+            why = f"gains {significant(trial.score.gain)}, and {significant(trial.score.bar)} would be needed"
             verdicts[name] = Outcome.TOO_DEAR, why
     for name in _lawful_first(model, trials):
         if verdicts[name][0] is Outcome.TOO_DEAR:

@@ -34,6 +34,7 @@ from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.symmetries import heavier, mass_of_nonreciprocal, mass_of_sense_gain
 
 _SET = THRESHOLDS.free_runs
+_SHOWN = 2000  # samples of a free run, for a picture of a few cycles
 
 
 def trace_free_run(
@@ -86,7 +87,15 @@ def trace_free_run(
             is_open=verdict.is_open,
         ),
         undetermined=undetermined(found.after),
+        free_run=_shown(found, later),
     )
+
+
+def _shown(found: SimulationTrace, later: Record) -> tuple[Array, Array]:
+    """Measured less simulated (m, axes) V at the beginning of what the choice never saw, before and after."""
+    beginning = later.part(slice(0, _SET.scored_from + _SHOWN))
+    before = free_run_error(found.observer_before, found.before, beginning, _SET.scored_from)
+    return before, free_run_error(found.observer, found.after, beginning, _SET.scored_from)
 
 
 def _unequal_masses(problem: Problem, found: SimulationTrace, named: tuple[str, ...]) -> tuple[Confusable, ...]:

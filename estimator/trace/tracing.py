@@ -404,8 +404,9 @@ def _rejected(
     for name, item in selection.rounds[0].look.evidence.items():  # best first
         alone.setdefault(kind(name), item.gain)
     sizes = {kind(name): _or_nothing(_coefficients(name, selection, device)) for name in why if name in selection.gain}
+    carried = {kind(name): selection.gain[name] for name in why if name in selection.gain}
     for name, reason in dismissed.items():
-        rejected[name] = Rejected(name, reason, sizes.get(name, {}), alone.get(name))
+        rejected[name] = Rejected(name, reason, sizes.get(name, {}), alone.get(name), carried.get(name))
     for name, item in last.look.evidence.items():
         if kind(name) in kinds or kind(name) in rejected:
             continue
@@ -419,8 +420,15 @@ def _rejected(
                 if sd > 0.0
             }
         reason = _why(name, item.significance > enough, selection)
-        rejected[kind(name)] = Rejected(kind(name), reason, bound, alone.get(kind(name)))
+        rejected[kind(name)] = Rejected(kind(name), reason, bound, alone.get(kind(name)), _last_gain(name, selection))
     return tuple(rejected.values())
+
+
+def _last_gain(name: str, selection: Selection) -> float | None:
+    """What its kind gained in the last round that carried it, of which `why_not` tells."""
+    tried = (one for step in reversed(selection.rounds) for one in step.tried if one.name != step.taken)
+    last = next((one for one in tried if kind(one.name) == kind(name)), None)
+    return None if last is None or last.score is None else last.score.gain
 
 
 def _why(name: str, serious: bool, selection: Selection) -> str:

@@ -145,7 +145,7 @@ def _print_verdict(console: "Console", result: "Result") -> None:
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     from hil.emulation import is_emulated
-    from hil.report.numbers import quantity
+    from hil.numbers import count, counted, percent, quantity, signed, significant
 
     if result.link is not None:
         kind, _, place = result.link.partition(":")
@@ -153,16 +153,19 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
             "link, clock",
             f"{kind}:{Path(place).name if is_emulated(result.link) else place}, {result.clock}",
         )
-    yield "length", f"{result.seconds:.3f} s, {result.samples} samples"
+    yield "length", f"{significant(result.seconds, 4)} s, {counted(result.samples, 'sample')}"
     if (answers := result.answers) is not None:
-        yield _IN_TIME, f"{answers.in_time} of {answers.ticks} ({answers.in_time / answers.ticks:.2%})"
-        rest = [f"{count} {name}" for name, count in answers.parts.items() if count and name != _IN_TIME]
+        yield (
+            _IN_TIME,
+            f"{count(answers.in_time)} of {count(answers.ticks)} ({percent(answers.in_time / answers.ticks, 2)})",
+        )
+        rest = [f"{count(part)} {name}" for name, part in answers.parts.items() if part and name != _IN_TIME]
         if rest:
             yield "the others", ", ".join(rest)
     elif result.sensor is None:
-        yield "lost", str(result.lost)
+        yield "lost", count(result.lost)
     else:
-        yield "lost, damaged", f"{result.lost}, {result.counters['crc_errors']}"
+        yield "lost, damaged", f"{count(result.lost)}, {count(result.counters['crc_errors'])}"
     if result.turnaround_us is not None:
         yield "turnaround p50, p99, p99.9", result.turnaround_us.line
     if result.ledger_us is not None:
@@ -170,17 +173,21 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     if result.board_clock is not None:
         yield "board's clock", result.board_clock.line
     if result.load is not None:
-        yield "host's loop, recorder", f"{result.load.loop:.0%}, {result.load.recorder:.0%} of a core"
+        yield "host's loop, recorder", f"{percent(result.load.loop, 0)}, {percent(result.load.recorder, 0)} of a core"
     if result.bare_turnaround_us is not None:
         yield "the same of a bare read and write", result.bare_turnaround_us.line
     if (sensor := result.sensor) is not None:
-        yield "sensor", f"{sensor.device}, {sensor.sample_rate_Hz:g} samples a second by its own clock"
+        yield "sensor", f"{sensor.device}, {significant(sensor.sample_rate_Hz, 6)} samples a second by its own clock"
         if sensor.host_rate_Hz is not None:
             apart = 1e6 * (sensor.host_rate_Hz / sensor.sample_rate_Hz - 1.0)
             yield "its clock beside this machine's", f"{apart:+.0f} ppm"
         for axis, channel in sensor.channels.items():
-            noise = "" if channel.noise_rad_s is None else f", noise {math.degrees(channel.noise_rad_s):.3g} °/s rms"
-            yield f"rate {axis}", f"{math.degrees(channel.mean_rad_s):+.5g} °/s mean{noise}"
+            noise = (
+                ""
+                if channel.noise_rad_s is None
+                else f", noise {significant(math.degrees(channel.noise_rad_s))} °/s rms"
+            )
+            yield f"rate {axis}", f"{signed(math.degrees(channel.mean_rad_s), 5)} °/s mean{noise}"
         if sensor.latency_us is not None:
             yield "its latency p50, p99, p99.9", sensor.latency_us.line
     if result.innovation_rms is not None:
@@ -195,26 +202,32 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "rate error, rms", quantity(result.rate_error_rms_rad_s, "rad/s")
     if result.score is not None and (nees := result.score.nees) is not None:
         low, high = nees.band
-        yield "NEES per entry", f"{nees.mean:.3g} of {nees.entries} entries; 95 % band {low:.2f} to {high:.2f}"
+        yield "NEES per entry", f"{significant(nees.mean)} of {nees.entries} entries; 95 % band {low:.2f} to {high:.2f}"
 
 
 def _angle(result: "Result") -> Iterator[tuple[str, str]]:
     """The angle at the end of the scored window with its uncertainty, and the source's own beside it."""
     if (angle := result.angle) is None or (u := result.angle_u_rad) is None:
         return
-    yield "angle since scoring starts", f"{angle.rad:+.5g} ± {u:.2g} rad (k = 2)"
+    from hil.numbers import plus_minus, prefix_for, quantity
+
+    factor, prefix = prefix_for(max(abs(angle.rad), u), 0)
+    yield "angle since scoring starts", f"{plus_minus(angle.rad * factor, u * factor)} {prefix}rad (k = 2)"
     if result.uncertainty:
         largest = result.uncertainty[0]
         told = " (assumed)" if largest.assumed else ""
-        yield "most of it uncertain by", f"{largest.source}{told}, {largest.contribution_rad:.2g} rad"
+        yield "most of it uncertain by", f"{largest.source}{told}, {quantity(largest.contribution_rad, 'rad', 2)}"
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
-        yield "by the patent's formula (11)", f"{angle.plain_rad:+.5g} rad"
-        yield "control imperfection, rms", f"{angle.control_imperfection_rms_rad:.2g} rad, taken off of the angle"
+        yield "by the patent's formula (11)", quantity(angle.plain_rad, "rad", 5)
+        imperfection = quantity(angle.control_imperfection_rms_rad, "rad", 2)
+        yield "control imperfection, rms", f"{imperfection}, taken off of the angle"
 
 
 def _parameters(result: "Result") -> "Table":
     from rich.table import Table
     from rich.text import Text
+
+    from hil.numbers import plus_minus, unit_for
 
     table = Table("parameter", box=None, pad_edge=False, header_style="dim")
     scored = any(parameter.truth is not None for parameter in result.parameters.values())
@@ -222,7 +235,10 @@ def _parameters(result: "Result") -> "Table":
         table.add_column(heading, justify="right")
     table.add_column("")
     for name, parameter in result.parameters.items():
-        numbers = (parameter.value, *parameter.ci95, *((parameter.truth,) if scored else ()))
-        cells = ("" if number is None else f"{number:.7g}" for number in numbers)
-        table.add_row(Text(printable(name)), *cells, Text(printable(parameter.unit)))
+        low, high = parameter.ci95
+        factor, unit = unit_for(max(abs(parameter.value), high - low), parameter.unit)
+        value, half = factor * parameter.value, factor * (high - low) / 2.0
+        numbers = (parameter.value, low, high, *((parameter.truth,) if scored else ()))
+        cells = ("–" if one is None else plus_minus(value, half, beside=factor * one) for one in numbers)
+        table.add_row(Text(printable(name)), *cells, Text(printable(unit)))
     return table

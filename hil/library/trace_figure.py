@@ -1,6 +1,6 @@
 """A trace in one figure, for a notebook; the report has more."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hil.records.diagnosis import Diagnosis
 
@@ -12,7 +12,8 @@ _MOST = 10
 
 
 def draw(diagnosis: Diagnosis) -> "Figure":
-    """Left: innovation over its floor, held out, before and after.  Right: evidence, named effects first."""
+    """Left: innovation over its floor, held out, before and after.  Right: evidence, named effects first, then
+    what was carried beside them, then what a scan promises of the others."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
@@ -34,11 +35,24 @@ def _draw_level(ax: "Axes", diagnosis: Diagnosis) -> None:
 
 
 def _draw_evidence(ax: "Axes", diagnosis: Diagnosis) -> None:
-    named = [(effect.name, effect.evidence, "tab:blue") for effect in diagnosis.effects]
-    others = [(one.name, one.evidence, "tab:gray") for one in diagnosis.rejected]
-    known = [(name, value, colour) for name, value, colour in named + others if value is not None and value > 0.0]
+    """What a model gained that carries it is no promise of a scan: those are hatched."""
+    groups: tuple[tuple[str, list[tuple[str, float | None]], dict[str, Any]], ...] = (
+        ("named", [(effect.name, effect.evidence) for effect in diagnosis.effects], {"color": "tab:blue"}),
+        ("carried, not named", [(one.name, one.gain) for one in diagnosis.rejected], {"color": "tab:gray"}),
+        (
+            "promised by the scan",
+            [(one.name, one.evidence) for one in diagnosis.rejected if one.gain is None],
+            {"facecolor": "none", "edgecolor": "tab:gray", "hatch": "/////"},
+        ),
+    )
+    known = [(name, value, at) for at, (_, ones, _) in enumerate(groups) for name, value in ones if value and value > 0]
     shown = known[:_MOST][::-1]
-    ax.barh([name for name, _, _ in shown], [v for _, v, _ in shown], color=[colour for _, _, colour in shown])
+    for at, (label, _, look) in enumerate(groups):
+        ours = [(row, name, value) for row, (name, value, group) in enumerate(shown) if group == at]
+        if ours:
+            ax.barh([row for row, _, _ in ours], [value for *_, value in ours], label=label, **look)
+    ax.set_yticks(range(len(shown)), [name for name, _, _ in shown])
     if shown:
         ax.set_xscale("log")
-    ax.set_xlabel("twice the gain of log-likelihood (blue: named)")
+        ax.legend(fontsize="small")
+    ax.set_xlabel("twice the gain of log-likelihood")

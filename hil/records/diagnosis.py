@@ -81,7 +81,12 @@ class Rejected(_Model):
     bound: dict[str, Coefficient] = Field(
         default_factory=dict, description="What its coefficients can be at most, where the record says"
     )
-    evidence: float | None = Field(default=None, description="What it would have explained by itself, as in effects")
+    evidence: float | None = Field(
+        default=None, description="What a scan of the first residual promised of it by itself, in units as in effects"
+    )
+    gain: float | None = Field(
+        default=None, description="What it gained where it was last carried, as in effects; null where it never was"
+    )
 
 
 class Finding(_Model):
@@ -247,6 +252,7 @@ def to_model(
                 reason=one.reason,
                 bound={symbol: coefficient(interval) for symbol, interval in one.bound.items()},
                 evidence=_finite(one.evidence),
+                gain=_finite(one.gain),
             )
             for one in found.rejected
         ),

@@ -155,9 +155,9 @@ class Answers(_Model):
             "answered in time": self.in_time,
             "answered late": self.late,
             "not answered": self.unanswered,
-            "answer lost": self.lost_to_board,
-            "sample lost": self.lost_to_host,
-            "board stopped": self.stopped,
+            "lost on the way to the board": self.lost_to_board,
+            "lost on the way to the host": self.lost_to_host,
+            "while the board was SAFE": self.stopped,
         }
 
     @model_validator(mode="after")

@@ -3,12 +3,18 @@
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from pathlib import PurePath
-from typing import Any
+from importlib.metadata import version
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
 
 from hil.emulation import is_emulated
+from hil.errors import InputError
 from hil.records.result import Result
+from hil.records.runfolder import RunFolder
 from hil.report.numbers import significant
+
+if TYPE_CHECKING:
+    from hil.records.diagnosis import Diagnosis
 
 _STAMP = "%Y%m%d-%H%M%S"
 _LENGTH = len("20250314-092653")
@@ -24,12 +30,32 @@ def facts(result: Result, bench: Mapping[str, Any]) -> Iterator[str]:
     if named:
         yield f"board {' '.join(named)}"
     if result.link is not None:
-        kind, _, place = result.link.partition(":")
-        yield f"{kind}:{PurePath(place).name if is_emulated(result.link) else place}"
+        yield _link(result.link)
     yield "a replay" if result.clock is None and result.sensor is None else result.clock or "its own clock"
     yield f"{significant(result.seconds, 4)} s"
-    if (version := result.versions.get("gyrohil")) is not None:
-        yield f"gyrohil {version}"
+    if (made_by := result.versions.get("gyrohil")) is not None:
+        yield f"gyrohil {made_by}"
+
+
+def facts_of_trace(folder: Path, diagnosis: "Diagnosis", length: str) -> Iterator[str]:
+    """The same of a trace in `folder`: its own date, the bench file's device, the link and the length of its record,
+    the version that traced it; the link where the record is a run that lies beside it.
+    """
+    if (when := date_of(folder.name)) is not None:
+        yield when
+    yield f"bench {diagnosis.bench}"
+    with suppress(InputError):  # a run of which nothing can be told is no reason for a trace to have no page
+        run = RunFolder(folder.parent / diagnosis.record).result
+        if run is not None and run.link is not None:
+            yield _link(run.link)
+    yield length
+    yield f"gyrohil {version('gyrohil')}"
+
+
+def _link(link: str) -> str:
+    """Its kind and place, of an emulated board the scenario's name only."""
+    kind, _, place = link.partition(":")
+    return f"{kind}:{PurePath(place).name if is_emulated(link) else place}"
 
 
 def date_of(name: str) -> str | None:

@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 
+from hil.report.numbers import counted
 from hil.report.verdict import Headline
 
 Row = Sequence[str]
@@ -60,16 +61,20 @@ def _contents(sections: str) -> Iterable[str]:
 
 
 def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int] = ()) -> str:
-    """A table with header cells; columns in `numbers` are set flush right, those of sentences kept wide enough to
-    read on a phone.
+    """A table with header cells, which a keyboard can scroll where it is wider than the screen.
+
+    Columns in `numbers` are set flush right, those of sentences kept wide enough to read on a phone.
     """
     rows = list(rows)
     kinds = {index: "long" for row in rows for index, cell in enumerate(row) if len(cell) > _LONG}
     kinds |= dict.fromkeys(numbers, "n")
-    heading = "".join(f'<th scope="col"{_class(index, kinds)}>{escape(cell)}</th>' for index, cell in enumerate(head))
+    heading = "".join(
+        f'<th scope="col"{_class(index, kinds)}>{escape(cell)}</th>' if cell else "<td></td>"  # nothing to read aloud
+        for index, cell in enumerate(head)
+    )
     body = "".join(f"<tr>{_cells(row, kinds)}</tr>" for row in rows)
     return (
-        f'<div class="wide"><table><caption>{escape(caption)}</caption>'
+        f'<div class="wide" tabindex="0"><table><caption>{escape(caption)}</caption>'
         f"<thead><tr>{heading}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -77,7 +82,7 @@ def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int]
 def figure(number: int, title: str, caption: str, svg: str) -> str:
     """A numbered figure with its caption."""
     return (
-        f'<figure id="figure-{number}"><div class="plot">{svg}</div><figcaption><b>Figure {number}. '
+        f'<figure id="figure-{number}"><div class="plot" tabindex="0">{svg}</div><figcaption><b>Figure {number}. '
         f"{escape(title)}.</b> {escape(caption)}</figcaption></figure>"
     )
 
@@ -121,8 +126,8 @@ def paragraph(text: str) -> str:
 
 def listing(text: str) -> str:
     """A file as it is, in fixed pitch, folded."""
-    lines = len(text.splitlines())
-    return f'<details><summary>{lines} lines</summary><pre tabindex="0"><code>{escape(text)}</code></pre></details>'
+    lines = counted(len(text.splitlines()), "line")
+    return f'<details><summary>{lines}</summary><pre tabindex="0"><code>{escape(text)}</code></pre></details>'
 
 
 def _cells(row: Row, kinds: Mapping[int, str]) -> str:

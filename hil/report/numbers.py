@@ -1,90 +1,18 @@
-"""Numbers as a reader of a measurement report expects them: prefixes, matched digits, thin spaces."""
+"""Numbers on the page: as everywhere."""
 
-import math
-
-from estimator.written import plus_minus as plus_minus
-from estimator.written import power_of_ten, typeset
-from estimator.written import significant as significant
-
-_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-PREFIXED = ("V", "rad", "rad/s")
-"""Units that take a prefix."""
-_SPACE = "\u00a0"
-
-
-def prefix_for(size: float, most: int = 9) -> tuple[float, str]:
-    """Factor and SI prefix that bring `size` between 1 and 1000; the prefix is 10^`most` at most.
-
-    >>> prefix_for(2e-4)
-    (1000000.0, 'µ')
-    """
-    if not math.isfinite(size) or size == 0:
-        return 1.0, ""
-    exponent = min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), -15), most)
-    return 10.0**-exponent, _PREFIXES[exponent]
-
-
-def in_thousands(value: float) -> tuple[float, str]:
-    """Factor that takes a long number to between 1 and 1000, and the power of ten that then stands before its unit.
-
-    >>> in_thousands(1e13), in_thousands(0.2)
-    ((1e-12, '10¹² '), (1.0, ''))
-    """
-    if not math.isfinite(value) or value == 0 or 1e-3 <= abs(value) < 1e7:
-        return 1.0, ""
-    exponent = 3 * math.floor(math.log10(abs(value)) / 3 + 1e-12)
-    return 10.0**-exponent, f"{power_of_ten(exponent)} "
-
-
-def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """A value with an SI prefix before its unit, a no-break space between.
-
-    >>> quantity(2.098e-4, "rad").replace(_SPACE, " ")
-    '210 µrad'
-    """
-    if not math.isfinite(value):
-        return significant(value)
-    factor, prefix = prefix_for(value, 0 if unit.startswith("rad") else 9)  # nobody counts in krad
-    return f"{significant(value * factor, digits)}{_SPACE}{prefix}{unit}".rstrip()
-
-
-def sensed(value: float, unit: str, digits: int = 3) -> str:
-    """What a sense channel shows: volts with a prefix, a sensor's own unit, as px or µstrain, as it is."""
-    return quantity(value, unit, digits) if unit in PREFIXED else f"{significant(value, digits)}{_SPACE}{unit}"
-
-
-def relative(value: float) -> str:
-    """A small dimensionless number in %, or ppm below 0.1 %, with its sign."""
-    if not math.isfinite(value):
-        return significant(value)
-    if abs(value) >= 1e-3:
-        return f"{signed(value * 100)}{_SPACE}%"
-    return f"{signed(value * 1e6)}{_SPACE}ppm"
-
-
-def percent(fraction: float, decimals: int = 1) -> str:
-    """A fraction in percent.
-
-    >>> percent(0.951).replace(_SPACE, " ")
-    '95.1 %'
-    """
-    return f"{fraction * 100:.{decimals}f}{_SPACE}%"
-
-
-def share(part: int, whole: int) -> str:
-    """A count and, when there is something, its share of the whole: `12 (0.15 %)`."""
-    if not part or not whole:
-        return count(part)
-    fraction = part / whole
-    size = percent(fraction, 2) if fraction >= 1e-3 else f"{fraction * 1e6:.0f}{_SPACE}ppm"
-    return f"{count(part)} ({size})"
-
-
-def count(value: int) -> str:
-    """Whole number in groups of three."""
-    return typeset(str(value))
-
-
-def signed(value: float) -> str:
-    """Three significant digits, with a sign that is told of what is positive, too."""
-    return ("+" if value >= 0 else "") + significant(value)
+from hil.numbers import PREFIXED as PREFIXED
+from hil.numbers import count as count
+from hil.numbers import counted as counted
+from hil.numbers import in_thousands as in_thousands
+from hil.numbers import magnitude as magnitude
+from hil.numbers import percent as percent
+from hil.numbers import plus_minus as plus_minus
+from hil.numbers import prefix_for as prefix_for
+from hil.numbers import quantity as quantity
+from hil.numbers import relative as relative
+from hil.numbers import sensed as sensed
+from hil.numbers import share as share
+from hil.numbers import signed as signed
+from hil.numbers import significant as significant
+from hil.numbers import together as together
+from hil.numbers import unit_for as unit_for

@@ -8,7 +8,18 @@ from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
 from hil.report import markup, tables, uncertainty
 from hil.report.facts import facts
-from hil.report.figures import angle, closing, innovation, parameters, pattern, rate, signals, spectrum, timing
+from hil.report.figures import (
+    angle,
+    closing,
+    innovation,
+    parameters,
+    pattern,
+    prediction,
+    rate,
+    signals,
+    spectrum,
+    timing,
+)
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Material
 from hil.report.numbering import Figures
@@ -57,7 +68,9 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
             tables.coverage(material),
         ),
         markup.section("vibration", "Vibration", drawn(pattern.draw), drawn(signals.draw)),
-        markup.section("innovation", "Innovation", drawn(innovation.draw), drawn(spectrum.draw)),
+        markup.section(
+            "innovation", "Innovation", drawn(prediction.draw), drawn(innovation.draw), drawn(spectrum.draw)
+        ),
         markup.section(
             "timing",
             "Timing and link",

@@ -159,8 +159,8 @@ def _parameter_row(material: Material, symbol: str, entry: Parameter) -> tuple[s
     value, half = entry.value * factor, (high - low) / 2 * factor
     start = (shown(symbol), plus_minus(value, half), prefix + shown_unit(entry.unit))
     reference = entry.truth if entry.truth is not None else _declared(material, symbol, entry.unit)
-    if reference is None:
-        return *start, "", "", ""
+    if reference is None:  # as of a coefficient that no truth or bench file has by this name
+        return *start, "–", "–", "–"
     deviation = entry.value - reference
     return (
         *start,

@@ -2,7 +2,7 @@
 
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
-from hil.report.numbers import quantity, relative
+from hil.report.numbers import magnitude, quantity, together
 
 _NONE = (
     "No angle is reported: in open loop nothing makes an ideal oscillator of the device, and its pattern turns by "
@@ -29,16 +29,17 @@ def section(material: Material) -> str:
         )
     else:
         said += " It is the integrated rate, the parameters being taken as known."
+    *sizes, expanded = together([*(row.contribution_rad for row in result.uncertainty), result.angle_u_rad], "rad")
     rows = [
         (
             row.source + (" (assumed)" if row.assumed else ""),
-            relative(row.value) if row.unit == "1" else quantity(row.value, row.unit),
+            magnitude(row.value) if row.unit == "1" else quantity(row.value, row.unit),
             row.sensitivity,
-            quantity(row.contribution_rad, "rad"),
+            size,
         )
-        for row in result.uncertainty
+        for row, size in zip(result.uncertainty, sizes, strict=True)
     ]
-    rows.append(("expanded, k = 2", "", "twice the root of the sum of squares", quantity(result.angle_u_rad, "rad")))
+    rows.append(("expanded, k = 2", "", "twice the root of the sum of squares", expanded))
     head = ("source", "standard uncertainty", "how it reaches the angle", "contribution")
     return paragraph(said) + table("What the angle's uncertainty is made of", head, rows, (1, 3))
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from hil.records.result import Result
-from hil.report.numbers import count, percent, quantity, relative, share, significant
+from hil.report.numbers import count, counted, percent, quantity, relative, share, significant
 
 _WORDS = {"lacks": "lacks something"}
 
@@ -24,7 +24,7 @@ def headline(result: Result) -> Headline:
         word, said = result.verdict.capitalize(), _outcomes(result)
         said = said or list(result.reasons) or ["a limit of the bench file was not kept"]
     elif result.verdict == "interrupted" or not result.complete:
-        length = f"{count(result.samples)} samples, {significant(result.seconds)} s"
+        length = f"{counted(result.samples, 'sample')}, {significant(result.seconds)} s"
         end = "" if result.complete else ", and no end marker"
         tone, word, said = "bad", "Interrupted", [*result.reasons, f"the record holds {length}{end}"]
     else:
@@ -103,8 +103,8 @@ def _findings(result: Result) -> list[str]:
         found.append(f"angle within {quantity(result.angle_error_rms_rad, 'rad')} rms{turned}")
     if result.innovation_rms is not None and result.noise_floor:
         found.append(f"innovation at {significant(result.innovation_rms / result.noise_floor)} × the noise floor")
-    lost = "nothing lost" if not result.lost else f"{count(result.lost)} samples lost"
-    found.append(f"{count(result.samples)} samples, {lost}")
+    lost = "nothing lost" if not result.lost else f"{counted(result.lost, 'sample')} lost"
+    found.append(f"{counted(result.samples, 'sample')}, {lost}")
     if result.answers is not None and result.answers.missed:
         found.append(f"{share(result.answers.missed, result.answers.ticks)} without an answer in time")
     return found
@@ -126,6 +126,6 @@ def _samples(result: Result) -> tuple[str, str, str]:
         return "Samples", count(result.samples), f"{count(result.lost)} lost"
     first, *rest = answers.parts
     others = [f"{count(answers.parts[name])} {name}" for name in rest if answers.parts[name]]
-    remark = f"of {count(answers.ticks)} samples" + ("; " + ", ".join(others) if others else "")
+    remark = f"of {counted(answers.ticks, 'sample')}" + ("; " + ", ".join(others) if others else "")
     number = percent(answers.in_time / answers.ticks, 2 if others else 0)
     return first.capitalize(), number, remark

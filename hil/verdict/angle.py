@@ -3,6 +3,7 @@
 import numpy as np
 
 from hil.bench import Bench
+from hil.numbers import percent, quantity
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
 from hil.verdict.budget import remedy
@@ -39,15 +40,16 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         invalid, off, oval = (float(share) for share in outside / len(scored))
         if invalid > limits.invalid_fraction:
             reasons.append(
-                f"the angle was not valid {invalid:.2%} of the time (energy off target {off:.2%}, quadrature too large "
-                f"{oval:.2%}), [limits] invalid_fraction is {limits.invalid_fraction:.2%}"
+                f"the angle was not valid {percent(invalid, 2)} of the time (energy off target {percent(off, 2)}, "
+                f"quadrature too large {percent(oval, 2)}), [limits] invalid_fraction is "
+                f"{percent(limits.invalid_fraction, 2)}"
             )
     u = result.angle_u_rad
     if u is not None and u > limits.angle_rad:
         largest = result.uncertainty[0]
         reasons.append(
-            f"the angle is uncertain by {u:.2g} rad (k = 2), [limits] angle_rad is {limits.angle_rad:g}; most of it by "
-            f"{largest.source}: {largest.contribution_rad:.2g} rad"
+            f"the angle is uncertain by {_angle(u)} (k = 2), [limits] angle_rad is {limits.angle_rad:g}; most of it by "
+            f"{largest.source}: {_angle(largest.contribution_rad)}"
         )
         after = remedy(largest, bench)
     if not reasons and u is None:
@@ -55,5 +57,9 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
     part = Part.of(reasons)
     if not reasons:
         assert u is not None
-        return part.model_copy(update={"reason": f"uncertain by {u:.2g} rad (k = 2) at the end"})
+        return part.model_copy(update={"reason": f"uncertain by {_angle(u)} (k = 2) at the end"})
     return part.model_copy(update={"next": after})
+
+
+def _angle(size_rad: float) -> str:
+    return quantity(size_rad, "rad", 2)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from estimator.uncertainty import Course, sensitivities
-from estimator.written import significant
 from hil.bench import Bench
+from hil.numbers import quantity, significant
 from hil.records.estimates import Estimates
 from hil.records.result import Angle, Contribution
 
@@ -128,7 +128,7 @@ def _damping(bench: Bench, course: Course) -> Contribution:
         source=DAMPING,
         value=value,
         unit="1/s",
-        sensitivity=f"¼ of a difference between the axes, √2 of them, for {course.seconds:.3g} s",
+        sensitivity=f"¼ of a difference between the axes, √2 of them, for {quantity(course.seconds, 's')}",
         contribution_rad=0.25 * math.sqrt(2.0) * value * course.seconds / course.angular_gain,
     )
 
@@ -148,8 +148,8 @@ def _calibration(bench: Bench, course: Course, information: "Information | None"
                 source=name.replace("_", " "),
                 value=item.u,
                 unit=item.unit,
-                sensitivity=f"{words[name]} = {significant(declared, 2)} rad"
-                + (f"; the record leaves {significant(contribution, 2)} rad of it" if name in left else ""),
+                sensitivity=f"{words[name]} = {quantity(declared, 'rad', 2)}"
+                + (f"; the record leaves {quantity(contribution, 'rad', 2)} of it" if name in left else ""),
                 contribution_rad=contribution,
                 assumed=item.assumed,
             )
@@ -158,18 +158,19 @@ def _calibration(bench: Bench, course: Course, information: "Information | None"
 
 
 def _words(course: Course) -> Mapping[str, str]:
-    forced, seconds, turned = abs(course.forced), course.seconds, abs(course.rotation)
-    drag = math.hypot(*course.damping[:2]) / 4.0
-    late = abs(course.stiffness_xy) / 4.0
+    forced, turned = quantity(abs(course.forced), "rad"), quantity(abs(course.rotation), "rad")
+    drag = quantity(math.hypot(*course.damping[:2]) / 4.0, "rad/s", 2)
+    late = f"{significant(abs(course.stiffness_xy) / 4.0, 4)} rad/s²"
+    seconds = quantity(course.seconds, "s")
     return {
-        "drive_gain": f"of each axis × half the forced rotation, {forced:.3g} rad",
-        "sense_gain_ratio": f"× half the forced rotation, {forced:.3g} rad, and half a radian where it is read",
-        "drive_misalignment": f"of each axis × a quarter of the damping, {drag:.2g} rad/s of both, × {seconds:.3g} s",
-        "sense_cross_coupling": f"of each axis × a quarter of the damping, {drag:.2g} rad/s of both, × {seconds:.3g} s",
-        "drive_delay": f"of each axis × a quarter of the cross-stiffness, {late:.4g} rad/s², × {seconds:.3g} s",
-        "sense_delay": f"of each axis × a quarter of the cross-stiffness, {late:.4g} rad/s², × {seconds:.3g} s",
-        "clock": f"× twice the forced rotation, {forced:.3g} rad",
-        "angular_gain": f"× rotation, {turned:.3g} rad",
+        "drive_gain": f"of each axis × half the forced rotation, {forced}",
+        "sense_gain_ratio": f"× half the forced rotation, {forced}, and half a radian where it is read",
+        "drive_misalignment": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
+        "sense_cross_coupling": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
+        "drive_delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
+        "sense_delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
+        "clock": f"× twice the forced rotation, {forced}",
+        "angular_gain": f"× rotation, {turned}",
     }
 
 
@@ -184,13 +185,14 @@ def _beyond(bench: Bench, information: "Information") -> list[Contribution]:
     if not effect or not math.isfinite(contribution):
         return []
     found = 0.0 if information.found is None else float(np.max(information.found))
+    name = effect.partition(":")[0].replace("_", " ")
     return [
         Contribution(
             source=UNDECLARED,
             value=contribution,
             unit="rad",
-            sensitivity=f"1: {effect.partition(':')[0]}, were it there and as large as the record allows, at most"
-            + (f"; {significant(found, 2)} rad by what the scan found and calls harmless" if found else ""),
+            sensitivity=f"1: {name}, were it there and as large as the record allows, at most"
+            + (f"; {quantity(found, 'rad', 2)} by what the scan found and calls harmless" if found else ""),
             contribution_rad=contribution,
         )
     ]

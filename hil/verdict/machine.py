@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 
 from hil.bench import Bench
 from hil.emulation import is_emulated
+from hil.numbers import count, counted, percent, times
 from hil.records.result import Answers, Load, Part, Result
 
 _NO_PRIORITY = "no real-time scheduling"
@@ -31,15 +32,16 @@ def judge_machine(result: Result, bench: Bench, refused: Collection[str] = (), b
     missed, lost = answers.missed / answers.ticks, result.lost / answers.ticks
     if missed > limits.late_fraction:
         reasons.append(
-            f"{missed:.2%} of the samples had no answer in time ({_listed(answers)}), [limits] late_fraction is "
-            f"{limits.late_fraction:.2%}; {_cause(result, answers)}"
+            f"{percent(missed, 2)} of the samples had no answer in time ({_listed(answers)}), "
+            f"[limits] late_fraction is {percent(limits.late_fraction, 2)}; {_cause(result, answers)}"
         )
     if lost > limits.lost_fraction:
-        stopped = f", {answers.stopped} of them while the board was SAFE" if answers.stopped else ""
-        reasons.append(f"{lost:.2%} of the samples lost{stopped}, [limits] lost_fraction is {limits.lost_fraction:.2%}")
+        stopped = f", {count(answers.stopped)} of them while the board was SAFE" if answers.stopped else ""
+        limit = percent(limits.lost_fraction, 2)
+        reasons.append(f"{percent(lost, 2)} of the samples lost{stopped}, [limits] lost_fraction is {limit}")
     if not reasons:
-        share = answers.in_time / answers.ticks
-        return Part(outcome="good", reason=f"{_cautious(share)} of {answers.ticks} samples answered in time")
+        share, samples = answers.in_time / answers.ticks, counted(answers.ticks, "sample")
+        return Part(outcome="good", reason=f"{_cautious(share)} of {samples} answered in time")
     return Part(
         outcome="failed",
         reason="; ".join(reasons),
@@ -65,22 +67,28 @@ def mishaps(result: Result, counters: Mapping[str, int]) -> list[str]:
     told = []
     answers = result.answers
     if answers is not None and answers.lost_to_host:
-        share = answers.lost_to_host / answers.ticks
-        told.append(
-            f"{answers.lost_to_host} samples ({share:.2%}) were lost on the way; the observer predicted over the gaps"
-        )
+        share = percent(answers.lost_to_host / answers.ticks, 2)
+        lost = _were(answers.lost_to_host, f" ({share})")
+        told.append(f"{lost} lost on the way; the observer predicted over the gaps")
     damaged = counters.get("frames_damaged", 0), counters.get("board_bad_frames", 0)
     if any(damaged):
-        told.append(f"damaged frames were dropped, {damaged[0]} by the host and {damaged[1]} by the board")
-    if answers is not None and (held := answers.missed):
         told.append(
-            f"{held} samples ({held / answers.ticks:.2%}) had no answer in time ({_listed(answers)}); "
+            f"damaged frames were dropped, {count(damaged[0])} by the host and {count(damaged[1])} by the board"
+        )
+    if answers is not None and (held := answers.missed):
+        share = percent(held / answers.ticks, 2)
+        told.append(
+            f"{counted(held, 'sample')} ({share}) had no answer in time ({_listed(answers)}); "
             "the board held its last drive, which the observer knows"
         )
     if rearmed := counters.get("rearmed", 0):
-        stopped = "" if answers is None else f"; {answers.stopped} samples were not taken meanwhile"
-        told.append(f"the board went to SAFE {rearmed} times and was armed again{stopped}")
+        stopped = "" if answers is None else f"; {_were(answers.stopped)} not taken meanwhile"
+        told.append(f"the board went to SAFE {times(rearmed)} and was armed again{stopped}")
     return told
+
+
+def _were(samples: int, remark: str = "") -> str:
+    return f"{counted(samples, 'sample')}{remark} {'was' if samples == 1 else 'were'}"
 
 
 def _listed(answers: Answers) -> str:
@@ -89,7 +97,7 @@ def _listed(answers: Answers) -> str:
         (answers.unanswered, "seen too late to be answered"),
         (answers.lost_to_board, "lost on the way to the board"),
     )
-    return ", ".join(f"{count} {what}" for count, what in parts if count)
+    return ", ".join(f"{count(number)} {what}" for number, what in parts if number)
 
 
 def _cause(result: Result, answers: Answers) -> str:
@@ -107,9 +115,9 @@ def _waits(load: Load) -> str:
     """What was measured of processors that were not free."""
     told = []
     if load.lacked is not None:
-        told.append(f"the loop lacked a processor {load.lacked:.1%} of the time")
+        told.append(f"the loop lacked a processor {percent(load.lacked)} of the time")
     if load.pressed is not None:
-        told.append(f"something here waited for one {load.pressed:.1%} of it")
+        told.append(f"something here waited for one {percent(load.pressed)} of it")
     return f" ({', '.join(told)})" if told else ""
 
 
@@ -123,4 +131,4 @@ def _next(result: Result, *, by_host: bool, refused: Collection[str], file: str)
 
 def _cautious(share: float) -> str:
     """A share in percent that says 100 only where it is all."""
-    return "all" if share == 1.0 else f"{min(share, 0.9999):.2%}"
+    return "all" if share == 1.0 else percent(min(share, 0.9999), 2)

@@ -11,7 +11,7 @@ from hil.records.result import Answers, Part, Result, save_result
 
 PARTS = {
     "safety": Part(outcome="good", reason="every stop was confirmed"),
-    "machine": Part(outcome="failed", reason="12.00% of the samples had no answer in time", next="hil doctor"),
+    "machine": Part(outcome="failed", reason="12.00\u00a0% of the samples had no answer in time", next="hil doctor"),
     "model": Part(outcome="complete", reason="nothing is missing"),
     "angle": Part(outcome="good", reason="± 1.9 mrad"),
 }
@@ -39,9 +39,12 @@ def line(lines: list[str], start: str) -> str:
 
 def test_the_count_is_told_and_adds_up(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     _, lines, _ = shown(tmp_path, capfd, verdict="good", parts=PARTS)
-    assert line(lines, "answered in time").endswith("870 of 1000 (87.00%)")
+    assert line(lines, "answered in time").endswith("870 of 1000 (87.00\u00a0%)")
     others = line(lines, "the others").split(maxsplit=2)[2]
-    assert others == "20 answered late, 90 not answered, 10 answer lost, 6 sample lost, 4 board stopped"
+    assert others == (
+        "20 answered late, 90 not answered, 10 lost on the way to the board, 6 lost on the way to the host, "
+        "4 while the board was SAFE"
+    )
     assert 870 + sum(int(word) for word in others.split() if word.isdigit()) == 1000
 
 
@@ -67,11 +70,11 @@ def test_truth_has_a_column_where_it_is_known_only(tmp_path: Path, capfd: pytest
     known = {"value": 1.0, "ci95": (0.5, 1.5), "unit": "1/s"}
     _, lines, _ = shown(tmp_path, capfd, parameters={"dxx": known})
     assert (line(lines, "parameter").split()[-1], line(lines, "dxx").split()) == (
-        "interval", ["dxx", "1", "0.5", "1.5", "1/s"],
+        "interval", ["dxx", "1.00", "0.50", "1.50", "1/s"],
     )  # fmt: skip
     _, lines, _ = shown(tmp_path, capfd, parameters={"dxx": known | {"truth": 1.25}, "dyy": known})
     assert line(lines, "parameter").split()[-1] == "truth"
-    assert line(lines, "dxx").split() == ["dxx", "1", "0.5", "1.5", "1.25", "1/s"]
+    assert line(lines, "dxx").split() == ["dxx", "1.00", "0.50", "1.50", "1.25", "1/s"]
 
 
 def test_a_part_that_nobody_could_judge_is_left_out(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -122,8 +125,8 @@ EVIL = "a\x1b[31mred\x07\u202egnirts\x9b2J\u2028next\r\n[bold]x[/]\x7f\U000e0001
 
 
 def obeyed(text: str) -> list[str]:
-    """What of a text a terminal would obey or hide, line feeds excepted."""
-    return [ascii(mark) for mark in text if not mark.isprintable() and mark != "\n"]
+    """What of a text a terminal would obey or hide, line feeds and the spaces within numbers excepted."""
+    return [ascii(mark) for mark in text if not mark.isprintable() and mark not in "\n\u00a0\u202f"]
 
 
 def test_nothing_that_a_terminal_obeys_comes_through(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -291,6 +291,8 @@ def test_every_other_candidate_is_rejected_once_with_a_reason_and_a_bound(answer
     assert rejected["cubic_stiffness"].reason == "explains no more than chance would"
     assert rejected["dry_friction"].reason == "nothing is left for it (likeness 0.950 to what was taken)"
     assert rejected["sense_delay"].evidence == 700.0  # of the first look, beside nothing
+    assert rejected["sense_gain"].gain == 850.0  # carried: the number of its reason
+    assert rejected["sense_delay"].gain is None
     assert rejected["cubic_stiffness"].bound.keys() == {"k3x", "k3y"}
     bound = rejected["cubic_stiffness"].bound["k3y"]
     both = np.sqrt(-2.0 * np.log(0.05))  # χ² of two in closed form
@@ -319,7 +321,7 @@ def test_where_nothing_is_named_all_that_was_selected_is_rejected_with_its_gain(
     said, _ = answered(Selected(), Errors(3.0, 2.9, 1.0, 1e5, gain=1e3), left=("a line is left at 5 Hz",))
     assert (said.verdict, said.effects, said.share, said.left) == (Verdict.UNEXPLAINED, (), None, ())
     first, second, *_ = said.rejected
-    assert (first.name, first.evidence) == ("drive_gain", 900.0)
+    assert (first.name, first.evidence, first.gain) == ("drive_gain", 900.0, 900.0)
     sizes = {symbol: (one.value, one.low, one.high) for symbol, one in first.bound.items()}
     assert sizes == {"hx": (0.05, 0.0, 0.06), "hy": (0.04, 0.0, 0.05)}  # as it was carried, or nothing
     assert first.reason == "carried, it gains 900 in twice the log-likelihood and leaves the rest"

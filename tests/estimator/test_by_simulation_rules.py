@@ -128,7 +128,7 @@ def test_why_each_of_the_others_was_not_taken(monkeypatch: pytest.MonkeyPatch) -
     said = Asked(monkeypatch, 2).trace().rejected
     assert said == {
         "line": "a line is the last to be believed",
-        "friction": "carried, it gains 30 in twice the log-likelihood; cubic explains more for its price",
+        "friction": "carried, it gains 30.0 in twice the log-likelihood; cubic explains more for its price",
         "never": "evidence 3.5 does not outweigh its coefficients",
     }
 

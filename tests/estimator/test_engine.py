@@ -146,7 +146,7 @@ def test_it_goes_on_until_nothing_outweighs_its_price(dissent):
     assert names(found) == ["a", "b"]
     assert found.rounds[-1].taken is None
     assert outcomes(found.rounds[-1]) == {"equal": Outcome.TOO_DEAR, "dear": Outcome.TOO_DEAR}
-    assert found.rounds[-1].tried[1].reason == "gains 8, and 8.5 would be needed"
+    assert found.rounds[-1].tried[1].reason == "gains 8.00, and 8.50 would be needed"
 
 
 def test_what_is_needed_may_differ_from_the_price_that_ranks():
@@ -470,10 +470,10 @@ def test_prices_are_those_of_the_papers():
 def test_who_was_carried_and_not_taken_is_told_with_its_gain(outcome):
     tried = Tried("drag", outcome, "the rest objects", Score(0.0, 45_123.4, 3.0, 20.0), {})
     said = tried_reason(tried, "cubic_damping")
-    assert "carried, it gains 4.512e+04 in twice the log-likelihood" in said
+    assert "carried, it gains 45\u202f100 in twice the log-likelihood" in said
     assert ("the rest objects" in said) is (outcome is Outcome.OBJECTED)
     assert ("cubic damping explains more" in said) is (outcome is Outcome.BEATEN)
-    assert leaves_the_rest(45_123.4).startswith("carried, it gains 4.512e+04")
+    assert leaves_the_rest(45_123.4).startswith("carried, it gains 45\u202f100")
 
 
 def test_gains_of_a_round_are_of_those_that_have_a_model():

@@ -366,14 +366,15 @@ def test_a_free_run_loses_what_may_be_nothing_and_what_is_minor(monkeypatch: pyt
 )
 def test_a_candidate_that_was_carried_is_told_with_what_it_gained(outcome: Outcome, reason: str, says: str) -> None:
     said = tried_reason(Tried("a", outcome, reason, Score(0.0, 45_000.0, 1.0, 9.0), {}), "drive_gain")
-    assert said == f"carried, it gains 4.5e+04 in twice the log-likelihood{': ' if 'chance' in says else '; '}{says}"
+    mark = ": " if "chance" in says else "; "
+    assert said == f"carried, it gains 45\u202f000 in twice the log-likelihood{mark}{says}"
 
 
 @pytest.mark.parametrize(
     ("gain", "says"),
     [
-        (-9.0, "carried, it gains -9 in twice the log-likelihood: no more than chance"),
-        (-9.1, "the model with it loses 9.1 in twice the log-likelihood: the search did not reach its coefficients"),
+        (-9.0, "carried, it gains −9.00 in twice the log-likelihood: no more than chance"),
+        (-9.1, "the model with it loses 9.10 in twice the log-likelihood: the search did not reach its coefficients"),
         (-math.inf, "the model with it diverges: the search did not reach its coefficients, which"),
     ],
 )

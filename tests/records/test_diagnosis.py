@@ -17,9 +17,11 @@ from estimator.settings import Device, ObserverSettings
 from hil.addition import additions
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
-from hil.records.diagnosis import Probabilities, load_diagnosis, save_diagnosis, to_model
+from hil.records.diagnosis import MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
+from hil.records.result import Result, save_result
 from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
+from hil.report.diagnosis.next_step import next_of
 from hil.report.diagnosis.page import Pictures, headline, write_page
 from hil.report.diagnosis.tables import coefficients, probable
 
@@ -162,7 +164,7 @@ def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
         "Evidence for the candidates", "Coefficients", "the control law subtracts its force",
     ):  # fmt: skip
         assert words in page, words
-    assert page.count("<figure") == 4  # an interval of ± 1 % would be a dot on a drawing of coefficients
+    assert page.count("<figure") == 5  # an interval of ± 1 % would be a dot on a drawing of coefficients
 
 
 @pytest.mark.slow
@@ -170,7 +172,7 @@ def test_intervals_that_can_be_seen_are_drawn(tmp_path: Path) -> None:
     (effect,) = answer().effects
     wide = {"k3x": traced.Interval(1e13, 0.7e13, 1.3e13, "1/(m²·s²)")}
     page = written(tmp_path, replace(answer(), effects=(replace(effect, coefficients=wide),)))
-    assert page.count("<figure") == 5
+    assert page.count("<figure") == 6
     assert "Each coefficient over its own estimate" in page
 
 
@@ -276,12 +278,12 @@ def test_the_truth_of_an_effect_stands_beside_what_was_found() -> None:
 
 def test_how_probable_an_account_is_names_the_effect_only_where_another_is_meant() -> None:
     assert probable(Probabilities(effect="drag", classes={"drag": 0.9, "sense_gain": 0.1})) == (
-        "how probable: drag 90%, sense gain 10%"
+        "how probable: drag 90\u00a0%, sense gain 10\u00a0%"
     )
     assert probable(Probabilities(effect="drag", classes={"sense_gain": 1.0})) == (
-        "how probable in place of drag: sense gain 100%"
+        "how probable in place of drag: sense gain 100\u00a0%"
     )
-    assert probable(Probabilities(effect=None, classes={"nothing": 1.0})) == "how probable: nothing 100%"
+    assert probable(Probabilities(effect=None, classes={"nothing": 1.0})) == "how probable: nothing 100\u00a0%"
 
 
 def test_a_terminal_says_what_a_part_acts_like_and_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
@@ -370,6 +372,55 @@ def test_how_probable_each_account_is_stands_in_the_file_and_on_the_page(tmp_pat
     assert kept["undetermined"] == [sentence]
     assert load_diagnosis(tmp_path / "diagnosis.json") == said
     page = written(tmp_path, found)
-    assert "How probable: cubic stiffness 90%, sense cubic 10%" in page
+    assert "How probable: cubic stiffness 90\u00a0%, sense cubic 10\u00a0%" in page
     assert "drag 0%" not in page
     assert "oes not determine kxx and drive_gain_x" in page
+
+
+@pytest.mark.slow
+def test_a_page_that_names_nothing_tells_of_nothing_found(tmp_path: Path) -> None:
+    nothing = replace(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), angle_moved=5.54)
+    page = written(tmp_path, nothing)
+    assert "by what was found" not in page
+    assert "The angle moves by" in page
+    assert "at most, by what was carried and is not named" in page
+    spectrum = page[page.index("Spectrum of the residual") :].partition("</svg>")[0]
+    assert "3.00 times the floor." in spectrum
+    assert "before" not in spectrum
+    named = written(tmp_path, replace(answer(), angle_moved=5.54))
+    assert "at most, by what was found" in named
+    assert "3.00 times the floor before, 1.00 after." in named
+
+
+def test_the_first_screen_says_of_what_record_a_trace_is(tmp_path: Path) -> None:
+    folder, said = tmp_path / "20250314-101500-trace", to_model(answer(), record="ride", bench="S-test")
+    folder.mkdir()
+
+    def top() -> str:
+        page = write_page(folder, said, Pictures(), ("Record", "4.00 s", "16 000 samples")).read_text(encoding="utf-8")
+        (line,) = re.findall(r'<p class="facts">(.*?)</p>', page)
+        return re.sub(r"<[^>]+>", "", line)
+
+    assert top().startswith("14 March 2025, 10:15 bench S-test 4.00 s gyrohil ")  # an imported record has no link
+    (tmp_path / "ride").mkdir()
+    run = Result(run="ride", seconds=4.0, samples=N, complete=True, link="pty:/somewhere/s-slow.scenario.toml")
+    save_result(tmp_path / "ride" / "result.json", run)
+    assert " pty:s-slow.scenario.toml 4.00 s " in top()
+    (tmp_path / "ride" / "result.json").write_text("{")
+    assert "pty:" not in top()
+    pool = write_page(folder, said, Pictures(), ("Records", "16 000", "samples, 9600 fitted"))
+    assert "<span>16 000 samples</span>" in pool.read_text(encoding="utf-8")
+
+
+def test_where_no_effect_accounts_for_it_the_form_is_what_comes_next(tmp_path: Path) -> None:
+    folder = tmp_path / "trace"
+    folder.mkdir()
+    (tmp_path / "ride").mkdir()
+    (folder / "bench.toml").touch()
+    said = to_model(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), record="ride", bench="S-test")
+    figures = dict.fromkeys(("rms_mps2", "deviation_mps2", "left", "innovation_before", "innovation_after"))
+    term = {"form": "q³", "sensed": False, "coefficients": {}, "laws": {"x": ("x**3", "")}}
+    form = MissingForce.model_validate({"form": (term,), "text": "a form", **figures})
+    assert next_of(folder, said) is None
+    asked = next_of(folder, said.model_copy(update={"missing_force": form}))
+    assert asked == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"

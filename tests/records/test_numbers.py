@@ -4,7 +4,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.report.numbers import count, percent, plus_minus, prefix_for, quantity, relative, share, significant
+from hil.numbers import (
+    count,
+    counted,
+    magnitude,
+    percent,
+    plus_minus,
+    prefix_for,
+    quantity,
+    relative,
+    share,
+    significant,
+    times,
+    together,
+    unit_for,
+)
 
 
 def plain(text):
@@ -79,6 +93,35 @@ def test_small_ratios_and_counts():
         "4 (33 ppm)",
         "12 (0.15 %)",
     ]
+
+
+def test_a_standard_uncertainty_has_no_sign():
+    assert [plain(magnitude(value)) for value in (1e-3, 0.02, 3.27e-6, -1e-8)] == [
+        "0.100 %",
+        "2.00 %",
+        "3.27 ppm",
+        "0.0100 ppm",
+    ]
+
+
+def test_a_column_has_one_prefix():
+    assert [plain(text) for text in together([0.0283, 2e-4, 0.0], "rad")] == ["28.3 mrad", "0.200 mrad", "0 mrad"]
+    assert [plain(text) for text in together([float("nan"), 2.0], "rad")] == ["not finite rad", "2.00 rad"]
+    assert together([], "rad") == []
+
+
+def test_one_thing_is_no_plural():
+    assert [plain(counted(number, "sample")) for number in (0, 1, 96000)] == ["0 samples", "1 sample", "96 000 samples"]
+    assert [times(number) for number in (1, 2)] == ["once", "2 times"]
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "expected"),
+    [(-0.008545667, "V", (1e3, "mV")), (1.000211e13, "1/s²", (1e-12, "10¹² 1/s²")), (0.2, "1/s", (1.0, "1/s"))],
+)
+def test_a_long_number_is_told_in_another_unit(size, unit, expected):
+    factor, told = unit_for(size, unit)
+    assert (factor, told) == (pytest.approx(expected[0]), expected[1])
 
 
 @pytest.mark.moderate

@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
-from hil.records.result import TOO_SLOW, Part, load_result, save_result
+from hil.records.result import TOO_SLOW, Parameter, Part, load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.numbers import quantity
@@ -30,6 +30,7 @@ EVERYTHING = [
     "Parameters",
     "Pattern in the plane",
     "Signals",
+    "Measured and predicted",
     "Innovation in time",
     "Innovation spectrum",
     "Turnaround",
@@ -160,9 +161,9 @@ def test_without_truth_the_angle_stands_beside_its_rivals(undrawn, make_run):
     ("missing", "expected"),
     [
         (["timing"], EVERYTHING[:-1]),
-        (["innovation"], [name for name in EVERYTHING if not name.startswith("Innovation")]),
-        (["capture"], [name for name in EVERYTHING if name != "Signals"]),
-        (["estimates"], EVERYTHING[4:]),
+        (["innovation"], [name for name in EVERYTHING if "nnovation" not in name and "predicted" not in name]),
+        (["capture"], [name for name in EVERYTHING if name not in ("Signals", "Measured and predicted")]),
+        (["estimates"], [name for name in EVERYTHING[4:] if "predicted" not in name]),
         (["estimates", "innovation", "timing"], ["Signals"]),
     ],
 )
@@ -436,3 +437,13 @@ def test_the_page_does_not_say_how_to_open_itself(make_run, undrawn):
     assert "xdg-open" not in write_report(folder).read_text(encoding="utf-8")
     save_result(place, load_result(place).model_copy(update={"next": "hil doctor"}))
     assert "<code>hil doctor</code>" in first_screen(write_report(folder).read_text(encoding="utf-8"))
+
+
+def test_a_coefficient_without_a_truth_says_so_in_its_row(make_run, undrawn):
+    """As `c_both` of a form that was traced: no truth has it by this name."""
+    folder, truth = make_run()
+    result = score(folder, truth)
+    form = Parameter(value=-2e13, ci95=(-2.1e13, -1.9e13), unit="1/(m²·s²)", truth=None)
+    save_result(folder / "result.json", result.model_copy(update={"parameters": result.parameters | {"c_both": form}}))
+    (row,) = re.findall(r"<tr><th[^>]*>c both</th>(.*?)</tr>", written(folder, truth))
+    assert re.findall(r">([^<]*)</td>", row)[2:] == ["–", "–", "–"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench
+from hil.numbers import quantity
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution, Part, Result
@@ -42,7 +43,7 @@ def odd(usual: float, value: float, rows: int) -> np.ndarray:
 
 def test_an_angle_within_its_limits_is_good_and_says_how_uncertain() -> None:
     part = judged(estimates())
-    assert (part.outcome, part.reason, part.next) == ("good", "uncertain by 0.09 rad (k = 2) at the end", None)
+    assert (part.outcome, part.reason, part.next) == ("good", "uncertain by 90\u00a0mrad (k = 2) at the end", None)
 
 
 @pytest.mark.parametrize("u", [0.101, 3.0])
@@ -50,7 +51,8 @@ def test_the_expanded_uncertainty_is_held_against_its_limit(u: float) -> None:
     assert judged(estimates(), 0.0999).outcome == "good"
     part = judged(estimates(), u)
     assert part.outcome == "failed"
-    assert f"uncertain by {u:.2g} rad (k = 2), [limits] angle_rad is 0.1; most of it by clock: 0.04 rad" in part.reason
+    said = f"uncertain by {quantity(u, 'rad', 2)} (k = 2), [limits] angle_rad is 0.1; most of it by clock: 40\u00a0mrad"
+    assert said in part.reason
     assert part.next == remedy(LARGEST, bench())
 
 
@@ -69,10 +71,10 @@ def test_an_angle_that_was_not_valid_for_too_long_has_failed(column: str, usual:
     assert judged(estimates(**{column: odd(usual, value, 8)})).outcome == "good"  # 8 of 81: 9.9 %
     part = judged(estimates(**{column: odd(usual, value, 9)}))
     assert part.outcome == "failed"
-    assert "not valid 11.11% of the time" in part.reason
+    assert "not valid 11.11\u00a0% of the time" in part.reason
     energy = column == "energy_ratio"
-    assert f"energy off target {'11.11' if energy else '0.00'}%" in part.reason
-    assert f"quadrature too large {'0.00' if energy else '11.11'}%" in part.reason
+    assert f"energy off target {'11.11' if energy else '0.00'}\u00a0%" in part.reason
+    assert f"quadrature too large {'0.00' if energy else '11.11'}\u00a0%" in part.reason
     assert part.next is None
 
 
@@ -86,12 +88,15 @@ def test_up_to_its_limits_it_counts_as_valid(column: str, value: float) -> None:
 def test_both_count_together() -> None:
     apart = estimates(energy_ratio=odd(1.0, 2.0, 5), quadrature_ratio=np.where(np.arange(101) // 5 == 10, 1.0, 0.0))
     part = judged(apart)
-    assert "not valid 12.35% of the time (energy off target 6.17%, quadrature too large 6.17%)" in part.reason
+    assert (
+        "not valid 12.35\u00a0% of the time (energy off target 6.17\u00a0%, quadrature too large 6.17\u00a0%)"
+        in part.reason
+    )
 
 
 def test_what_fails_twice_says_both_and_what_lowers_the_uncertainty() -> None:
     part = judged(estimates(energy_ratio=2.0), 0.2)
-    assert part.reason.index("was not valid 100.00%") < part.reason.index("uncertain by 0.2 rad")
+    assert part.reason.index("was not valid 100.00\u00a0%") < part.reason.index("uncertain by 200\u00a0mrad")
     assert part.next == remedy(LARGEST, bench())
 
 

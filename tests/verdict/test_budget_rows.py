@@ -4,6 +4,7 @@ What happened: 8 s were scored, in which the board turned by 4 rad and forces tu
 """
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -175,6 +176,9 @@ def test_what_nobody_declared_is_a_row_too() -> None:
     assert "harmless" not in row.sensitivity
     assert rows["drive gain"].contribution_rad == pytest.approx(0.01 * math.hypot(12.0, 12.0))
     assert "the record leaves" in rows["drive gain"].sensitivity
+    assert re.search(
+        r"half the forced rotation, [\d.]+\u00a0m?rad = [\d.]+\u00a0[mµ]?rad; ", rows["drive gain"].sensitivity
+    )
     assert "the record leaves" not in rows["angular gain"].sensitivity  # κ Ω is what Ω is
     without = {row.source for row in budget(estimates(), declared).uncertainty}
     assert "undeclared effects" not in without

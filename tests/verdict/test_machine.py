@@ -45,7 +45,7 @@ def judged(run: Result, refused: tuple[str, ...] = (), **limits: float) -> Part:
 def test_all_in_time_is_good_and_says_how_much() -> None:
     part = judged(result())
     assert (part.outcome, part.reason, part.next) == ("good", "all of 1000 samples answered in time", None)
-    assert judged(result(late=1)).reason == "99.90% of 1000 samples answered in time"
+    assert judged(result(late=1)).reason == "99.90\u00a0% of 1000 samples answered in time"
 
 
 @pytest.mark.parametrize("kind", ["late", "unanswered", "lost_to_board"])
@@ -53,7 +53,7 @@ def test_each_kind_of_missed_answer_counts_against_late_fraction(kind: str) -> N
     assert judged(result(**{kind: 50})).outcome == "good"
     part = judged(result(**{kind: 51}))
     assert part.outcome == "failed"
-    assert part.reason.startswith("5.10% of the samples had no answer in time (51 ")
+    assert part.reason.startswith("5.10\u00a0% of the samples had no answer in time (51 ")
 
 
 def test_they_count_together() -> None:
@@ -66,7 +66,7 @@ def test_they_count_together() -> None:
 def test_what_is_not_in_the_record_counts_as_lost_and_not_as_late(kind: str) -> None:
     assert judged(result(**{kind: 50}), late=0.0).outcome == "good"
     part = judged(result(**{kind: 51}), late=0.0)
-    assert part.reason.startswith("5.10% of the samples lost")
+    assert part.reason.startswith("5.10\u00a0% of the samples lost")
     assert ("51 of them while the board was SAFE" in part.reason) == (kind == "stopped")
 
 
@@ -130,22 +130,29 @@ def test_the_next_command(link: str, refused: tuple[str, ...], busy: bool, comma
 def test_mishaps_speak_of_the_same_count() -> None:
     run = result(late=3, unanswered=4, lost_to_board=5, lost_to_host=6, stopped=7)
     told = mishaps(run, {"rearmed": 2, "frames_damaged": 1, "board_late": 99, "board_lost_seq": 99})
-    assert told[0] == "6 samples (0.60%) were lost on the way; the observer predicted over the gaps"
+    assert told[0] == "6 samples (0.60\u00a0%) were lost on the way; the observer predicted over the gaps"
     assert told[1] == "damaged frames were dropped, 1 by the host and 0 by the board"
     assert told[2].startswith(
-        "12 samples (1.20%) had no answer in time (3 late, 4 seen too late to be answered, 5 lost"
+        "12 samples (1.20\u00a0%) had no answer in time (3 late, 4 seen too late to be answered, 5 lost"
     )
     assert told[3].endswith("2 times and was armed again; 7 samples were not taken meanwhile")
     assert "99" not in " ".join(told)
 
 
+def test_of_one_nothing_is_told_in_the_plural() -> None:
+    told = mishaps(result(late=1, lost_to_host=1, stopped=1), {"rearmed": 1})
+    assert told[0].startswith("1 sample (0.10\u00a0%) was lost on the way")
+    assert told[1].startswith("1 sample (0.10\u00a0%) had no answer in time (1 late)")
+    assert told[2] == "the board went to SAFE once and was armed again; 1 sample was not taken meanwhile"
+
+
 def test_what_was_measured_of_the_processors_is_told() -> None:
     busy = {"waited": 0.04, "stolen": 0.021, "pressed": 0.9}
-    words = "(the loop lacked a processor 6.1% of the time, something here waited for one 90.0% of it)"
+    words = "(the loop lacked a processor 6.1\u00a0% of the time, something here waited for one 90.0\u00a0% of it)"
     assert f"this machine was too busy {words}" in judged(result(late=100, load=busy)).reason
     slow = {"waited": 0.001, "stolen": 0.0}  # a system that says nothing of its pressure
     assert judged(result(late=100, load=slow)).reason.endswith(
-        "the link or the board was slow, or the loop was stopped (the loop lacked a processor 0.1% of the time)"
+        "the link or the board was slow, or the loop was stopped (the loop lacked a processor 0.1\u00a0% of the time)"
     )
     unknown = judged(result(late=100, slow=100, load={"pressed": 0.9})).reason
-    assert unknown.endswith("this machine was too busy (something here waited for one 90.0% of it)")
+    assert unknown.endswith("this machine was too busy (something here waited for one 90.0\u00a0% of it)")

@@ -1,50 +1,88 @@
-"""How much each candidate would explain, beside what chance would."""
+"""How much each candidate explains: what those gained that were carried, beside what a scan promises of the others."""
 
 import math
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from estimator import diagnosis as traced
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
 from hil.report.numbers import count, significant
-from hil.report.theme import FIRST, INK, MUTED, new_figure
+from hil.report.theme import FIRST, INK, MUTED, legend, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOST = 14
+_NAMED, _CARRIED, _PROMISED = "named", "carried, not named", "promised by the scan"
+_LOOKS: dict[str, dict[str, Any]] = {
+    _NAMED: {"facecolor": FIRST, "alpha": 0.8},
+    _CARRIED: {"facecolor": MUTED, "alpha": 0.8},
+    _PROMISED: {"facecolor": "none", "edgecolor": MUTED, "hatch": "/////", "linewidth": 0.8},
+}
+_SAYS = {
+    _NAMED: "Blue: what is named, with what the observer gains that carries it",
+    _CARRIED: "Grey: what was carried and is not named, with what it gained where it was last tried",
+    _PROMISED: "Hatched: what was never carried, with what a linear scan of the first residual promises of it",
+}
+
+
+class _Bar(NamedTuple):
+    name: str
+    size: float
+    group: str
 
 
 def draw(material: Material) -> Drawing | None:
-    """Horizontal bars of the gain in log-likelihood, effects that were taken first."""
-    found = material.found
-    taken = [(effect.name, effect.evidence, True) for effect in found.effects]
-    others = [(one.name, one.evidence, False) for one in found.rejected if one.evidence is not None]
-    entries = [entry for entry in (*taken, *sorted(others, key=lambda entry: -entry[1])) if math.isfinite(entry[1])]
-    entries = entries[:_MOST]
-    if len(entries) < 2:
+    """Horizontal bars of the gain in log-likelihood, in groups: a gain of a model is no promise of a scan."""
+    bars = _bars(material.found)[:_MOST]
+    if len(bars) < 2:
         return None
-    figure = new_figure(0.6 + 0.21 * len(entries))
+    figure = new_figure(0.75 + 0.21 * len(bars))
     ax = figure.subplots()
-    rows = np.arange(len(entries))[::-1]
-    sizes = [max(value, 1.0) for _, value, _ in entries]
-    ax.barh(rows, sizes, height=0.62, color=[FIRST if ours else MUTED for *_, ours in entries], alpha=0.8)
+    _draw(ax, bars)
+    groups = [group for group in _LOOKS if any(bar.group == group for bar in bars)]
+    caption = ". ".join(_SAYS[group] for group in groups) + "."
+    if _PROMISED in groups and len(groups) > 1:
+        caption += " Lengths compare among what was carried and among what is promised, not across."
+    caption += " Effects that look alike on this record explain alike, and chance gives a few units."
+    listed = "; ".join(
+        f"{group}: " + ", ".join(f"{bar.name} {significant(bar.size)}" for bar in bars if bar.group == group)
+        for group in groups
+    )
+    return Drawing(figure, "Evidence for the candidates", caption, f"Bars, {listed}. {caption}")
+
+
+def _bars(found: traced.Diagnosis) -> list[_Bar]:
+    """By group, in each the largest first; named ones as they were taken."""
+    named = [_Bar(effect.name, effect.evidence, _NAMED) for effect in found.effects]
+    carried = [_Bar(one.name, one.gain, _CARRIED) for one in found.rejected if one.gain is not None]
+    promised = [
+        _Bar(one.name, one.evidence, _PROMISED)
+        for one in found.rejected
+        if one.gain is None and one.evidence is not None
+    ]
+    largest = [sorted(group, key=lambda bar: -bar.size) for group in (carried, promised)]
+    return [bar for group in (named, *largest) for bar in group if math.isfinite(bar.size)]
+
+
+def _draw(ax: "Axes", bars: list[_Bar]) -> None:
+    sizes = [max(bar.size, 1.0) for bar in bars]
+    rows = np.arange(len(bars))[::-1]
+    for group, look in _LOOKS.items():
+        ours = [at for at, bar in enumerate(bars) if bar.group == group]
+        if ours:
+            ax.barh(rows[ours], [sizes[at] for at in ours], height=0.62, label=group, **look)
     ax.set_xscale("log")
     ax.set_xlim(1.0, 2.5 * max(sizes))
-    ax.set_yticks(rows, [name.replace("_", " ") for name, *_ in entries])
-    for row, size in zip(rows, sizes, strict=True):
+    ax.set_yticks(rows, [bar.name.replace("_", " ") for bar in bars])
+    for row, size, bar in zip(rows, sizes, bars, strict=True):
         ax.annotate(
-            significant(size),
-            (size, row),
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
+            significant(bar.size), (size, row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8,
             color=INK,
-        )
+        )  # fmt: skip
     ax.xaxis.set_major_formatter(lambda value, _: count(round(value)))
     ax.grid(False, axis="y")
     ax.set_xlabel("twice the gain of log-likelihood (fitted part)")
-    caption = (
-        "Blue: what was taken, carried by the observer. Grey: what each of the others would have explained by itself, "
-        "before. Effects that look alike on this record explain alike, and chance gives a few units."
-    )
-    listed = ", ".join(f"{name} {significant(size)}" for (name, *_), size in zip(entries, sizes, strict=True))
-    return Drawing(figure, "Evidence for the candidates", caption, f"Bars: {listed}.")
+    legend(ax)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib.metadata import version
 from pathlib import Path
 
 from estimator import diagnosis as traced
@@ -20,13 +19,14 @@ from hil.report.diagnosis import (
     intervals,
     level,
     missing_force,
+    prediction,
     spectrum,
     tables,
 )
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.material import Material
 from hil.report.diagnosis.next_step import next_of
-from hil.report.facts import date_of
+from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures
 from hil.report.numbers import count, quantity, sensed, significant
 from hil.report.verdict import Headline
@@ -60,7 +60,8 @@ def write_report(
     force: what it lacks, without a name, where that was asked.
     """
     material = Material(found, diagnosis, record, device, settings, _bench_text(folder), force)
-    page = render(material, folder.name, next_of(folder, diagnosis))
+    facts = facts_of_trace(folder, diagnosis, f"{significant(float(record.time[-1]), 4)} s")
+    page = render(material, tuple(facts), next_of(folder, diagnosis))
     write_text(folder / "report.html", page)
     return folder / "report.html"
 
@@ -83,17 +84,22 @@ def write_page(
     path; the rest as `page_of` takes it.
     """
     text, command = _bench_text(folder), next_of(folder, diagnosis)
-    page = page_of(diagnosis, pictures, text, record, declarable=declarable, made=folder.name, command=command)
+    _, number, remark = record
+    length = number if number.endswith("s") else f"{number} {remark.partition(',')[0]}"
+    facts = tuple(facts_of_trace(folder, diagnosis, length))
+    page = page_of(diagnosis, pictures, text, record, declarable=declarable, facts=facts, command=command)
     write_text(folder / "report.html", page)
     return folder / "report.html"
 
 
-def render(material: Material, made: str = "", command: str | None = None) -> str:
-    """The page as text; `made` is the name of its folder, which has the date, `command` what comes next."""
+def render(material: Material, facts: Sequence[str] = (), command: str | None = None) -> str:
+    """The page as text; `facts` stand in a line below the title, `command` is what comes next."""
     figures = Figures()
     pictures = Pictures(
         effect=figures.add(lambda: intervals.draw(material)),
-        error=figures.add(lambda: level.draw(material)) + figures.add(lambda: spectrum.draw(material)),
+        error=figures.add(lambda: prediction.draw(material))
+        + figures.add(lambda: level.draw(material))
+        + figures.add(lambda: spectrum.draw(material)),
         force=figures.add(lambda: missing_force.draw_fast(material))
         + figures.add(lambda: missing_force.draw_slow(material)),
         residual=figures.add(lambda: dependence.draw(material)),
@@ -103,7 +109,7 @@ def render(material: Material, made: str = "", command: str | None = None) -> st
     held_out = f"{significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % held out"
     seconds = f"{significant(float(material.record.time[-1]))} s"
     record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {held_out}")
-    return page_of(diagnosis, pictures, material.bench_text, record, made=made, command=command)
+    return page_of(diagnosis, pictures, material.bench_text, record, facts=facts, command=command)
 
 
 def page_of(
@@ -113,12 +119,13 @@ def page_of(
     record: tuple[str, str, str],
     *,
     declarable: bool = True,
-    made: str = "",
+    facts: Sequence[str] = (),
     command: str | None = None,
 ) -> str:
     """The page as text, from the diagnosis as written and the figures; `record` is the last of the key figures.
 
-    declarable: whether a bench file can declare the effects; made: name of its folder; command: what comes next.
+    declarable: whether a bench file can declare the effects; facts: in a line below the title, as when, with what and
+    how long; command: what comes next.
     """
     tone, word = _WORDS[diagnosis.verdict]
     said = (
@@ -157,7 +164,7 @@ def page_of(
         key=markup.key_figures([*_key_figures(diagnosis), record]),
         sections="".join(sections),
         verdict=markup.verdict((), command),
-        facts=(word for word in (date_of(made), f"bench {diagnosis.bench}", f"gyrohil {version('gyrohil')}") if word),
+        facts=facts,
     )
 
 
@@ -216,7 +223,7 @@ def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
         remedy = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone + rest)
         parts.append(
-            f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation">{lines}</div>'
+            f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation" tabindex="0">{lines}</div>'
             f"{markup.paragraph(remedy)}"
         )
     return "".join(parts)
@@ -243,7 +250,8 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
         if was is not None and now is not None and changed:
             entries.append((what, sensed(now, unit), f"rms; before {sensed(was, unit)}"))
     if diagnosis.angle_moved_rad is not None:
-        entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), "at most, by what was found"))
+        by = "what was found" if changed else "what was carried and is not named"
+        entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), f"at most, by {by}"))
     return entries
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import prefix_for, quantity
+from hil.report.numbers import prefix_for, quantity, significant
 from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, plain_log_ticks, stacked
 
 _MOST = 9
@@ -54,6 +54,7 @@ def draw(material: Material) -> Drawing | None:
         "Amplitude density of the innovation on the part of the record that the choice never saw (Welch). "
         f"Dotted: multiples of the resonance f₀ = {quantity(resonance, 'Hz', 4)}."
     )
-    fit = material.found.held_out_after
-    alt = f"The residual is {material.found.held_out_before.ratio:.3g} times the floor before, {fit.ratio:.3g} after."
+    was, now = (significant(fit.ratio) for fit in material.fits[2:])
+    told = f" before, {now} after" if material.changed else ""
+    alt = f"The residual is {was} times the floor{told}."
     return Drawing(figure, "Spectrum of the residual", caption, f"{alt} {caption}")

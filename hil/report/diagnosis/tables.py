@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities
 from hil.report.markup import table
 from hil.report.names import shown_unit
-from hil.report.numbers import count, plus_minus, quantity, sensed, significant
+from hil.report.numbers import count, percent, plus_minus, quantity, sensed, significant
 
 _SHOWN = 0.01  # probability from which on an account is listed
 _FIGURES = {
@@ -141,7 +141,7 @@ def rejected(diagnosis: Diagnosis) -> str:
 
 def probable(one: Probabilities) -> str:
     """How probable each account is that has 1 % at least, in a line."""
-    shares = [f"{_plain(name)} {share:.0%}" for name, share in one.classes.items() if share >= _SHOWN]
+    shares = [f"{_plain(name)} {percent(share, 0)}" for name, share in one.classes.items() if share >= _SHOWN]
     itself = one.effect is None or one.classes.get(one.effect, 0.0) >= _SHOWN
     about = "" if itself else f" in place of {_plain(str(one.effect))}"
     return f"how probable{about}: {', '.join(shares)}"

@@ -13,7 +13,7 @@ from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.names import rank, shown, shown_unit
-from hil.report.numbers import in_thousands, prefix_for
+from hil.report.numbers import in_thousands, plus_minus, prefix_for
 from hil.report.theme import FIRST, INK, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def draw(material: Material) -> Drawing | None:
 def _ended(panel: _Panel) -> str:
     if not all(map(math.isfinite, panel.last)):
         return "is not finite"
-    return f"{panel.last[0]:.3g} ± {panel.last[1]:.2g}"
+    return plus_minus(*panel.last)
 
 
 def _settled_s(material: Material, estimates: Estimates) -> float:
