@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hil.next_step import after_comparison
 from hil.records.atomic import write_text
 from hil.records.methods import MethodKind, MethodRow, Methods
 from hil.report import markup
@@ -42,12 +43,14 @@ def write_report(folder: Path, found: Methods, lines: Sequence[Line]) -> Path:
     listing = folder / "bench.toml"
     text = listing.read_text(encoding="utf-8") if listing.exists() else ""
     path = folder / "report.html"
-    write_text(path, render(found, lines, text, folder.name))
+    write_text(path, render(found, lines, text, folder.name, after_comparison(folder, found)))
     return path
 
 
-def render(found: Methods, lines: Sequence[Line], bench_text: str = "", made: str = "") -> str:
-    """The page as text; `made` is the name of its folder, which has the date."""
+def render(
+    found: Methods, lines: Sequence[Line], bench_text: str = "", made: str = "", command: str | None = None
+) -> str:
+    """The page as text; `made` is the name of its folder, which has the date; `command` is what comes next."""
     numbered = Figures()
     tone, word, sentence = headline(found)
     sections = [
@@ -67,6 +70,7 @@ def render(found: Methods, lines: Sequence[Line], bench_text: str = "", made: st
         line=Headline(tone, word, sentence),
         key="",
         sections="".join(sections),
+        verdict=markup.verdict((), command),
         facts=(fact for fact in facts if fact),
     )
 

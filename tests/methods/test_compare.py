@@ -1,5 +1,6 @@
 """`hil compare` and `hil.compare`, as docs/reference/compare.md promises, on a short record of S-slow."""
 
+import html
 import json
 from contextlib import redirect_stdout
 from io import StringIO
@@ -108,6 +109,7 @@ def test_the_command_prints_what_its_folder_holds(printed: dict[str, Any], found
     assert "<svg" in page
     assert all(name in page for name in (*ON_RECORD, *OWN, BOUND))
     assert (folder / "bench.toml").exists()
+    assert f"hil trace {folder.parent / found.record}" in html.unescape(page)  # what comes next
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,11 @@ from estimator.settings import Device, ObserverSettings
 from hil.addition import additions
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
+from hil.next_step import after_trace
 from hil.records.diagnosis import MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
 from hil.records.result import Result, save_result
 from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
-from hil.report.diagnosis.next_step import next_of
 from hil.report.diagnosis.page import Pictures, headline, write_page
 from hil.report.diagnosis.tables import coefficients, probable
 
@@ -419,8 +419,9 @@ def test_where_no_effect_accounts_for_it_the_form_is_what_comes_next(tmp_path: P
     (folder / "bench.toml").touch()
     said = to_model(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), record="ride", bench="S-test")
     figures = dict.fromkeys(("rms_mps2", "deviation_mps2", "left", "innovation_before", "innovation_after"))
-    term = {"form": "q³", "sensed": False, "coefficients": {}, "laws": {"x": ("x**3", "")}}
+    size = {"value": 2.0, "ci95": (1.0, 3.0), "unit": "1/(m²·s²)"}
+    term = {"form": "q³", "sensed": False, "coefficients": {"x": size}, "laws": {"x": ("x**3", "")}}
     form = MissingForce.model_validate({"form": (term,), "text": "a form", **figures})
-    assert next_of(folder, said) is None
-    asked = next_of(folder, said.model_copy(update={"missing_force": form}))
+    assert after_trace(folder, said) == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --force"
+    asked = after_trace(folder, said.model_copy(update={"missing_force": form}))
     assert asked == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"

@@ -9,6 +9,7 @@ from estimator import diagnosis as traced
 from estimator.missing_force.result import MissingForce
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
+from hil.next_step import after_trace
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.report import markup
@@ -25,7 +26,6 @@ from hil.report.diagnosis import (
 )
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.material import Material
-from hil.report.diagnosis.next_step import next_of
 from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures
 from hil.report.numbers import count, quantity, sensed, significant
@@ -61,7 +61,7 @@ def write_report(
     """
     material = Material(found, diagnosis, record, device, settings, _bench_text(folder), force)
     facts = facts_of_trace(folder, diagnosis, f"{significant(float(record.time[-1]), 4)} s")
-    page = render(material, tuple(facts), next_of(folder, diagnosis))
+    page = render(material, tuple(facts), after_trace(folder, diagnosis))
     write_text(folder / "report.html", page)
     return folder / "report.html"
 
@@ -83,7 +83,7 @@ def write_page(
     """Write `folder/report.html` from the diagnosis as written and the figures, whole or not at all, and return its
     path; the rest as `page_of` takes it.
     """
-    text, command = _bench_text(folder), next_of(folder, diagnosis)
+    text, command = _bench_text(folder), after_trace(folder, diagnosis)
     _, number, remark = record
     length = number if number.endswith("s") else f"{number} {remark.partition(',')[0]}"
     facts = tuple(facts_of_trace(folder, diagnosis, length))
