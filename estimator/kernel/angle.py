@@ -25,8 +25,8 @@ def read_angle(settings: Record, memory: Record, x: Floats, h: float, row: Recor
     """Angle, energy and quadrature of the estimate at the end of h into an output row; unwraps and counts turns.  All
     rotations go out as the board's: divided by the angular gain, κ.
 
-    The pattern lags the board (PHYSICS.md §2): κφ = −(θ − θ0) plus what forces turned the pattern by.  Taking off the
-    virtual rotation alone, as an ideal control would allow, is kept as angle_pattern.
+    The pattern lags the board (docs/explanation.md): κφ = −(θ − θ0) plus what forces turned the pattern by.  Taking off
+    the virtual rotation alone, as an ideal control would allow, is kept as angle_pattern.
     """
     rate = x[settings.states + RATE]
     memory.rate_integral += rate * h
