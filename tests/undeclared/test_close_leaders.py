@@ -29,3 +29,9 @@ def test_the_truth_is_found_behind_leaders_that_the_scan_ranks_higher(tmp_path: 
     assert interval[0] is not None
     assert interval[1] is not None
     assert interval[0] < 0.012 < interval[1]
+    # Told apart from what the scan ranks before it, so nothing is listed beside it.
+    (stated,) = found.probabilities
+    assert stated.classes["sense_gain"] > 0.99
+    assert found.confusable == ()
+    gains = {one.name: one.gain for one in found.rejected}
+    assert gains["sense_cross_coupling"] is not None  # which was named before it was carried
