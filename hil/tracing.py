@@ -144,7 +144,7 @@ def trace(
         progress(Progress("report", 0, 0))
         from hil.report.diagnosis import write_report
 
-        write_report(folder, found, diagnosis, record, device, settings, unnamed)
+        write_report(folder, found, diagnosis, record, device, settings, unnamed, capture)
     return Traced(folder, diagnosis)
 
 

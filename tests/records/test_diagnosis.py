@@ -103,6 +103,13 @@ def written(folder: Path, found: traced.Diagnosis) -> str:
     return write_report(folder, found, diagnosis, ride(), DEVICE, ObserverSettings()).read_text(encoding="utf-8")
 
 
+def test_the_page_names_the_file_that_was_traced(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text("[device]\n", encoding="utf-8")
+    diagnosis, capture = to_model(answer(), record="ride", bench="S-test"), Path("elsewhere") / "ride.arrow"
+    path = write_report(tmp_path, answer(), diagnosis, ride(), DEVICE, ObserverSettings(), capture=capture)
+    assert "hil trace elsewhere/ride.arrow --bench" in path.read_text(encoding="utf-8")
+
+
 def test_the_file_has_what_was_promised(tmp_path: Path) -> None:
     save_diagnosis(tmp_path / "diagnosis.json", to_model(answer(), record="ride", bench="S-test"))
     said = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))

@@ -53,15 +53,16 @@ def write_report(
     device: Device,
     settings: ObserverSettings,
     force: MissingForce | None = None,
+    capture: Path | None = None,
 ) -> Path:
     """Write `folder/report.html`, whole or not at all, and return its path.
 
     found: the engine's answer about `record`; diagnosis: the same as written; device, settings: the model as it was;
-    force: what it lacks, without a name, where that was asked.
+    force: what it lacks, without a name, where that was asked; capture: the file that was traced.
     """
     material = Material(found, diagnosis, record, device, settings, _bench_text(folder), force)
     facts = facts_of_trace(folder, diagnosis, f"{significant(float(record.time[-1]), 4)} s")
-    page = render(material, tuple(facts), after_trace(folder, diagnosis))
+    page = render(material, tuple(facts), after_trace(folder, diagnosis, record=capture))
     write_text(folder / "report.html", page)
     return folder / "report.html"
 
