@@ -73,7 +73,7 @@ def test_samples_lost_beyond_the_limit_fail_the_run(tmp_path: Path) -> None:
     declared = gyro.bench(1.0, limits={"lost_fraction": 0.02})
     _, result = go(declared, f"inproc:{scenario}", tmp_path / "runs")
     assert result.verdict == "failed"
-    assert any("of the samples lost, [limits] lost_fraction is 2.00%" in reason for reason in result.reasons)
+    assert any("of the samples lost, [limits] lost_fraction is 2.00\u00a0%" in reason for reason in result.reasons)
 
 
 @pytest.mark.long
