@@ -78,7 +78,7 @@ def compare(
     save_methods(folder / "comparison.json", found)
     if report:
         progress(Progress("report", 0, 0))
-        write_report(folder, found, lines)
+        write_report(folder, found, lines, capture)
     return Compared(folder, found, name_of(bench.observer.variant, bench.observer.gain))
 
 

@@ -38,12 +38,12 @@ class Line:
     error: Floats
 
 
-def write_report(folder: Path, found: Methods, lines: Sequence[Line]) -> Path:
-    """Write `folder/report.html`, whole or not at all, and return its path."""
+def write_report(folder: Path, found: Methods, lines: Sequence[Line], capture: Path | None = None) -> Path:
+    """Write `folder/report.html`, whole or not at all, and return its path; `capture` is the file they ran on."""
     listing = folder / "bench.toml"
     text = listing.read_text(encoding="utf-8") if listing.exists() else ""
     path = folder / "report.html"
-    write_text(path, render(found, lines, text, folder.name, after_comparison(folder, found)))
+    write_text(path, render(found, lines, text, folder.name, after_comparison(folder, found, record=capture)))
     return path
 
 

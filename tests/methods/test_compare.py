@@ -102,14 +102,16 @@ def test_the_bound_has_no_rows_below_it_but_by_chance(found: hil.Methods) -> Non
         assert row.angle_error_rms_rad is None or row.angle_error_rms_rad > 0.1 * bound
 
 
-def test_the_command_prints_what_its_folder_holds(printed: dict[str, Any], found: hil.Methods) -> None:
+def test_the_command_prints_what_its_folder_holds(
+    run: tuple[hil.Run, Path], printed: dict[str, Any], found: hil.Methods
+) -> None:
     folder = Path(printed["folder"])
     assert {name: value for name, value in printed.items() if name != "folder"} == found.model_dump(mode="json")
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "<svg" in page
     assert all(name in page for name in (*ON_RECORD, *OWN, BOUND))
     assert (folder / "bench.toml").exists()
-    assert f"hil trace {folder.parent / found.record}" in html.unescape(page)  # what comes next
+    assert f"hil trace {run[0].path} --bench {folder}" in html.unescape(page)  # what comes next
 
 
 @pytest.mark.parametrize(
