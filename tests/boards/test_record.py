@@ -144,7 +144,7 @@ def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with emulated("--rate", "5") as (link, _):
         assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path)]) == 0
     told = capfd.readouterr().out
-    assert "Sensonor STIM300, rate, 500 samples a second by its own clock" in told
+    assert "Sensonor STIM300, rate, 500.000 samples a second by its own clock" in told
     assert "lost, damaged" in told
     assert "verdict  good" in told
     (folder,) = tmp_path.iterdir()
