@@ -47,6 +47,7 @@ def rectangles(axes: Axes) -> list[Rectangle]:
     return [bar for bar in axes.patches if isinstance(bar, Rectangle)]
 
 
+@pytest.mark.moderate
 def test_what_was_carried_has_the_length_it_gained_there() -> None:
     found = drawn(CARRIED, LOST, PROMISED)
     assert found is not None

@@ -35,6 +35,7 @@ def drawn(material: Traced) -> Drawing:
     return found
 
 
+@pytest.mark.moderate
 def test_a_few_cycles_of_the_part_held_out_before_and_after() -> None:
     material = traced()
     found = drawn(material)
@@ -55,6 +56,7 @@ def test_a_few_cycles_of_the_part_held_out_before_and_after() -> None:
     assert "part held out" in found.caption
 
 
+@pytest.mark.moderate
 def test_where_nothing_was_added_there_is_one_model() -> None:
     found = drawn(traced(effects=()))
     assert len(found.figure.axes[0].get_lines()) == 2
@@ -62,6 +64,7 @@ def test_where_nothing_was_added_there_is_one_model() -> None:
     assert "(line)" in found.caption
 
 
+@pytest.mark.moderate
 def test_what_was_traced_by_the_free_run_is_measured_against_that() -> None:
     n = 500
     before = np.full((n, 2), 5e-3)
@@ -77,6 +80,7 @@ def test_nothing_is_drawn_of_what_was_lost() -> None:
         assert of_trace.draw(traced(free_run=(np.full((9, 2), np.nan),) * 2)) is None
 
 
+@pytest.mark.moderate
 def test_the_end_of_a_run(tmp_path: Path) -> None:
     folder = tmp_path / "20250314-092653-bench"
     write_run(folder, Options())
