@@ -118,6 +118,12 @@ def is_emulated(link: str) -> bool:
     return link.partition(":")[0] in ("pty", "inproc")
 
 
+def shown(link: str) -> str:
+    """``link`` as a reader needs it: of an emulated board the scenario's name, not where its file lies."""
+    kind, _, place = link.partition(":")
+    return f"{kind}:{Path(place).name}" if is_emulated(link) else link
+
+
 class Served(NamedTuple):
     """A link to open, and the emulated board behind it where one was started for it."""
 

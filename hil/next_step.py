@@ -9,6 +9,7 @@ from typing import Any
 
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import Methods
+from hil.records.runfolder import run_of
 from hil.strict_toml import read_table
 
 _ADDED = "better.bench.toml"
@@ -32,12 +33,10 @@ def after_trace(
     device = read_table(bench).get("device", {})
     place = _place(folder, diagnosis.record, record)
     if added is not None:
-        return (
-            f"hil run {_quoted(added)}" if place.is_dir() else f"hil replay {_quoted(place)} --bench {_quoted(added)}"
-        )
-    if _SEVERAL.match(diagnosis.record) or _has_no_loop(
-        device
-    ):  # several records, a rate sensor, an envelope: none is written
+        if place.is_dir():
+            return f"hil run {_quoted(added)}"
+        return f"hil replay {_quoted(place)} --bench {_quoted(added)}"
+    if _SEVERAL.match(diagnosis.record) or _has_no_loop(device):  # no bench file is written of what was found
         return _traced(Path(_ANOTHER), bench)
     again = _traced(place, bench)
     if diagnosis.verdict == "adequate":
@@ -67,7 +66,7 @@ def after_comparison(folder: Path, methods: Methods, *, record: Path | None = No
 def _place(folder: Path, name: str, record: Path | None) -> Path:
     """A run's folder, or the file of another record."""
     if record is not None:
-        return record.parent if record.name == "capture.arrow" else record
+        return run_of(record)
     run = folder.parent / name
     return run if run.is_dir() else Path(f"{name}.arrow")
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.comparison.summary import Pooled
+from hil.numbers import quantity, relative, significant
 from hil.records.atomic import write_text
 from hil.report import theme
-from hil.report.numbers import quantity, relative, significant
 
 _BEGIN, _END = "<!-- figures: begin -->", "<!-- figures: end -->"
 _HEAD = (

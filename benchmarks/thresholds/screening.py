@@ -170,28 +170,33 @@ def added(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
     """What was kept, with what was found of some thresholds on some records in its place: what they did on others
     stays.
     """
-    asked, names = set(found["baseline"]), set(found["read"])
+    asked, reads = set(found["baseline"]), found["read"]
 
-    def elsewhere(records: Iterable[str]) -> list[str]:
-        return [record for record in records if record not in asked]
+    def over(kept: dict[str, dict[str, Any]], found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """By name and record."""
+        return kept | {
+            name: {record: one for record, one in kept.get(name, {}).items() if record not in asked}
+            | found.get(name, {})
+            for name in reads
+        }
 
-    reads = {name: [*elsewhere(kept["read"].get(name, ())), *on] for name, on in found["read"].items()}
-    whole = {
+    def listed(kept: dict[str, list[str]], found: dict[str, list[str]]) -> dict[str, list[str]]:
+        """The same of names with their records alone."""
+        before, after = ({name: dict.fromkeys(on) for name, on in one.items()} for one in (kept, found))
+        return {name: list(on) for name, on in over(before, after).items()}
+
+    return {
         **kept,
-        "baseline": {**found["baseline"], **kept["baseline"]},
-        "read": {**kept["read"], **reads},
-        "open": dict(kept["open"]),
+        "baseline": found["baseline"] | kept["baseline"],
+        "read": listed(kept["read"], reads),
+        "open": {side: _some(listed(kept["open"][side], found["open"][side])) for side in SIDES},
+        **{side: _some(over(kept[side], found[side])) for side in SIDES},
     }
-    for side in SIDES:
-        before, left = kept[side], kept["open"][side]
-        still = {name: {r: before[name][r] for r in elsewhere(before[name])} for name in names & before.keys()}
-        told = {name: {**still.get(name, {}), **found[side].get(name, {})} for name in names}
-        rest = {name: answers for name, answers in before.items() if name not in names}
-        whole[side] = {**rest, **{name: answers for name, answers in told.items() if answers}}
-        waiting = {name: [*elsewhere(left.get(name, ())), *found["open"][side].get(name, ())] for name in names}
-        rest = {name: records for name, records in left.items() if name not in names}
-        whole["open"][side] = {**rest, **{name: records for name, records in waiting.items() if records}}
-    return whole
+
+
+def _some(by_name: dict[str, Any]) -> dict[str, Any]:
+    """Those that have something."""
+    return {name: found for name, found in by_name.items() if found}
 
 
 def _first(

@@ -363,11 +363,16 @@ def tried_reason(tried: Tried, taken: str | None) -> str:
 
 def why_not(rounds: Sequence[Round[Look]], meant: Callable[[str], bool]) -> str | None:
     """Why a candidate was not taken, by the last round that carried it; None where none did."""
-    for one in reversed(rounds):
-        for each in one.tried:
-            if meant(each.name) and each.name != one.taken:
-                return tried_reason(each, one.taken)
-    return None
+    last = last_carried(rounds, meant)
+    return None if last is None else tried_reason(*last)
+
+
+def last_carried(rounds: Sequence[Round[Look]], meant: Callable[[str], bool]) -> tuple[Tried, str | None] | None:
+    """What became of a candidate in the last round that carried it and took another, and who was taken there; None
+    where none did.
+    """
+    tried = ((each, one.taken) for one in reversed(rounds) for each in one.tried if each.name != one.taken)
+    return next((last for last in tried if meant(last[0].name)), None)
 
 
 def leaves_the_rest(gain: float) -> str:

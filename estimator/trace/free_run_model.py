@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,7 @@ class FreeRun:
 
 
 Promises = Mapping[str, Promise]
+Fit = TypeVar("Fit")
 
 
 @dataclass(frozen=True)
@@ -85,11 +87,7 @@ class FreeRunModel:
         self, current: FreeRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[FreeRun]]
     ) -> Mapping[str, FreeRun | str]:
         """Fitted in earnest, from what `current` found."""
-        found = side_by_side(
-            [partial(self._fit, current, name) for name in names],
-            lambda done: self.progress("candidates", done, len(names)),
-        )
-        return dict(zip(names, found, strict=True))
+        return each_of(names, partial(self._fit, current), self.progress)
 
     def _fit(self, current: FreeRun, name: str) -> FreeRun | str:
         try:
@@ -116,6 +114,14 @@ class FreeRunModel:
         if _rms(trial.fit.fit, self.later) >= _rms(current.fit, self.later):
             return "fits two thirds of the record better and the other third worse"
         return None
+
+
+def each_of(
+    names: Sequence[str], fit: Callable[[str], Fit], progress: Callable[[str, int, int], None]
+) -> dict[str, Fit]:
+    """What `fit` makes of each candidate, side by side; progress: told how many of them are done."""
+    found = side_by_side([partial(fit, name) for name in names], lambda done: progress("candidates", done, len(names)))
+    return dict(zip(names, found, strict=True))
 
 
 def estimates_of(observer: Observer, fit: Refined) -> Mapping[str, Mapping[str, Estimate]]:

@@ -20,7 +20,7 @@ from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval
 from estimator.trace.claims import claim_of
 from estimator.trace.conflict import reconciled, runs_backwards
 from estimator.trace.criterion import threshold
-from estimator.trace.engine import gained, leaves_the_rest, why_not
+from estimator.trace.engine import gained, last_carried, leaves_the_rest, why_not
 from estimator.trace.evidence import Evidence
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
@@ -425,10 +425,9 @@ def _rejected(
 
 
 def _last_gain(name: str, selection: Selection) -> float | None:
-    """What its kind gained in the last round that carried it, of which `why_not` tells."""
-    tried = (one for step in reversed(selection.rounds) for one in step.tried if one.name != step.taken)
-    last = next((one for one in tried if kind(one.name) == kind(name)), None)
-    return None if last is None or last.score is None else last.score.gain
+    """What its kind gained in the last round that carried it, of which `_why` tells."""
+    last = last_carried(selection.rounds, lambda other: kind(other) == kind(name))
+    return None if last is None or last[0].score is None else last[0].score.gain
 
 
 def _why(name: str, serious: bool, selection: Selection) -> str:

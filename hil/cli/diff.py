@@ -87,7 +87,7 @@ def _figures(found: "Comparison") -> "Table":
 
 def _readable(one: "Figure") -> "Figure":
     """In a prefix or a power of ten of its unit, where the number by itself would be long."""
-    from hil.report.numbers import PREFIXED, in_thousands, prefix_for
+    from hil.numbers import PREFIXED, in_thousands, prefix_for
 
     size = max((abs(value) for value in (one.a, one.b) if value is not None), default=0.0)
     factor, prefix = prefix_for(size, most=0) if one.unit in PREFIXED else in_thousands(size)
@@ -97,7 +97,7 @@ def _readable(one: "Figure") -> "Figure":
 
 
 def _cells(one: "Figure") -> tuple[str, str, str]:
-    from hil.report.numbers import plus_minus, signed
+    from hil.numbers import plus_minus, signed
 
     difference, u = one.difference, one.uncertainty
     if difference is None:

@@ -144,15 +144,11 @@ def _print_verdict(console: "Console", result: "Result") -> None:
 
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
-    from hil.emulation import is_emulated
+    from hil.emulation import shown
     from hil.numbers import count, counted, percent, quantity, signed, significant
 
     if result.link is not None:
-        kind, _, place = result.link.partition(":")
-        yield (
-            "link, clock",
-            f"{kind}:{Path(place).name if is_emulated(result.link) else place}, {result.clock}",
-        )
+        yield "link, clock", f"{shown(result.link)}, {result.clock}"
     yield "length", f"{significant(result.seconds, 4)} s, {counted(result.samples, 'sample')}"
     if (answers := result.answers) is not None:
         yield (

@@ -51,10 +51,10 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     """Verdict, how probable, residual, effects, before and after, what cannot be told apart, what was ruled out."""
     from rich.console import Console
 
+    from hil.numbers import quantity
     from hil.report.diagnosis.equations import plain
     from hil.report.diagnosis.force_table import force_terms
     from hil.report.diagnosis.tables import dependence, estimate, probable
-    from hil.report.numbers import quantity
 
     console = Console(highlight=False, soft_wrap=True)
     style = _STYLE[diagnosis.verdict]
@@ -115,7 +115,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
 
 
 def _say_findings(console: "Console", heading: str, findings: "tuple[Finding, ...]", unit: str) -> None:
-    from hil.report.numbers import sensed
+    from hil.numbers import sensed
 
     if findings:
         console.print()

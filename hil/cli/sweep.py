@@ -193,7 +193,7 @@ def summary(plan: "Plan", found: "Sweep") -> dict[str, Any]:
 
 def _print(told: dict[str, Any]) -> None:
     from hil.errors import printable
-    from hil.report.numbers import percent
+    from hil.numbers import percent
 
     outcomes = ", ".join(f"{number} {outcome}" for outcome, number in told["outcomes"].items())
     print(printable(f"{told['campaign']}: {told['runs']} runs ({outcomes}), {told['made']} of them made now"))

@@ -154,8 +154,12 @@ def _read_if_there(path: Path, read: Callable[[Path], _Record]) -> _Record | Non
     return read(path) if path.exists() else None
 
 
+def run_of(record: Path) -> Path:
+    """The folder of the run that a capture belongs to; any other record as it is."""
+    return record.parent if record.name == "capture.arrow" else record
+
+
 def bench_of_record(record: Path) -> Path | None:
     """The bench file by which a run was made, given its folder or the capture in it; None for any other record."""
-    folder = record.parent if record.name == "capture.arrow" else record
-    path = RunFolder(folder).bench_path
+    path = RunFolder(run_of(record)).bench_path
     return path if path.exists() else None

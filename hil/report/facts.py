@@ -4,14 +4,14 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib.metadata import version
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.emulation import is_emulated
+from hil.emulation import shown
 from hil.errors import InputError
+from hil.numbers import significant
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
-from hil.report.numbers import significant
 
 if TYPE_CHECKING:
     from hil.records.diagnosis import Diagnosis
@@ -30,7 +30,7 @@ def facts(result: Result, bench: Mapping[str, Any]) -> Iterator[str]:
     if named:
         yield f"board {' '.join(named)}"
     if result.link is not None:
-        yield _link(result.link)
+        yield shown(result.link)
     yield "a replay" if result.clock is None and result.sensor is None else result.clock or "its own clock"
     yield f"{significant(result.seconds, 4)} s"
     if (made_by := result.versions.get("gyrohil")) is not None:
@@ -47,15 +47,9 @@ def facts_of_trace(folder: Path, diagnosis: "Diagnosis", length: str) -> Iterato
     with suppress(InputError):  # a run of which nothing can be told is no reason for a trace to have no page
         run = RunFolder(folder.parent / diagnosis.record).result
         if run is not None and run.link is not None:
-            yield _link(run.link)
+            yield shown(run.link)
     yield length
     yield f"gyrohil {version('gyrohil')}"
-
-
-def _link(link: str) -> str:
-    """Its kind and place, of an emulated board the scenario's name only."""
-    kind, _, place = link.partition(":")
-    return f"{kind}:{PurePath(place).name if is_emulated(link) else place}"
 
 
 def date_of(name: str) -> str | None:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 
-from hil.report.numbers import counted
+from hil.numbers import counted
 from hil.report.verdict import Headline
 
 Row = Sequence[str]

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.next_step import after_comparison
+from hil.numbers import quantity, relative, significant
 from hil.records.atomic import write_text
 from hil.records.methods import MethodKind, MethodRow, Methods
 from hil.report import markup
 from hil.report.facts import date_of
 from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
-from hil.report.numbers import quantity, relative, significant
 from hil.report.theme import FIRST, INK, MUTED, SECOND, new_figure
 from hil.report.verdict import Headline
 

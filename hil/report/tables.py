@@ -1,11 +1,11 @@
 """The tables of the page."""
 
+from hil.numbers import count, percent, plus_minus, prefix_for, quantity, relative, significant
 from hil.records.result import Parameter
 from hil.records.units import symbol_of
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
 from hil.report.names import rank, shown, shown_unit
-from hil.report.numbers import count, percent, plus_minus, prefix_for, quantity, relative, significant
 
 _COUNTED = {
     "samples": "rows of the capture",

@@ -1,8 +1,8 @@
 """The angle's uncertainty budget on the page."""
 
+from hil.numbers import magnitude, quantity, together
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
-from hil.report.numbers import magnitude, quantity, together
 
 _NONE = (
     "No angle is reported: in open loop nothing makes an ideal oscillator of the device, and its pattern turns by "

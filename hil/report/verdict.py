@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
+from hil.numbers import count, counted, percent, quantity, relative, share, significant
 from hil.records.result import Result
-from hil.report.numbers import count, counted, percent, quantity, relative, share, significant
 
 _WORDS = {"lacks": "lacks something"}
 

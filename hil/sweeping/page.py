@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.numbers import count, percent, quantity, significant
 from hil.records.atomic import write_text
 from hil.report import markup
 from hil.report.numbering import Figures
-from hil.report.numbers import count, percent, quantity, significant
 from hil.report.verdict import Headline
 from hil.sweeping import figures, pictures
 from hil.sweeping.dependence import Dependence, dependence

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from hil.numbers import percent, significant
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import percent, significant
 from hil.report.theme import BAD, FIRST, MUTED, SECOND, new_figure, plain_log_ticks
 from hil.sweeping.dependence import Dependence, Share
 from hil.sweeping.ensemble import Floats, column

@@ -265,11 +265,11 @@ def test_the_page_says_what_comes_next_above_everything_else(tmp_path: Path) -> 
     folder.mkdir()
     (tmp_path / "ride").mkdir()
     (folder / "bench.toml").write_text("[device]\n", encoding="utf-8")
-    page = write_page(folder, said, Pictures(), ("Record", "4 s", "")).read_text(encoding="utf-8")
+    page = write_page(folder, said, Pictures(), ("Record", "4 s", ""), "4 s").read_text(encoding="utf-8")
     command = f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"
     assert page.index(f'<p class="next">Next: <code>{command}</code>') < page.index('<dl class="key">')
     (folder / "bench.toml").unlink()
-    assert "Next:" not in write_page(folder, said, Pictures(), ("Record", "4 s", "")).read_text(encoding="utf-8")
+    assert "Next:" not in write_page(folder, said, Pictures(), ("Record", "4 s", ""), "4 s").read_text(encoding="utf-8")
 
 
 def test_the_truth_of_an_effect_stands_beside_what_was_found() -> None:
@@ -404,7 +404,9 @@ def test_the_first_screen_says_of_what_record_a_trace_is(tmp_path: Path) -> None
     folder.mkdir()
 
     def top() -> str:
-        page = write_page(folder, said, Pictures(), ("Record", "4.00 s", "16 000 samples")).read_text(encoding="utf-8")
+        page = write_page(folder, said, Pictures(), ("Record", "4.00 s", "16 000 samples"), "4.00 s").read_text(
+            encoding="utf-8"
+        )
         (line,) = re.findall(r'<p class="facts">(.*?)</p>', page)
         return re.sub(r"<[^>]+>", "", line)
 
@@ -415,7 +417,7 @@ def test_the_first_screen_says_of_what_record_a_trace_is(tmp_path: Path) -> None
     assert " pty:s-slow.scenario.toml 4.00 s " in top()
     (tmp_path / "ride" / "result.json").write_text("{")
     assert "pty:" not in top()
-    pool = write_page(folder, said, Pictures(), ("Records", "16 000", "samples, 9600 fitted"))
+    pool = write_page(folder, said, Pictures(), ("Records", "16 000", "samples, 9600 fitted"), "16 000 samples")
     assert "<span>16 000 samples</span>" in pool.read_text(encoding="utf-8")
 
 

@@ -12,12 +12,12 @@ import pytest
 
 from hil.errors import InputError
 from hil.interchange.importer import import_record
+from hil.numbers import quantity
 from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
 from hil.records.result import TOO_SLOW, Parameter, Part, load_result, save_result
 from hil.report import write_report
 from hil.report.figures.spectrum import amplitude_density
-from hil.report.numbers import quantity
 from hil.scoring import score
 from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import answer

@@ -12,12 +12,11 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
-from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended
 from estimator.trace.determined import unsettled
 from estimator.trace.engine import Estimate, Score, Trial
-from estimator.trace.free_run_model import Promise, Promises
+from estimator.trace.free_run_model import Promise, Promises, each_of
 from estimator.trace.pool.fit import PooledRun, columns_of, fitted, observer_of, own_names, simulated
 from estimator.trace.pool.members import Pool, Rows
 
@@ -127,11 +126,7 @@ class PooledModel:
         self, current: PooledRun, look: Promises, names: Sequence[str], tried: Mapping[str, Trial[PooledRun]]
     ) -> Mapping[str, PooledRun | str]:
         """Fitted in earnest, from what `current` found."""
-        found = side_by_side(
-            [partial(self._fit, current, name) for name in names],
-            lambda done: self.progress("candidates", done, len(names)),
-        )
-        return dict(zip(names, found, strict=True))
+        return each_of(names, partial(self._fit, current), self.progress)
 
     def _fit(self, current: PooledRun, name: str) -> PooledRun | str:
         constant = constant_of(name)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.scaling import Array
+from hil.numbers import prefix_for
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import prefix_for
 from hil.report.theme import FIRST, SECOND, fit_to, legend, new_figure
 
 if TYPE_CHECKING:

@@ -4,11 +4,11 @@ from pathlib import Path
 
 from estimator import diagnosis as traced
 from estimator.envelope.record import Envelope
+from hil.numbers import count, significant
 from hil.records.diagnosis import Diagnosis
 from hil.report.diagnosis.page import Pictures, write_page
 from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
-from hil.report.numbers import count, significant
 from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, span_time, stacked
 
 
@@ -18,7 +18,7 @@ def write_envelope_report(folder: Path, envelope: Envelope, found: traced.Diagno
     pictures = Pictures(error=figures.add(lambda: draw(envelope, found, diagnosis.sense_unit)))
     seconds = f"{significant(float(envelope.time[-1]))} s"
     record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {count(diagnosis.split)} of them fitted")
-    return write_page(folder, diagnosis, pictures, record, declarable=False)
+    return write_page(folder, diagnosis, pictures, record, seconds, declarable=False)
 
 
 def draw(envelope: Envelope, found: traced.Diagnosis, unit: str) -> Drawing:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from estimator import diagnosis as traced
+from hil.numbers import count, significant
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import count, significant
 from hil.report.theme import FIRST, INK, MUTED, legend, new_figure
 
 if TYPE_CHECKING:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from estimator.diagnosis import Interval
+from hil.numbers import percent
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import percent
 from hil.report.theme import FIRST, MUTED, new_figure
 
 _VISIBLE = 0.02

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from hil.numbers import significant
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import significant
 from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, new_figure, plain_log_ticks, span_time
 
 _WINDOWS = 240

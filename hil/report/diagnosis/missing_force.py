@@ -6,9 +6,9 @@ import numpy as np
 
 from estimator.missing_force.result import MissingForce
 from estimator.missing_force.surfaces import Panel, fast, slow
+from hil.numbers import prefix_for
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import prefix_for
 from hil.report.theme import FIRST, MUTED, SECOND, new_figure
 
 if TYPE_CHECKING:

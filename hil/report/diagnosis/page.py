@@ -10,6 +10,7 @@ from estimator.missing_force.result import MissingForce
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
 from hil.next_step import after_trace
+from hil.numbers import count, quantity, sensed, significant
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.report import markup
@@ -28,7 +29,6 @@ from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.material import Material
 from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures
-from hil.report.numbers import count, quantity, sensed, significant
 from hil.report.verdict import Headline
 
 _WORDS = {
@@ -79,14 +79,18 @@ class Pictures:
 
 
 def write_page(
-    folder: Path, diagnosis: Diagnosis, pictures: Pictures, record: tuple[str, str, str], *, declarable: bool = True
+    folder: Path,
+    diagnosis: Diagnosis,
+    pictures: Pictures,
+    record: tuple[str, str, str],
+    length: str,
+    *,
+    declarable: bool = True,
 ) -> Path:
     """Write `folder/report.html` from the diagnosis as written and the figures, whole or not at all, and return its
-    path; the rest as `page_of` takes it.
+    path; length: of the record, in a few words; the rest as `page_of` takes it.
     """
     text, command = _bench_text(folder), after_trace(folder, diagnosis)
-    _, number, remark = record
-    length = number if number.endswith("s") else f"{number} {remark.partition(',')[0]}"
     facts = tuple(facts_of_trace(folder, diagnosis, length))
     page = page_of(diagnosis, pictures, text, record, declarable=declarable, facts=facts, command=command)
     write_text(folder / "report.html", page)

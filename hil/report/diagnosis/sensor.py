@@ -6,11 +6,11 @@ import numpy as np
 
 from estimator.rate_sensor.trace import SensorDiagnosis
 from estimator.scaling import Array
+from hil.numbers import count, counted, prefix_for
 from hil.records.diagnosis import Diagnosis
 from hil.report.diagnosis.page import Pictures, write_page
 from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
-from hil.report.numbers import count, prefix_for
 from hil.report.theme import FIRST, INK, SECOND, legend, new_figure
 
 
@@ -19,7 +19,8 @@ def write_sensor_report(folder: Path, found: SensorDiagnosis, diagnosis: Diagnos
     figures = Figures()
     pictures = Pictures(error=figures.add(lambda: draw(found, rate_rad_s)))
     record = ("Record", count(diagnosis.samples), f"samples, {count(diagnosis.split)} of them fitted")
-    return write_page(folder, diagnosis, pictures, record, declarable=False)
+    length = counted(diagnosis.samples, "sample")
+    return write_page(folder, diagnosis, pictures, record, length, declarable=False)
 
 
 def draw(found: SensorDiagnosis, rate_rad_s: Array) -> Drawing:

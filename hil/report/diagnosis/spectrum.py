@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from hil.numbers import prefix_for, quantity, significant
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import prefix_for, quantity, significant
 from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, plain_log_ticks, stacked
 
 _MOST = 9

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from hil.numbers import count, percent, plus_minus, quantity, sensed, significant
 from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities
 from hil.report.markup import table
 from hil.report.names import shown_unit
-from hil.report.numbers import count, percent, plus_minus, quantity, sensed, significant
 
 _SHOWN = 0.01  # probability from which on an account is listed
 _FIGURES = {

@@ -1,12 +1,12 @@
 """What a trace found, told in the report of the run that carries it."""
 
+from hil.numbers import quantity, significant
 from hil.records.diagnosis import Diagnosis
 from hil.records.result import TOO_SLOW, Result
 from hil.report import markup
 from hil.report.diagnosis.page import equations_of, headline
 from hil.report.diagnosis.tables import coefficients
 from hil.report.material import Material
-from hil.report.numbers import quantity, significant
 
 
 def told(material: Material) -> str:

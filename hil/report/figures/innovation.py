@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil.numbers import percent, prefix_for, quantity
 from hil.records.summary import SD_95
 from hil.report.course import course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.numbers import percent, prefix_for, quantity
 from hil.report.theme import AXIS_COLOURS, INK, fit_to, span_time, stacked
 
 

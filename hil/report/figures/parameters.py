@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from hil.numbers import in_thousands, plus_minus, prefix_for
 from hil.records.estimates import Estimates
 from hil.records.summary import SD_95
 from hil.records.units import symbol_of
@@ -13,7 +14,6 @@ from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.names import rank, shown, shown_unit
-from hil.report.numbers import in_thousands, plus_minus, prefix_for
 from hil.report.theme import FIRST, INK, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:

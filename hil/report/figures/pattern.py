@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.numbers import prefix_for, relative
 from hil.records.estimates import Estimates
 from hil.report.course import DRAWABLE
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.numbers import prefix_for, relative
 from hil.report.theme import FIRST, INK, MUTED, SECOND, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:

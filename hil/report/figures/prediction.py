@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.numbers import prefix_for, sensed
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.numbers import prefix_for, sensed
 from hil.report.theme import FIRST, INK, MUTED, legend, new_figure
 
 _CYCLES = 6.0

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil.numbers import prefix_for, significant
 from hil.report.course import course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.numbers import prefix_for, significant
 from hil.report.theme import AXIS_COLOURS, new_figure, span_time
 
 _DRIVE_UNITS = {"mps2": "m/s²", "N": "N", "V": "V"}

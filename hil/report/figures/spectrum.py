@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.numbers import prefix_for, quantity
 from hil.records.innovation import Innovation
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.numbers import prefix_for, quantity
 from hil.report.theme import AXIS_COLOURS, INK, MUTED, legend, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:

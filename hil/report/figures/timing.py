@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hil.numbers import count, percent, significant
 from hil.records.quantiles import quantiles
 from hil.records.result import Percentiles
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.numbers import count, percent, significant
 from hil.report.theme import BAD, FIRST, MUTED, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:

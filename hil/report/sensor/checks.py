@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from hil.boards.record import BENIGN, DAMAGED, LOST
+from hil.numbers import count, percent, share, significant
 from hil.report.markup import table
-from hil.report.numbers import count, percent, share, significant
 from hil.report.sensor.material import SensorMaterial
 
 

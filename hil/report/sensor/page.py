@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from hil.numbers import count, quantity, significant
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.report import markup
 from hil.report.facts import facts
 from hil.report.numbering import Figures
-from hil.report.numbers import count, quantity, significant
 from hil.report.sensor import allan, checks, rate, spectrum, tables, words
 from hil.report.sensor.material import SensorMaterial
 from hil.report.tables import provenance

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from hil.numbers import prefix_for, significant
 from hil.report.course import course
 from hil.report.figures.drawing import Drawing
-from hil.report.numbers import prefix_for, significant
 from hil.report.sensor.material import SensorMaterial
 from hil.report.theme import FIRST, span_time, stacked, trace
 

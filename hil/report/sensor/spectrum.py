@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
+from hil.numbers import prefix_for, significant
 from hil.report.figures.drawing import Drawing
 from hil.report.figures.spectrum import amplitude_density
-from hil.report.numbers import prefix_for, significant
 from hil.report.sensor.material import SensorMaterial
 from hil.report.sensor.panels import legend_of_all, side_by_side
 from hil.report.theme import FIRST, INK, plain_log_ticks

@@ -2,9 +2,9 @@
 
 import math
 
+from hil.numbers import plus_minus, prefix_for, significant
 from hil.records.result import Channel
 from hil.report.markup import table
-from hil.report.numbers import plus_minus, prefix_for, significant
 from hil.report.sensor.material import SensorMaterial
 from hil.report.sensor.words import NAMES, PER_HOUR, interval
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 
 from estimator.rate_sensor.noise import LEAST_POINTS, Noise, Reading, Term
-from hil.report.numbers import count, quantity, significant
+from hil.numbers import count, quantity, significant
 from hil.report.sensor.material import SensorMaterial
 
 PER_HOUR = 3600.0 * math.degrees(1.0)
