@@ -145,6 +145,7 @@ SENSE_LOW_PASS = Effect(
     signature="a delay T and a gain 1 − (ωT)²/2",
     undone=Undone.MAP,
     look_alikes={"sense_delay": "nothing, far above the resonance"},
+    simpler="sense_delay",
     signs=LINEAR,
 )
 

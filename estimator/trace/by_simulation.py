@@ -23,13 +23,14 @@ from estimator.trace.free_run_model import (
     parts_of,
     promises_of,
 )
+from estimator.trace.nested import simpler_by_standing
 from estimator.trace.probability import Account, of_rounds
 from estimator.trace.problem import Problem
 from estimator.trace.rings import begun
 
 _SET = THRESHOLDS.free_runs
 
-RULES = Rules(most=_SET.most, dissent=Dissent.NEXT)
+RULES = Rules(most=_SET.most, dissent=Dissent.NEXT, simpler=simpler_by_standing)
 
 
 Progress = Callable[[str, int, int], None]

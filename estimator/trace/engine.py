@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
@@ -64,6 +64,7 @@ class Outcome(Enum):
     OBJECTED = "objected"  # the part without a vote is against it
     AFTER = "after"  # follows one that was objected to
     BEATEN = "beaten"  # another was better
+    NESTED = "nested"  # for all that the record tells it is a simpler one
     SUPERFLUOUS = "superfluous"  # was taken, and those taken later do without it
 
 
@@ -150,7 +151,9 @@ class Dissent(Enum):
 class Rules:
     """most: effects that are taken at most; dissent; signs: whether a coefficient that is declared positive may not be
     negative beyond doubt; anew: whether one that was is tried again in the next round, beside what was taken; near: the
-    share of a gain from which on one that was beaten is asked again (`reconsidered`), None where nobody is.
+    share of a gain from which on one that was beaten is asked again (`reconsidered`), None where nobody is; simpler:
+    of those that were carried in a round, a simpler effect that the best is for all that the record tells, which is
+    taken instead, None where there is none.
     """
 
     most: int
@@ -158,6 +161,7 @@ class Rules:
     signs: bool = True
     anew: bool = False
     near: float | None = None
+    simpler: Callable[[str, Mapping[str, Trial[Any]]], str | None] = lambda best, trials: None
 
 
 @dataclass(frozen=True)
@@ -271,14 +275,16 @@ def reconsidered(
             current, steps = less, others
             rounds = [*rounds[:at], _untaken(rounds[at], lost), *rounds[at + 1 :]]
             continue
-        trials = _near(model, less, rounds[at].look, step, Trial(current, kept), {one.name for one in steps}, rules)
+        holder = Trial(current, kept)
+        trials = _near(model, less, rounds[at].look, step, holder, {one.name for one in steps}, rules)
         if not trials:
             continue
-        best = leader(trials)
-        better = trials[best].score.standing > kept.standing + TIE
+        everyone = {**trials, step.name: holder}
+        best = plainest(everyone, rules)
+        better = everyone[best].score.standing > kept.standing + TIE
         if not better or model.objection(less, best, trials[best]) is not None:
             continue
-        beside = {name: trial for name, trial in trials.items() if name != best} | {step.name: Trial(current, kept)}
+        beside = {name: trial for name, trial in trials.items() if name != best} | {step.name: holder}
         current, steps = trials[best].fit, [*others, Step(best, trials[best], less, beside)]
         rounds = [*rounds[:at], exchanged(rounds[at], best), *rounds[at + 1 :]]
     return current, steps, rounds
@@ -426,6 +432,12 @@ def ranked(trials: Mapping[str, Trial[Fit]]) -> list[str]:
     return sorted(trials, key=lambda name: (-trials[name].score.standing, trials[name].score.price))
 
 
+def plainest(trials: Mapping[str, Trial[Fit]], rules: Rules) -> str:
+    """The best of these, or the simpler effect that it is for all that the record tells."""
+    best = leader(trials)
+    return rules.simpler(best, trials) or best
+
+
 def _best(
     model: Model[Fit, Look],
     current: Fit,
@@ -439,7 +451,12 @@ def _best(
         if not trial.score.gain > trial.score.bar:
             why = f"gains {significant(trial.score.gain)}, and {significant(trial.score.bar)} would be needed"
             verdicts[name] = Outcome.TOO_DEAR, why
-    for name in _lawful_first(model, trials):
+    names = _lawful_first(model, trials)
+    if (simpler := _simpler(names, trials, rules)) is not None:
+        why = f"the record does not tell it from {simpler.replace('_', ' ')}, which is simpler"
+        verdicts[names[0]] = Outcome.NESTED, why
+        names = [simpler, *(name for name in names if name != simpler)]
+    for name in names:
         if verdicts[name][0] is Outcome.TOO_DEAR:
             if rules.dissent is Dissent.NEXT:
                 continue
@@ -455,6 +472,12 @@ def _best(
         if rules.dissent is Dissent.AGAIN:
             return None, True
     return None, False
+
+
+def _simpler(names: Sequence[str], trials: Mapping[str, Trial[Fit]], rules: Rules) -> str | None:
+    """The simpler effect that the first of these may be; None where there is none, or it is not worth its price."""
+    found = rules.simpler(names[0], trials) if names else None
+    return found if found is not None and trials[found].score.gain > trials[found].score.bar else None
 
 
 def _lawful_first(model: Model[Fit, Look], trials: Mapping[str, Trial[Fit]]) -> list[str]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 from estimator.side_by_side import side_by_side
-from estimator.trace.engine import Chosen, Rules, Step, Trial, choose, exchanged, leader, unphysical
+from estimator.trace.engine import Chosen, Rules, Step, Trial, choose, exchanged, plainest, unphysical
 from estimator.trace.fitting import coefficients_of, fit, parameters_of
 from estimator.trace.look import Look
 from estimator.trace.nested import turned_into
@@ -42,7 +42,7 @@ def gone_on(
         if step.name not in chosen.gains or not (near := rivals(step)):
             continue
         at = next(at for at, one in enumerate(rounds) if one.taken == step.name)
-        steps[number] = told = _told_apart(family, current, step, near, rounds[at].look)
+        steps[number] = told = _told_apart(family, current, step, near, rounds[at].look, rules)
         current = told.trial.fit
         if told.name != step.name:
             rounds[at] = exchanged(rounds[at], told.name)
@@ -83,7 +83,7 @@ def _over(problem: Problem, found: Carrying) -> Carrying:
 
 
 def _told_apart(
-    family: ObserverModel, current: Carrying, step: Step[Carrying], near: Mapping[str, Rival], look: Look
+    family: ObserverModel, current: Carrying, step: Step[Carrying], near: Mapping[str, Rival], look: Look, rules: Rules
 ) -> Step[Carrying]:
     """The step as it is made over the record of `family`, by the one that it was made by or by one that came near it;
     current: what is carried, with the step; look: what was seen when it was made.
@@ -99,7 +99,7 @@ def _told_apart(
     }
     scores = family.score(less, look, fits) if fits else {}
     trials = {step.name: Trial(current, kept)} | {name: Trial(fits[name], scores[name]) for name in fits}
-    best = leader(trials)
+    best = plainest(trials, rules)
     if best != step.name and family.objection(less, best, trials[best]) is not None:
         best = step.name
     return Step(best, trials[best], less, {name: trial for name, trial in trials.items() if name != best})

@@ -1,18 +1,31 @@
 """Effects that turn into a simpler one where their parameter goes: then the simpler one is what is there."""
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
 from estimator.effects.search import Search
 from estimator.trace.candidates import at_resonance, declared, searched_by
+from estimator.trace.criterion import TIE
+from estimator.trace.engine import Trial
 from estimator.trace.problem import Problem
 
+_THRESHOLDS = (Search.LIMITS, Search.BANDS)
 
-def _simpler(name: str) -> str:
-    """What it is where its threshold is passed by every drive, or by none; "" where it has none."""
+
+def simpler_than(name: str) -> str:
+    """What the effect `name` is at an end of its range; "" where it stays one of its own."""
     effect = declared(name)
     return "" if effect is None else effect.simpler
+
+
+def simpler_by_standing(best: str, trials: Mapping[str, Trial[Any]]) -> str | None:
+    """`estimator.trace.engine.Rules.simpler` of a family whose innovations are counted as independent samples."""
+    simpler = simpler_than(best)
+    if simpler in trials and trials[best].score.standing - trials[simpler].score.standing < TIE:
+        return simpler
+    return None
 
 
 def with_simpler(names: Iterable[str], watched: Iterable[str]) -> list[str]:
@@ -20,7 +33,7 @@ def with_simpler(names: Iterable[str], watched: Iterable[str]) -> list[str]:
     known = set(watched)
     wanted = list(names)
     for name in tuple(wanted):
-        simpler = _simpler(name)
+        simpler = simpler_than(name)
         if simpler in known and simpler not in wanted:
             wanted.append(simpler)
     return wanted
@@ -38,8 +51,8 @@ def turned_into(problem: Problem, name: str, parameters: Mapping[str, float]) ->
         omega, _ = parameters.values()
         own = at_resonance(problem.record, problem.device, np.array([omega]))
         return "the gyro itself, its drive of another gain" if own[0] else None
-    simpler = _simpler(name).replace("_", " ")
-    if not simpler:
+    simpler = simpler_than(name).replace("_", " ")
+    if not simpler or search not in _THRESHOLDS:
         return None
     given = np.abs(problem.record.drive[:, :, 0]) * problem.device.drive_gain
     (threshold,) = parameters.values()

@@ -13,6 +13,7 @@ from estimator.trace.dispersion import dispersed
 from estimator.trace.engine import Step, Trial
 from estimator.trace.fitting import Fitted, deficit, parameters_of
 from estimator.trace.look import Look
+from estimator.trace.nested import simpler_than
 from estimator.trace.observer_model import Carrying, numbers, told
 from estimator.trace.probability import NOTHING, Account, nearest
 from estimator.trace.searched import NOTHING as NOT_SEARCHED
@@ -34,17 +35,25 @@ class Rival:
 
 def rivals(step: Step[Carrying]) -> Mapping[str, Rival]:
     """The candidates of other kinds that the record does not tell from the one taken, the nearest first."""
-    taken = step.trial
-    found: dict[str, Rival] = {}
-    for name, trial in step.beside.items():
-        if kind(name) == kind(step.name):
-            continue
-        price = _price(name, trial) - _price(step.name, taken)
-        behind = price + deficit(taken.fit.fitted, trial.fit.fitted)
-        bound = TIE * max(dispersion(taken.fit.fitted, trial.fit.fitted), 1.0)
-        if behind < bound:
-            found[name] = Rival(behind, bound, parameters_of(trial.fit.fitted, name))
+    others = ((name, trial) for name, trial in step.beside.items() if kind(name) != kind(step.name))
+    found = {name: rival for name, trial in others if (rival := _rival(step.name, step.trial, name, trial))}
     return dict(sorted(found.items(), key=lambda item: item[1].deficit))
+
+
+def simpler_rival(best: str, trials: Mapping[str, Trial[Carrying]]) -> str | None:
+    """`estimator.trace.engine.Rules.simpler` of the bench's observer: what would be a rival of the best."""
+    simpler = simpler_than(best)
+    if simpler in trials and _rival(best, trials[best], simpler, trials[simpler]):
+        return simpler
+    return None
+
+
+def _rival(taken: str, by: Trial[Carrying], name: str, trial: Trial[Carrying]) -> Rival | None:
+    """The other as an account of what `taken` was taken for; None where the record tells them apart."""
+    one, other = by.fit.fitted, trial.fit.fitted
+    behind = _price(name, trial) - _price(taken, by) + deficit(one, other)
+    bound = TIE * max(dispersion(one, other), 1.0)
+    return Rival(behind, bound, parameters_of(other, name)) if behind < bound else None
 
 
 def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:

@@ -22,7 +22,7 @@ from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import refine_parameters
 from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.rivals import Rival, accounts, left_out, rivals
+from estimator.trace.rivals import Rival, accounts, left_out, rivals, simpler_rival
 from estimator.trace.same_number import effects_of
 from estimator.trace.searched import Searched
 
@@ -31,7 +31,7 @@ _SET = THRESHOLDS.choice
 MOST = _SET.most
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
 
-RULES = Rules(MOST, Dissent.ENDS, anew=True, near=THRESHOLDS.width.refined)
+RULES = Rules(MOST, Dissent.ENDS, anew=True, near=THRESHOLDS.width.refined, simpler=simpler_rival)
 """What came out with a wrong sign may have stood in for another that is missing: it is tried again beside that one."""
 
 

@@ -40,10 +40,11 @@ def hopeful(
     if not gains:
         return leaders
     asked = {*gains, *refused}
-    near = within_reach(look.serious, leaders, max(gains[name] for name in gains if name in leaders))
+    best_leader = max(gains[name] for name in gains if name in leaders)
+    near = with_simpler(within_reach(look.serious, leaders, best_leader), look.evidence)
     if names := [name for name in near if name not in asked]:
         return names
-    near += looking_like(look, [*leaders, *near], gains)
+    near += with_simpler(looking_like(look, [*leaders, *near], gains), look.evidence)
     if names := [name for name in near if name not in asked]:
         return names
     best = max(gains, key=lambda name: gains[name])

@@ -126,6 +126,40 @@ def test_of_two_that_are_not_told_apart_the_one_is_taken_whose_sign_is_right(beh
     assert names(chosen(effects | dear, rules(most=1, signs=False))) == [first]
 
 
+def fallen_back(best, trials):
+    """What is called `x_lag` is `x`, where both were carried."""
+    simpler = best.removesuffix("_lag")
+    return simpler if simpler != best and simpler in trials else None
+
+
+def test_the_simpler_one_is_taken_where_the_best_is_not_told_from_it():
+    effects = {"x_lag": Worth(500.0), "x": Worth(498.0), "y": Worth(499.0)}
+    found = chosen(effects, rules(most=1, simpler=fallen_back))
+    assert outcomes(found.rounds[0]) == {"x_lag": Outcome.NESTED, "x": Outcome.TAKEN, "y": Outcome.BEATEN}
+    assert found.gains == {"x": 498.0}
+    why = {one.name: tried_reason(one, "x") for one in found.rounds[0].tried}
+    assert "the record does not tell it from x, which is simpler" in why["x_lag"]
+    assert "x explains more for its price" in why["y"]
+    # Without the rule, or without the simpler one, or where another is the best, nothing changes.
+    assert names(chosen(effects, rules(most=1))) == ["x_lag"]
+    assert names(chosen({"x_lag": Worth(500.0), "y": Worth(499.0)}, rules(most=1, simpler=fallen_back))) == ["x_lag"]
+    assert names(chosen({**effects, "y": Worth(501.0)}, rules(most=1, simpler=fallen_back))) == ["y"]
+
+
+@pytest.mark.parametrize(
+    ("simpler", "dissent", "taken"),
+    [
+        (Worth(498.0, price=600.0), Dissent.ENDS, ["x_lag"]),  # not worth its price
+        (Worth(498.0, objected=True), Dissent.ENDS, []),
+        (Worth(498.0, objected=True), Dissent.NEXT, ["x_lag"]),
+        (Worth(498.0, objected=True), Dissent.AGAIN, ["x_lag"]),
+    ],
+)
+def test_a_simpler_one_that_may_not_be_taken_makes_way(simpler, dissent, taken):
+    found = chosen({"x_lag": Worth(500.0), "x": simpler}, rules(dissent, most=1, simpler=fallen_back))
+    assert names(found) == taken
+
+
 @pytest.mark.parametrize("dissent", Dissent)
 def test_the_best_is_the_largest_likelihood_less_its_price(dissent):
     effects = {"much": Worth(50.0, price=30.0), "cheap": Worth(45.0, price=5.0), "little": Worth(20.0, price=1.0)}
@@ -278,11 +312,20 @@ class Drawn(Stub):
 DRAWN = {"force": Worth(0.0), "reading": Worth(0.0), "far": Worth(0.0), "cubic": Worth(0.0)}
 
 
-def drawn(near=0.9, worths=None, **more):
+def drawn(near=0.9, worths=None, simpler=None, **more):
     family = Drawn(DRAWN | (worths or {}))
     for name, value in more.items():
         setattr(family, name, value)
-    return family, choose(family, (), rules(most=2, near=near, signs=False), reducible=family)
+    how = rules(most=2, near=near, signs=False, **({} if simpler is None else {"simpler": simpler}))
+    return family, choose(family, (), how, reducible=family)
+
+
+def test_what_is_simpler_and_not_told_apart_keeps_its_place():
+    def simpler(best, trials):
+        return "force" if best == "reading" and "force" in trials else None
+
+    _, found = drawn(simpler=simpler)
+    assert names(found) == ["force", "cubic"]
 
 
 def test_one_that_came_near_is_asked_again_beside_what_was_taken_since():

@@ -200,6 +200,18 @@ def test_who_came_near_stays_beside_where_something_speaks_against_it(bench: Any
     assert step.before.fitted.observer == ()
 
 
+def test_where_the_longer_record_does_not_tell_them_apart_the_simpler_one_is_taken(bench: Any) -> None:
+    made = bench(low_pass=200.0, delay=199.0)
+    made.near = {"low_pass": ("delay",)}
+    simpler = replace(RULES, simpler=lambda best, trials: "delay" if best == "low_pass" and "delay" in trials else None)
+    for rules, name in ((simpler, "delay"), (RULES, "low_pass")):
+        (step,) = gone_on(made, on_the_beginning(("low_pass",), beside=("delay",)), rules).steps
+        assert step.name == name
+    made.objected.add("delay")
+    (step,) = gone_on(made, on_the_beginning(("low_pass",), beside=("delay",)), simpler).steps
+    assert step.name == "low_pass"
+
+
 def test_the_second_of_two_is_told_apart_beside_what_the_first_became(bench: Any) -> None:
     made = bench(drag=200.0, friction=230.0, delay=90.0, corner=95.0)
     made.near = {"drag": ("friction",), "delay": ("corner",)}

@@ -7,7 +7,9 @@ import pytest
 
 from estimator.scaling import Array
 from estimator.trace import nested
-from estimator.trace.nested import turned_into, with_simpler
+from estimator.trace.criterion import TIE
+from estimator.trace.engine import Score, Trial
+from estimator.trace.nested import simpler_by_standing, turned_into, with_simpler
 from estimator.trace.problem import Problem
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS, record
 
@@ -36,6 +38,7 @@ def problem(gain: float = 1.0):
         ("drive_dead_band:4", "band", 399.0, None),
         ("drive_dead_band:4", "band", 401.0, "drive gain"),
         ("sense_clipping:1", "level", 0.5, None),
+        ("sense_low_pass", "level", 0.0, None),  # a corner however far away: likelihoods decide
     ],
 )
 def test_what_is_left_of_a_threshold(gain, name, parameter, codes, left) -> None:
@@ -56,6 +59,30 @@ def test_the_simpler_one_follows_once_and_only_where_it_is_watched() -> None:
     assert with_simpler(["drive_gain", "drive_saturation:1"], watched) == ["drive_gain", "drive_saturation:1"]
     assert with_simpler(["drive_saturation:1"], watched[1:]) == ["drive_saturation:1"]
     assert with_simpler(["sense_gain"], watched) == ["sense_gain"]
+    assert with_simpler(["sense_low_pass"], ["sense_delay", "sense_low_pass"]) == ["sense_low_pass", "sense_delay"]
+    assert with_simpler(["sense_delay"], ["sense_delay", "sense_low_pass"]) == ["sense_delay"]
+
+
+@pytest.mark.parametrize(
+    ("best", "other", "lead", "price", "found"),
+    [
+        ("sense_low_pass", "sense_delay", 0.9 * TIE, 0.0, "sense_delay"),
+        ("sense_low_pass", "sense_delay", 1.1 * TIE, 0.0, None),
+        ("sense_low_pass", "sense_delay", 0.9 * TIE, 0.2 * TIE, None),  # what the simpler one costs counts against it
+        ("sense_low_pass", "sense_delay", 1.1 * TIE, -0.2 * TIE, "sense_delay"),
+        ("sense_delay", "sense_low_pass", 0.1 * TIE, 0.0, None),  # the other way there is none
+        ("drive_saturation:2", "drive_gain", 0.9 * TIE, 0.0, "drive_gain"),
+        ("sense_low_pass", "drive_gain", 0.1 * TIE, 0.0, None),
+        ("sense_gain", "drive_gain", 0.1 * TIE, 0.0, None),
+    ],
+)
+def test_the_simpler_one_stands_for_what_is_not_told_from_it(best, other, lead, price, found) -> None:
+    trials = {
+        best: Trial(None, Score(900.0, 900.0, 10.0, 9.0)),
+        other: Trial(None, Score(900.0 - lead, 0.0, 10.0 + price, 9.0)),
+    }
+    assert simpler_by_standing(best, trials) == found
+    assert simpler_by_standing(best, {best: trials[best]}) is None
 
 
 @pytest.mark.parametrize(("at", "is_itself"), [(0.5, False), (0.99, True), (1.0, True), (1.01, True), (1.6, False)])

@@ -10,11 +10,12 @@ from estimator.trace import observer_model
 from estimator.trace.engine import Score, Step, Trial
 from estimator.trace.fitting import deficit, leads
 from estimator.trace.probability import NOTHING
-from estimator.trace.rivals import accounts, dispersion, left_out, rivals
+from estimator.trace.rivals import accounts, dispersion, left_out, rivals, simpler_rival
 from estimator.trace.scan import PARTS
 from estimator.trace.searched import Searched
 
 N = 32_000
+PROBLEM = SimpleNamespace(device=SimpleNamespace(axes=2, own=()))
 TIE = 2.0 * math.log(20.0)
 
 
@@ -76,6 +77,21 @@ def test_what_comes_within_odds_of_twenty_is_a_look_alike(lead: float, listed: b
     assert set(found) == ({"sense_gain"} if listed else set())
     if listed:
         assert found["sense_gain"].deficit == pytest.approx(lead, abs=0.5 * TIE)
+
+
+@pytest.mark.parametrize(("lead", "found"), [(0.9 * TIE, "sense_delay"), (1.6 * TIE, None)])
+def test_what_a_low_pass_is_not_told_from_is_a_delay(lead: float, found: str | None) -> None:
+    own = noise(1)
+    trials = {
+        name: Trial(
+            SimpleNamespace(fitted=fitted(innovation, effects={name: {}}), problem=PROBLEM, searched={}),
+            Score(0.0, 500.0, 10.0, 20.0),
+        )
+        for name, innovation in (("sense_low_pass", own), ("sense_delay", apart(own, lead)))
+    }
+    assert simpler_rival("sense_low_pass", trials) == found
+    assert simpler_rival("sense_delay", trials) is None
+    assert simpler_rival("sense_low_pass", {"sense_low_pass": trials["sense_low_pass"]}) is None
 
 
 def test_the_price_counts() -> None:

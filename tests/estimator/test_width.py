@@ -100,6 +100,17 @@ def test_whoever_looks_like_the_best_that_was_carried_follows() -> None:
     assert asked(view, tried | {"like": 1999.0}, calm=True, keeps=["other"]) == ["other"]
 
 
+def test_a_delay_follows_wherever_a_low_pass_does() -> None:
+    gains = [1000.0, 999.0, 998.0, 997.0, 996.0]
+    crowd = [item(*pair) for pair in zip(KINDS, gains, strict=False)]
+    tried = dict(zip(KINDS, gains, strict=False))
+    delay = item("sense_delay", 10.0)
+    assert asked(look(*crowd, item("sense_low_pass", 999.5), delay), {})[-1] == "sense_delay"  # among the leaders
+    assert asked(look(*crowd, item("sense_low_pass", 995.0), delay), tried) == ["sense_low_pass", "sense_delay"]
+    alike = look(*crowd, item("sense_low_pass", 500.0), delay, alike=[(KINDS[0], "sense_low_pass")])
+    assert asked(alike, tried) == ["sense_low_pass", "sense_delay"]
+
+
 def test_one_that_is_refused_does_not_end_the_round() -> None:
     # One that ties with the leaders has no model of the right sign; a short part is asked all the same.
     view = look(*(item(name, 1000.0) for name in KINDS[:6]), item("other", 10.0))
