@@ -17,6 +17,7 @@ from estimator.trace.nested import simpler_than
 from estimator.trace.observer_model import Carrying, numbers, told
 from estimator.trace.probability import NOTHING, Account, nearest
 from estimator.trace.searched import NOTHING as NOT_SEARCHED
+from estimator.trace.searched import Searched
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,14 @@ class Rival:
 
     deficit: by how much less its likelihood is, price included, in twice the log-likelihood, over the whole record or
     behind its first part, if it is less there: what the observer's start alone tells hangs on how it was linearised;
-    bound: a deficit that would be worth odds of 20 to 1; parameters: with which it was carried.
+    bound: a deficit that would be worth odds of 20 to 1; parameters: with which it was carried; searched: how surely
+    they are known.
     """
 
     deficit: float
     bound: float
     parameters: Parameters
+    searched: Searched = NOT_SEARCHED
 
 
 def rivals(step: Step[Carrying]) -> Mapping[str, Rival]:
@@ -53,7 +56,9 @@ def _rival(taken: str, by: Trial[Carrying], name: str, trial: Trial[Carrying]) -
     one, other = by.fit.fitted, trial.fit.fitted
     behind = _price(name, trial) - _price(taken, by) + deficit(one, other)
     bound = TIE * max(dispersion(one, other), 1.0)
-    return Rival(behind, bound, parameters_of(other, name)) if behind < bound else None
+    if not behind < bound:
+        return None
+    return Rival(behind, bound, parameters_of(other, name), trial.fit.searched.get(name, NOT_SEARCHED))
 
 
 def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:

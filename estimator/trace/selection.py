@@ -10,11 +10,13 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 from estimator.errors import DivergedError
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, pruned
+from estimator.trace.candidates import kind
+from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, exchanged, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
 from estimator.trace.longer import gone_on
 from estimator.trace.look import Look
@@ -27,6 +29,8 @@ from estimator.trace.same_number import effects_of
 from estimator.trace.searched import Searched
 
 _SET = THRESHOLDS.choice
+
+T = TypeVar("T")
 
 MOST = _SET.most
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
@@ -133,3 +137,42 @@ def without(problem: Problem, selection: Selection, names: Collection[str]) -> S
     kept = {name: gain for name, gain in selection.gain.items() if name not in names}
     after = fit(problem.under(selection.after.settings).carrying(rest)) if kept else selection.before
     return replace(selection, effects=effects_of(after, selection.searched), after=after, gain=kept)
+
+
+def instead(problem: Problem, selection: Selection, name: str, other: str) -> Selection:
+    """What was selected on the record of `problem` with a rival in the place of one of its effects, the rest fitted
+    anew; the effect that it replaces is no rival of it, nor like it: whoever asks for this knows them apart.
+    """
+    rival = selection.rivals[name][other]
+    kept = {one: given for one, given in selection.effects.items() if one != name}
+    after = fit(problem.under(selection.after.settings).carrying({**kept, other: rival.parameters}))
+    known = rival.searched
+    if math.isfinite(after.likelihood):
+        after, known = refine_parameters(problem, after, other, before=known)
+    searched = {one: found for one, found in selection.searched.items() if one != name} | {other: known}
+    looks = {one.taken: one.look for one in selection.rounds}
+    shifted = {
+        one: replace(each, deficit=each.deficit - rival.deficit)
+        for one, each in selection.rivals[name].items()
+        if one != other
+    }
+    gained = selection.gain[name] + after.likelihood - selection.after.likelihood
+
+    def renamed(found: Mapping[str, T], new: T) -> dict[str, T]:
+        return {other if one == name else one: new if one == name else each for one, each in found.items()}
+
+    alike = {one: each for one, each in looks[name].alike(other).items() if kind(one) != kind(name)}
+    accounts = tuple(replace(one, deficit=one.deficit - rival.deficit) for one in selection.accounts[name])
+    return replace(
+        selection,
+        effects=effects_of(after, searched),
+        rounds=tuple(exchanged(one, other) if one.taken == name else one for one in selection.rounds),
+        alike=renamed(selection.alike, alike),
+        rivals=renamed(selection.rivals, shifted),
+        accounts={
+            other if one == name else one: accounts if one == name else each for one, each in selection.accounts.items()
+        },
+        after=after,
+        gain=renamed(selection.gain, gained),
+        searched=searched,
+    )

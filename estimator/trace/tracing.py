@@ -32,7 +32,7 @@ from estimator.trace.look import bounds
 from estimator.trace.nameless import Contest
 from estimator.trace.probability import stated
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.selection import Selection, select, without
+from estimator.trace.selection import Selection, instead, select, without
 from estimator.trace.separation import separations
 from estimator.trace.symmetries import Constants, equivalents
 
@@ -155,6 +155,11 @@ def _judged(
                 return _Judged(Verdict.PARTLY, named, selection, after, why, told, share, claim.contest, is_open=True)
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
             return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest, is_open=False)
+        if against and not left and (borne_out := _borne_out(problem, selection, before, named, split)) is not None:
+            name, other, exchanged = borne_out
+            why[name] = f"{gained(selection.gain[name])}, as {kind(other).replace('_', ' ')} does; {against[0]}"
+            selection = exchanged
+            continue
         gains = {name: selection.gain[name] for name in named}
         if small := promises.minor(gains):
             why |= {name: leaves_the_rest(gains[name]) for name in small}
@@ -179,6 +184,31 @@ def _judged(
         selection = without(part, selection, small)
 
 
+def _borne_out(
+    problem: Problem, selection: Selection, before: Examination, named: Iterable[str], split: int
+) -> tuple[str, str, Selection] | None:
+    """An effect that the part held out speaks against, a rival of it that keeps every promise, and the selection with
+    that in its place; None where there is none.
+
+    The part that was fitted does not tell them apart, so the choice among them was none: the part held out refutes one
+    and not the other.
+    """
+    part = problem.part(slice(0, split))
+    resonance = float(np.sqrt(problem.device.target)) / (2.0 * np.pi)
+    for name in named:
+        for other in selection.rivals.get(name, {}):
+            found = instead(part, selection, name, other)
+            try:
+                after = examine(problem.carrying(found.effects), split)
+            except DivergedError:
+                continue
+            claim = claim_of(problem, found, before, after, split)
+            left = leftover(found, part.record.part(slice(0, found.samples)), resonance)
+            if not promises.broken(claim) and not promises.constants(claim) and not left:
+                return name, other, found
+    return None
+
+
 def _in_conflict(
     problem: Problem,
     selection: Selection,
@@ -192,11 +222,11 @@ def _in_conflict(
     found = reconciled(problem.part(slice(0, split)), selection, progress)
     if found is None:
         return _Judged(Verdict.UNEXPLAINED, {}, selection, after, why, reasons, None, None, is_open=True)
-    name, instead = found
+    name, selected = found
     said = f"{promises.acts_like((name,))}: with it every constant of the model is one that the bench file allows"
-    after = examine(problem.carrying(instead.effects), split)
-    named = {name: instead.effects[name]}
-    return _Judged(Verdict.PARTLY, named, instead, after, why, (said, *reasons), None, None, is_open=False)
+    after = examine(problem.carrying(selected.effects), split)
+    named = {name: selected.effects[name]}
+    return _Judged(Verdict.PARTLY, named, selected, after, why, (said, *reasons), None, None, is_open=False)
 
 
 def _without_weak(

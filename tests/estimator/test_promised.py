@@ -24,6 +24,10 @@ RECORD = Record(np.zeros((N, 2)), np.zeros((N, 2, 1)), np.full(N, 1 / 4000.0))
 PROBLEM = Problem(RECORD, DEVICE, ObserverSettings())
 
 
+def errors(before, after, gain=100.0):
+    return Errors(before, after, 1.0, 1e5, gain=gain)
+
+
 @dataclass(frozen=True)
 class Selected:
     """As much of a selection as a verdict needs."""
@@ -32,6 +36,7 @@ class Selected:
     gain: dict
     patchwork: bool = False
     samples: int = 600
+    rivals: dict = field(default_factory=dict)
     alike: dict = field(default_factory=dict)
     rounds: tuple = (SimpleNamespace(look=SimpleNamespace(evidence={})),)
 
@@ -44,7 +49,7 @@ class Selected:
 def judged(monkeypatch):
     """The verdict of a selection, where the residual is as given for each set of effects, with what is left."""
 
-    def run(coefficients, gain, residuals, left=None, diverging=(), **claimed):
+    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, **claimed):
         left = left or {}
 
         def key(selection):
@@ -56,7 +61,21 @@ def judged(monkeypatch):
 
             return replace(selection, coefficients=keep(selection.coefficients), gain=keep(selection.gain))
 
+        def instead(part, selection, name, other):
+            def put(given, new):
+                return {other if one == name else one: new if one == name else each for one, each in given.items()}
+
+            assert len(part.record) == SPLIT
+            return replace(
+                selection,
+                coefficients=put(selection.coefficients, SURE_OF[other]),
+                gain=put(selection.gain, selection.gain[name] - 1.0),
+                rivals={},
+            )
+
         def claim(problem, selection, before, after, split):
+            if (constants := IMPOSSIBLE.get(key(selection))) is not None:
+                return Claim(residuals[key(selection)], selection.coefficients, constants=constants)
             return Claim(residuals[key(selection)], selection.coefficients, **claimed)
 
         fit = Fit((1.0, 1.0), (1.0, 1.0), 1.0, 0.5)
@@ -69,20 +88,80 @@ def judged(monkeypatch):
 
         monkeypatch.setattr(tracing, "examine", examine)
         monkeypatch.setattr(tracing, "without", less)
+        monkeypatch.setattr(tracing, "instead", instead)
         monkeypatch.setattr(tracing, "claim_of", claim)
         monkeypatch.setattr(tracing, "leftover", lambda selection, record, resonance: left.get(key(selection), ()))
-        return tracing._judged(PROBLEM, Selected(coefficients, gain), seen, SPLIT)
+        return tracing._judged(PROBLEM, Selected(coefficients, gain, rivals=rivals or {}), seen, SPLIT)
 
     return run
-
-
-def errors(before, after, gain=100.0):
-    return Errors(before, after, 1.0, 1e5, gain=gain)
 
 
 def test_what_keeps_its_promises_is_explained(judged):
     found = judged({"drive_gain": {"hx": SURE}}, {"drive_gain": 500.0}, {("drive_gain",): errors(3.0, 1.0)})
     assert (found.verdict, set(found.named), found.share) == (Verdict.EXPLAINED, {"drive_gain"}, 1.0)
+
+
+SURE_OF = {
+    "sense_delay": {"tsx": SURE},
+    "drive_gain": {"hx": SURE},
+    "sense_gain": {"gy": NOTHING},
+    "electrostatic_drive": {"qx": SURE},
+}
+IMPOSSIBLE = {("electrostatic_drive",): (Constant("kxx", -1.0, -1.1, -0.9, 1.0, 0.05, True),)}
+DELAYS = {("drive_delay",): errors(1.7, 1.114), ("sense_delay",): errors(1.7, 1.002), (): errors(1.7, 1.7)}
+
+
+def two_delays(judged, residuals=DELAYS, rivals=("sense_delay",), left=None, **more):
+    """A drive delay, which the part that was fitted does not tell from its rivals; without one, something is left."""
+    return judged(
+        {"drive_delay": {"tux": SURE}},
+        {"drive_delay": 2.37e7},
+        residuals,
+        {(): ("a line is left",), **(left or {})},
+        rivals={"drive_delay": dict.fromkeys(rivals)},
+        **more,
+    )
+
+
+def test_of_two_that_the_fitted_part_does_not_tell_apart_the_one_is_named_that_predicts_the_rest(judged):
+    """A sense and a drive delay on a record whose rate changes in the part held out: 1.002 and 1.114 × the floor."""
+    found = two_delays(judged)
+    assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"sense_delay"})
+    assert found.why["drive_delay"] == (
+        "carried, it gains 2.37 × 10⁷ in twice the log-likelihood, as sense delay does; "
+        "what is left of the part held out is 1.114 × the noise floor"
+    )
+    assert any(reason.startswith("drive delay is no explanation: carried, it gains") for reason in found.reasons)
+
+
+@pytest.mark.parametrize(
+    ("rival", "how"),
+    [
+        (("sense_delay",), {"residuals": DELAYS | {("sense_delay",): errors(1.7, 1.12)}}),  # no better
+        (("sense_delay",), {"left": {("sense_delay",): ("a line is left",)}}),
+        (("sense_delay",), {"diverging": ("sense_delay",)}),
+        (("sense_gain",), {"residuals": DELAYS | {("sense_gain",): errors(1.7, 1.0)}}),  # may as well be nothing
+        (
+            ("electrostatic_drive",),
+            {"residuals": DELAYS | {("electrostatic_drive",): errors(1.7, 1.0)}},
+        ),  # a spring that does not hold
+        ((), {}),
+    ],
+)
+def test_a_rival_that_breaks_a_promise_as_well_is_not_named(judged, rival, how):
+    found = two_delays(judged, rivals=rival, **how)
+    assert found.verdict is not Verdict.EXPLAINED
+    assert not set(found.named) & {*rival}
+
+
+def test_the_next_rival_is_asked_where_the_nearest_breaks_a_promise(judged):
+    found = two_delays(judged, DELAYS | {("drive_gain",): errors(1.7, 1.5)}, rivals=("drive_gain", "sense_delay"))
+    assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"sense_delay"})
+
+
+def test_what_the_fitted_part_holds_no_rival_mends(judged):
+    found = two_delays(judged, left={("drive_delay",): ("a line is left",)})
+    assert found.verdict is not Verdict.EXPLAINED
 
 
 def test_one_that_may_be_nothing_goes_and_the_rest_is_judged_anew(judged):

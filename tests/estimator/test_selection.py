@@ -12,8 +12,12 @@ from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import selection
-from estimator.trace.engine import Dissent
+from estimator.trace.criterion import TIE
+from estimator.trace.engine import Dissent, Outcome, Round, Score, Tried
+from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
+from estimator.trace.rivals import Rival
+from estimator.trace.searched import NOTHING
 from tests.estimator.device import NOMINAL as DEVICE
 
 COMPARED, CONFIRMED = 1000, 6000
@@ -236,3 +240,83 @@ def test_what_is_taken_out_is_neither_carried_nor_counted(monkeypatch: pytest.Mo
     assert none.after is found.before
     assert (set(none.effects), none.gain) == ({"drag"}, {})
     assert len(made.fits) == fits
+
+
+class Exchange:
+    """A selection of `drag`, known already, a delay and a line, with two rivals of the delay; fits are noted."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, lead: float) -> None:
+        self.fits: list[tuple[int, dict[str, Any], Any]] = []
+        self.refined: list[tuple[str, Any]] = []
+        self.lead = lead
+        monkeypatch.setattr(selection, "fit", self.fit)
+        monkeypatch.setattr(selection, "refine_parameters", self.refine)
+        monkeypatch.setattr(selection, "effects_of", lambda model, searched: dict.fromkeys(model.observer.effects))
+        likeness = {"drive_delay": {"sense_delay": 1.0, "drive_delay:2": 0.9, "sense_low_pass": 0.99}}
+        tried = [
+            Tried(name, outcome, "", Score(0.0, 50.0, 1.0, 5.0), {})
+            for name, outcome in (("sense_delay", Outcome.TAKEN), ("drive_delay", Outcome.BEATEN))
+        ]
+        look = SimpleNamespace(alike=lambda name: likeness[name])
+        self.selection = selection.Selection(
+            effects={"drag": {}, "sense_delay": {"tsx": 3e-5}, "interference": {"omega": 9.0}},
+            rounds=(Round(look, tuple(tried), "sense_delay"), Round("later", (), None)),
+            alike={"sense_delay": {"drive_delay": 1.0}, "interference": {"base_vibration": 1.0}},
+            rivals={
+                "sense_delay": {
+                    "drive_delay": Rival(1.5, TIE, {"band": 2.0}, "how surely"),
+                    "sense_low_pass": Rival(4.0, TIE, {}),
+                },
+                "interference": {},
+            },
+            accounts={
+                "sense_delay": (Account("sense_delay", 0.0), Account("drive_delay", 1.5), Account("nothing", 900.0)),
+                "interference": (Account("interference", 0.0),),
+            },
+            before="before",
+            after=model(("drag", "sense_delay", "interference"), COMPARED, 1000.0),
+            gain={"sense_delay": 400.0, "interference": 90.0},
+            searched={"sense_delay": NOTHING, "interference": "of the line"},
+            patchwork=False,
+        )
+
+    def fit(self, asked: Problem) -> Any:
+        self.fits.append((len(asked.record), dict(asked.effects), asked.settings.initial))
+        return model(tuple(asked.effects), COMPARED, 1000.0 - self.lead)
+
+    def refine(self, asked: Problem, fitted: Any, name: str, *, before: Any) -> Any:
+        self.refined.append((name, before))
+        return fitted, "found anew"
+
+
+def test_a_rival_stands_in_the_place_of_what_it_replaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Exchange(monkeypatch, lead=1.5)
+    found = selection.instead(problem(COMPARED), made.selection, "sense_delay", "drive_delay")
+    ((samples, effects, initial),) = made.fits
+    assert (samples, initial) == (COMPARED, {"kxx": 7.0})
+    assert effects == {"drag": {}, "interference": {"omega": 9.0}, "drive_delay": {"band": 2.0}}
+    assert made.refined == [("drive_delay", "how surely")]
+    assert set(found.effects) == {"drag", "interference", "drive_delay"}
+    assert found.gain == {"drive_delay": 398.5, "interference": 90.0}
+    assert found.searched == {"interference": "of the line", "drive_delay": "found anew"}
+    assert [one.taken for one in found.rounds] == ["drive_delay", None]
+    assert {one.name: one.outcome for one in found.rounds[0].tried} == {
+        "sense_delay": Outcome.BEATEN, "drive_delay": Outcome.TAKEN}  # fmt: skip
+    # Who was replaced is told apart; the others are as near to the one as they were to the other.
+    assert found.alike == {
+        "drive_delay": {"drive_delay:2": 0.9, "sense_low_pass": 0.99},
+        "interference": {"base_vibration": 1.0},
+    }
+    assert found.rivals == {"drive_delay": {"sense_low_pass": Rival(2.5, TIE, {})}, "interference": {}}
+    assert found.accounts == {
+        "drive_delay": (Account("sense_delay", -1.5), Account("drive_delay", 0.0), Account("nothing", 898.5)),
+        "interference": (Account("interference", 0.0),),
+    }
+    assert (found.before, found.patchwork) == ("before", False)
+
+
+def test_a_rival_that_the_observer_loses_is_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Exchange(monkeypatch, lead=np.inf)
+    found = selection.instead(problem(COMPARED), made.selection, "sense_delay", "drive_delay")
+    assert made.refined == []
+    assert found.searched["drive_delay"] == "how surely"
