@@ -49,13 +49,17 @@ def log_likelihood(innovation: Array, deviation: Array) -> float:
 
 
 def widening(model: Fitted) -> float:
-    """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger."""
+    """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger; no
+    number where the observer follows none of the record.
+    """
     return _widening(model.estimates)
 
 
 def _widening(estimates: Estimates) -> float:
-    normalised = (estimates.innovation / estimates.innovation_deviation) ** 2
-    return max(float(np.sqrt(np.nanmean(normalised))), 1.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        normalised = (estimates.innovation / estimates.innovation_deviation) ** 2
+    seen = normalised[~np.isnan(normalised)]
+    return max(float(np.sqrt(np.mean(seen))), 1.0) if seen.size else float("nan")
 
 
 def leads(model: Fitted, other: Fitted) -> Array:

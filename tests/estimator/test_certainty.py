@@ -64,6 +64,12 @@ def test_lost_samples_do_not_make_a_model_surer():
     assert widening(model) == pytest.approx(2.5)
 
 
+def test_a_model_of_which_the_observer_follows_nothing_is_not_sure_of_anything():
+    model = fitted(2.5)
+    model.estimates.innovation[:] = np.nan
+    assert np.isnan(widening(model))
+
+
 def test_what_a_searched_parameter_moves_the_coefficients_by_is_in_their_covariance():
     searched = Searched(("limit",), np.array([[4.0]]), np.array([[0.1], [-0.2]]))
     expected = 4.0 * (COVARIANCE + 4.0 * np.array([[0.01, -0.02], [-0.02, 0.04]]))
