@@ -4,6 +4,7 @@
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
+DEV    := .venv/.dev
 WARM   := .venv/.warm
 NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
@@ -25,7 +26,7 @@ help:
 	@echo "make measured real records traced (DATA=folder), into runs/measured.json and docs/results"
 	@echo "make install  the .venv that the others need (they do it themselves)"
 
-install: $(WARM) $(PAGE)
+install: $(WARM) $(DEV) $(PAGE)
 
 demo: $(WARM)
 	$(BIN)/hil demo
@@ -42,43 +43,43 @@ BESIDE := -n auto $(BY_FILE)
 test test-long quick coverage: export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
 test test-long quick coverage: export PYTHONDONTWRITEBYTECODE :=
 
-test: $(WARM) $(PAGE)
+test: $(WARM) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "not realtime and not long"
 	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "realtime and not long"
 	$(BIN)/python -m tests.vcan --quiet
 
-test-long: $(WARM) $(PAGE)
+test-long: $(WARM) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "long and not realtime"
 	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "long and realtime"
 
-coverage: $(WARM) $(PAGE)
+coverage: $(WARM) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest --cov --cov-report=term
 
-test-vcan: $(WARM)
+test-vcan: $(WARM) $(DEV)
 	$(BIN)/python -m tests.vcan --quiet
 
-quick: $(WARM)
+quick: $(WARM) $(DEV)
 	$(BIN)/python -m pytest $(BESIDE) -m "not slow and not moderate and not realtime"
 
-check: $(STAMP) $(PAGE)
+check: $(DEV) $(PAGE)
 	$(BIN)/ruff check
 	$(BIN)/mypy
 	$(BIN)/node $(NODE)/node_modules/typescript/bin/tsc
 	$(BIN)/lint-imports --no-logo
 
-bench: $(WARM)
+bench: $(WARM) $(DEV)
 	$(BIN)/python -m benchmarks --speed
 
-undeclared: $(WARM)
+undeclared: $(WARM) $(DEV)
 	$(BIN)/python -m evaluation.undeclared
 
-measured: $(WARM)
+measured: $(WARM) $(DEV)
 	$(BIN)/python -m evaluation.measured $(if $(DATA),--data $(DATA))
 
 # By uv, a third of the time; by pip where there is no uv, or where it cannot reach what pip is told of.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-ALL := --editable '.[dev]'
-$(STAMP): export PYTHONPYCACHEPREFIX :=
+INTO = $(BIN)/uv pip install --quiet --no-cache --compile-bytecode --python $(BIN)/python $(1) || $(PIP) $(1)
+$(STAMP) $(DEV): export PYTHONPYCACHEPREFIX :=
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
 $(STAMP): pyproject.toml
@@ -87,10 +88,16 @@ $(STAMP): pyproject.toml
 	  || { echo "make: Python 3.11 or newer is needed, $$($(PYTHON) -V) is too old: make PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
 	  || { echo "make: the package python3-venv is missing: sudo apt install python3-venv" >&2; exit 1; }
-	@echo "setting up .venv (a few minutes and about 1 GB the first time)"
+	@echo "setting up .venv (two minutes and about 1 GB the first time)"
 	@$(PYTHON) -m venv .venv
-	@$(PIP) 'uv<1' && $(BIN)/uv pip install --quiet --no-cache --compile-bytecode --python $(BIN)/python $(ALL) \
-	  || $(PIP) $(ALL)
+	@$(PIP) 'uv<1' || true
+	@$(call INTO,--editable .)
+	@touch $@
+
+# What tests, checks and campaigns need beside that.
+$(DEV): $(STAMP)
+	@echo "adding what tests and checks need (about 1 GB more)"
+	@$(call INTO,--editable '.[dev]')
 	@touch $@
 
 # What runs the estimator has its kernels compiled first; lint and types need none.
@@ -100,7 +107,7 @@ $(WARM): $(STAMP)
 
 # What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page
 # loads nothing from elsewhere: what it needs stands beside it, and is packed into a wheel.
-$(TOOLS): package.json package-lock.json .npmrc | $(STAMP)
+$(TOOLS): package.json package-lock.json .npmrc | $(DEV)
 	@mkdir -p $(NODE)
 	@cp package.json package-lock.json .npmrc $(NODE)
 	@$(BIN)/npm ci --prefix $(NODE) --silent \
