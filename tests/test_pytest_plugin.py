@@ -41,7 +41,7 @@ def test_it_is_declared_where_pytest_looks() -> None:
     assert declared == {"gyrohil": "hil.pytest_plugin"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_options_keys_and_markers_are_explained(pytester: pytest.Pytester) -> None:
     told = pytester.runpytest_subprocess(*PLUGIN, "--help").stdout.str()
     for name in ("--hil-bench", "--hil-link", "--hil-clock", "--hil-arm", "hil_bench (string)", "hil_link (string)"):
@@ -51,7 +51,7 @@ def test_options_keys_and_markers_are_explained(pytester: pytest.Pytester) -> No
     assert "@pytest.mark.hil_emulated" in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_a_bench_file_the_remedy_is_named(pytester: pytest.Pytester) -> None:
     result = run(pytester, "def test(bench): pass")
     result.assert_outcomes(errors=1)
@@ -61,7 +61,7 @@ def test_without_a_bench_file_the_remedy_is_named(pytester: pytest.Pytester) -> 
     assert "Traceback" not in result.stdout.str()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_board_in_this_process(pytester: pytest.Pytester) -> None:
     pytester.makeini("[pytest]\nhil_bench = s-slow\nhil_link = inproc:s-slow\n")
     result = run(
@@ -138,7 +138,7 @@ def test_the_examples_pass_on_every_link(
     pytester.runpytest_subprocess(*PLUGIN, "--hil-link", link, "-k", chosen).assert_outcomes(**outcomes)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_examples_find_a_noisy_board(pytester: pytest.Pytester, tmp_path: Path) -> None:
     pytester.copy_example(str(ROOT / "examples" / "tests" / "pytest.ini"))
     pytester.copy_example(str(ROOT / "examples" / "tests" / "test_acceptance.py"))

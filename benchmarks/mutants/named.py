@@ -40,7 +40,7 @@ NAMED = (
     ),
     Named(
         "no interval is widened where innovations are larger than predicted",
-        "estimator.trace.fitting", "return max(float(np.sqrt(np.nanmean(normalised))), 1.0)", "return 1.0",
+        "estimator.trace.fitting", "max(float(np.sqrt(np.mean(seen))), 1.0) if seen.size", "1.0 if seen.size",
         _CERTAINTY,
     ),
     Named(

@@ -87,6 +87,7 @@ def test_pattern_and_angle_move_and_agree_with_the_board(page: BenchPage) -> Non
     page.disconnect_if_connected()
 
 
+@pytest.mark.long
 @_IN_LOCKSTEP
 def test_settings_act_on_the_loop_that_runs_and_stop_ends_it(page: BenchPage) -> None:
     page.connect(BOARD, LOCKSTEP)

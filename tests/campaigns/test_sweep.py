@@ -27,7 +27,7 @@ def test_two_workers_give_the_bytes_of_one(swept: hil.Sweep, whole: dict[str, by
     assert set(swept.table["outcome"].to_pylist()) == {"ran"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pandas_polars_and_duckdb_read_the_same_rows(swept: hil.Sweep) -> None:
     import duckdb  # here, so that no process that only collects this loads the three
     import pandas as pd
@@ -49,7 +49,7 @@ def test_pandas_polars_and_duckdb_read_the_same_rows(swept: hil.Sweep) -> None:
     assert swept.to_pandas().index.name == "run"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_made_again_by_hil_run_is_the_one_in_the_campaign(
     swept: hil.Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

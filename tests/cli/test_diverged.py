@@ -52,7 +52,7 @@ def place(kind: str, tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.beyond(1)
+@pytest.mark.long
 def test_score(hil: Hil, place: Path, kind: str) -> None:
     for more in ([], ["--json"]):
         code, out, err = hil("score", "run", "--truth", "run-truth.arrow", *more)

@@ -157,7 +157,7 @@ def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_p
     assert errors[1] < errors[0] / 50.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_trace_leaves_nothing_when_the_record_is_none(hil: Hil, recorded: Path, tmp_path: Path) -> None:
     (recorded / "capture.arrow").write_bytes(b"no arrow")
     code, out, err = hil("trace", str(recorded), "--bench", "s-slow")

@@ -31,6 +31,7 @@ def test_run_leaves_a_whole_folder(recorded: Path) -> None:
     assert (bench.loop.clock, bench.loop.duration_s, bench.device.normalised) == ("lockstep", 3.0, True)
 
 
+@pytest.mark.long
 def test_score_puts_the_truth_beside(hil: Hil, recorded: Path) -> None:
     code, out, _ = hil("score", str(recorded), "--truth", "truth.arrow", "--json")
     assert code == 0
@@ -49,6 +50,7 @@ def test_figures_are_readable_without_json(hil: Hil, recorded: Path) -> None:
         assert word in out
 
 
+@pytest.mark.long
 def test_replay_finds_what_the_run_found(hil: Hil, recorded: Path, short_bench: str) -> None:
     before = json.loads((recorded / "result.json").read_text(encoding="utf-8"))
     code, out, _ = hil("replay", str(recorded), "--bench", short_bench, "--out", "again", "--json")
@@ -60,6 +62,7 @@ def test_replay_finds_what_the_run_found(hil: Hil, recorded: Path, short_bench: 
         assert after["parameters"][name]["value"] == pytest.approx(parameter["value"], rel=1e-6)
 
 
+@pytest.mark.long
 def test_export_and_import_are_inverse(hil: Hil, recorded: Path, short_bench: str) -> None:
     code, out, _ = hil("export", str(recorded), "--to", "csv", "-o", "ride.csv", "--json")
     assert (code, json.loads(out)) == (0, {"file": "ride.csv", "rows": 12000, "tables": {"capture": 12000}})

@@ -193,6 +193,7 @@ def test_the_board_ends_with_its_parent() -> None:
     endpoint.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

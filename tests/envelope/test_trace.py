@@ -57,7 +57,7 @@ def test_linear_damping_lacks_nothing():
     assert "a quality factor of 31" in found.reasons[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_beside_drag_are_both_named():
     laws = [LAWS["dry_friction"][1:], LAWS["drag"][1:]]
     time, amplitude = envelope_of(laws, 8.0)

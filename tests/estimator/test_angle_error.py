@@ -75,6 +75,7 @@ def test_it_is_zero_at_the_reference_instant_and_grows_after_it() -> None:
     assert deviation[-1] > deviation[reference + 200] > 0.0
 
 
+@pytest.mark.long
 def test_without_knowing_the_parameters_forces_leave_the_angle_less_certain(
     noises: dict[str, tuple[np.ndarray, np.ndarray]],
 ) -> None:

@@ -35,7 +35,7 @@ def quiet(what, done, total):
     assert done <= total, what
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_was_put_in_is_named_and_measured():
     record = made(lambda x, v: -7e5 * x**3 - 3e4 * x**2, 900)
     found = trace_by_simulation(Problem(record, SINGLE, SETTINGS), 0, quiet)
@@ -96,7 +96,7 @@ def test_a_ring_down_names_what_it_shows():
     assert found.after.rmse[0] == pytest.approx(np.std(drawn), rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_that_would_drive_is_not_called_friction():
     record = made(lambda x, v: 30.0 * np.tanh(v / (0.01 * 0.1 * np.sqrt(1.9e5))), 900)
     found = trace_by_simulation(Problem(record, SINGLE, SETTINGS), 0, quiet)

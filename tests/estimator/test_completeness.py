@@ -80,7 +80,7 @@ MISSING = {
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", MISSING)
 def test_a_run_says_what_it_lacks_and_what_that_does_to_the_angle(name: str) -> None:
     effect, true = MISSING[name]
@@ -98,7 +98,7 @@ def test_a_run_says_what_it_lacks_and_what_that_does_to_the_angle(name: str) -> 
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", MISSING)
 def test_the_sensitivity_is_the_emulated_angle_error_sign_included(name: str) -> None:
     effect, true = MISSING[name]
@@ -154,7 +154,7 @@ def with_gaps(record: Record, longest: int) -> Record:
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("longest", [1, 50])
 def test_a_clean_device_is_not_accused_over_gaps_of_unknown_drive(longest: int) -> None:
     holed = with_gaps(record_of(loop()), longest)
@@ -164,7 +164,7 @@ def test_a_clean_device_is_not_accused_over_gaps_of_unknown_drive(longest: int) 
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("longest", [1, 50])
 @pytest.mark.parametrize("name", ["drive_gain", "sense_gain"])
 def test_what_is_lacking_is_found_over_gaps_of_unknown_drive(name: str, longest: int) -> None:

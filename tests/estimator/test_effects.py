@@ -251,7 +251,7 @@ def test_jacobian_of_friction_is_that_of_an_integrator(
         assert np.abs(error).max() < 0.03 * c[9], since
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["drive_delay", "sense_delay"])
 def test_friction_turns_over_on_a_late_path_too(path: str) -> None:
     """The same kinks where the drive of an interval acts in pieces, and where the state is carried back."""

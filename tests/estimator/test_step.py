@@ -49,7 +49,7 @@ def given_for(name: str) -> dict[str, dict[str, float]]:
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SETS)
 def test_the_numbers_of_the_general_kernels(record: Record, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     warmth = 20.0 + 0.01 * np.arange(600)

@@ -113,14 +113,14 @@ def test_tables_keep_units_and_values(opened: hil.Run) -> None:
     assert np.array_equal(frame["angle_rad"].to_numpy(), opened.angle.values)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_replay_of_a_run_by_its_own_bench_is_the_same(run: hil.Run, tmp_path: Path) -> None:
     again = hil.replay(run, out=tmp_path)
     assert np.allclose(again.rate.values, run.rate.values, atol=1e-9)
     assert again.path.parent == tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_arrays_without_a_file_are_replayed_as_the_record_is(run: hil.Run, tmp_path: Path) -> None:
     arrays = {"t_s": run.capture.t_s, **run.capture.columns}
     from_arrays = hil.replay(arrays, run.bench, out=tmp_path)

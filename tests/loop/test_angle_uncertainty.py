@@ -64,7 +64,7 @@ def test_the_budget_adds_up_to_u_and_every_row_says_how(tmp_path: Path) -> None:
     assert result.angle.rad == pytest.approx(np.ptp(estimates["angle_rad"][estimates.t_s >= folder.settle_s]), rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_angular_gain_that_is_off_lies_within_what_was_declared(tmp_path: Path) -> None:
     """Invisible in the record; two per cent off, declared as known to one and a half."""
     effects = '[[effect]]\nname = "angular_gain"\nkappa = 0.02\n'
@@ -86,7 +86,7 @@ def test_a_declared_angular_gain_is_taken_off(tmp_path: Path) -> None:
     assert abs(error_at_the_end(folder, tmp_path / "truth.arrow")) < 8e-3  # without it 96e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_clock_that_is_off_lies_within_what_was_declared(tmp_path: Path) -> None:
     folder = ran(
         tmp_path,
@@ -101,6 +101,7 @@ def test_a_clock_that_is_off_lies_within_what_was_declared(tmp_path: Path) -> No
     assert abs(error) < u
 
 
+@pytest.mark.long
 def test_too_uncertain_an_angle_fails_and_the_remedy_is_a_setting(tmp_path: Path) -> None:
     folder = ran(
         tmp_path,
@@ -115,6 +116,7 @@ def test_too_uncertain_an_angle_fails_and_the_remedy_is_a_setting(tmp_path: Path
     assert part.next == remedy(result.uncertainty[0], gyro.bench(controller={"virtual_reversal_s": 0.0}))
 
 
+@pytest.mark.long
 def test_in_open_loop_there_is_no_angle(tmp_path: Path) -> None:
     folder = ran(tmp_path, seconds=2.0, open_loop=True)
     result, estimates = result_of(folder), folder.estimates
@@ -128,6 +130,7 @@ def test_in_open_loop_there_is_no_angle(tmp_path: Path) -> None:
     assert (result.verdict, result.reasons) == ("failed", (result.parts["angle"].reason,))
 
 
+@pytest.mark.long
 def test_but_with_the_parameters_known_the_rate_is_integrated(tmp_path: Path) -> None:
     known = {
         "stiffness_N_per_m": [1610.7194, 1547.5540, 15.7914],

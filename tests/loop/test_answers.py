@@ -361,7 +361,7 @@ def test_a_count_that_does_not_add_up_is_refused() -> None:
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["force", "gain"])
 @pytest.mark.parametrize(
     "faults",

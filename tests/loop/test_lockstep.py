@@ -56,7 +56,7 @@ def test_the_dither_follows_the_seed(tmp_path: Path) -> None:
         assert np.all((jump < 0.01) | (np.abs(jump - 0.6) < 0.01))  # the signs differ, nothing else yet
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("no_scan")  # of the records alone
 def test_one_seed_is_one_record_on_any_link(tmp_path: Path) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
@@ -83,7 +83,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return RunFolder(folder).capture_path.read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("standing", ["device_emulator", "hil.loop.worker", "hil"])
 def test_stopping_a_process_changes_nothing(tmp_path: Path, undisturbed: bytes, standing: str) -> None:
     """The board, the loop, or the command itself, stopped for longer than a host is patient in real time."""

@@ -163,7 +163,7 @@ def test_a_record_of_another_device_is_refused(tmp_path: Path, changes: dict[str
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not SILVERBOX.exists(), reason=f"{SILVERBOX.name} is not there: fetch it from its owner")
 def test_a_measured_oscillator_runs_through_the_same_code(tmp_path: Path) -> None:
     """Silverbox is linear but for its cubic spring: the linear model finds the oscillator, and that it lacks something.

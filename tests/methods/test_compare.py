@@ -94,6 +94,7 @@ def test_the_offsets_are_what_eleven_states_and_the_raw_formula_suffer_from(foun
     assert eleven.angle_u_rad > (found.of("13 states, fading").angle_u_rad or 0.0)
 
 
+@pytest.mark.long
 def test_the_bound_has_no_rows_below_it_but_by_chance(found: hil.Methods) -> None:
     bound = found.of(BOUND).angle_error_rms_rad
     assert bound is not None

@@ -128,7 +128,7 @@ def test_a_curve_of_which_something_is_left_is_explained_in_part():
     assert "× the noise floor" in found.reasons[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "system", "coefficients"),
     [
@@ -148,7 +148,7 @@ def test_a_response_is_named_from_a_motion(name, system, coefficients):
     assert found.held_out_after.ratio == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_moving_mean_is_named_from_a_motion():
     """The mean of twelve samples, made at eight times their rate."""
     finely = 8

@@ -174,7 +174,7 @@ def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
     assert page.count("<figure") == 5  # an interval of ± 1 % would be a dot on a drawing of coefficients
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_that_can_be_seen_are_drawn(tmp_path: Path) -> None:
     (effect,) = answer().effects
     wide = {"k3x": traced.Interval(1e13, 0.7e13, 1.3e13, "1/(m²·s²)")}
@@ -384,7 +384,7 @@ def test_how_probable_each_account_is_stands_in_the_file_and_on_the_page(tmp_pat
     assert "oes not determine kxx and drive_gain_x" in page
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_page_that_names_nothing_tells_of_nothing_found(tmp_path: Path) -> None:
     nothing = replace(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), angle_moved=5.54)
     page = written(tmp_path, nothing)

@@ -262,7 +262,7 @@ def test_a_file_that_does_not_fit_its_map(bring, content, text, complaint):
         bring(content, text)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_silverbox_map_reads_a_file_of_that_shape(tmp_path):
     values = np.arange(127_400)
     text = '"V1","V2",\n' + "".join(f"{n % 97 * 1e-3:.7g},{n % 89 * 1e-3:.7g},\n" for n in values) + "\n"
@@ -275,7 +275,7 @@ def test_the_silverbox_map_reads_a_file_of_that_shape(tmp_path):
     assert capture.segments["train"] == (40650, 105712)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not SILVERBOX.exists(), reason="the measured record is not beside the checkout")
 def test_the_measured_silverbox_record(tmp_path):
     capture = import_record(SILVERBOX, tmp_path / "silverbox.arrow", map_file=SILVERBOX_MAP)

@@ -17,7 +17,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, Path]]:
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("verb", ["check", "score", "export csv", "export parquet"])
 def test_four_times_as_long_takes_no_more_memory(runs: list[tuple[Path, Path]], tmp_path: Path, verb: str) -> None:

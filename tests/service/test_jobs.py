@@ -358,7 +358,7 @@ vy = { column = "b", unit = "V" }
         assert row["result"]["tick_rate_Hz"] == 1000.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_parquet_comes_back_as_it_was_exported(watched: Watched, source: Path, tmp_path: Path) -> None:
     hil.export(source, tmp_path / "out.parquet", what="capture")
     upload = _upload(watched.uploads, "out.parquet", (tmp_path / "out.parquet").read_bytes())
@@ -387,7 +387,7 @@ def test_what_is_no_record_is_told_in_one_line(watched: Watched, name: str, data
     assert not list(watched.runs.iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_import_cannot_take_all_memory_nor_all_the_disk(
     watched: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -250,7 +250,7 @@ def test_what_is_no_job_is_refused(bench: Serving, body: Any) -> None:
     assert set(answer.json()) == {"error", "remedy"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_long_record_is_prepared_by_a_job(tmp_path: Path) -> None:
     with serving(tmp_path / "runs") as running:
         write(tmp_path / "runs" / "20250101-000000-long", np.arange(5_000_000), pyramid=False)
@@ -263,7 +263,7 @@ def test_a_long_record_is_prepared_by_a_job(tmp_path: Path) -> None:
         assert running.ask("GET", path).content[:4] == b"GYT1"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_killed_in_the_middle_of_a_scan_the_next_service_lists_all(source: Path, tmp_path: Path) -> None:
     for number in range(150):
         another(source, tmp_path / "runs", f"20250101-{number:06d}-run")

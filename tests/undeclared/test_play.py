@@ -62,7 +62,7 @@ def traced(what: Record, *asked: str) -> Diagnosis:
     return trace(Problem(what, device, settings, asked=asked), split=round(0.6 * SAMPLES))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("what", [decay, driven])
 def test_it_is_named_with_its_coefficients(what) -> None:
     hidden = {"kpx": 0.02 * K, "half_width": 3e-5}
@@ -77,13 +77,13 @@ def test_it_is_named_with_its_coefficients(what) -> None:
         assert abs(interval.value - true) < 1.5 * half, symbol
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_beside_a_spring_that_slips_it_is_told_from_that() -> None:
     said = traced(decay(0.02, 3e-5), NAME, "hysteretic_stiffness")
     assert [found.name for found in said.effects] == [NAME]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_is_not_tried_where_nobody_asks() -> None:
     said = traced(decay(0.02, 3e-5))
     assert NAME not in [found.name for found in said.effects]

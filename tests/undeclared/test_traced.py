@@ -47,7 +47,7 @@ def traced(order: Order, folder: Path) -> Judgement:
     return judge(json.loads((place / "truth.json").read_text()), said_of(place))
 
 
-@pytest.mark.beyond(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     ["cubic_stiffness", "nonreciprocal_stiffness", "dry_friction", "sense_quadratic", "sense_delay", "drive_delay"],
