@@ -62,7 +62,6 @@ def test_replay_finds_what_the_run_found(hil: Hil, recorded: Path, short_bench: 
         assert after["parameters"][name]["value"] == pytest.approx(parameter["value"], rel=1e-6)
 
 
-@pytest.mark.long
 def test_export_and_import_are_inverse(hil: Hil, recorded: Path, short_bench: str) -> None:
     code, out, _ = hil("export", str(recorded), "--to", "csv", "-o", "ride.csv", "--json")
     assert (code, json.loads(out)) == (0, {"file": "ride.csv", "rows": 12000, "tables": {"capture": 12000}})

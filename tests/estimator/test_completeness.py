@@ -80,7 +80,7 @@ MISSING = {
 
 
 @pytest.mark.beyond(1)
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MISSING)
 def test_a_run_says_what_it_lacks_and_what_that_does_to_the_angle(name: str) -> None:
     effect, true = MISSING[name]

@@ -387,7 +387,7 @@ def test_what_is_no_record_is_told_in_one_line(watched: Watched, name: str, data
     assert not list(watched.runs.iterdir())
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_import_cannot_take_all_memory_nor_all_the_disk(
     watched: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
