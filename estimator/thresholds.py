@@ -262,6 +262,19 @@ class FreeRuns:
 
 
 @dataclass(frozen=True)
+class Pools:
+    """Several records of a single axis, by their free runs."""
+
+    fewest: int = _set(2, "records", "Of one record alone, what is its own and what is the device's is one thing.")
+    runs: int = _set(60, "free runs", "Of a fit that is kept; one that asks for more goes nowhere.")
+    beginning: int = _set(4, "1 / share of a record", "Of a record held out, what tells where its free run begins.")
+    offset: float = _set(
+        0.1, "of the noise", "What records that were fitted have in common of their offsets, at least."
+    )
+    lost: float = _set(1e6, "× the noise", "A residual where the model has no free run: no fit stays there.")
+
+
+@dataclass(frozen=True)
 class Scoring:
     """How the part that was held out is scored, and how far the angle moves."""
 
@@ -418,6 +431,7 @@ class Thresholds:
     nameless: NamelessForce = field(default_factory=NamelessForce)
     prior: Prior = field(default_factory=Prior)
     free_runs: FreeRuns = field(default_factory=FreeRuns)
+    pools: Pools = field(default_factory=Pools)
     scoring: Scoring = field(default_factory=Scoring)
     separation: Separation = field(default_factory=Separation)
     symmetries: Symmetries = field(default_factory=Symmetries)

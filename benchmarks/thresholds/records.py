@@ -52,6 +52,7 @@ def tracers(folder: Path) -> dict[str, Callable[[], Answer]]:
         "single axis, clean": lambda: _of_axes(_single_axis(0.0)),
         "single axis, periodic": lambda: _of_axes(_single_axis(1.0, period=150)),
         "ring-down": lambda: _of_axes(_single_axis(1.0, drive=0.0)),
+        "pool": _of_pool,
         "sensor, saturation": lambda: _of_sensor(lambda f: np.clip(0.1 + 2.0 * f, -2.4, 2.6)),
         "sensor, cubic": lambda: _of_sensor(lambda f: 0.1 + 2.0 * (f - 0.02 * f**3)),
         "sensor, line": lambda: _of_sensor(lambda f: 0.1 + 2.0 * f),
@@ -140,7 +141,37 @@ def _recorded(place: Path) -> "Problem":
     return Problem(record, device, observer_settings_of(bench), control_of(bench, captured))
 
 
-def _single_axis(hardening: float, drive: float = 1.5e4, period: int = 900) -> "Problem":
+def _of_pool() -> Answer:
+    """Five ring-downs of an oscillator that hardens and is softened by a load, two of them held out."""
+    from estimator.errors import ModelError
+    from estimator.trace.pool.members import Member, Pool
+    from estimator.trace.pool.trace import trace_pool
+
+    loads, starts = (0.0, 0.1, 0.2, 0.3, 0.4), (0.12, 0.06, 0.09, 0.1, 0.07)
+    problems = [
+        _single_axis(1.0, drive=0.0, start=start, stiffness=1.92e5 - 2e4 * load, seed=seed)
+        for seed, (load, start) in enumerate(zip(loads, starts, strict=True))
+    ]
+    members = tuple(Member(f"load {load}", problem.record, load) for load, problem in zip(loads, problems, strict=True))
+    try:
+        with np.errstate(all="ignore"):
+            found = trace_pool(Pool(members, problems[0].device, problems[0].settings, "load_kg"), (1, 3))
+    except ModelError as error:
+        return {"verdict": f"refused: {str(error).partition(':')[0]}", "words": []}
+    named = sorted(effect.name for effect in found.effects)
+    told = sorted(f"{one.name} depends on {one.covariate}" for one in found.dependences)
+    return {"verdict": _said(found.verdict.value, [*named, *told]), "words": []}
+
+
+def _single_axis(
+    hardening: float,
+    drive: float = 1.5e4,
+    period: int = 900,
+    *,
+    start: float = 0.12,
+    stiffness: float = 1.92e5,
+    seed: int = 1,
+) -> "Problem":
     """An oscillator that is pushed by noise, which may come back, or let go, integrated by Runge and Kutta in steps of
     a fortieth sample.
     """
@@ -156,9 +187,9 @@ def _single_axis(hardening: float, drive: float = 1.5e4, period: int = 900) -> "
 
     def field(state: Any, push: float) -> Any:
         x, v = state
-        return np.array([v, push - 41.0 * v - 1.92e5 * x - hardening * 7e5 * x**3])
+        return np.array([v, push - 41.0 * v - stiffness * x - hardening * 7e5 * x**3])
 
-    state = np.array([0.0 if drive else 0.12, 0.0])
+    state = np.array([0.0 if drive else start, 0.0])
     moved, h = np.zeros(samples), 1.0 / rate / parts
     for n in range(samples):
         for _ in range(parts):
@@ -168,7 +199,7 @@ def _single_axis(hardening: float, drive: float = 1.5e4, period: int = 900) -> "
             d = field(state + h * c, force[n])
             state = state + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         moved[n] = state[0]
-    sense = 2.0 * moved + 0.004 + 1e-4 * np.random.default_rng(1).standard_normal(samples)
+    sense = 2.0 * moved + 0.004 + 1e-4 * np.random.default_rng(seed).standard_normal(samples)
     record = Record(sense[:, None], force[:, None, None], np.full(samples, 1.0 / rate))
     return Problem(record, device, ObserverSettings(spread=Spread(offset=0.01)))
 

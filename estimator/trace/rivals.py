@@ -44,21 +44,28 @@ def rivals(step: Step[Carrying]) -> Mapping[str, Rival]:
 
 
 def simpler_rival(best: str, trials: Mapping[str, Trial[Carrying]]) -> str | None:
-    """`estimator.trace.engine.Rules.simpler` of the bench's observer: what would be a rival of the best."""
+    """`estimator.trace.engine.Rules.simpler` of the bench's observer: what would be a rival of the best if innovations
+    were white.  Where they are far from that, something is missing, and a difference that is unsure is no reason to
+    turn down the better.
+    """
     simpler = simpler_than(best)
-    if simpler in trials and _rival(best, trials[best], simpler, trials[simpler]):
+    if simpler in trials and _behind(best, trials[best], simpler, trials[simpler]) < TIE:
         return simpler
     return None
 
 
 def _rival(taken: str, by: Trial[Carrying], name: str, trial: Trial[Carrying]) -> Rival | None:
     """The other as an account of what `taken` was taken for; None where the record tells them apart."""
-    one, other = by.fit.fitted, trial.fit.fitted
-    behind = _price(name, trial) - _price(taken, by) + deficit(one, other)
-    bound = TIE * max(dispersion(one, other), 1.0)
+    behind = _behind(taken, by, name, trial)
+    bound = TIE * max(dispersion(by.fit.fitted, trial.fit.fitted), 1.0)
     if not behind < bound:
         return None
-    return Rival(behind, bound, parameters_of(other, name), trial.fit.searched.get(name, NOT_SEARCHED))
+    return Rival(behind, bound, parameters_of(trial.fit.fitted, name), trial.fit.searched.get(name, NOT_SEARCHED))
+
+
+def _behind(taken: str, by: Trial[Carrying], name: str, trial: Trial[Carrying]) -> float:
+    """By how much less the likelihood of the other is, price included."""
+    return _price(name, trial) - _price(taken, by) + deficit(by.fit.fitted, trial.fit.fitted)
 
 
 def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:
@@ -67,9 +74,9 @@ def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:
     """
     taken = step.trial
     price = _price(step.name, taken)
-    found = [Account(step.name, 0.0), _behind(NOTHING, taken, step.before.fitted, -price)]
+    found = [Account(step.name, 0.0), _account(NOTHING, taken, step.before.fitted, -price)]
     for name, trial in step.beside.items():
-        found.append(_behind(name, taken, trial.fit.fitted, _price(name, trial) - price))
+        found.append(_account(name, taken, trial.fit.fitted, _price(name, trial) - price))
     reached = taken.score.gain - price
     carried = {kind(one.name) for one in found}
     return nearest((*found, *(one for one in _watched(look, reached) if kind(one.name) not in carried)))
@@ -103,7 +110,7 @@ def _precision(value: float, deviation: float) -> float:
     return (value / deviation) ** 2 if deviation > 0.0 else 0.0
 
 
-def _behind(name: str, taken: Trial[Carrying], other: Fitted, price: float) -> Account:
+def _account(name: str, taken: Trial[Carrying], other: Fitted, price: float) -> Account:
     behind = price + deficit(taken.fit.fitted, other)
     return Account(name, behind, dispersion(taken.fit.fitted, other))
 

@@ -79,9 +79,11 @@ def test_what_comes_within_odds_of_twenty_is_a_look_alike(lead: float, listed: b
         assert found["sense_gain"].deficit == pytest.approx(lead, abs=0.5 * TIE)
 
 
+@pytest.mark.parametrize("colour", [0.0, 0.8])
 @pytest.mark.parametrize(("lead", "found"), [(0.9 * TIE, "sense_delay"), (1.6 * TIE, None)])
-def test_what_a_low_pass_is_not_told_from_is_a_delay(lead: float, found: str | None) -> None:
-    own = noise(1)
+def test_what_a_low_pass_is_not_told_from_is_a_delay(lead: float, found: str | None, colour: float) -> None:
+    """Where innovations are not white either: something is missing there, and the better one is not turned down."""
+    own = noise(1, colour)
     trials = {
         name: Trial(
             SimpleNamespace(fitted=fitted(innovation, effects={name: {}}), problem=PROBLEM, searched={}),

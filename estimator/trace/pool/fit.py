@@ -23,10 +23,8 @@ from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate
 from estimator.trace.pool.members import Level, Pool, Rows
 
-_SET = THRESHOLDS.free_runs
-_MOST_RUNS = 60
-_BEGINNING = 4  # 1 / share of a record that was held out, which sets where its free run begins
-_OUT_OF_BOUNDS = 1e6
+_SET = THRESHOLDS.pools
+_FREE_RUNS = THRESHOLDS.free_runs
 
 
 @dataclass(frozen=True)
@@ -188,7 +186,7 @@ def fitted(
             except ModelError:
                 if theta is origin:
                     raise
-                residuals.append(np.full(len(weight), _OUT_OF_BOUNDS))
+                residuals.append(np.full(len(weight), _SET.lost))
                 jacobians.append(np.zeros((len(weight), len(theta))))
                 continue
             derivative = sensitivity[keep][:, [*at_own, *at_free]]
@@ -202,7 +200,7 @@ def fitted(
     origin = np.concatenate([begins.ravel(), [shared[name] for name in free], list(begun.values())]) / unknowns
     rows_of(origin)
 
-    runs, tolerance = (_MOST_RUNS, 1e-9) if in_earnest else (_SET.on_the_way, 1e-5)
+    runs, tolerance = (_SET.runs, 1e-9) if in_earnest else (_FREE_RUNS.on_the_way, 1e-5)
 
     def solved(begin: Array, worth: float) -> Array:
         return least_squares_beside(
@@ -226,7 +224,7 @@ def fitted(
     begin = origin
     if open_to:
         none = places[:0], middle[:0], sure[:0]
-        begin = least_squares_beside(sized, origin, *none, tolerance=1e-5, runs=_SET.on_the_way)
+        begin = least_squares_beside(sized, origin, *none, tolerance=1e-5, runs=_FREE_RUNS.on_the_way)
     theta = solved(begin, 1.0)
     worth = worth_of(rows_of(theta)[0])
     if worth > 1.0 and in_earnest:
@@ -253,7 +251,7 @@ def error_on(run: PooledRun, pool: Pool) -> tuple[Array, ...]:
     sensed = slice(observer.states, observer.states + len(observer.model.sense_constants))
     offsets, before = own[sensed], run.own[:, sensed]
     known = {
-        name: Declared(float(np.mean(column)), max(float(np.std(column)), 0.1 * pool.device.noise[0]))
+        name: Declared(float(np.mean(column)), max(float(np.std(column)), _SET.offset * pool.device.noise[0]))
         for name, column in zip(offsets, before.T, strict=True)
     }
     errors = []
@@ -261,7 +259,7 @@ def error_on(run: PooledRun, pool: Pool) -> tuple[Array, ...]:
         record = member.record
         start = state_of(observer, np.zeros(len(own)), run.constants(run.level.scaled(member.covariate)))
         start[sensed] = np.mean(before, axis=0)
-        first = max(_SET.scored_from, len(record) // _BEGINNING)
+        first = max(_FREE_RUNS.scored_from, len(record) // _SET.beginning)
         begun = record.part(slice(0, first))
         free = [name for name in own if name in observer.estimated]
         state = refine(

@@ -45,8 +45,7 @@ from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.rings import begun as rings_begun
 
 _SET = THRESHOLDS.free_runs
-FEWEST = 2
-"""Records that are fitted at least."""
+_POOLS = THRESHOLDS.pools
 
 Progress = Callable[[str, int, int], None]
 
@@ -70,10 +69,10 @@ def trace_pool(pool: Pool, held_out: Sequence[int], progress: Progress = lambda 
         raise ModelError("several records at once are traced on a single axis only; trace them one by one")
     fit = pool.of([member for i, member in enumerate(pool.members) if i not in held_out])
     judges = pool.of([pool.members[i] for i in sorted(held_out)])
-    if len(fit.members) < FEWEST or not judges.members:
+    if len(fit.members) < _POOLS.fewest or not judges.members:
         raise ModelError(
-            f"{len(fit.members)} records to fit and {len(judges.members)} to judge; give {FEWEST} of the former and "
-            "one of the latter at least"
+            f"{len(fit.members)} records to fit and {len(judges.members)} to judge; give {_POOLS.fewest} of the former "
+            "and one of the latter at least"
         )
     level = Level.of(fit)
     choice, later, whole = _rows(fit)
