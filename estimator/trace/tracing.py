@@ -155,7 +155,8 @@ def _judged(
                 return _Judged(Verdict.PARTLY, named, selection, after, why, told, share, claim.contest, is_open=True)
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
             return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest, is_open=False)
-        if against and not left and (borne_out := _borne_out(problem, selection, before, named, split)) is not None:
+        refuted = bool(against) and not left and not promises.shows_at_first(claim)
+        if refuted and (borne_out := _borne_out(problem, selection, before, named, split)) is not None:
             name, other, exchanged = borne_out
             why[name] = f"{gained(selection.gain[name])}, as {kind(other).replace('_', ' ')} does; {against[0]}"
             selection = exchanged

@@ -14,6 +14,7 @@ from estimator.record import Record
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace import claims, free_run, tracing
 from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
+from estimator.trace.nameless import Contest
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Vote
 from tests.estimator.device import NOMINAL as DEVICE
@@ -157,6 +158,16 @@ def test_a_rival_that_breaks_a_promise_as_well_is_not_named(judged, rival, how):
 def test_the_next_rival_is_asked_where_the_nearest_breaks_a_promise(judged):
     found = two_delays(judged, DELAYS | {("drive_gain",): errors(1.7, 1.5)}, rivals=("drive_gain", "sense_delay"))
     assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"sense_delay"})
+
+
+def test_where_the_part_held_out_tells_nothing_no_rival_is_asked(judged, monkeypatch):
+    """It neither stood above its floor nor stands there: what refutes the one would not bear out the other."""
+    monkeypatch.setattr(tracing, "_borne_out", lambda *given: pytest.fail("a rival was asked"))
+    silent = errors(1.0, 1.0, gain=-1.5)
+    contest = Contest(-1.5, 0.0, -1.5, 1000)
+    found = two_delays(judged, {**dict.fromkeys(DELAYS, silent), ("sense_delay",): errors(1.0, 1.0)}, contest=contest)
+    assert (found.verdict, set(found.named)) == (Verdict.PARTLY, {"drive_delay"})
+    assert found.why == {}
 
 
 def test_what_the_fitted_part_holds_no_rival_mends(judged):
