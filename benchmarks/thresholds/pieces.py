@@ -5,6 +5,7 @@ that an answer tells on which side of a threshold it lies.
 import contextlib
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +46,8 @@ def pieces() -> dict[str, Callable[[], Answer]]:
         "a line beside another": _beside,
         "a loss by chance": _loss,
         "openings": _openings,
+        "modes that ring": _ringing,
+        "a mode beside one frequency": _elsewhere,
     }
 
 
@@ -75,8 +78,6 @@ def _few_cycles() -> Answer:
 
 def _ended() -> Answer:
     """At sample 470, twenty of which are a cycle."""
-    from dataclasses import replace
-
     from estimator.trace.rest import moves_until
 
     problem = _ring(4000)
@@ -190,7 +191,7 @@ def _lobe() -> Answer:
     model: Any = SimpleNamespace(
         settings=ObserverSettings(effects={"interference": {"omega": 900.0 + 4.0 / span}}), likelihood=0.0
     )
-    with _in_place_of(parameters, "Hill", Lobe):
+    with in_place_of(parameters, "Hill", Lobe):
         top: Any = parameters.refine_parameters(_ring(1000), model, "interference")[0]
     return {"verdict": f"top at {top.omega:.2f} rad/s after {len(asked)} models", "words": []}
 
@@ -238,8 +239,8 @@ def _loss() -> Answer:
         )
         less = SimpleNamespace(likelihood=0.0)
         with (
-            _in_place_of(observer_model, "fit", lambda *given, less=less, **more: less),
-            _in_place_of(observer_model, "coefficients_of", lambda observer: {"drive_gain": {}}),
+            in_place_of(observer_model, "fit", lambda *given, less=less, **more: less),
+            in_place_of(observer_model, "coefficients_of", lambda observer: {"drive_gain": {}}),
         ):
             _, score = ObserverModel(problem).without(Carrying(problem, kept), "drive_gain")
         if score.gain > score.bar:
@@ -255,8 +256,37 @@ def _openings() -> Answer:
     return {"verdict": f"a first pass over {', '.join(told)}", "words": []}
 
 
+def _ringing() -> Answer:
+    """Modes at 0.4, 1.12, 1.5 and 2.85 of the resonance, of half the size each, that die away within a few cycles."""
+    from estimator.trace.rings import rings
+
+    t = np.arange(2000) / _RATE
+    residual = 1e-3 * np.random.default_rng(5).standard_normal(len(t))
+    for number, (order, zeta) in enumerate(((2.85, 0.02), (0.4, 0.03), (1.5, 0.01), (1.12, 0.01))):
+        omega = order * _OMEGA
+        residual += 0.5**number * np.exp(-zeta * omega * t) * np.cos(omega * t)
+    found = rings([residual[:, None]], _RATE, _OMEGA)
+    told = [f"{omega / _OMEGA:.2f} (ζ {0.5 * rate / omega:.3f})" for omega, rate in found]
+    return {"verdict": f"rings at {', '.join(told)} of the resonance", "words": []}
+
+
+def _elsewhere() -> Answer:
+    """A drive of the resonance alone, whose residual is noise."""
+    from estimator.trace.candidates import watch_list
+
+    problem, random = _ring(4000), np.random.default_rng(6)
+    t = np.arange(4000) / _RATE
+    drive = np.stack([np.cos(_OMEGA * t), np.sin(_OMEGA * t)], axis=1)[:, :, None]
+    record = replace(problem.record, drive=drive)
+    watched = watch_list(record, _DEVICE, random.standard_normal((4000, 2)), np.ones((4000, 2)))
+    given = [one for name, one in watched.items() if name.startswith("parasitic_mode")]
+    told = [f"{one['omega'] / _OMEGA:.2f} of the resonance, ζ {one['zeta']:.3f}" for one in given]
+    return {"verdict": f"a mode is watched at {'; '.join(told) or 'none'}", "words": []}
+
+
 @contextlib.contextmanager
-def _in_place_of(module: Any, name: str, instead: Any) -> Iterator[None]:
+def in_place_of(module: Any, name: str, instead: Any) -> Iterator[None]:
+    """The module with another in the place of one of its names."""
     own = getattr(module, name)
     setattr(module, name, instead)
     try:

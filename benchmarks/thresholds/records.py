@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.thresholds.pieces import pieces
+from benchmarks.thresholds.pieces import in_place_of, pieces
 from evaluation.undeclared.population import Order
 
 if TYPE_CHECKING:
@@ -53,6 +53,9 @@ def tracers(folder: Path) -> dict[str, Callable[[], Answer]]:
         "single axis, periodic": lambda: _of_axes(_single_axis(1.0, period=150)),
         "ring-down": lambda: _of_axes(_single_axis(1.0, drive=0.0)),
         "pool": _of_pool,
+        "pool, a run that is lost": _of_pool_that_loses_a_run,
+        "envelope": lambda: _of_envelope(400),
+        "envelope, short": lambda: _of_envelope(70),
         "sensor, saturation": lambda: _of_sensor(lambda f: np.clip(0.1 + 2.0 * f, -2.4, 2.6)),
         "sensor, cubic": lambda: _of_sensor(lambda f: 0.1 + 2.0 * (f - 0.02 * f**3)),
         "sensor, line": lambda: _of_sensor(lambda f: 0.1 + 2.0 * f),
@@ -161,6 +164,53 @@ def _of_pool() -> Answer:
     named = sorted(effect.name for effect in found.effects)
     told = sorted(f"{one.name} depends on {one.covariate}" for one in found.dependences)
     return {"verdict": _said(found.verdict.value, [*named, *told]), "words": []}
+
+
+def _of_pool_that_loses_a_run() -> Answer:
+    """The same, where a fit comes by constants with which a record has no free run, eleven times."""
+    from estimator.errors import ModelError
+    from estimator.trace.pool import fit
+
+    runs, simulated = 0, fit.simulated
+
+    def sometimes(*given: Any, **more: Any) -> Any:
+        nonlocal runs
+        runs += bool(more.get("sensitive"))
+        if more.get("sensitive") and 40 < runs < 500 and runs % 40 == 0:
+            raise ModelError("no free run")
+        return simulated(*given, **more)
+
+    with in_place_of(fit, "simulated", sometimes):
+        return _of_pool()
+
+
+def _of_envelope(samples: int) -> Answer:
+    """The amplitude, in decibels, of a ring-down with dry friction and drag, from the averages over a cycle."""
+    from estimator.envelope.record import Envelope, Resonator
+    from estimator.envelope.trace import by_turns, trace_envelope
+    from estimator.errors import ModelError
+    from estimator.settings import Device
+
+    omega, damping, friction, drag, noise = 2.0 * math.pi * 5.0, 0.6, 2e-3, 40.0, 0.05
+    time = np.linspace(0.0, 6.0, samples)
+    amplitude, shown, steps = 5e-3, [], 200
+    for _ in time:
+        shown.append(20.0 * math.log10(amplitude))
+        for _ in range(steps):
+            lost = 0.5 * damping * amplitude + 2.0 * friction / (math.pi * omega)
+            lost += 4.0 / (3.0 * math.pi) * drag * omega * amplitude**2
+            amplitude -= lost * (time[1] - time[0]) / steps
+    device = Device(
+        sample_rate=40.0, stiffness=(omega**2,), damping=(1.2 * damping,), amplitude=5e-3, sense_gain=(1.0,),
+        noise=(noise,), sense_unit="dB",
+    )  # fmt: skip
+    read = np.array(shown) + noise * np.random.default_rng(4).standard_normal(samples)
+    resonator = Resonator(device, (1.2 * damping, damping), 1e-4, noise)
+    try:
+        found = trace_envelope(Envelope(time, read, logarithmic=True), resonator, by_turns(samples))
+    except ModelError as error:
+        return {"verdict": f"refused: {str(error).partition(';')[0]}", "words": []}
+    return {"verdict": _said(found.verdict.value, sorted(effect.name for effect in found.effects)), "words": []}
 
 
 def _single_axis(
