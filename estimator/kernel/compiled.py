@@ -19,6 +19,7 @@ from typing import Any
 import numba
 
 _ESTIMATOR = Path(__file__).parents[1]
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _GENERATED = "estimator_generated_model"
 
 
@@ -57,16 +58,14 @@ def compiled(function: Callable[..., Any], *, inline: bool = False) -> Callable[
     """`numba.njit` with the cache in `kernel_cache()`; the interpreter's global setting is left as it was.
 
     A division by zero gives infinity, as in NumPy: a filter that diverges ends in numbers that say so.  With `inline`
-    it becomes part of every kernel that calls it.  None has the entry that C would call, an eighth of the compilation:
+    it becomes part of every kernel that calls it.  None has the entry that C would call, which takes time to compile:
     what is reached by its address is compiled as such (`estimator.kernel.own`).
     """
     settings: Any = numba.config
     before = settings.CACHE_DIR
     settings.CACHE_DIR = str(kernel_cache() / "numba")
     try:
-        kernel: Callable[..., Any] = numba.njit(
-            cache=True, nogil=True, error_model="numpy", forceinline=inline, no_cfunc_wrapper=True
-        )(function)
+        kernel: Callable[..., Any] = numba.njit(**_OPTIONS, forceinline=inline)(function)
         return kernel
     finally:
         settings.CACHE_DIR = before
