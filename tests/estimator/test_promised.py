@@ -91,7 +91,12 @@ def judged(monkeypatch):
         monkeypatch.setattr(tracing, "without", less)
         monkeypatch.setattr(tracing, "instead", instead)
         monkeypatch.setattr(tracing, "claim_of", claim)
-        monkeypatch.setattr(tracing, "leftover", lambda selection, record, resonance: left.get(key(selection), ()))
+
+        def leftover(selection, record, resonance):
+            assert resonance == pytest.approx(math.sqrt(DEVICE.target) / (2.0 * math.pi))
+            return left.get(key(selection), ())
+
+        monkeypatch.setattr(tracing, "leftover", leftover)
         return tracing._judged(PROBLEM, Selected(coefficients, gain, rivals=rivals or {}), seen, SPLIT)
 
     return run
@@ -100,6 +105,7 @@ def judged(monkeypatch):
 def test_what_keeps_its_promises_is_explained(judged):
     found = judged({"drive_gain": {"hx": SURE}}, {"drive_gain": 500.0}, {("drive_gain",): errors(3.0, 1.0)})
     assert (found.verdict, set(found.named), found.share) == (Verdict.EXPLAINED, {"drive_gain"}, 1.0)
+    assert not found.is_open
 
 
 SURE_OF = {
