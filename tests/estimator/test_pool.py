@@ -1,13 +1,20 @@
 """Several records in one trace: SciPy's solutions with known constants, held out by record."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.stats import linregress, norm
 
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.errors import ModelError
 from estimator.record import Record
+from estimator.refinement import Declared
 from estimator.settings import Device, Gain, ObserverSettings, Spread
+from estimator.thresholds import THRESHOLDS
+from estimator.trace.engine import Estimate
+from estimator.trace.pool import trace as pool_trace
 from estimator.trace.pool.members import Level, Member, Pool, held_out_by_default
 from estimator.trace.pool.trace import trace_pool
 
@@ -120,3 +127,51 @@ def test_by_default_a_third_judges_from_within(number: int, expected: int) -> No
     assert len(held) == expected == len(set(held))
     if number > 3:
         assert not {0.0, number - 1.0} & {members[i].covariate for i in held}
+
+
+@pytest.mark.parametrize("records", [3, 4, 6])
+def test_a_constant_goes_with_the_covariate_where_neither_scatter_nor_doubt_makes_that_slope(records: int) -> None:
+    """Beside SciPy's regression, and the normal distribution of what each record leaves open."""
+    rng = np.random.default_rng(7)
+    z = np.linspace(-1.0, 1.0, records)
+    seen = set()
+    for slope in np.geomspace(1e-3, 1e3, 60):
+        values = 5.0 + slope * z + 1e-2 * rng.standard_normal(records)
+        deviation = np.full(records, 3e-2)
+        alone = [
+            SimpleNamespace(names=["d", "k"], deviation=np.array([9.0, sd]), value=lambda name, v=v: float(v))
+            for v, sd in zip(values, deviation, strict=True)
+        ]
+        fitted = linregress(z, values)
+        doubt = np.sqrt(np.sum((deviation * z / np.sum(z**2)) ** 2))
+        chance = max(fitted.pvalue, 2.0 * norm.sf(abs(fitted.slope) / doubt))
+        found = pool_trace._line(z, alone, "k")
+        assert (found is not None) == (chance < THRESHOLDS.criterion.chance)
+        if found is not None:
+            assert found == pytest.approx((np.mean(values), fitted.slope))
+        seen.add(found is None)
+    assert seen == {True, False}
+    alone[0].deviation[1] = 0.0
+    assert pool_trace._line(z, alone, "k") is None  # of which no record says anything
+
+
+def test_a_pool_is_held_to_what_is_declared_of_its_constants_but_for_those_that_go_with_the_covariate() -> None:
+    """A spring beyond its declaration is a conflict; one whose slope was found is declared for one load only."""
+    known = {
+        "kxx": Declared(100.0, 2.0),
+        "dxx": Declared(1.0, 0.1),
+        "k3x": Declared(0.0, 1.0),  # of an effect, not of the base model
+    }
+    estimates = {"kxx": Estimate(110.0, 109.0, 111.0), "dxx": Estimate(-1.0, -1.1, -0.9)}
+    run = SimpleNamespace(
+        observer=SimpleNamespace(model=SimpleNamespace(names=("x", "vx", "kxx", "dxx"))),
+        known=known, slopes={}, estimate=estimates.__getitem__,
+    )  # fmt: skip
+    found = {one.name: one for one in pool_trace._constants(run)}
+    assert set(found) == {"kxx", "dxx"}
+    spring, damping = found["kxx"], found["dxx"]
+    assert (spring.value, spring.low, spring.high) == (110.0, 109.0, 111.0)
+    assert (spring.declared, spring.deviation, spring.positive) == (100.0, 2.0, True)
+    assert damping.positive
+    run.slopes = {"kxx": 3.0}
+    assert [one.name for one in pool_trace._constants(run)] == ["dxx"]
