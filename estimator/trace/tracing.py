@@ -126,7 +126,6 @@ def _judged(
     part, known = problem.part(slice(0, split)), problem.effects
     why: dict[str, str] = {}
     elses: list[str] = []
-    resonance = float(np.sqrt(problem.device.target)) / (2.0 * np.pi)
     at_first: _Judged | None = None
     while True:
         selection, nothing, unlawful = _without_weak(part, selection, known)
@@ -141,7 +140,7 @@ def _judged(
             selection = without(part, selection, (least,))
             continue
         claim = claim_of(problem, selection, before, after, split)
-        left = leftover(selection, part.record.part(slice(0, selection.samples)), resonance)
+        left = _left(part, selection)
         against = promises.broken(claim) if named else ()
         share = claim.residual.share if named and not claim.residual.nothing_above else None
         if not against and not left:
@@ -185,6 +184,12 @@ def _judged(
         selection = without(part, selection, small)
 
 
+def _left(part: Problem, selection: Selection) -> tuple[str, ...]:
+    """What the model that was selected leaves of the part that it was fitted to, a sentence each."""
+    resonance = float(np.sqrt(part.device.target)) / (2.0 * np.pi)
+    return leftover(selection, part.record.part(slice(0, selection.samples)), resonance)
+
+
 def _borne_out(
     problem: Problem, selection: Selection, before: Examination, named: Iterable[str], split: int
 ) -> tuple[str, str, Selection] | None:
@@ -195,7 +200,6 @@ def _borne_out(
     and not the other.
     """
     part = problem.part(slice(0, split))
-    resonance = float(np.sqrt(problem.device.target)) / (2.0 * np.pi)
     for name in named:
         for other in selection.rivals.get(name, {}):
             found = instead(part, selection, name, other)
@@ -204,8 +208,7 @@ def _borne_out(
             except DivergedError:
                 continue
             claim = claim_of(problem, found, before, after, split)
-            left = leftover(found, part.record.part(slice(0, found.samples)), resonance)
-            if not promises.broken(claim) and not promises.constants(claim) and not left:
+            if not promises.broken(claim) and not promises.constants(claim) and not _left(part, found):
                 return name, other, found
     return None
 
