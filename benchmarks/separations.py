@@ -3,10 +3,10 @@
 A device of the undeclared campaign lies still: no rate, no virtual rotation, no dither, no modulation.  Its record is
 traced.  Where the diagnosis lists look-alikes that an experiment of the bench would tell apart, the experiments are
 made on the same emulated board, as `--live` makes them, until none is proposed; the last diagnosis must name what was
-hidden, first.  Where an experiment is to turn the gyro, which no host can, it is turned as the records of the campaign
-are: the rate goes through a few cycles in as long as one of those takes, however short the record is here, since who
-turns a gyro turns it no faster for a short record.  Devices whose record tells everything, or nothing, are counted
-beside them.
+hidden, first.  Where an experiment is to turn the gyro, which no host can, it is turned as it is asked for, give or
+take 30 % in rate and time, about a rate that is not zero.  Devices whose record tells everything, or nothing, are
+counted beside them; so are those that end on a look-alike of which the first diagnosis had said that no experiment of
+four times the record tells it from what was hidden.
 
 Results are kept in runs/separations, one file a device; what is there is not run again.  SEPARATIONS_DRAW is another
 draw, SEPARATIONS of how many devices to make experiments, SEPARATIONS_JOBS how many processes, SEPARATIONS_SAMPLES how
@@ -14,9 +14,10 @@ long the first record is: the shorter, the more is left to experiments.
 """
 
 import json
+import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -28,19 +29,18 @@ import numpy as np
 from benchmarks.row import Row, Say
 from benchmarks.verdicts.campaign import toml_of
 from estimator.side_by_side import one_worker_each
-from estimator.trace.separation import Experiment
-from evaluation.undeclared.device import draw_rate
+from estimator.trace.separation import Turn
 from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.judging import class_of, plain
 from evaluation.undeclared.population import Order
-from evaluation.undeclared.record import SAMPLES as CAMPAIGN_SAMPLES
 from evaluation.undeclared.record import draw
-from hil.bench import override
+from hil.bench import Bench, override
 from hil.loop.run import run
 from hil.records.atomic import write_text
+from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
-from hil.separate import separable, separate
+from hil.separate import Asked, separable, separate
 from hil.tracing import trace
 
 DRAW = 14
@@ -61,14 +61,16 @@ def rows(say: Say) -> list[Row]:
     KEPT.mkdir(parents=True, exist_ok=True)
     one_worker_each()
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        while sum(one["experiments"] > 0 for one in done) < wanted:
+        while sum(one["experiments"] > 0 and not one["told_in_vain"] for one in done) < wanted:
             for one in pool.map(partial(_one, samples), [next(orders) for _ in range(2 * jobs)]):
                 done.append(one)
                 say(f"{one['name']}: {one['before']}; {one['experiments']} experiments; {one['after']}")
-    tried = [one for one in done if one["experiments"]]
+    made = [one for one in done if one["experiments"]]
+    tried = [one for one in made if not one["told_in_vain"]]
     return [
         Row("calm devices", len(done), "1"),
         Row("… an experiment proposed and made", len(tried), "1"),
+        Row("… beside those told before that none tells them apart", len(made) - len(tried), "1"),
         Row("… of these, at last what was hidden is named", sum(one["right"] for one in tried), f"of {len(tried)}"),
         Row("… of these, a wrong name at last, without reserve", sum(one["wrong"] for one in tried), "1"),
         Row("experiments, most for one device", max(one["experiments"] for one in tried), "1"),
@@ -101,17 +103,16 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     folder = run(bench, link, place, progress=lambda _: None).folder
     assert folder is not None
     first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
-    cycles_s = CAMPAIGN_SAMPLES / drawn.device.sample_rate_Hz
-    rate = draw_rate(np.random.default_rng(order.seed + 1), drawn.device, cycles_s)
+    hand = np.random.default_rng(order.seed + 1)
 
-    def on_the_table(experiment: Experiment, words: str) -> None:
+    def on_the_table(asked: Asked) -> None:
         """What the one who stands at the bench does before the board is armed."""
-        turned = {**drawn.table, "rate": rate} if experiment.turning else drawn.table
+        turned = {**drawn.table, "rate": _by_hand(hand, asked.turn)} if asked.experiment.turning else drawn.table
         write_text(scenario, toml_of(turned))
 
     made = separate(
         first, bench, link, place, fraction=None, before_run=on_the_table, progress=lambda _: None
-    ) if separable(first) else ()  # fmt: skip
+    ) if separable(first, bench) else ()  # fmt: skip
     last = made[-1].traced.diagnosis if made else first
     tables, sections = drawn.hidden[0].effects, drawn.hidden[0].sections
     names = expected(order.effects[0], tables, sections, _device(drawn)).names
@@ -126,11 +127,23 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
         "experiments": len(made),
         "after": _told(last),
         "right": right,
+        "told_in_vain": explained and not right and _told_in_vain(first, bench, named[0], names),
         "wrong": explained and not class_of(named[0], pairs) & set(names),
     }
     write_text(kept, json.dumps(answer, indent=1))
     shutil.rmtree(place)
     return answer
+
+
+def _by_hand(hand: np.random.Generator, turn: Turn) -> dict[str, Any]:
+    """`[rate]` of a scenario: as was asked for, as well as a hand can tell."""
+    return {
+        "kind": "sine",
+        "amplitude_rad_s": float(turn.rate * hand.uniform(0.7, 1.3)),
+        "frequency_Hz": float(hand.uniform(0.7, 1.3) / turn.period),
+        "phase_rad": float(hand.uniform(-math.pi, math.pi)),
+        "offset_rad_s": float(turn.rate * hand.uniform(-0.5, 0.5)),
+    }
 
 
 def _device(drawn: Any) -> dict[str, Any]:
@@ -141,6 +154,13 @@ def _device(drawn: Any) -> dict[str, Any]:
         "stiffness_per_s2": device.stiffness,
         "damping_per_s": device.damping,
     }
+
+
+def _told_in_vain(diagnosis: Diagnosis, bench: Bench, ended: str, hidden: Collection[str]) -> bool:
+    """Whether a diagnosis said of what it ended as that no experiment of this bench tells it from what was hidden."""
+    left = [pair for pair in diagnosis.confusable if pair not in separable(diagnosis, bench)]
+    alike = [{plain(pair.effect), plain(pair.with_)} for pair in left]
+    return any(ended in pair and pair & set(hidden) for pair in alike)
 
 
 def _told(diagnosis: Any) -> str:

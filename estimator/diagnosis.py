@@ -53,7 +53,8 @@ class Confusable:
     `correlation` of their signatures with everything else the observer estimates projected out; `separate_by` an
     experiment in words, None where nothing separates them; `experiment` its name where a run can make it; `expected`
     their correlation in that experiment; `angle_apart` how far in rad the angle moves when the other is carried
-    instead.
+    instead; `takes` how long in s a run has to last that tells them apart 95 times in 100; `behind` by how much less
+    likely the record is with the other once it is carried, in twice the log-likelihood, where that tells them apart.
     """
 
     effect: str
@@ -63,6 +64,8 @@ class Confusable:
     expected: float | None
     angle_apart: float | None = None
     experiment: str | None = None
+    takes: float | None = None
+    behind: float | None = None
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from estimator.trace.separation import EXPERIMENTS, Experiment, experiment_called
+from estimator.thresholds import THRESHOLDS
+from estimator.trace.separation import Experiment, Turn, experiment_called, in_words, turn_for
 from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.loop.run import run
@@ -16,7 +17,18 @@ from hil.records.runfolder import RunFolder
 from hil.tracing import Traced, trace
 
 _MARGIN = 1.2  # of the energy's swing under modulation, as a limit
-_LONGER = (1, 2, 4)  # times the duration of the bench file, one after another where a shorter record was in vain
+_TIMES = (1, 2, 4)  # times the duration of the bench file that an experiment may last
+
+
+class Asked(NamedTuple):
+    """An experiment as it is to be made: how many times the duration of the bench file it lasts, how the gyro is turned
+    where it is, and all of it in words.
+    """
+
+    experiment: Experiment
+    times: int
+    turn: Turn
+    words: str
 
 
 @dataclass(frozen=True)
@@ -40,46 +52,91 @@ def separate(
     *,
     fraction: float | None,
     also: Sequence[str] = (),
-    before_run: Callable[[Experiment, str], None],
+    before_run: Callable[[Asked], None],
     progress: Watcher,
 ) -> tuple[Separated, ...]:
     """Make the experiments that `diagnosis` proposes on the board at `link`, one after another until no pair is left.
 
-    Where the one proposed was made and told nothing, all of them are made at once, then for longer; what is left then
-    stays listed. before_run is told which will be made, and in words, before the board is armed: what no host can do,
-    as to turn the gyro, is done by then.  Raises InputError or WireError as a run does.
+    Each lasts as long as it takes, in whole durations of the bench file.  Where the one proposed was made and told
+    nothing, all of them are made at once, then for longer; what is left then stays listed.  before_run is told what
+    will be made before the board is armed: what no host can do, as to turn the gyro, is done by then.  Raises
+    InputError or WireError as a run does.
     """
     done: list[Separated] = []
-    pairs = separable(diagnosis)
+    pairs = separable(diagnosis, bench)
     made: list[tuple[Experiment, int]] = []
-    while pairs and (step := _next(pairs, made)) is not None:
+    while pairs and (step := _next(pairs, bench, made)) is not None:
         made.append(step)
-        experiment, times = step
-        words = experiment.words if times == 1 else f"{experiment.words}, for {times} times as long"
-        before_run(experiment, words)
+        asked = asked_for(*step, bench)
+        before_run(asked)
         changed = override(
-            bench, changes(experiment, bench, times), f"the bench file with the experiment {experiment.name!r}"
+            bench,
+            changes(asked.experiment, bench, asked.times),
+            f"the bench file with the experiment {asked.experiment.name!r}",
         )
-        folder = run(changed, link, out, note=f"experiment: {words}", progress=progress).folder
+        folder = run(changed, link, out, note=f"experiment: {asked.words}", progress=progress).folder
         assert folder is not None  # only a dry run leaves none
         traced = trace(RunFolder(folder).capture_path, changed, out, fraction=fraction, also=also, progress=progress)
         apart = tuple(pair for pair in pairs if not _alike(pair, traced.diagnosis))
         alike = tuple(pair for pair in pairs if _alike(pair, traced.diagnosis))
-        done.append(Separated(words, folder, traced, apart, alike))
-        pairs = separable(traced.diagnosis)
+        done.append(Separated(asked.words, folder, traced, apart, alike))
+        pairs = separable(traced.diagnosis, bench)
     return tuple(done)
 
 
-def _next(pairs: list[Confusable], made: list[tuple[Experiment, int]]) -> tuple[Experiment, int] | None:
-    """The experiment to make, and for how many times the duration; None where all was in vain."""
-    everything = EXPERIMENTS[-1]
-    steps = [(named(pairs[0].experiment or ""), 1), *((everything, times) for times in _LONGER)]
+def asked_for(experiment: Experiment, times: int, bench: Bench) -> Asked:
+    """How an experiment is to be made on a bench, for so many times its duration."""
+    duration = bench.loop.duration_s
+    wander = bench.observer.process_noise.rate_rad_s_per_rts
+    turn = turn_for(math.sqrt(bench.target_stiffness_per_s2), wander, duration)
+    words = in_words(experiment, turn)
+    return Asked(experiment, times, turn, words if times == 1 else f"{words}; for {times * duration:g} s")
+
+
+def _next(pairs: list[Confusable], bench: Bench, made: list[tuple[Experiment, int]]) -> tuple[Experiment, int] | None:
+    """The experiment to make, and for how many times the duration; None where all was in vain.
+
+    What is made later does all that was made before: else it may leave alike again what that told apart.
+    """
+    first = pairs[0]
+    least = next(times for times in _TIMES if _long_enough(first, times, bench))
+    proposed = named(first.experiment or "")
+    turned = proposed.turning or any(experiment.turning for experiment, _ in made)
+    still, all_of_them = named("together"), named("all")
+    steps = [] if made else [(proposed, least)]
+    if not turned:
+        steps.append((still, least))
+    everything = all_of_them if _follows_turns(bench) else still
+    longest = max((times for experiment, times in made if experiment == everything), default=0)
+    steps += [(everything, times) for times in _TIMES if times >= least and times > longest]
     return next((step for step in steps if step not in made), None)
 
 
-def separable(diagnosis: Diagnosis) -> list[Confusable]:
-    """Pairs that an experiment would tell apart which a run can make; a clock or a weight is compared by hand."""
+def separable(diagnosis: Diagnosis, bench: Bench) -> list[Confusable]:
+    """Pairs that an experiment would tell apart which a run of this bench can make, of four times its duration at most;
+    a clock or a weight is compared by hand.
+    """
+    pairs = [pair for pair in within_reach(diagnosis) if _long_enough(pair, _TIMES[-1], bench)]
+    return [pair for pair in pairs if _follows_turns(bench) or not named(pair.experiment or "").turning]
+
+
+def within_reach(diagnosis: Diagnosis) -> list[Confusable]:
+    """The same of a run however long."""
     return [pair for pair in diagnosis.confusable if experiment_called(pair.experiment or "") is not None]
+
+
+def duration_for(pair: Confusable) -> float:
+    """`[loop] duration_s` with which `separable` has a pair, s."""
+    return (pair.takes_s or 0.0) / _TIMES[-1]
+
+
+def _follows_turns(bench: Bench) -> bool:
+    """Whether the observer lets the rate change at all."""
+    return bench.observer.process_noise.rate_rad_s_per_rts > 0.0
+
+
+def _long_enough(pair: Confusable, times: int, bench: Bench) -> bool:
+    return (pair.takes_s or 0.0) <= times * bench.loop.duration_s
 
 
 def named(name: str) -> Experiment:
@@ -94,6 +151,7 @@ def changes(experiment: Experiment, bench: Bench, times: int = 1) -> dict[str, d
     where it is more.
     """
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
+    frequency_Hz = omega0 / (2.0 * math.pi)
     given = bench.controller
     rotation = max(abs(given.virtual_rotation_rad_s), experiment.virtual * omega0)
     swing = max(given.amplitude_modulation, experiment.modulation)
@@ -103,6 +161,10 @@ def changes(experiment: Experiment, bench: Bench, times: int = 1) -> dict[str, d
         "dither_mps2": max(given.dither_mps2, experiment.dither * bench.device.amplitude_m * omega0**2),
         "stiffness_step": max(given.stiffness_step, experiment.stiffness),
     }
+    if experiment.modulation > given.amplitude_modulation:
+        controller["modulation_Hz"] = frequency_Hz / THRESHOLDS.separation.modulation
+    if experiment.stiffness > given.stiffness_step:
+        controller["stiffness_step_Hz"] = frequency_Hz / THRESHOLDS.separation.stepping
     energy = max(bench.limits.energy_error, _MARGIN * ((1.0 + swing) ** 2 - 1.0))
     name = f"{bench.loop.name.removesuffix('-trace')}-{experiment.name}"
     loop: dict[str, Any] = {"name": name}
@@ -114,4 +176,5 @@ def changes(experiment: Experiment, bench: Bench, times: int = 1) -> dict[str, d
 def _alike(pair: Confusable, diagnosis: Diagnosis) -> bool:
     """Whether the new record does not tell the pair apart either."""
     names = {pair.effect.partition(":")[0], pair.with_.partition(":")[0]}
-    return any({one.effect.partition(":")[0], one.with_.partition(":")[0]} == names for one in diagnosis.confusable)
+    alike = [one for one in diagnosis.confusable if one.behind is None]
+    return any({one.effect.partition(":")[0], one.with_.partition(":")[0]} == names for one in alike)

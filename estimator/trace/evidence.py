@@ -87,16 +87,44 @@ def likeness(scan: Scan, name: str, coefficients: Array | None = None) -> dict[s
     """How well each other watched effect can imitate `name`: the correlation of its signature, with the coefficients
     given (SI; else those found), with what the other could make of it, everything the observer estimates projected out.
     """
-    total, score = scan.normal.sum(axis=0), scan.score.sum(axis=0)
+    return {other: one.likeness for other, one in imitations(scan, name, coefficients).items()}
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """What another effect can make of a signature.
+
+    size: of the signature, the gain of twice the log-likelihood that the effect would be; form (k, k): of that, what
+    the other cannot imitate, as a quadratic form of the effect's coefficients, SI; left: its value, by which the two
+    differ in twice the log-likelihood.
+    """
+
+    size: float
+    form: Array
+    left: float
+
+    @property
+    def likeness(self) -> float:
+        """Correlation of the signature and its imitation."""
+        return float(np.sqrt(np.clip(1.0 - self.left / self.size, 0.0, 1.0)))
+
+
+def imitations(scan: Scan, name: str, coefficients: Array | None = None, *, begin: int = 0) -> dict[str, Imitation]:
+    """By each other watched effect, of `name` with these coefficients (SI; else those found), everything the observer
+    estimates projected out; of the parts of the record from `begin` on.
+    """
+    total, score = scan.normal[begin:].sum(axis=0), scan.score[begin:].sum(axis=0)
     columns = scan.columns[name]
     own = total[columns, columns]
     c = solve(own, score[columns])[0] if coefficients is None else -coefficients / scan.plausible[columns]
     size = float(c @ own @ c)
-    alike = {}
+    found = {}
     for other, others in scan.columns.items():
         if other == name or not size > 0.0 or not _is_told(scan, others):
             continue
-        cross = total[others, columns] @ c
-        imitated = float(cross @ solve(total[others, others], cross)[0])
-        alike[other] = float(np.sqrt(np.clip(imitated / size, 0.0, 1.0)))
-    return alike
+        cross = total[others, columns]
+        imitable = np.stack([solve(total[others, others], each)[0] for each in cross.T], axis=1)
+        form = own - cross.T @ imitable
+        plausible = scan.plausible[columns]
+        found[other] = Imitation(size, form / np.outer(plausible, plausible), float(c @ form @ c))
+    return found

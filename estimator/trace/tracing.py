@@ -19,7 +19,7 @@ from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval_of
 from estimator.trace.claims import claim_of
 from estimator.trace.conflict import reconciled, runs_backwards
-from estimator.trace.criterion import threshold
+from estimator.trace.criterion import TIE, threshold
 from estimator.trace.engine import gained, last_carried, leaves_the_rest, why_not
 from estimator.trace.evidence import Evidence
 from estimator.trace.examination import Examination, examine
@@ -33,7 +33,7 @@ from estimator.trace.nameless import Contest
 from estimator.trace.probability import stated
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, instead, select, without
-from estimator.trace.separation import separations
+from estimator.trace.separation import Advice, separations
 from estimator.trace.symmetries import Constants, equivalents
 
 
@@ -376,18 +376,33 @@ def _confusable(
             if kind(other) != kind(step.taken):
                 given = near[other].parameters if other in near else step.look.watched[other]
                 pairs.setdefault((step.taken, kind(other)), (step.taken, other, alike.get(other, float("nan")), given))
-    advice = separations([(name, other) for name, other, *_ in pairs.values()], selection, reader.problem, progress)
+    behind = {which: _behind(which[0], which[1], selection) for which in pairs}
+    open_ = [which for which in pairs if behind[which] is None]
+    asked = [(name, other) for which in open_ for name, other, *_ in [pairs[which]]]
+    advised = dict(zip(open_, separations(asked, selection, reader.problem, progress), strict=True))
     apart = side_by_side(
         [partial(reader.mistaken, selection.effects, name, other, given) for name, other, _, given in pairs.values()]
     )
     return tuple(
         Confusable(
             _short(name, named), kind(other), likeness,
-            None if told.experiment is None else told.experiment.words, told.expected, moved,
-            None if told.experiment is None else told.experiment.name,
+            told.words, told.expected, moved, None if told.experiment is None else told.experiment.name, told.takes,
+            behind[which],
         )
-        for (name, other, likeness, _), told, moved in zip(pairs.values(), advice, apart, strict=True)
+        for (which, (name, other, likeness, _)), moved in zip(pairs.items(), apart, strict=True)
+        for told in [advised.get(which, Advice())]
     )  # fmt: skip
+
+
+def _behind(taken: str, other: str, selection: Selection) -> float | None:
+    """By how much less likely the record is with a kind that was carried than with the effect taken, in twice the
+    log-likelihood; None where it was not carried, or the record does not tell the two apart.
+    """
+    carried = {kind(name) for one in selection.rounds if one.taken == taken for name in one.gains}
+    account = next((one for one in selection.accounts.get(taken, ()) if one.name == other), None)
+    if other not in carried or account is None or account.deficit < TIE * max(account.dispersion, 1.0):
+        return None
+    return account.deficit
 
 
 def _with_equivalents(

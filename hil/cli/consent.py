@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from hil.errors import InputError, printable
 
 if TYPE_CHECKING:
+    from estimator.trace.separation import Turn
     from hil.bench import Bench
 
 
@@ -25,15 +26,11 @@ def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
         raise InputError(f"{link}: not armed, as you wished")
 
 
-def have_it_turned(bench: "Bench") -> None:
-    """Wait until somebody turns the gyro, which no host can, no faster than the observer follows; where nobody is at a
-    terminal, say so and go on.
-    """
-    wanders = bench.observer.process_noise.rate_rad_s_per_rts
-    print("The gyro has to turn to and fro while this is recorded; by hand will do.", file=sys.stderr)
+def have_it_turned(turn: "Turn") -> None:
+    """Wait until somebody turns the gyro, which no host can; where nobody is at a terminal, say so and go on."""
+    print(f"The gyro has to turn while this is recorded: {turn.text}. By hand will do.", file=sys.stderr)
     print(
-        f"Its rate should change by {wanders:.3g} rad/s in a second at most, as [observer.process_noise] "
-        "rate_rad_s_per_rts says: where it changes faster, the observer lags behind.",
+        "Where its rate changes faster than [observer.process_noise] rate_rad_s_per_rts says, the observer lags.",
         file=sys.stderr,
     )
     if not _at_terminal():

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hil.records.diagnosis import Diagnosis, Finding
+    from hil.records.diagnosis import Confusable, Diagnosis, Finding
 
 _STYLE = {"adequate": "green", "explained": "green", "partly explained": "yellow", "unexplained": "red"}
 _COMPLETE = ("adequate", "explained")
@@ -101,7 +101,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     _say_findings(console, heading, diagnosis.findings, diagnosis.sense_unit)
     for pair in diagnosis.confusable:
         alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
-        told = f"to tell them apart: {pair.separate_by}" if pair.separate_by else "no experiment tells them apart"
+        told = told_apart(pair)
         apart = pair.angle_apart_rad
         hangs = "" if apart is None else f"; the angle moves by {quantity(apart, 'rad')} at most if it is that"
         console.print()
@@ -112,6 +112,16 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             say(f"  {one.name}: {one.reason}")
         if len(diagnosis.rejected) > _REJECTED:
             say(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report")
+
+
+def told_apart(pair: "Confusable") -> str:
+    """What tells two effects apart, in words."""
+    if pair.behind is not None:
+        return f"carried in its place, it falls behind by {pair.behind:.3g} in twice the log-likelihood"
+    if pair.separate_by is None:
+        return "no experiment tells them apart"
+    lasting = "" if pair.takes_s is None else f", for {pair.takes_s:.2g} s at least"
+    return f"to tell them apart: {pair.separate_by}{lasting}"
 
 
 def _say_findings(console: "Console", heading: str, findings: "tuple[Finding, ...]", unit: str) -> None:

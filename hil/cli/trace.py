@@ -1,7 +1,6 @@
 """``hil trace``: from the residual of a record to the effect that the model lacks."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple, NoReturn
 
@@ -10,9 +9,9 @@ import typer
 from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out, Replace, Report
 
 if TYPE_CHECKING:
-    from estimator.trace.separation import Experiment
     from hil.bench import Bench
     from hil.records.diagnosis import Diagnosis
+    from hil.separate import Asked
     from hil.tracing import Traced
 
 Add = Annotated[
@@ -224,14 +223,14 @@ def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> s
     return url
 
 
-def _announced(bench: "Bench", experiment: "Experiment", words: str) -> None:
+def _announced(asked: "Asked") -> None:
     """What will be done, and what somebody at the bench has to do for it."""
     from hil.cli.consent import have_it_turned
     from hil.cli.show import say
 
-    say(f"experiment: {words}")
-    if experiment.turning:
-        have_it_turned(bench)
+    say(f"experiment: {asked.words}")
+    if asked.experiment.turning:
+        have_it_turned(asked.turn)
 
 
 def _separated(
@@ -240,10 +239,15 @@ def _separated(
     """What the last experiment came to; what was there before, where none was to be made."""
     from hil.cli.progress import watching
     from hil.cli.show import say
-    from hil.separate import separable, separate
+    from hil.separate import duration_for, separable, separate, within_reach
 
-    if not separable(done.diagnosis):
+    if not separable(done.diagnosis, bench):
         say("no experiment to make: nothing on this record is alike that a run on the board would tell apart")
+        for pair in within_reach(done.diagnosis):
+            say(
+                f"  {pair.effect} from {pair.with_} takes {pair.takes_s:.2g} s: {pair.separate_by}; for that, give "
+                f"[loop] duration_s = {duration_for(pair):.2g} or more"
+            )
         return done
     with watching("experiment") as watch:
         made = separate(
@@ -253,7 +257,7 @@ def _separated(
             out,
             fraction=fraction,
             also=also,
-            before_run=partial(_announced, bench),
+            before_run=_announced,
             progress=watch,
         )
     for one in made:

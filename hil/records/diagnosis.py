@@ -68,6 +68,14 @@ class Confusable(_Model):
     separate_by: str | None = Field(description="The experiment that would tell; null where none would")
     experiment: str | None = Field(default=None, description="Its name, where `hil trace --live` can make it")
     expected: float | None = Field(description="Their correlation in that experiment")
+    takes_s: NonNegative | None = Field(
+        default=None, description="How long it has to last to tell them apart by odds of 20 to 1, 95 times in 100"
+    )
+    behind: float | None = Field(
+        default=None,
+        description="By how much less likely the record is with the other once it is carried, in twice the "
+        "log-likelihood; null where that does not tell them apart",
+    )
     angle_apart_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, when the other is carried instead"
     )
@@ -320,6 +328,8 @@ def _confusable(pair: traced.Confusable) -> Confusable:
             "separate_by": pair.separate_by,
             "experiment": pair.experiment,
             "expected": _finite(pair.expected),
+            "takes_s": _finite(pair.takes),
+            "behind": _finite(pair.behind),
             "angle_apart_rad": _finite(pair.angle_apart),
         }
     )

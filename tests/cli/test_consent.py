@@ -5,8 +5,9 @@ import sys
 
 import pytest
 
+from estimator.trace.separation import Turn
 from hil import examples
-from hil.bench import Bench, load_bench, override
+from hil.bench import Bench, load_bench
 from hil.cli import consent
 from hil.errors import InputError
 
@@ -60,29 +61,25 @@ def test_without_a_terminal_nothing_is_asked(bench: Bench, monkeypatch: pytest.M
         consent.require(LINK, bench, given=False, open_loop=False)
 
 
-def test_turning_waits_for_somebody_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+TURN = Turn(0.5, 8.0)
+
+
+def test_turning_waits_for_somebody_at_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who is told how fast, and how far."""
     written = at_terminal(monkeypatch, "\nnot read\n")
-    consent.have_it_turned(bench)
+    consent.have_it_turned(TURN)
     first, second, asked = written.getvalue().splitlines()
-    assert first.endswith("by hand will do.")
-    assert second.endswith("the observer lags behind.")
+    assert "to and fro in 8 s, at most at 0.5 rad/s (28.6 °/s)" in first
+    assert first.endswith("By hand will do.")
+    assert second.endswith("the observer lags.")
     assert asked == "Enter when it turns: "
     assert sys.stdin.read() == "not read\n"
 
 
-def test_turning_no_faster_than_the_bench_file_lets_the_rate_wander(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    declared = override(bench, {"observer": {"process_noise": {"rate_rad_s_per_rts": 0.125}}}, "test")
-    written = at_terminal(monkeypatch, "\n")
-    consent.have_it_turned(declared)
-    assert "change by 0.125 rad/s in a second at most" in written.getvalue()
-
-
-def test_turning_is_told_where_nobody_can_be_asked(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_turning_is_told_where_nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     written = io.StringIO()
     monkeypatch.setattr(sys, "stderr", written)
     monkeypatch.setattr(sys, "stdin", io.StringIO("not read\n"))
-    consent.have_it_turned(bench)
+    consent.have_it_turned(TURN)
     assert "recorded as it lies" in written.getvalue()
     assert sys.stdin.read() == "not read\n"

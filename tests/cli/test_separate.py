@@ -3,26 +3,68 @@
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from estimator.trace.separation import EXPERIMENTS, Experiment
+from estimator.trace.separation import EXPERIMENTS, Experiment, Turn, turn_for
 from hil.bench import Bench, load_bench, override
 from hil.cli.trace import _announced
 from hil.errors import InputError
 from hil.examples import find
 from hil.records.diagnosis import Confusable, Diagnosis
-from hil.separate import changes, named, separable, separate
+from hil.separate import Asked, asked_for, changes, duration_for, named, separable, separate, within_reach
 from tests.cli.diagnoses import explained
 
 
-def alike(name: str | None, words: str = "in words that nothing hangs on") -> Diagnosis:
-    """A diagnosis that cannot tell a sense gain from a drive gain, and proposes the experiment of that name."""
-    pair = {
+def pair(name: str | None, words: str = "in words that nothing hangs on", **more: Any) -> Confusable:
+    told = {
         "effect": "sense_gain", "with": "drive_gain", "correlation": 0.9996, "separate_by": words, "expected": 0.9,
         "experiment": name,
     }  # fmt: skip
-    return explained(confusable=(Confusable.model_validate(pair),))
+    return Confusable.model_validate(told | more)
+
+
+def alike(name: str | None, words: str = "in words that nothing hangs on", **more: Any) -> Diagnosis:
+    """A diagnosis that cannot tell a sense gain from a drive gain, and proposes the experiment of that name."""
+    return explained(confusable=(pair(name, words, **more),))
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return load_bench(find("bench", "s-slow"))
+
+
+@pytest.fixture
+def made(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What is made, and for how many durations, when each experiment is followed by these diagnoses, the last again and
+    again.
+    """
+
+    def run(first: Diagnosis, *then: Diagnosis, of: Bench = bench) -> list[tuple[str, float]]:
+        benches: list[Bench] = []
+        asked: list[Asked] = []
+
+        def run_of(changed: Bench, link: str, out: Path, *, note: str, progress: Any) -> Any:
+            benches.append(changed)
+            assert note == f"experiment: {asked[-1].words}"
+            return SimpleNamespace(folder=Path("run"))
+
+        def trace(*given: Any, **named: Any) -> Any:
+            return SimpleNamespace(diagnosis=then[min(len(benches), len(then)) - 1])
+
+        monkeypatch.setattr("hil.separate.run", run_of)
+        monkeypatch.setattr("hil.separate.trace", trace)
+        done = separate(
+            first, of, "inproc:none", Path("runs"), fraction=None, before_run=asked.append, progress=lambda _: None
+        )
+        assert [one.experiment for one in done] == [one.words for one in asked]
+        lasting = [one.loop.duration_s / of.loop.duration_s for one in benches]
+        assert lasting == [one.times for one in asked]
+        run.last = done  # type: ignore[attr-defined]
+        return [(one.experiment.name, times) for one, times in zip(asked, lasting, strict=True)]
+
+    return run
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
@@ -42,36 +84,76 @@ def test_every_experiment_is_a_bench_file(experiment: Experiment) -> None:
     )
 
 
-def test_only_what_an_experiment_would_tell_apart_is_tried() -> None:
-    assert separable(alike(None)) == []
-    assert separable(alike(None, "weigh the proof mass")) == []
-    assert len(separable(alike(EXPERIMENTS[0].name))) == 1
+def test_steps_come_as_fast_as_they_are_planned(bench: Bench) -> None:
+    """Modulation and steps of the stiffness, in rad of the vibration; where the bench file does as much, it stays."""
+    given = override(bench, changes(named("together"), bench), "test").controller
+    assert given.modulation_Hz == pytest.approx(200.0 / 200.0, rel=1e-3)
+    assert given.stiffness_step_Hz == pytest.approx(200.0 / 120.0, rel=1e-3)
+    more = override(bench, {"controller": {"amplitude_modulation": 0.4, "modulation_Hz": 3.0}}, "test")
+    given = override(more, changes(named("together"), more), "test").controller
+    assert (given.amplitude_modulation, given.modulation_Hz) == (0.4, 3.0)
+
+
+def test_only_what_an_experiment_would_tell_apart_is_tried(bench: Bench) -> None:
+    assert separable(alike(None), bench) == []
+    assert separable(alike(None, "weigh the proof mass"), bench) == []
+    assert len(separable(alike("amplitude"), bench)) == 1
     with pytest.raises(InputError, match="make it by hand"):
         named("wait for rain")
 
 
-def test_what_an_experiment_did_not_tell_takes_all_of_them_and_then_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("times", "tried"), [(3.99, 1), (4.01, 0)])
+def test_what_takes_longer_than_four_durations_is_said_and_not_made(bench: Bench, times: float, tried: int) -> None:
+    far = alike("amplitude", takes_s=times * bench.loop.duration_s)
+    assert len(separable(far, bench)) == tried
+    (one,) = within_reach(far)
+    assert duration_for(one) == pytest.approx(0.25 * times * bench.loop.duration_s)
+
+
+def test_an_observer_to_which_the_rate_is_a_constant_has_nobody_turn_it(bench: Bench, made: Any) -> None:
+    still = override(bench, {"observer": {"process_noise": {"rate_rad_s_per_rts": 0.0}}}, "test")
+    assert separable(alike("rate"), still) == []
+    assert {name for name, _ in made(alike("amplitude"), alike("amplitude"), of=still)} == {"amplitude", "together"}
+
+
+def test_what_an_experiment_did_not_tell_takes_all_of_them_and_then_longer(made: Any) -> None:
     """On a bench on which nothing ever tells the pair apart: each step once, and an end."""
-    bench = load_bench(find("bench", "s-slow"))
-    name, words = EXPERIMENTS[0].name, EXPERIMENTS[0].words
-    durations: list[float] = []
+    steps = made(alike("amplitude"), alike("amplitude"))
+    assert steps == [("amplitude", 1), ("together", 1), ("all", 1), ("all", 2), ("all", 4)]
+    assert all(one.still_alike and not one.apart for one in made.last)
 
-    def run_of(changed, link, out, *, note, progress):
-        durations.append(changed.loop.duration_s / bench.loop.duration_s)
-        return SimpleNamespace(folder=Path("run"))
 
-    monkeypatch.setattr("hil.separate.run", run_of)
-    monkeypatch.setattr("hil.separate.trace", lambda *given, **named: SimpleNamespace(diagnosis=alike(name)))
-    told: list[str] = []
-    made = separate(
-        alike(name), bench, "inproc:none", Path("runs"), fraction=None, before_run=lambda _, words: told.append(words),
-        progress=lambda _: None,
-    )  # fmt: skip
-    everything = EXPERIMENTS[-1].words
-    longer = [f"{everything}, for {times} times as long" for times in (2, 4)]
-    assert told == [words, everything, *longer] == [one.experiment for one in made]
-    assert durations == [1.0, 1.0, 2.0, 4.0]
-    assert all(one.still_alike and not one.apart for one in made)
+def test_what_was_told_apart_by_turning_stays_so(made: Any) -> None:
+    """Whatever is proposed next, the gyro goes on turning."""
+    assert made(alike("rate"), alike("dither"), explained()) == [("rate", 1), ("all", 1)]
+
+
+@pytest.mark.parametrize(("takes", "times"), [(0.9, 1), (1.9, 2), (2.1, 4)])
+def test_an_experiment_lasts_as_long_as_it_takes(bench: Bench, made: Any, takes: float, times: int) -> None:
+    assert made(alike("dither", takes_s=takes * bench.loop.duration_s), explained()) == [("dither", times)]
+    assert made.last[0].experiment.endswith("s" if times > 1 else "resonance")
+
+
+def test_no_experiment_is_shorter_than_the_one_before(bench: Bench, made: Any) -> None:
+    long, short = (alike("dither", takes_s=takes * bench.loop.duration_s) for takes in (3.0, 0.5))
+    assert made(long, short) == [("dither", 4), ("together", 1), ("all", 1), ("all", 2), ("all", 4)]
+    assert made(alike("all", takes_s=3.0 * bench.loop.duration_s), alike("all")) == [("all", 4)]
+
+
+def test_who_falls_behind_once_carried_is_told_apart_though_alike_by_signature(made: Any) -> None:
+    """As `hil trace` finds it: listed, with no experiment for it."""
+    behind = explained(confusable=(pair(None, behind=30.0),))
+    assert made(alike("dither"), behind) == [("dither", 1)]
+    (one,) = made.last
+    assert [told.with_ for told in one.apart] == ["drive_gain"]
+    assert one.still_alike == ()
+
+
+def test_a_turn_is_planned_with_what_the_bench_file_lets_the_rate_wander(bench: Bench) -> None:
+    asked = asked_for(named("rate"), 2, bench)
+    omega0 = bench.target_stiffness_per_s2**0.5
+    assert asked.turn == turn_for(omega0, 1.0, bench.loop.duration_s)
+    assert asked.words == f"turn the gyro at a varying rate: {asked.turn.text}; for {2 * bench.loop.duration_s:g} s"
 
 
 @pytest.mark.slow
@@ -86,7 +168,7 @@ def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None
     words = next(experiment.words for experiment in EXPERIMENTS if experiment.name == "amplitude")
     (made,) = separate(
         alike("amplitude"), bench, f"inproc:{scenario}", tmp_path / "runs",
-        fraction=None, before_run=lambda _, words: told.append(words), progress=lambda _: None,
+        fraction=None, before_run=lambda asked: told.append(asked.words), progress=lambda _: None,
     )  # fmt: skip
     assert told == [words] == [made.experiment]
     assert (made.run / "capture.arrow").exists()
@@ -98,8 +180,11 @@ def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("name", "turned"), [("amplitude", 0), ("rate", 1), ("all", 1)])
-def test_who_is_at_the_bench_is_asked_to_turn_it(monkeypatch: pytest.MonkeyPatch, name: str, turned: int) -> None:
-    asked: list[Bench] = []
-    monkeypatch.setattr("hil.cli.consent.have_it_turned", asked.append)
-    _announced(load_bench(find("bench", "s-slow")), named(name), "words")
-    assert len(asked) == turned
+def test_who_is_at_the_bench_is_asked_to_turn_it(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, name: str, turned: int
+) -> None:
+    turns: list[Turn] = []
+    monkeypatch.setattr("hil.cli.consent.have_it_turned", turns.append)
+    asked = asked_for(named(name), 1, bench)
+    _announced(asked)
+    assert turns == [asked.turn] * turned

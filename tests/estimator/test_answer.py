@@ -153,7 +153,9 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def separations(pairs: Any, of: Any, problem: Problem, progress: Any) -> Any:
             asked.pairs = list(pairs)
-            return [Advice(Experiment("something", "do something"), 0.1 * n) for n, _ in enumerate(pairs, 1)]
+            return [
+                Advice(Experiment("something", "do"), 0.1 * n, 10.0 * n, "do something") for n, _ in enumerate(pairs, 1)
+            ]
 
         def bounds(problem: Problem, model: Any, watched: Any) -> Any:
             asked.bounds = (len(problem.record), model, set(watched))
@@ -251,8 +253,30 @@ def test_look_alikes_are_those_of_another_kind_by_likelihood_or_signature(answer
     assert (by_likelihood.separate_by, by_likelihood.expected) == ("do something", 0.1)
     assert by_likelihood.angle_apart == pytest.approx(7.012)
     assert by_signature == Confusable(
-        "drive_gain", "sense_delay", 0.99925, "do something", 0.2, pytest.approx(0.011), "something"
+        "drive_gain", "sense_delay", 0.99925, "do something", 0.2, pytest.approx(0.011), "something", 20.0
     )
+
+
+@pytest.mark.parametrize(
+    ("deficit", "dispersion", "behind"), [(40.0, 1.0, 40.0), (5.9, 1.0, None), (6.1, 1.0, 6.1), (11.9, 2.0, None)]
+)
+def test_who_is_told_apart_once_carried_needs_no_experiment(
+    answered: Any, deficit: float, dispersion: float, behind: float | None
+) -> None:
+    """By odds of 20 to 1, twice their logarithm times the dispersion; where it was only watched, nothing is known."""
+    carried = Tried("sense_delay", Outcome.BEATEN, "another explains more", Score(0.0, 850.0, 1.0, 9.0), {})
+    accounts = {
+        "drive_gain": (Account("drive_gain", 0.0), Account("sense_delay", deficit, dispersion)),
+        "drive_saturation": (Account("drive_saturation", 0.0),),
+    }
+    for tried in ((CARRIED,), (CARRIED, carried)):
+        rounds = (Round(FIRST, tried, "drive_gain"), *Selected().rounds[1:])
+        said, asked = answered(Selected(rounds=rounds, accounts=accounts), EXPLAINED)
+        (one,) = (one for one in said.confusable if one.other == "sense_delay")
+        told = behind if carried in tried else None
+        assert one.behind == told
+        assert (("drive_gain", "sense_delay") in asked.pairs) is (told is None)
+        assert (one.separate_by is None) is (told is not None)
 
 
 def test_what_the_equations_cannot_tell_is_told_beside_it(answered: Any) -> None:

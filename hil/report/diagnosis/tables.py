@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from hil.numbers import count, percent, plus_minus, quantity, sensed, significant
-from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities
+from hil.records.diagnosis import Coefficient, Confusable, Dependence, Diagnosis, Finding, Probabilities
 from hil.report.markup import table
 from hil.report.names import shown_unit
 
@@ -114,18 +114,25 @@ def confusable(diagnosis: Diagnosis) -> str:
             _plain(pair.effect),
             _plain(pair.with_),
             "" if pair.correlation is None else f"{pair.correlation:.5f}",
-            pair.separate_by or "nothing known",
-            "" if pair.expected is None else f"{pair.expected:.3f}",
+            _tells_apart(pair),
+            "" if pair.expected is None else f"{pair.expected:.4f}",
+            "" if pair.takes_s is None else f"{pair.takes_s:.2g} s",
             "" if pair.angle_apart_rad is None else quantity(pair.angle_apart_rad, "rad"),
         )
         for pair in diagnosis.confusable
     ]
     caption = (
-        "Effects whose signatures look the same on this record; correlation here, and in the experiment; how far the "
-        "angle moves, at most, if it is the other"
+        "Effects whose signatures look the same on this record; correlation here, and in the experiment; how long that "
+        "has to last; how far the angle moves, at most, if it is the other"
     )
-    head = ("effect", "looks like", "here", "experiment that tells them apart", "there", "angle")
-    return table(caption, head, rows, (2, 4, 5)) if rows else ""
+    head = ("effect", "looks like", "here", "what tells them apart", "there", "lasting", "angle")
+    return table(caption, head, rows, (2, 4, 5, 6)) if rows else ""
+
+
+def _tells_apart(pair: Confusable) -> str:
+    if pair.behind is not None:
+        return f"this record: it falls behind by {pair.behind:.3g} in twice the log-likelihood once it is carried"
+    return pair.separate_by or "nothing known"
 
 
 def rejected(diagnosis: Diagnosis) -> str:
