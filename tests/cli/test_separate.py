@@ -9,7 +9,8 @@ import pytest
 
 from estimator.trace.separation import EXPERIMENTS, Experiment, Turn, turn_for
 from hil.bench import Bench, load_bench, override
-from hil.cli.trace import _announced
+from hil.cli.show_diagnosis import print_diagnosis
+from hil.cli.trace import _announced, _separated
 from hil.errors import InputError
 from hil.examples import find
 from hil.records.diagnosis import Confusable, Diagnosis
@@ -17,7 +18,7 @@ from hil.separate import Asked, asked_for, changes, duration_for, named, separab
 from tests.cli.diagnoses import explained
 
 
-def pair(name: str | None, words: str = "in words that nothing hangs on", **more: Any) -> Confusable:
+def pair(name: str | None, words: str | None = "in words that nothing hangs on", **more: Any) -> Confusable:
     told = {
         "effect": "sense_gain", "with": "drive_gain", "correlation": 0.9996, "separate_by": words, "expected": 0.9,
         "experiment": name,
@@ -188,3 +189,32 @@ def test_who_is_at_the_bench_is_asked_to_turn_it(
     asked = asked_for(named(name), 1, bench)
     _announced(asked)
     assert turns == [asked.turn] * turned
+
+
+def test_what_tells_a_pair_apart_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    """In the terminal: how long it has to last, that nothing does, or that this record does once both are carried."""
+    pairs = (
+        pair("amplitude", "modulate the amplitude", takes_s=31.4),
+        pair(None, None),
+        pair(None, None, behind=42.0),
+    )
+    print_diagnosis(explained(confusable=pairs))
+    out = " ".join(capsys.readouterr().out.split())
+    assert "to tell them apart: modulate the amplitude, for 31 s at least" in out
+    assert out.count("no experiment tells them apart") == 1
+    assert "carried in its place, it falls behind by 42 in twice the log-likelihood" in out
+
+
+def test_where_no_run_of_the_bench_is_long_enough_it_is_said_which_would_be(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("hil.separate.run", lambda *given, **named: pytest.fail("nothing is to be armed"))
+    takes = 10.0 * bench.loop.duration_s
+    traced: Any = SimpleNamespace(diagnosis=alike("amplitude", "modulate the amplitude", takes_s=takes))
+    assert _separated(traced, bench, "inproc:none", Path("runs"), None, ()) is traced
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert "no experiment to make" in said
+    assert (
+        f"takes {takes:.2g} s: modulate the amplitude; for that, give [loop] duration_s = {takes / 4:.2g} or more"
+        in said
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.trace.evidence import Evidence, evidence, likeness, solve
+from estimator.trace.evidence import Evidence, evidence, imitations, likeness, solve
 
 PARTS, ROWS = 8, 50
 PLAUSIBLE = np.array([0.1, 2.0, 30.0])
@@ -134,3 +134,20 @@ def test_what_the_scan_could_not_follow_has_no_evidence_and_the_others_theirs(lo
     scan.normal[3, 2, :] = scan.normal[3, :, 2] = 1.0
     scan.score[2, 2] = lost
     assert list(evidence(scan)) == ["drive_gain"]
+
+
+@pytest.mark.parametrize("begin", [0, 3])
+def test_what_an_imitation_leaves_is_a_regression_of_the_signature(begin: int) -> None:
+    """By NumPy: of S c the part that the other's columns cannot make; of coefficients in SI, and of the parts asked."""
+    scan, s, _ = scanned((0.3, -0.2, 0.1))
+    s = s[begin * ROWS :]
+    given = np.array([0.2, -0.7])  # plausible sizes
+    signature = s[:, :2] @ given
+    _, left, _, _ = np.linalg.lstsq(s[:, 2:], signature, rcond=None)
+    found = imitations(scan, "drive_gain", given * PLAUSIBLE[:2], begin=begin)["drag"]
+    assert found.size == pytest.approx(signature @ signature)
+    assert found.left == pytest.approx(float(left[0]))
+    assert found.likeness == pytest.approx(np.sqrt(1.0 - left[0] / (signature @ signature)))
+    moved = given + [0.4, 0.3]
+    of_moved = np.linalg.lstsq(s[:, 2:], s[:, :2] @ moved, rcond=None)[1]
+    assert (moved * PLAUSIBLE[:2]) @ found.form @ (moved * PLAUSIBLE[:2]) == pytest.approx(float(of_moved[0]))
