@@ -113,7 +113,7 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     made = separate(
         first, bench, link, place, fraction=None, before_run=on_the_table, progress=lambda _: None
     ) if separable(first, bench) else ()  # fmt: skip
-    last = made[-1].traced.diagnosis if made else first
+    last = next((one.traced.diagnosis for one in reversed(made) if one.traced is not None), first)
     tables, sections = drawn.hidden[0].effects, drawn.hidden[0].sections
     names = expected(order.effects[0], tables, sections, _device(drawn)).names
     named = [plain(effect.name) for effect in last.effects]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.separation import Experiment, Turn, experiment_called, in_words, turn_for
+from estimator.trace.separation import Experiment, Turn, amplitude_held, experiment_called, in_words, turn_for
 from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.loop.run import run
@@ -34,14 +34,15 @@ class Asked(NamedTuple):
 @dataclass(frozen=True)
 class Separated:
     """An experiment that was made: what was done, where it was recorded, what its trace came to, and the pairs that it
-    told apart or did not.
+    told apart or did not; where its record is refused, as one that is clipped, there is no trace, and why.
     """
 
     experiment: str
     run: Path
-    traced: Traced
+    traced: Traced | None
     apart: tuple[Confusable, ...]
     still_alike: tuple[Confusable, ...]
+    refused: str | None = None
 
 
 def separate(
@@ -58,14 +59,16 @@ def separate(
     """Make the experiments that `diagnosis` proposes on the board at `link`, one after another until no pair is left.
 
     Each lasts as long as it takes, in whole durations of the bench file.  Where the one proposed was made and told
-    nothing, all of them are made at once, then for longer; what is left then stays listed.  before_run is told what
-    will be made before the board is armed: what no host can do, as to turn the gyro, is done by then.  Raises
-    InputError or WireError as a run does.
+    nothing, all of them are made at once, then for longer; what is left then stays listed.  Where the record of a
+    modulated amplitude is refused, the amplitude is left alone from then on.  before_run is told what will be made
+    before the board is armed: what no host can do, as to turn the gyro, is done by then.  Raises InputError or
+    WireError as a run does.
     """
     done: list[Separated] = []
     pairs = separable(diagnosis, bench)
     made: list[tuple[Experiment, int]] = []
-    while pairs and (step := _next(pairs, bench, made)) is not None:
+    held = False
+    while pairs and (step := _next(pairs, bench, made, held=held)) is not None:
         made.append(step)
         asked = asked_for(*step, bench)
         before_run(asked)
@@ -76,7 +79,13 @@ def separate(
         )
         folder = run(changed, link, out, note=f"experiment: {asked.words}", progress=progress).folder
         assert folder is not None  # only a dry run leaves none
-        traced = trace(RunFolder(folder).capture_path, changed, out, fraction=fraction, also=also, progress=progress)
+        capture = RunFolder(folder).capture_path
+        try:
+            traced = trace(capture, changed, out, fraction=fraction, also=also, progress=progress)
+        except InputError as refusal:
+            held = held or asked.experiment.modulation > 0.0
+            done.append(Separated(asked.words, folder, None, (), tuple(pairs), str(refusal)))
+            continue
         apart = tuple(pair for pair in pairs if not _alike(pair, traced.diagnosis))
         alike = tuple(pair for pair in pairs if _alike(pair, traced.diagnosis))
         done.append(Separated(asked.words, folder, traced, apart, alike))
@@ -93,8 +102,11 @@ def asked_for(experiment: Experiment, times: int, bench: Bench) -> Asked:
     return Asked(experiment, times, turn, words if times == 1 else f"{words}; for {times * duration:g} s")
 
 
-def _next(pairs: list[Confusable], bench: Bench, made: list[tuple[Experiment, int]]) -> tuple[Experiment, int] | None:
-    """The experiment to make, and for how many times the duration; None where all was in vain.
+def _next(
+    pairs: list[Confusable], bench: Bench, made: list[tuple[Experiment, int]], *, held: bool
+) -> tuple[Experiment, int] | None:
+    """The experiment to make, and for how many times the duration; None where all was in vain.  held: the amplitude is
+    left alone.
 
     What is made later does all that was made before: else it may leave alike again what that told apart.
     """
@@ -102,7 +114,7 @@ def _next(pairs: list[Confusable], bench: Bench, made: list[tuple[Experiment, in
     least = next(times for times in _TIMES if _long_enough(first, times, bench))
     proposed = named(first.experiment or "")
     turned = proposed.turning or any(experiment.turning for experiment, _ in made)
-    still, all_of_them = named("together"), named("all")
+    still, all_of_them = (amplitude_held(named(name)) if held else named(name) for name in ("together", "all"))
     steps = [] if made else [(proposed, least)]
     if not turned:
         steps.append((still, least))

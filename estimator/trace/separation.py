@@ -66,6 +66,11 @@ EXPERIMENTS = (
 )  # fmt: skip
 
 
+def amplitude_held(experiment: Experiment) -> Experiment:
+    """The same without a modulation of the amplitude, for which a converter may have no room."""
+    return replace(experiment, words=experiment.words.replace("modulate the amplitude, ", ""), modulation=0.0)
+
+
 class Turn(NamedTuple):
     """How the gyro is turned to and fro in an experiment: largest rate [rad/s], and what one period takes [s]."""
 

@@ -266,4 +266,6 @@ def _separated(
             say(f"  tells {pair.effect} from {pair.with_}")
         for pair in one.still_alike:
             say(f"  does not tell {pair.effect} from {pair.with_}")
-    return made[-1].traced
+        if one.refused is not None:
+            say(f"  cannot be traced: {one.refused}")
+    return next((one.traced for one in reversed(made) if one.traced is not None), done)

@@ -150,6 +150,33 @@ def test_who_falls_behind_once_carried_is_told_apart_though_alike_by_signature(m
     assert one.still_alike == ()
 
 
+def test_a_record_that_is_refused_is_kept_and_the_amplitude_left_alone(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A modulated amplitude may be more than the converter has room for: what was known before is not lost."""
+    modulated: list[float] = []
+
+    def run_of(changed: Bench, *given: Any, **named: Any) -> Any:
+        modulated.append(changed.controller.amplitude_modulation)
+        return SimpleNamespace(folder=Path("run"))
+
+    def trace(*given: Any, **named: Any) -> Any:
+        if modulated[-1] > 0.0:
+            raise InputError("capture.arrow: the board flagged 1% of the samples as clipped")
+        return SimpleNamespace(diagnosis=alike("amplitude"))
+
+    monkeypatch.setattr("hil.separate.run", run_of)
+    monkeypatch.setattr("hil.separate.trace", trace)
+    monkeypatch.setattr("hil.cli.consent.have_it_turned", lambda turn: None)
+    traced: Any = SimpleNamespace(diagnosis=alike("amplitude"))
+    last = _separated(traced, bench, "inproc:none", Path("runs"), None, ())
+    assert modulated == [0.3, 0.0, 0.0, 0.0, 0.0]
+    assert last is not traced
+    said = capsys.readouterr()
+    assert "cannot be traced: capture.arrow: the board flagged 1% of the samples as clipped" in said.out + said.err
+    assert "experiment: dither and step the target stiffness" in said.out + said.err
+
+
 def test_a_turn_is_planned_with_what_the_bench_file_lets_the_rate_wander(bench: Bench) -> None:
     asked = asked_for(named("rate"), 2, bench)
     omega0 = bench.target_stiffness_per_s2**0.5

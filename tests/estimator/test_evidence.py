@@ -148,6 +148,6 @@ def test_what_an_imitation_leaves_is_a_regression_of_the_signature(begin: int) -
     assert found.size == pytest.approx(signature @ signature)
     assert found.left == pytest.approx(float(left[0]))
     assert found.likeness == pytest.approx(np.sqrt(1.0 - left[0] / (signature @ signature)))
-    moved = given + [0.4, 0.3]
+    moved = given + np.array([0.4, 0.3])
     of_moved = np.linalg.lstsq(s[:, 2:], s[:, :2] @ moved, rcond=None)[1]
     assert (moved * PLAUSIBLE[:2]) @ found.form @ (moved * PLAUSIBLE[:2]) == pytest.approx(float(of_moved[0]))
