@@ -36,6 +36,7 @@ from evaluation.undeclared.judging import class_of, plain
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import draw
 from hil.bench import Bench, override
+from hil.errors import InputError
 from hil.loop.run import run
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
@@ -102,7 +103,10 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     link = f"inproc:{scenario}"
     folder = run(bench, link, place, progress=lambda _: None).folder
     assert folder is not None
-    first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
+    try:
+        first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
+    except InputError as refusal:  # as of a drive that clips the converter: there is nothing to go on from
+        return _kept(kept, {"name": order.name, "kind": order.effects[0], "before": f"refused: {refusal}"} | _NOTHING)
     hand = np.random.default_rng(order.seed + 1)
 
     def on_the_table(asked: Asked) -> None:
@@ -130,8 +134,15 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
         "told_in_vain": explained and not right and _told_in_vain(first, bench, named[0], names),
         "wrong": explained and not class_of(named[0], pairs) & set(names),
     }
-    write_text(kept, json.dumps(answer, indent=1))
-    shutil.rmtree(place)
+    return _kept(kept, answer)
+
+
+_NOTHING = {"experiments": 0, "after": "", "right": False, "told_in_vain": False, "wrong": False}
+
+
+def _kept(file: Path, answer: dict[str, Any]) -> dict[str, Any]:
+    write_text(file, json.dumps(answer, indent=1))
+    shutil.rmtree(file.with_suffix(""))
     return answer
 
 
