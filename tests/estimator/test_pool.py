@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
 from scipy.stats import linregress, norm
 
 from estimator.diagnosis import Diagnosis, Verdict
@@ -15,7 +16,8 @@ from estimator.settings import Device, Gain, ObserverSettings, Spread
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.engine import Estimate
 from estimator.trace.pool import trace as pool_trace
-from estimator.trace.pool.members import Level, Member, Pool, held_out_by_default
+from estimator.trace.pool.fit import columns_of, error_on, fitted, simulated, slope_name
+from estimator.trace.pool.members import Level, Member, Pool, Rows, held_out_by_default
 from estimator.trace.pool.trace import trace_pool
 
 RATE, K, D, K3, NOISE = 400.0, (2 * np.pi * 20.0) ** 2, 3.0, 6.0e8, 2e-6
@@ -175,3 +177,127 @@ def test_a_pool_is_held_to_what_is_declared_of_its_constants_but_for_those_that_
     assert damping.positive
     run.slopes = {"kxx": 3.0}
     assert [one.name for one in pool_trace._constants(run)] == ["dxx"]
+
+
+# -- the fit of several records, beside SciPy's ---------------------------------------------------------------------
+
+
+def oscillation(t: np.ndarray, start: float, speed: float, stiffness: float, damping: float) -> np.ndarray:
+    """ẍ + d ẋ + k x = 0 in closed form."""
+    frequency = np.sqrt(stiffness - 0.25 * damping**2)
+    sine = (speed + 0.5 * damping * start) / frequency
+    return np.exp(-0.5 * damping * t) * (start * np.cos(frequency * t) + sine * np.sin(frequency * t))
+
+
+LOADS = (0.0, 0.2, 0.5)
+STARTS = ((2e-3, 0.0), (-1e-3, 0.05), (1.5e-3, -0.1))
+OFFSETS = (3e-6, -2e-6, 1e-6)
+
+
+def linear_decays(rng: np.random.Generator, samples: int = 160) -> list[Member]:
+    t = np.arange(samples) / RATE
+    return [
+        Member(
+            f"load {load}",
+            Record(
+                (offset + oscillation(t, *start, K + PER_KG * load, D) + rng.normal(0.0, NOISE, samples))[:, None],
+                np.zeros((samples, 1, 1)),
+                np.full(samples, 1 / RATE),
+            ),
+            load,
+        )
+        for load, start, offset in zip(LOADS, STARTS, OFFSETS, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def beside_scipy() -> SimpleNamespace:
+    """A pool with a slope of the stiffness, and the same least squares by SciPy on the closed form."""
+    members = linear_decays(np.random.default_rng(11))
+    several = pool(members, "load_kg")
+    level = Level.of(several)
+    begun = pool_trace._started(several, level, (), lambda *what: None)
+    masks = [np.ones(len(m.record), dtype=bool) for m in members]
+    masks[1][100:] = False  # of one record, not all counts
+    rows = Rows(tuple(masks))
+    found = fitted(several, (), ("kxx",), begun, rows, in_earnest=True)
+    z = (np.array(LOADS) - np.mean(LOADS)) / np.std(LOADS)
+
+    def residuals(theta: np.ndarray) -> np.ndarray:
+        own, (k, d, slope) = theta[:9].reshape(3, 3), theta[9:] * (K, D, K)
+        parts = []
+        for (start, speed, offset), member, mask, tilt in zip(own, members, masks, z, strict=True):
+            t = np.arange(len(member.record)) / RATE
+            made = 1e-5 * offset + oscillation(t, 1e-3 * start, 1e-1 * speed, k + slope * tilt, d)
+            parts.append(((made - member.record.sense[:, 0]) / NOISE)[mask])
+        priors = [
+            (value - one.value) / one.deviation for value, one in ((k, found.known["kxx"]), (d, found.known["dxx"]))
+        ]
+        return np.concatenate([*parts, priors])
+
+    begin = [1e3 * start if i == 0 else 10.0 * start for pair in STARTS for i, start in [*enumerate(pair), (2, 0.0)]]
+    solved = least_squares(residuals, [*begin, 1.0, 1.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac")
+    return SimpleNamespace(pool=several, found=found, theta=solved.x, jacobian=solved.jac, members=members, level=level)
+
+
+def test_a_pool_is_the_least_squares_of_all_its_records(beside_scipy: SimpleNamespace) -> None:
+    found, theta = beside_scipy.found, beside_scipy.theta
+    sd = np.sqrt(np.diagonal(np.linalg.inv(beside_scipy.jacobian.T @ beside_scipy.jacobian)))
+    sizes = np.array([*(3 * [1e-3, 1e-1, 1e-5]), K, D, K])
+    own = found.own_of(("x", "vx", "phi_x"), {})
+    np.testing.assert_allclose(own.ravel(), (theta * sizes)[:9], atol=1e-2 * np.max((sd * sizes)[:9:3]))
+    for value, number in ((found.shared["kxx"], 9), (found.shared["dxx"], 10), (found.slopes["kxx"], 11)):
+        assert value == pytest.approx(theta[number] * sizes[number], abs=0.02 * sd[number] * sizes[number])
+    # What is estimated of the noise's colour makes the deviations differ a little from those of white noise.
+    for name, number in (("kxx", 9), ("dxx", 10), (slope_name("kxx"), 11)):
+        assert found.deviation[name] == pytest.approx(sd[number] * sizes[number], rel=0.35)
+
+
+def test_an_interval_is_95_percent_and_a_slope_is_by_one_of_the_covariate(beside_scipy: SimpleNamespace) -> None:
+    found, spread = beside_scipy.found, float(np.std(LOADS))
+    one, slope = found.estimate("dxx"), found.slope("kxx")
+    assert (one.value, one.high - one.value) == pytest.approx(
+        (found.shared["dxx"], 1.96 * found.deviation["dxx"]), rel=1e-3
+    )
+    assert one.value - one.low == pytest.approx(one.high - one.value)
+    assert slope.value == pytest.approx(found.slopes["kxx"] / spread)
+    assert slope.high - slope.low == pytest.approx(2 * 1.96 * found.deviation[slope_name("kxx")] / spread, rel=1e-3)
+    assert abs(slope.value - PER_KG) < slope.high - slope.low
+
+
+def test_what_is_left_of_each_record_is_the_noise_and_its_sign_is_seen_less_made(beside_scipy: SimpleNamespace) -> None:
+    found = beside_scipy.found
+    for number, member in enumerate(beside_scipy.members):
+        left = found.residual[number]
+        assert np.std(left) == pytest.approx(NOISE, rel=0.15)
+        state = found.state(number, beside_scipy.level.scaled(member.covariate))
+        made = simulated(found, member.record, state)[0]
+        np.testing.assert_allclose(left, member.record.sense - made, atol=1e-12)
+
+
+def test_a_record_held_out_is_judged_behind_its_first_quarter(beside_scipy: SimpleNamespace) -> None:
+    """With its own motion and offset from there, and the stiffness of its load."""
+    t = np.arange(400) / RATE
+    rng = np.random.default_rng(12)
+    seen = 1e-6 + oscillation(t, 1.2e-3, 0.0, K + PER_KG * 0.35, D) + rng.normal(0.0, NOISE, 400)
+    record = Record(seen[:, None], np.zeros((400, 1, 1)), np.full(400, 1 / RATE))
+    judges = pool([Member("judge", record, 0.35), Member("elsewhere", record, 0.0)], "load_kg")
+    right, wrong = error_on(beside_scipy.found, judges)
+    assert np.isnan(right[:100]).all()
+    assert np.isfinite(right[100:]).all()
+    assert np.nanstd(right) == pytest.approx(NOISE, rel=0.15)
+    assert np.nanstd(wrong) > 10.0 * NOISE
+
+
+@pytest.mark.parametrize("record", [0, 1, 2])
+def test_a_record_moves_its_own_what_is_shared_and_the_slopes(record: int) -> None:
+    """[own of all records | shared | slopes], a slope by z times its constant."""
+    rng = np.random.default_rng(record)
+    sensitivity = rng.standard_normal((5, 4))  # two of its own, two shared
+    made = columns_of(2, record, 3, 0.7, sensitivity, [3])
+    assert made.shape == (5, 3 * 2 + 2 + 1)
+    expected = np.zeros((5, 9))
+    expected[:, 2 * record : 2 * record + 2] = sensitivity[:, :2]
+    expected[:, 6:8] = sensitivity[:, 2:]
+    expected[:, 8] = 0.7 * sensitivity[:, 3]
+    np.testing.assert_array_equal(made, expected)
