@@ -1,5 +1,6 @@
 """Several records in one trace: SciPy's solutions with known constants, held out by record."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -215,6 +216,8 @@ def beside_scipy() -> SimpleNamespace:
     """A pool with a slope of the stiffness, and the same least squares by SciPy on the closed form."""
     members = linear_decays(np.random.default_rng(11))
     several = pool(members, "load_kg")
+    sure = replace(several.settings.spread, damping=0.1)  # a constant known to a fraction of its unit
+    several = replace(several, settings=replace(several.settings, spread=sure))
     level = Level.of(several)
     begun = pool_trace._started(several, level, (), lambda *what: None)
     masks = [np.ones(len(m.record), dtype=bool) for m in members]
@@ -237,6 +240,7 @@ def beside_scipy() -> SimpleNamespace:
 
     begin = [1e3 * start if i == 0 else 10.0 * start for pair in STARTS for i, start in [*enumerate(pair), (2, 0.0)]]
     solved = least_squares(residuals, [*begin, 1.0, 1.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac")
+    assert set(found.known) == {"kxx", "dxx"}
     return SimpleNamespace(pool=several, found=found, theta=solved.x, jacobian=solved.jac, members=members, level=level)
 
 

@@ -38,6 +38,7 @@ def look(*items: Evidence, ratio=1.0, alike=()) -> Look:
         ratio=ratio,
         columns={one.name: slice(k, k + 1) for k, one in enumerate(items)},
         normal=normal[None],
+        plausible=np.ones(len(normal)),
         score=np.sqrt([[one.gain for one in items]]),
     )
     return Look({}, seen, {one.name: one for one in items})
