@@ -46,7 +46,7 @@ def _row(one: Threshold, found: Mapping[str, Any]) -> str:
 
 def _answered(name: str, side: str, found: Mapping[str, Any]) -> str:
     answers = found[side].get(name, {})
-    told = [_said(record, answer, found["baseline"][record]) for record, answer in answers.items()]
+    told = [_said(record, one, one.get("beside", found["baseline"][record])) for record, one in answers.items()]
     asked = _measured(name, side, found)
     if not asked:
         return "not known yet"

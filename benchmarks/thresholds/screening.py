@@ -168,9 +168,23 @@ def screen(
 
 def added(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
     """What was kept, with what was found of some thresholds on some records in its place: what they did on others
-    stays.
+    stays.  Where the thresholds as they are give another answer now than is kept, a change says beside which one it was
+    seen.
     """
     asked, reads = set(found["baseline"]), found["read"]
+
+    def beside(changes: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Each with the answer as it is now, where another one is kept."""
+        now, then = found["baseline"], kept["baseline"]
+        return {
+            name: {
+                record: answer
+                if record not in then or same(now[record], then[record])
+                else answer | {"beside": {key: now[record][key] for key in ("verdict", "words")}}
+                for record, answer in answers.items()
+            }
+            for name, answers in changes.items()
+        }
 
     def over(kept: dict[str, dict[str, Any]], found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         """By name and record."""
@@ -190,7 +204,7 @@ def added(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
         "baseline": found["baseline"] | kept["baseline"],
         "read": listed(kept["read"], reads),
         "open": {side: _some(listed(kept["open"][side], found["open"][side])) for side in SIDES},
-        **{side: _some(over(kept[side], found[side])) for side in SIDES},
+        **{side: _some(over(kept[side], beside(found[side]))) for side in SIDES},
     }
 
 

@@ -1,5 +1,6 @@
 """Thresholds tried at half and at double: what is changed to what, and that whoever changes an answer is found."""
 
+import json
 import math
 import re
 
@@ -108,6 +109,21 @@ def test_what_is_asked_of_some_records_leaves_what_was_found_on_the_others():
     late = screen(Stub(), ["width.alike"], ["axis"], 1, lambda line: None, minutes=0.0)
     waiting = whole | {"open": {"half": {"width.alike": ["axes", "axis"]}, "double": {}}}
     assert added(waiting, late)["open"]["half"]["width.alike"][0] == "axes"
+
+
+def test_a_change_is_told_beside_the_answer_that_it_changes():
+    """Where the answer by the thresholds as they are is another one since, as the tracer is."""
+    before = screen(Stub(), NAMES, ["axes"], 1, lambda line: None)
+    now = json.loads(json.dumps(before))
+    now["baseline"]["axes"]["verdict"] = "another"
+    found = added(before, now)
+    assert found["baseline"] == before["baseline"]
+    (changed_,) = found["half"]["width.alike"].values()
+    assert changed_["beside"]["verdict"] == "another"
+    assert changed_["verdict"] == before["half"]["width.alike"]["axes"]["verdict"]
+    now["half"]["width.alike"]["axes"] = now["baseline"]["axes"] | {"words": ["seen"]}
+    assert "axes: + seen" in page(added(before, now))
+    assert "beside" not in json.dumps(added(before, before))
 
 
 def test_what_time_does_not_suffice_for_is_told_as_open():
