@@ -242,6 +242,9 @@ def test_what_more_than_chance_did_not_explain_on_the_beginning_is_not_asked_of_
     full = replace(on_the_beginning(("drag",)), more=True)
     assert gone_on(made, full, RULES).more
     assert made.chosen == []
+    just_chance = (tried("delay", Outcome.OBJECTED, 5.0, 5.0),)  # which is no more than chance
+    gone_on(made, on_the_beginning(("drag",), last=just_chance), RULES)
+    assert made.chosen != []
 
 
 def test_a_model_that_the_observer_loses_stays_as_it_was_chosen(bench: Any) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from estimator.trace.engine import Estimate
 from estimator.trace.pool import trace as pool_trace
 from estimator.trace.pool.fit import columns_of, error_on, fitted, simulated, slope_name
 from estimator.trace.pool.members import Level, Member, Pool, Rows, held_out_by_default
+from estimator.trace.pool.model import gain_of
 from estimator.trace.pool.trace import trace_pool
 
 RATE, K, D, K3, NOISE = 400.0, (2 * np.pi * 20.0) ** 2, 3.0, 6.0e8, 2e-6
@@ -80,6 +82,8 @@ def test_a_covariate_and_a_cubic_spring_are_told_apart(loaded: Diagnosis) -> Non
 def test_held_out_records_are_predicted_to_the_noise(loaded: Diagnosis) -> None:
     assert loaded.held_out_after.ratio == pytest.approx(1.0, abs=0.1)
     assert loaded.held_out_before.ratio > 10.0
+    assert loaded.after.ratio == pytest.approx(1.0, abs=0.1)  # of those that were fitted
+    assert loaded.before.ratio > 10.0
     assert any("load 2, load_kg = 0.2" in reason for reason in loaded.reasons)
 
 
@@ -121,7 +125,7 @@ def test_too_few_records_are_refused() -> None:
         trace_pool(pool(members, None), (1,))
 
 
-@pytest.mark.parametrize(("number", "expected"), [(3, 1), (6, 2), (12, 4)])
+@pytest.mark.parametrize(("number", "expected"), [(1, 1), (2, 1), (3, 1), (6, 2), (12, 4)])
 def test_by_default_a_third_judges_from_within(number: int, expected: int) -> None:
     record = Record(np.zeros((1, 1)), np.zeros((1, 1, 1)), np.ones(1))
     values = np.random.default_rng(1).permutation(number)
@@ -211,20 +215,22 @@ def linear_decays(rng: np.random.Generator, samples: int = 160) -> list[Member]:
     ]
 
 
-@pytest.fixture(scope="module")
-def beside_scipy() -> SimpleNamespace:
-    """A pool with a slope of the stiffness, and the same least squares by SciPy on the closed form."""
+def beside(declared_noise: float, damping_sd: float) -> SimpleNamespace:
+    """A pool with a slope of the stiffness, and the same least squares by SciPy on the closed form: with the noise as
+    it is, whatever is declared of it, and a damping that is declared to `damping_sd` [1/s], a deviation off.
+    """
     members = linear_decays(np.random.default_rng(11))
     several = pool(members, "load_kg")
-    sure = replace(several.settings.spread, damping=0.1)  # a constant known to a fraction of its unit
-    several = replace(several, settings=replace(several.settings, spread=sure))
+    device = replace(several.device, noise=(declared_noise,), damping=(D + damping_sd,))
+    sure = replace(several.settings.spread, damping=damping_sd / (D + damping_sd))
+    several = replace(several, device=device, settings=replace(several.settings, spread=sure))
     level = Level.of(several)
     begun = pool_trace._started(several, level, (), lambda *what: None)
     masks = [np.ones(len(m.record), dtype=bool) for m in members]
     masks[1][100:] = False  # of one record, not all counts
-    rows = Rows(tuple(masks))
-    found = fitted(several, (), ("kxx",), begun, rows, in_earnest=True)
+    found = fitted(several, (), ("kxx",), begun, Rows(tuple(masks)), in_earnest=True)
     z = (np.array(LOADS) - np.mean(LOADS)) / np.std(LOADS)
+    spring, damping = found.known["kxx"], found.known["dxx"]
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         own, (k, d, slope) = theta[:9].reshape(3, 3), theta[9:] * (K, D, K)
@@ -233,15 +239,47 @@ def beside_scipy() -> SimpleNamespace:
             t = np.arange(len(member.record)) / RATE
             made = 1e-5 * offset + oscillation(t, 1e-3 * start, 1e-1 * speed, k + slope * tilt, d)
             parts.append(((made - member.record.sense[:, 0]) / NOISE)[mask])
-        priors = [
-            (value - one.value) / one.deviation for value, one in ((k, found.known["kxx"]), (d, found.known["dxx"]))
-        ]
+        priors = [(value - one.value) / one.deviation for value, one in ((k, spring), (d, damping))]
         return np.concatenate([*parts, priors])
 
     begin = [1e3 * start if i == 0 else 10.0 * start for pair in STARTS for i, start in [*enumerate(pair), (2, 0.0)]]
     solved = least_squares(residuals, [*begin, 1.0, 1.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac")
-    assert set(found.known) == {"kxx", "dxx"}
-    return SimpleNamespace(pool=several, found=found, theta=solved.x, jacobian=solved.jac, members=members, level=level)
+    return SimpleNamespace(found=found, theta=solved.x, jacobian=solved.jac, members=members, level=level)
+
+
+@pytest.fixture(scope="module")
+def beside_scipy() -> SimpleNamespace:
+    return beside(NOISE, 0.1 * D)
+
+
+@pytest.mark.parametrize("declared_noise", [NOISE, NOISE / 5.0])
+def test_what_is_declared_counts_for_as_much_as_it_is_sure_however_loud_the_records_are(declared_noise: float) -> None:
+    """Of a noise that is declared too small, what the records say is worth less, and what is declared is not."""
+    twin = beside(declared_noise, 2e-3)  # about as sure as three records tell it
+    sd = np.sqrt(np.diagonal(np.linalg.inv(twin.jacobian.T @ twin.jacobian)))[10] * D
+    assert sd < 1.5e-3
+    assert twin.found.shared["dxx"] == pytest.approx(twin.theta[10] * D, abs=0.15 * sd)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gain_is_twice_the_logarithm_of_how_much_the_residual_falls(seed: int) -> None:
+    """n ln(σ²/σ′²) of white residuals, of samples that are worth as many."""
+    rng = np.random.default_rng(seed)
+    less, more = rng.normal(0.0, 2.0, 4000), rng.normal(0.0, 1.0, 4000)
+    runs: list[Any] = [SimpleNamespace(spread_out=lambda rows, each=each: each) for each in (less, more)]
+    rows: Any = None
+    assert gain_of(*runs, rows) == pytest.approx(4000 * np.log(4.0), rel=0.1)
+
+
+@pytest.mark.moderate
+def test_what_the_bench_file_declares_is_carried_and_not_named() -> None:
+    rng = np.random.default_rng(2)
+    members = [Member(f"run {i}", decay(rng, start)) for i, start in enumerate((2e-3, 1e-3, 1.5e-3, 8e-4))]
+    several = pool(members, None)
+    declares = replace(several.settings, effects={"cubic_stiffness": {"k3x": 0.9 * K3}})
+    found = trace_pool(replace(several, settings=declares), (1,))
+    assert found.verdict is Verdict.ADEQUATE
+    assert found.effects == ()
 
 
 def test_a_pool_is_the_least_squares_of_all_its_records(beside_scipy: SimpleNamespace) -> None:
