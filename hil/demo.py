@@ -1,6 +1,7 @@
 """The whole bench once over, on a board with an effect that nobody told the host of: run, trace, add, run again."""
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,6 +10,8 @@ from hil.bench import Bench, load_bench, override
 from hil.progress import Progress, Watcher
 
 EXAMPLE = "s-undeclared"
+LOOP = {"duration_s": 14.0, "settle_s": 5.0}
+"""Of its two runs, unless another duration is asked for: enough to find the effect, and to see the angle without it."""
 GAIN_MODE_EXAMPLE = "s-modern-5k"
 
 
@@ -39,7 +42,7 @@ def demo(
     from hil.tracing import trace
 
     path = examples.find("bench", EXAMPLE)
-    options = (duration_s, seed)
+    options = LOOP if duration_s is None else {"duration_s": duration_s}, seed
     with tempfile.TemporaryDirectory() as aside:
         truths = Path(aside) / "before.arrow", Path(aside) / "after.arrow"
         before = _run(_bench(path, f"{name}-before", *options), EXAMPLE, out, truths[0], progress, report=False)
@@ -80,17 +83,22 @@ def in_gain_mode(
     path = examples.find("bench", GAIN_MODE_EXAMPLE)
     with tempfile.TemporaryDirectory() as aside:
         truth = Path(aside) / "truth.arrow"
-        folder = _run(_bench(path, name, duration_s, seed), GAIN_MODE_EXAMPLE, out, truth, progress, report=False)
+        folder = _run(
+            _bench(path, name, {} if duration_s is None else {"duration_s": duration_s}, seed),
+            GAIN_MODE_EXAMPLE,
+            out,
+            truth,
+            progress,
+            report=False,
+        )
         _score(folder, truth, progress)
         progress(Progress("report", 0, 0))
         write_report(folder, truth)
     return folder
 
 
-def _bench(source: Path, name: str, duration_s: float | None, seed: int | None) -> Bench:
-    changes: dict[str, Any] = {"name": name, "clock": "paced", "seed": seed}
-    if duration_s is not None:
-        changes["duration_s"] = duration_s
+def _bench(source: Path, name: str, loop: Mapping[str, float], seed: int | None) -> Bench:
+    changes: dict[str, Any] = {"name": name, "clock": "paced", "seed": seed, **loop}
     # The board is an emulated one, which nothing can harm: a busy machine shall not end the demonstration.
     return override(
         load_bench(source), {"loop": changes, "limits": {"rearm": 1000}}, f"{source} with the options given"

@@ -20,7 +20,7 @@ from estimator.trace.engine import Estimate
 from estimator.trace.pool import trace as pool_trace
 from estimator.trace.pool.fit import columns_of, error_on, fitted, simulated, slope_name
 from estimator.trace.pool.members import Level, Member, Pool, Rows, held_out_by_default
-from estimator.trace.pool.model import gain_of
+from estimator.trace.pool.model import PooledModel, Promise, gain_of
 from estimator.trace.pool.trace import trace_pool
 
 RATE, K, D, K3, NOISE = 400.0, (2 * np.pi * 20.0) ** 2, 3.0, 6.0e8, 2e-6
@@ -217,12 +217,12 @@ def linear_decays(rng: np.random.Generator, samples: int = 160) -> list[Member]:
 
 def beside(declared_noise: float, damping_sd: float) -> SimpleNamespace:
     """A pool with a slope of the stiffness, and the same least squares by SciPy on the closed form: with the noise as
-    it is, whatever is declared of it, and a damping that is declared to `damping_sd` [1/s], a deviation off.
+    it is, whatever is declared of it, and a damping that is declared to `damping_sd` [1/s], three of them off.
     """
     members = linear_decays(np.random.default_rng(11))
     several = pool(members, "load_kg")
-    device = replace(several.device, noise=(declared_noise,), damping=(D + damping_sd,))
-    sure = replace(several.settings.spread, damping=damping_sd / (D + damping_sd))
+    device = replace(several.device, noise=(declared_noise,), damping=(D + 3.0 * damping_sd,))
+    sure = replace(several.settings.spread, damping=damping_sd / (D + 3.0 * damping_sd))
     several = replace(several, device=device, settings=replace(several.settings, spread=sure))
     level = Level.of(several)
     begun = pool_trace._started(several, level, (), lambda *what: None)
@@ -269,6 +269,16 @@ def test_a_gain_is_twice_the_logarithm_of_how_much_the_residual_falls(seed: int)
     runs: list[Any] = [SimpleNamespace(spread_out=lambda rows, each=each: each) for each in (less, more)]
     rows: Any = None
     assert gain_of(*runs, rows) == pytest.approx(4000 * np.log(4.0), rel=0.1)
+
+
+def test_who_promises_no_more_than_it_costs_is_not_tried() -> None:
+    nothing = np.zeros((0, 1))
+    look = {
+        name: Promise(gain, 8.0, nothing)
+        for name, gain in (("less", 7.9), ("as much", 8.0), ("more", 8.1), ("most", 9.0))
+    }
+    made: Any = None
+    assert list(PooledModel.hopeful(made, look, {}, (), 0)) == ["most", "more"]
 
 
 @pytest.mark.moderate

@@ -465,3 +465,11 @@ def test_a_large_drive_gain_of_one_axis_is_a_sense_gain_with_a_coupling_to_match
     scale[axis] = gain
     np.testing.assert_allclose(other.system.sense, np.diag(scale))
     assert "sense_gain" not in {one.other for one in equivalents(named, CONSTANTS, between(-kn, -0.8 * kn, -0.7 * kn))}
+
+
+@pytest.mark.parametrize(("gain", "axes"), [(-0.5, [(1, 0.5)]), (0.2, [(1, 1.2)]), (-1.0, []), (-1.5, [])])
+def test_a_drive_that_does_nothing_or_pulls_the_other_way_is_no_gain_of_one_axis(
+    gain: float, axes: list[tuple[int, float]]
+) -> None:
+    drive = {"hx": Interval(0.0, -0.01, 0.01, "1"), "hy": Interval(gain, gain - 0.01, gain + 0.01, "1")}
+    assert list(symmetries._of_one_axis(drive)) == axes

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,11 +75,6 @@ class Rows:
     """Of each record the samples that count (n,), as masks."""
 
     masks: tuple[NDArray[np.bool_], ...]
-
-    @cached_property
-    def count(self) -> int:
-        """Of all of them."""
-        return int(sum(np.sum(mask) for mask in self.masks))
 
 
 def held_out_by_default(pool: Pool) -> tuple[int, ...]:
