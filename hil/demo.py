@@ -10,7 +10,7 @@ from hil.bench import Bench, load_bench, override
 from hil.progress import Progress, Watcher
 
 EXAMPLE = "s-undeclared"
-LOOP = {"duration_s": 14.0, "settle_s": 5.0}
+LOOP = {"duration_s": 12.0, "settle_s": 4.0}
 """Of its two runs, unless another duration is asked for: enough to find the effect, and to see the angle without it."""
 GAIN_MODE_EXAMPLE = "s-modern-5k"
 
