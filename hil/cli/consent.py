@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from hil.bench import Bench
 
 
+_BY_HAND_S = 1.0  # a period of a turn that a hand can make
+
+
 def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
     """Return when arming is allowed: ``given`` by --arm or by a yes at the terminal; else `InputError`."""
     if given:
@@ -28,7 +31,8 @@ def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
 
 def have_it_turned(turn: "Turn") -> None:
     """Wait until somebody turns the gyro, which no host can; where nobody is at a terminal, say so and go on."""
-    print(f"The gyro has to turn while this is recorded: {turn.text}. By hand will do.", file=sys.stderr)
+    how = "By hand will do." if turn.period >= _BY_HAND_S else "A rate table has to; in a longer run a hand will do."
+    print(f"The gyro has to turn while this is recorded: {turn.text}. {how}", file=sys.stderr)
     print(
         "Where its rate changes faster than [observer.process_noise] rate_rad_s_per_rts says, the observer lags.",
         file=sys.stderr,

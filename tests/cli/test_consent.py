@@ -76,6 +76,13 @@ def test_turning_waits_for_somebody_at_the_terminal(monkeypatch: pytest.MonkeyPa
     assert sys.stdin.read() == "not read\n"
 
 
+def test_who_turns_a_gyro_faster_than_a_hand_does_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = at_terminal(monkeypatch, "\n")
+    consent.have_it_turned(Turn(5.2, 0.084))
+    first = written.getvalue().splitlines()[0]
+    assert first.endswith("A rate table has to; in a longer run a hand will do.")
+
+
 def test_turning_is_told_where_nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     written = io.StringIO()
     monkeypatch.setattr(sys, "stderr", written)
