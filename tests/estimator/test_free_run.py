@@ -286,3 +286,19 @@ def test_by_its_error_alone_a_model_is_judged_as_by_a_claim(
 ) -> None:
     """In whatever unit."""
     assert free_run.verdict_of(before * 2.0**-10, after * 2.0**-10, 2.0**-10, effects) is verdict
+
+
+@pytest.mark.moderate
+def test_what_is_shown_of_the_rest_is_its_beginning_without_and_with_the_effects() -> None:
+    """In V, from the first sample on; where the start is set there is nothing."""
+    bare, carrying, later = Observer(DEVICE, ObserverSettings()), Observer(DEVICE, CARRYING), record()
+    models: Any = SimpleNamespace(
+        observer_before=bare, before=refined(bare, kxx=2.1e5, dxx=40.0, phi_x=0.0),
+        observer=carrying, after=refined(carrying, **TRUE),
+    )  # fmt: skip
+    before, after = free_run._shown(models, later)
+    shown = min(len(later), THRESHOLDS.free_runs.scored_from + 2000)
+    assert len(before) == len(after) == shown
+    assert np.nanmax(np.abs(after)) < 1e-6 < np.nanmax(np.abs(before))
+    assert np.all(np.isnan(after[: THRESHOLDS.free_runs.scored_from]))
+    assert np.all(np.isfinite(after[THRESHOLDS.free_runs.scored_from :]))

@@ -117,6 +117,14 @@ def test_a_covariate_that_is_always_the_same_is_refused() -> None:
         Level.of(pool(members, "load_kg"))
 
 
+def test_without_a_covariate_nothing_is_scaled() -> None:
+    record = Record(np.zeros((1, 1)), np.zeros((1, 1, 1)), np.ones(1))
+    level = Level.of(pool([Member(str(i), record, 3.0) for i in range(3)], None))
+    assert (level.mean, level.spread, level.scaled(3.0)) == (0.0, 1.0, 3.0)
+    level = Level.of(pool([Member(str(i), record, i) for i in (1.0, 2.0, 6.0)], "load_kg"))
+    assert level.scaled(3.0 + np.std([1.0, 2.0, 6.0])) == pytest.approx(1.0)
+
+
 @pytest.mark.moderate
 def test_too_few_records_are_refused() -> None:
     rng = np.random.default_rng(8)
