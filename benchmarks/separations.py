@@ -41,7 +41,7 @@ from hil.loop.run import run
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
-from hil.separate import Asked, separable, separate
+from hil.separate import Asked, last_traced, separable, separate
 from hil.tracing import trace
 
 DRAW = 14
@@ -117,7 +117,8 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     made = separate(
         first, bench, link, place, fraction=None, before_run=on_the_table, progress=lambda _: None
     ) if separable(first, bench) else ()  # fmt: skip
-    last = next((one.traced.diagnosis for one in reversed(made) if one.traced is not None), first)
+    traced = last_traced(made)
+    last = first if traced is None else traced.diagnosis
     tables, sections = drawn.hidden[0].effects, drawn.hidden[0].sections
     names = expected(order.effects[0], tables, sections, _device(drawn)).names
     named = [plain(effect.name) for effect in last.effects]

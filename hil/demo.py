@@ -42,7 +42,7 @@ def demo(
     from hil.tracing import trace
 
     path = examples.find("bench", EXAMPLE)
-    options = LOOP if duration_s is None else {"duration_s": duration_s}, seed
+    options = _lasting(duration_s, LOOP), seed
     with tempfile.TemporaryDirectory() as aside:
         truths = Path(aside) / "before.arrow", Path(aside) / "after.arrow"
         before = _run(_bench(path, f"{name}-before", *options), EXAMPLE, out, truths[0], progress, report=False)
@@ -83,18 +83,17 @@ def in_gain_mode(
     path = examples.find("bench", GAIN_MODE_EXAMPLE)
     with tempfile.TemporaryDirectory() as aside:
         truth = Path(aside) / "truth.arrow"
-        folder = _run(
-            _bench(path, name, {} if duration_s is None else {"duration_s": duration_s}, seed),
-            GAIN_MODE_EXAMPLE,
-            out,
-            truth,
-            progress,
-            report=False,
-        )
+        bench = _bench(path, name, _lasting(duration_s, {}), seed)
+        folder = _run(bench, GAIN_MODE_EXAMPLE, out, truth, progress, report=False)
         _score(folder, truth, progress)
         progress(Progress("report", 0, 0))
         write_report(folder, truth)
     return folder
+
+
+def _lasting(duration_s: float | None, usual: Mapping[str, float]) -> Mapping[str, float]:
+    """Keys of [loop]: the duration asked for, else what is usual."""
+    return usual if duration_s is None else {"duration_s": duration_s}
 
 
 def _bench(source: Path, name: str, loop: Mapping[str, float], seed: int | None) -> Bench:

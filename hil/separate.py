@@ -93,6 +93,11 @@ def separate(
     return tuple(done)
 
 
+def last_traced(made: Sequence[Separated]) -> Traced | None:
+    """The trace of the last experiment that has one."""
+    return next((one.traced for one in reversed(made) if one.traced is not None), None)
+
+
 def asked_for(experiment: Experiment, times: int, bench: Bench) -> Asked:
     """How an experiment is to be made on a bench, for so many times its duration."""
     duration = bench.loop.duration_s

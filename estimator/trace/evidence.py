@@ -41,11 +41,13 @@ class Evidence:
 
 
 def solve(normal: Array, score: Array) -> tuple[Array, int]:
-    """Least-squares coefficients of N c = b, and how many directions the record says something of."""
+    """Least-squares coefficients of N c = b, one b (k,) or several (k, m), and how many directions the record says
+    something of.
+    """
     values, vectors = np.linalg.eigh(normal)
     seen = values > _SET.blind * values[-1]
-    shares = vectors[:, seen].T @ score / values[seen]
-    return np.asarray(vectors[:, seen] @ shares), int(seen.sum())
+    shares = (vectors[:, seen].T @ score).T / values[seen]
+    return np.asarray(vectors[:, seen] @ shares.T), int(seen.sum())
 
 
 def evidence(scan: Scan) -> dict[str, Evidence]:
@@ -123,8 +125,7 @@ def imitations(scan: Scan, name: str, coefficients: Array | None = None, *, begi
         if other == name or not size > 0.0 or not _is_told(scan, others):
             continue
         cross = total[others, columns]
-        imitable = np.stack([solve(total[others, others], each)[0] for each in cross.T], axis=1)
-        form = own - cross.T @ imitable
+        form = own - cross.T @ solve(total[others, others], cross)[0]
         plausible = scan.plausible[columns]
         found[other] = Imitation(size, form / np.outer(plausible, plausible), float(c @ form @ c))
     return found

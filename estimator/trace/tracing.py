@@ -376,22 +376,24 @@ def _confusable(
             if kind(other) != kind(step.taken):
                 given = near[other].parameters if other in near else step.look.watched[other]
                 pairs.setdefault((step.taken, kind(other)), (step.taken, other, alike.get(other, float("nan")), given))
-    behind = {which: _behind(which[0], which[1], selection) for which in pairs}
-    open_ = [which for which in pairs if behind[which] is None]
-    asked = [(name, other) for which in open_ for name, other, *_ in [pairs[which]]]
-    advised = dict(zip(open_, separations(asked, selection, reader.problem, progress), strict=True))
+    behind = {which: _behind(*which, selection) for which in pairs}
+    alike_still = [which for which in pairs if behind[which] is None]
+    asked = [pairs[which][:2] for which in alike_still]
+    advised = dict(zip(alike_still, separations(asked, selection, reader.problem, progress), strict=True))
     apart = side_by_side(
         [partial(reader.mistaken, selection.effects, name, other, given) for name, other, _, given in pairs.values()]
     )
-    return tuple(
-        Confusable(
-            _short(name, named), kind(other), likeness,
-            told.words, told.expected, moved, None if told.experiment is None else told.experiment.name, told.takes,
-            behind[which],
-        )
-        for (which, (name, other, likeness, _)), moved in zip(pairs.items(), apart, strict=True)
-        for told in [advised.get(which, Advice())]
-    )  # fmt: skip
+    found = []
+    for (which, (name, other, likeness, _)), moved in zip(pairs.items(), apart, strict=True):
+        told = advised.get(which, Advice())
+        experiment = None if told.experiment is None else told.experiment.name
+        found.append(
+            Confusable(
+                _short(name, named), kind(other), likeness, told.words, told.expected, moved, experiment, told.takes,
+                behind[which],
+            )
+        )  # fmt: skip
+    return tuple(found)
 
 
 def _behind(taken: str, other: str, selection: Selection) -> float | None:

@@ -239,7 +239,7 @@ def _separated(
     """What the last experiment came to; what was there before, where none was to be made."""
     from hil.cli.progress import watching
     from hil.cli.show import say
-    from hil.separate import duration_for, separable, separate, within_reach
+    from hil.separate import duration_for, last_traced, separable, separate, within_reach
 
     if not separable(done.diagnosis, bench):
         say("no experiment to make: nothing on this record is alike that a run on the board would tell apart")
@@ -268,4 +268,4 @@ def _separated(
             say(f"  does not tell {pair.effect} from {pair.with_}")
         if one.refused is not None:
             say(f"  cannot be traced: {one.refused}")
-    return next((one.traced for one in reversed(made) if one.traced is not None), done)
+    return last_traced(made) or done
