@@ -142,7 +142,7 @@ def reconciled(monkeypatch: pytest.MonkeyPatch) -> Any:
         earlier, look = SimpleNamespace(watched={"gone": {}}), SimpleNamespace(watched=WATCHED)
         none: Any = {}
         selection = Selection(
-            effects={"known": {}}, rounds=(Round(earlier, (), None), Round(look, (), None)),
+            effects={"known": {}}, rounds=(*(2 * [Round(earlier, (), None)]), Round(look, (), None)),
             alike=none, rivals=none, accounts=none,
             before=none, after=none, gain=none, searched=none, patchwork=False,
         )  # fmt: skip
@@ -165,7 +165,7 @@ def test_of_those_that_end_the_conflict_the_one_that_gains_most_for_its_price_ac
     assert set(found.effects) == {"known", "sense_gain"}
     assert found.gain == {"sense_gain": 297.0}
     assert found.rounds[-1].taken == "sense_gain"
-    assert len(found.rounds) == 3
+    assert len(found.rounds) == 4
     # One of each kind beside what is carried, in a first pass.
     kinds = ["drive_gain", "sense_gain", "drag", "dry_friction", "sense_delay"]
     assert asked == [(("known",), 1), *((("known", kind), 1) for kind in kinds)]

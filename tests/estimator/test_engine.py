@@ -262,6 +262,12 @@ def test_a_way_that_is_cut_says_of_those_behind_that_they_follow():
     assert outcomes(found.rounds[2])["c"] is Outcome.AFTER
     assert "follows b, which the rest is predicted worse" in {one.reason for one in found.rounds[2].tried}
     assert found.gains == {"a": 40.0}
+    first = chosen(OBJECTED | {"a": Worth(40.0, objected=True)}, rules(Dissent.CUTS))
+    assert [one.taken for one in first.rounds] == [None] * 5
+    assert outcomes(first.rounds[0])["a"] is Outcome.OBJECTED
+    behind = [outcomes(one)[name] for one, name in zip(first.rounds[1:], "bcd", strict=False)]
+    assert behind == [Outcome.AFTER] * 3
+    assert (names(first), first.fit) == ([], ())
 
 
 def test_the_later_part_is_not_asked_of_what_is_too_dear():
@@ -345,6 +351,23 @@ def test_one_that_came_near_is_asked_again_beside_what_was_taken_since():
     assert "reading" in family.later  # the part without a vote was heard
 
 
+def test_the_rounds_that_follow_an_exchange_stay_as_they_were():
+    """Only beside two others `reading` is the better account: a round later than above."""
+
+    class Later(Drawn):
+        def likelihood(self, carried):
+            late = {"cubic", "last"} <= set(carried)
+            lines = {"force": 960.0 if late else 1010.0, "reading": 1000.0}
+            line = max((lines[name] for name in carried if name in lines), default=0.0)
+            return line + 100.0 * ("cubic" in carried) + 70.0 * ("last" in carried)
+
+    family = Later({"force": Worth(0.0), "reading": Worth(0.0), "cubic": Worth(0.0), "last": Worth(0.0)})
+    found = choose(family, (), rules(most=3, near=0.9, signs=False), reducible=family)
+    assert names(found) == ["cubic", "last", "reading"]
+    assert [one.taken for one in found.rounds] == ["reading", "cubic", "last", None]
+    assert found.fit == ("cubic", "last", "reading")
+
+
 @pytest.mark.parametrize(("behind", "kept"), [(7.0, ["cubic", "reading"]), (6.0, ["force", "cubic"])])
 def test_what_is_better_by_no_more_than_a_tie_takes_no_place(
     monkeypatch: pytest.MonkeyPatch, behind: float, kept: list[str]
@@ -401,6 +424,27 @@ def test_what_has_become_superfluous_leaves_its_place_while_effects_are_chosen()
     assert not found.more
     kept = choose(family, (), rules(most=3))
     assert names(kept) == ["double", "truth", "other"]
+
+
+def test_what_leaves_its_place_is_told_beside_whom():
+    """Beside the one that was taken last, which made it superfluous: `first` and `second` together are no more than
+    what `third` and `second` are.
+    """
+
+    class Third(Stub):
+        def likelihood(self, carried):
+            known = set(carried)
+            first = 50.0 if "first" in known and "third" not in known else 0.0
+            return first + 40.0 * ("second" in known) + (51.0 if "third" in known else 0.0)
+
+        def promise(self, current, barred):  # the third is not seen before the others are carried
+            look = super().promise(current, barred)
+            return look if {"first", "second"} <= {*current, *barred} else tuple(n for n in look if n != "third")
+
+    family = Third({"first": Worth(0.0), "second": Worth(0.0), "third": Worth(0.0, price=0.5)})
+    found = choose(family, (), rules(most=5), reducible=family)
+    assert names(found) == ["second", "third"]
+    assert found.barred == {"first": "superfluous beside third"}
 
 
 def test_of_two_that_stand_for_each_other_one_stays():

@@ -14,11 +14,25 @@ from estimator.diagnosis import Diagnosis, Verdict
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.refinement import Declared
+from estimator.residual.effective import effective_samples
 from estimator.settings import Device, Gain, ObserverSettings, Spread
+from estimator.side_by_side import Abandoned
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.engine import Estimate
+from estimator.trace.determined import unsettled
+from estimator.trace.engine import Estimate, Round
+from estimator.trace.pool import fit as pool_fit
 from estimator.trace.pool import trace as pool_trace
-from estimator.trace.pool.fit import columns_of, error_on, fitted, simulated, slope_name
+from estimator.trace.pool.fit import (
+    PooledRun,
+    columns_of,
+    error_on,
+    fitted,
+    observer_of,
+    own_names,
+    shared_names,
+    simulated,
+    slope_name,
+)
 from estimator.trace.pool.members import Level, Member, Pool, Rows, held_out_by_default
 from estimator.trace.pool.model import PooledModel, Promise, gain_of
 from estimator.trace.pool.trace import trace_pool
@@ -53,14 +67,20 @@ def pool(members: list[Member], covariate: str | None) -> Pool:
 
 
 @pytest.fixture(scope="module")
-def loaded() -> Diagnosis:
-    """Six decays under loads of 0 to 0.5 kg, two held out."""
+def traced() -> tuple[Diagnosis, list[tuple[str, int, int]]]:
+    """Six decays under loads of 0 to 0.5 kg, two held out; and what was told on the way."""
     rng = np.random.default_rng(2)
     members = [
         Member(f"load {i}", decay(rng, start, K + PER_KG * 0.1 * i), 0.1 * i)
         for i, start in enumerate((2e-3, 1e-3, 1.5e-3, 8e-4, 1.8e-3, 1.2e-3))
     ]
-    return trace_pool(pool(members, "load_kg"), (2, 3))
+    told: list[tuple[str, int, int]] = []
+    return trace_pool(pool(members, "load_kg"), (3, 2), lambda *what: told.append(what)), told
+
+
+@pytest.fixture(scope="module")
+def loaded(traced: tuple[Diagnosis, list[tuple[str, int, int]]]) -> Diagnosis:
+    return traced[0]
 
 
 @pytest.mark.slow
@@ -85,6 +105,62 @@ def test_held_out_records_are_predicted_to_the_noise(loaded: Diagnosis) -> None:
     assert loaded.after.ratio == pytest.approx(1.0, abs=0.1)  # of those that were fitted
     assert loaded.before.ratio > 10.0
     assert any("load 2, load_kg = 0.2" in reason for reason in loaded.reasons)
+
+
+@pytest.mark.moderate
+def test_every_candidate_is_named_or_rejected_and_who_was_carried_is_told_with_its_gain(loaded: Diagnosis) -> None:
+    named = {"cubic_stiffness", "kxx by load_kg"}
+    rejected = {one.name: one.reason for one in loaded.rejected}
+    assert len(loaded.rejected) == len(rejected)
+    assert not named & set(rejected)
+    assert {"cubic_isotropic", "sense_cubic", "drag", "dxx by load_kg", "k3x by load_kg"} <= set(rejected)
+    assert rejected["drag"].endswith("does not outweigh its coefficients")
+    assert "carried, it gains" in rejected["cubic_isotropic"]
+    # On one axis a spring that hardens along the radius is one that hardens along the axis.
+    ((effect, other, likeness),) = ((one.effect, one.other, one.correlation) for one in loaded.confusable)
+    assert (effect, other, likeness) == ("cubic_stiffness", "cubic_isotropic", pytest.approx(1.0))
+    cubic, load = loaded.probabilities
+    assert cubic.probabilities["cubic_stiffness"] == pytest.approx(cubic.probabilities["cubic_isotropic"], rel=0.01)
+    assert load.probabilities["kxx by load_kg"] > 0.99
+    for one in loaded.probabilities:
+        assert sum(one.probabilities.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.moderate
+def test_what_is_left_is_told_of_all_samples_and_apart_of_those_that_were_held_out(loaded: Diagnosis) -> None:
+    assert loaded.split == 4 * 320
+    was, now = loaded.residual_before.innovation, loaded.residual_after.innovation
+    assert was.shape == now.shape == (6 * 320, 1)
+    for fit, part in (
+        (loaded.before, was[: 4 * 320]), (loaded.after, now[: 4 * 320]),
+        (loaded.held_out_before, was[4 * 320 :]), (loaded.held_out_after, now[4 * 320 :]),
+    ):  # fmt: skip
+        assert fit.innovation_rms == (pytest.approx(np.sqrt(np.nanmean(part**2))),)
+        assert (fit.noise_floor, fit.simulation_rmse) == ((NOISE,), fit.innovation_rms[0])
+        assert fit.ratio == pytest.approx(fit.innovation_rms[0] / NOISE)
+    assert np.flatnonzero(np.isnan(now[:, 0])).tolist() == [
+        4 * 320 + 320 * record + row for record in range(2) for row in range(80)
+    ]
+    assert loaded.share == pytest.approx(1.0, abs=1e-5)
+    cubic, load = loaded.effects[0], loaded.dependences[0]
+    assert cubic.coefficients["k3x"].unit == "1/(m²·s²)"
+    assert (load.value.unit, load.slope.unit) == ("1/s²", "1/s²")
+    assert load.evidence > cubic.evidence > 100.0
+
+
+@pytest.mark.moderate
+def test_it_is_told_how_far_a_trace_of_several_is(traced: tuple[Diagnosis, list[tuple[str, int, int]]]) -> None:
+    """Each stage from nothing to its end; those who are carried in a round are told one after another."""
+    told = traced[1]
+    stages: dict[str, list[tuple[int, int]]] = {}
+    for stage, done, total in told:
+        stages.setdefault(stage, []).append((done, total))
+    assert list(stages) == ["records by themselves", "free runs", "candidates", "refinement"]
+    assert stages["records by themselves"] == [(0, 4), *((done, 4) for done in range(1, 5))]
+    assert [done for done, _ in stages["free runs"]] == [0, 1, 2]
+    assert all(0 < done <= total <= 3 for done, total in stages["candidates"])
+    assert stages["refinement"] == [(0, 2), (1, 2), (2, 2)]
+    assert told[-1] == ("refinement", 2, 2)
 
 
 @pytest.mark.slow
@@ -117,11 +193,30 @@ def test_a_covariate_that_is_always_the_same_is_refused() -> None:
         Level.of(pool(members, "load_kg"))
 
 
+NO_SAMPLES = Record(np.zeros((1, 1)), np.zeros((1, 1, 1)), np.ones(1))
+
+
+@pytest.mark.parametrize(
+    ("loads", "same"),
+    [((0.3, 0.1 + 0.2), True), ((0.0, 0.0), True), ((1.0, 1.0 + 5e-10), True), ((1.0, 1.0 + 1.5e-9), False)],
+)
+def test_loads_that_differ_by_rounding_are_one(loads: tuple[float, float], *, same: bool) -> None:
+    several = pool([Member(str(load), NO_SAMPLES, load) for load in loads], "load_kg")
+    if same:
+        with pytest.raises(ModelError, match="on every record that is fitted"):
+            Level.of(several)
+    else:
+        assert Level.of(several).spread == pytest.approx(0.75e-9)
+
+
+def test_a_record_of_which_nothing_is_said_has_a_covariate_of_zero() -> None:
+    assert Member("run", NO_SAMPLES) == Member("run", NO_SAMPLES, 0.0)
+
+
 def test_without_a_covariate_nothing_is_scaled() -> None:
-    record = Record(np.zeros((1, 1)), np.zeros((1, 1, 1)), np.ones(1))
-    level = Level.of(pool([Member(str(i), record, 3.0) for i in range(3)], None))
+    level = Level.of(pool([Member(str(i), NO_SAMPLES, 3.0) for i in range(3)], None))
     assert (level.mean, level.spread, level.scaled(3.0)) == (0.0, 1.0, 3.0)
-    level = Level.of(pool([Member(str(i), record, i) for i in (1.0, 2.0, 6.0)], "load_kg"))
+    level = Level.of(pool([Member(str(i), NO_SAMPLES, i) for i in (1.0, 2.0, 6.0)], "load_kg"))
     assert level.scaled(3.0 + np.std([1.0, 2.0, 6.0])) == pytest.approx(1.0)
 
 
@@ -135,9 +230,8 @@ def test_too_few_records_are_refused() -> None:
 
 @pytest.mark.parametrize(("number", "expected"), [(1, 1), (2, 1), (3, 1), (6, 2), (12, 4)])
 def test_by_default_a_third_judges_from_within(number: int, expected: int) -> None:
-    record = Record(np.zeros((1, 1)), np.zeros((1, 1, 1)), np.ones(1))
     values = np.random.default_rng(1).permutation(number)
-    members = [Member(str(v), record, float(v)) for v in values]
+    members = [Member(str(v), NO_SAMPLES, float(v)) for v in values]
     held = held_out_by_default(pool(members, "load_kg"))
     assert len(held) == expected == len(set(held))
     if number > 3:
@@ -168,6 +262,156 @@ def test_a_constant_goes_with_the_covariate_where_neither_scatter_nor_doubt_make
     assert seen == {True, False}
     alone[0].deviation[1] = 0.0
     assert pool_trace._line(z, alone, "k") is None  # of which no record says anything
+
+
+def alone_with(*values: float, deviation: float) -> Any:
+    """As if each record by itself had been fitted with such a constant."""
+    return [SimpleNamespace(names=["k"], deviation=np.array([deviation]), value=lambda name, v=v: v) for v in values]
+
+
+def test_two_records_make_a_line_where_what_each_leaves_open_does_not_and_three_may_lie_on_one() -> None:
+    """Of two there is no scatter, and of three on a line none is left."""
+    two, three = np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0])
+    assert pool_trace._line(two, alone_with(4.0, 6.0, deviation=0.01), "k") == (5.0, 1.0)
+    assert pool_trace._line(two, alone_with(4.0, 6.0, deviation=1.0), "k") is None
+    assert pool_trace._line(three, alone_with(4.0, 5.0, 6.0, deviation=0.01), "k") == (5.0, 1.0)
+    assert pool_trace._line(three, alone_with(4.0, 5.0, 6.0, deviation=1.0), "k") is None
+
+
+class Refitted:
+    """In the place of fits: which effects and slopes, from which start, and whether to the end."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.asked: list[Any] = []
+        monkeypatch.setattr(pool_trace, "fitted", self)
+
+    def __call__(
+        self, several: Any, effects: Any, slopes: Any, start: Any, rows: Any, *, in_earnest: bool = False
+    ) -> Any:
+        self.asked.append(SimpleNamespace(effects=effects, slopes=slopes, start=start, rows=rows, earnest=in_earnest))
+        return SimpleNamespace(effects=effects, slopes=dict.fromkeys(slopes, 0.5))
+
+
+def test_who_goes_takes_along_what_of_it_depends_on_the_covariate(monkeypatch: pytest.MonkeyPatch) -> None:
+    fits = Refitted(monkeypatch)
+    several, rows = pool([], "load_kg"), Rows(())
+    run: Any = SimpleNamespace(effects=("cubic_stiffness", "drag"), slopes={"kxx": 1.0, "k3x": 2.0, "dqx": 3.0})
+    left = pool_trace._without(several, run, "cubic_stiffness", rows)
+    assert (left.effects, tuple(left.slopes)) == (("drag",), ("kxx", "dqx"))
+    left = pool_trace._without(several, run, "kxx by load_kg", rows, in_earnest=True)
+    assert (left.effects, tuple(left.slopes)) == (("cubic_stiffness", "drag"), ("k3x", "dqx"))
+    assert all(one.start is run and one.rows is rows for one in fits.asked)
+    assert [one.earnest for one in fits.asked] == [False, True]
+
+
+def test_what_its_own_guard_speaks_against_goes_and_what_was_never_chosen_says_what_it_explains(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Not what the bench file declares.  Of a slope that was there from the start no round has told a gain."""
+    fits = Refitted(monkeypatch)
+    monkeypatch.setattr(
+        pool_trace, "estimates_of",
+        lambda run, covariate: {name: {} for name in (*run.effects, *(f"{c} by {covariate}" for c in run.slopes))},
+    )  # fmt: skip
+    weak = {"drag": "may be nothing", "sense_cubic": "is declared", "dxx by load_kg": "may be nothing, too"}
+    monkeypatch.setattr(pool_trace.promises, "weak", lambda named: {name: weak[name] for name in named if name in weak})
+    monkeypatch.setattr(pool_trace, "gain_of", lambda less, more, rows: (set(more.slopes) - set(less.slopes), rows))
+    begun = replace(as_made(pool(linear_decays(np.random.default_rng(1)), "load_kg")), slopes={"d": 1.0})
+    best = SimpleNamespace(
+        effects=("sense_cubic", "cubic_stiffness", "drag"), slopes={"kxx": 1.0, "dxx": 2.0, "k3x": 3.0}
+    )
+    chosen: Any = SimpleNamespace(fit=best, gains={"cubic_stiffness": 50.0, "drag": 9.0, "kxx by load_kg": 30.0})
+    several, whole = pool([], "load_kg"), Rows(())
+    found: Any = pool_trace._refined(several, ("sense_cubic",), begun, chosen, whole)
+    assert (found.before.effects, found.before.slopes) == (("sense_cubic",), {})
+    assert fits.asked[0].start.slopes == {}
+    assert (found.after.effects, set(found.after.slopes)) == (("sense_cubic", "cubic_stiffness"), {"kxx", "k3x"})
+    assert found.why == {"drag": "may be nothing", "dxx by load_kg": "may be nothing, too"}
+    assert found.evidence == {
+        "cubic_stiffness": 50.0, "kxx by load_kg": 30.0, "k3x by load_kg": ({"k3x"}, whole),
+    }  # fmt: skip
+    assert [one.earnest for one in fits.asked] == [False, True, True, True, False]
+
+
+def test_a_pair_is_alike_by_its_signature_or_because_it_came_as_near() -> None:
+    """Who shows nothing of its own is like nobody, and nobody is like itself."""
+    t = np.linspace(0.0, 1.0, 50)
+    wave, other = np.cos(9.0 * t)[:, None], np.cos(21.0 * t)[:, None]
+    signatures = {
+        "cubic_stiffness": wave, "like": -3.0 * wave + 1e-6 * other, "both": np.hstack([other, wave + other]),
+        "unlike": other, "near": other, "nothing": wave[:, :0], "near nothing": wave[:, :0],
+    }  # fmt: skip
+    several = pool(linear_decays(np.random.default_rng(1)), None)
+    run = replace(
+        as_made(several), effects=("cubic_stiffness",), observer=observer_of(several, ("cubic_stiffness",)),
+        shared=as_made(several).shared | {"k3x": K3}, slopes={"k3x": 7.0, "kxx": 8.0},
+    )  # fmt: skip
+    asked: list[Any] = []
+
+    def promised(reduced: PooledRun, left: Any, shown: str, held: Any) -> Any:
+        asked.append((reduced, shown, held))
+        return {name: Promise(1.0, 1.0, signatures[name]) for name in left}
+
+    model: Any = SimpleNamespace(pool=several, names=tuple(signatures), promised=promised)
+    near = {"cubic_stiffness": ("near", "near nothing")}
+    found = pool_trace._alike(model, run, ("cubic_stiffness",), near)
+    assert [(one.effect, one.other) for one in found] == [
+        ("cubic_stiffness", "like"), ("cubic_stiffness", "both"), ("cubic_stiffness", "near"),
+    ]  # fmt: skip
+    likeness = abs(float(wave[:, 0] @ other[:, 0])) / float(np.linalg.norm(wave) * np.linalg.norm(other))
+    assert [one.correlation for one in found] == pytest.approx([1.0, 1.0, likeness])
+    ((reduced, shown, held),) = asked
+    assert (reduced.effects, reduced.slopes, shown, held) == ((), {"kxx": 8.0}, "cubic_stiffness", {"k3x": K3})
+    assert set(reduced.shared) == set(as_made(several).shared)
+    signatures["cubic_stiffness"] = wave[:, :0]
+    assert pool_trace._alike(model, run, ("cubic_stiffness",), near) == ()
+
+
+@pytest.mark.parametrize(("said", "was"), [(("drag",), ", was 6 V"), ((), "")])
+def test_of_each_judge_it_is_told_how_far_its_free_run_is_off(said: tuple[str, ...], was: str) -> None:
+    judges = pool([Member("day 3", NO_SAMPLES, 1.5)], "load_kg")
+    errors = (np.array([[np.nan], [6.0], [-6.0]]),), (np.array([[np.nan], [1.0], [7.0]]),)
+    first, second = pool_trace._summary(judges, judges, errors, 2e-6, said)
+    assert first == "1 records fitted, 1 held out but for where they begin; the noise is 2e-06 V"
+    assert second == f"a free run of day 3, load_kg = 1.5, which was held out, is 5 V rms off{was}"
+    silent = replace(judges, covariate=None)
+    assert pool_trace._summary(silent, silent, errors, 1.0, said)[1].startswith("a free run of day 3 which was")
+
+
+def test_why_each_candidate_is_not_named_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the guard of its own, by the round that barred it, or because its promise was too small."""
+    several = pool(linear_decays(np.random.default_rng(11)), "load_kg")
+    begin = as_made(several)
+    rng = np.random.default_rng(5)
+    left = tuple(rng.normal(0.0, NOISE, (160, 1)) for _ in range(3))
+    run = replace(begin, residual=left)
+    judged_off = (np.where(np.arange(160)[:, None] < 40, np.nan, rng.normal(0.0, NOISE, (160, 1))),)
+    contests: list[Any] = []
+    real = pool_trace.contest
+
+    def noting(was: Any, now: Any, split: int) -> Any:
+        contests.append((was.fitted, now.fitted, split))
+        return real(was, now, split)
+
+    monkeypatch.setattr(pool_trace, "contest", noting)
+    look = {name: Promise(gain, 9.0, np.zeros((0, 1))) for name, gain in (("drag", 1.25), ("barred", 20.0))}
+    chosen: Any = SimpleNamespace(
+        barred={"barred": "has no model", "weak": "was barred, too"}, rounds=(Round(look, (), None),)
+    )
+    models = pool_trace._Models(run, run, {}, {"weak": "may be nothing"})
+    judges = several.of(several.members[:1])
+    model: Any = SimpleNamespace(pool=several, names=("drag", "barred", "weak"))
+    found = pool_trace._diagnosis(several, judges, model, chosen, models, (judged_off, judged_off))
+    assert found.verdict is Verdict.ADEQUATE
+    assert {one.name: one.reason for one in found.rejected} == {
+        "drag": "evidence 1.2 does not outweigh its coefficients",
+        "barred": "has no model",
+        "weak": "may be nothing",
+    }
+    assert len(found.rejected) == 3
+    assert (found.effects, found.dependences, found.confusable, found.share) == ((), (), (), None)
+    assert found.split == 480
+    assert contests == [(slice(0, 480), slice(0, 480), 480)]
 
 
 def test_a_pool_is_held_to_what_is_declared_of_its_constants_but_for_those_that_go_with_the_covariate() -> None:
@@ -361,3 +605,171 @@ def test_a_record_moves_its_own_what_is_shared_and_the_slopes(record: int) -> No
     expected[:, 6:8] = sensitivity[:, 2:]
     expected[:, 8] = 0.7 * sensitivity[:, 3]
     np.testing.assert_array_equal(made, expected)
+
+
+# -- where a fit begins, and what of it is first -----------------------------------------------------------------------
+
+
+class Solver:
+    """In the place of the least squares: stays where it begins, or goes where it is told; keeps what it was asked."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.asked: list[Any] = []
+        monkeypatch.setattr(pool_fit, "least_squares_beside", self)
+
+    def __call__(self, rows: Any, begin: Any, places: Any, known: Any, sure: Any, **how: Any) -> Any:
+        assert len(places) == len(known) == len(sure)
+        moved = tuple(np.flatnonzero(np.any(rows(begin)[1] != 0.0, axis=0)).tolist())
+        self.asked.append(SimpleNamespace(moved=moved, sure=sure, tolerance=how["tolerance"], runs=how["runs"]))
+        return begin
+
+
+def as_made(several: Pool) -> PooledRun:
+    """As if each record of `linear_decays` had been fitted by itself, and every one found what it was made with."""
+    observer = observer_of(several, ())
+    shared = dict(zip(observer.names, observer.state.tolist(), strict=True)) | {"kxx": K, "dxx": D}
+    own = np.array([[*start, offset] for start, offset in zip(STARTS, OFFSETS, strict=True)])
+    shared = {name: shared[name] for name in shared_names(observer)}
+    return PooledRun((), observer, Level.of(several), own, shared, {}, {}, (), {})
+
+
+def everything(several: Pool) -> Rows:
+    return Rows(tuple(np.ones(len(member.record), dtype=bool) for member in several.members))
+
+
+def test_a_fit_begins_with_what_was_found_and_with_nothing_of_what_is_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    several = pool(linear_decays(np.random.default_rng(11)), "load_kg")
+    begin, solver = as_made(several), Solver(monkeypatch)
+    found = fitted(several, (), ("kxx",), begin, everything(several))
+    assert found.slopes == {"kxx": 0.0}
+    assert found.shared == pytest.approx(begin.shared)
+    np.testing.assert_allclose(found.own, begin.own)
+    slanted = fitted(several, (), ("kxx",), replace(begin, slopes={"kxx": PER_KG}), everything(several))
+    assert slanted.slopes == {"kxx": pytest.approx(PER_KG)}
+    # What only leads to the next is fitted to five digits by a dozen free runs at most.
+    assert [(one.tolerance, one.runs) for one in solver.asked] == [(1e-5, 12)] * 2
+
+
+def test_in_earnest_a_fit_goes_on_to_nine_digits_with_what_is_declared_worth_more_where_much_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside residuals that are some times the declared noise, their correlation included, a declaration counts so
+    many times as sure.
+    """
+    several = pool(linear_decays(np.random.default_rng(11)), "load_kg")
+    sure = replace(several.settings, spread=replace(several.settings.spread, damping=0.1))
+    solver = Solver(monkeypatch)
+    fitted(replace(several, settings=sure), (), (), as_made(several), everything(several), in_earnest=True)
+    first, second = solver.asked  # of stiffnesses that are other much is left
+    assert (first.tolerance, first.runs) == (second.tolerance, second.runs) == (1e-9, 60)
+    times = first.sure / second.sure
+    assert times == pytest.approx(np.full(len(times), times[0]))
+    assert times[0] > 10.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "sizes"),
+    [
+        ("hysteretic_stiffness", ["khx"]),  # not how far it reaches
+        ("free_mode", ["cmx", "smx"]),  # of each record; not where its line is, and how fast it dies away
+        ("cubic_stiffness", None),  # has no shape
+    ],
+)
+def test_of_an_effect_with_a_shape_first_its_size_is_fitted_while_all_else_is_held(
+    monkeypatch: pytest.MonkeyPatch, effect: str, sizes: list[str] | None
+) -> None:
+    several = pool(linear_decays(np.random.default_rng(11)), None)
+    solver = Solver(monkeypatch)
+    found = fitted(several, (effect,), (), as_made(several), everything(several))
+    own = own_names(found.observer)
+    free = [name for name in shared_names(found.observer) if name in unsettled(found.observer)]
+    unknowns = [*(f"{name} of {record}" for record in range(3) for name in own), *free]
+    *first, last = [[unknowns[place] for place in one.moved] for one in solver.asked]
+    assert {"x of 0", "x of 2", "kxx", "dxx"} <= set(last)
+    if sizes is None:
+        assert not first
+        return
+    (moved,) = first
+    assert set(moved) == {one for one in unknowns if one.partition(" ")[0] in sizes}
+    assert solver.asked[0].sure.size == 0  # nothing is declared of a size
+    assert (solver.asked[0].tolerance, solver.asked[0].runs) == (1e-5, 12)
+    begin, solver.asked = found, []
+    fitted(several, (effect,), (), begin, everything(several))
+    assert len(solver.asked) == 1  # it is not new any more
+
+
+def test_a_fit_that_nobody_waits_for_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    def abandoned() -> None:
+        raise Abandoned
+
+    several = pool(linear_decays(np.random.default_rng(11)), None)
+    monkeypatch.setattr(pool_fit, "stop_if_abandoned", abandoned)
+    with pytest.raises(Abandoned):
+        fitted(several, (), (), as_made(several), everything(several))
+
+
+def test_beside_a_noise_that_is_declared_too_large_a_declaration_counts_for_no_less_than_it_is_sure() -> None:
+    """The deviation of least squares with weights W, of observations whose covariance is S (Aitken, Proc. Roy. Soc.
+    Edinburgh 55, 1935): (JᵀWJ)⁻¹ JᵀW S WJ (JᵀWJ)⁻¹.
+    """
+    times = 5.0
+    twin = beside(times * NOISE, 2e-3)
+    jacobian = twin.jacobian  # over the noise as it is; the last two are of what is declared
+    weight = np.full(len(jacobian), times**-2)
+    weight[-2:] = 1.0
+    inverse = np.linalg.inv(jacobian.T @ (weight[:, None] * jacobian))
+    covariance = inverse @ (jacobian.T @ (weight[:, None] ** 2 * jacobian)) @ inverse
+    assert twin.found.deviation["dxx"] == pytest.approx(np.sqrt(covariance[10, 10]) * D, rel=0.2)
+
+
+# -- what a candidate promises, beside what it gains when it is fitted -----------------------------------------------
+
+
+def slightly_cubic() -> tuple[PooledModel, PooledRun]:
+    """Three decays with a cubic spring and a load that are just seen."""
+    rng = np.random.default_rng(21)
+    members = [
+        Member(f"load {load}", decay(rng, start, K + 0.005 * PER_KG * load, 0.004 * K3, 200), load)
+        for load, (start, _) in zip(LOADS, STARTS, strict=True)
+    ]
+    several = pool(members, "load_kg")
+    rows = everything(several)
+    model = PooledModel(several, rows, rows, ("cubic_stiffness", "sense_cubic"))
+    own = np.array([[start, 0.0, 0.0] for start, _ in STARTS])
+    return model, fitted(several, (), (), replace(as_made(several), own=own), rows)
+
+
+@pytest.mark.moderate
+def test_what_a_candidate_promises_is_about_what_it_gains_when_it_is_fitted() -> None:
+    """Where it is small: one free run at first order, beside the least squares with it; in samples that are worth as
+    many as those of what is left without it.
+    """
+    model, current = slightly_cubic()
+    look = model.promise(current, ())
+    assert set(look) == {"cubic_stiffness", "sense_cubic", "kxx by load_kg", "dxx by load_kg"}
+    names = ("cubic_stiffness", "kxx by load_kg")
+    fits = model.fit(current, look, names, {})
+    assert not any(isinstance(fit, str) for fit in fits.values())
+    trials: Any = fits
+    scores = model.score(current, look, trials)
+    before = np.concatenate(current.residual)[:, 0]
+    for name in names:
+        after = np.concatenate(trials[name].residual)[:, 0]
+        expected = effective_samples(before) * np.log(np.mean(before**2) / np.mean(after**2))
+        assert 20.0 < expected < 100.0
+        assert look[name].gain == pytest.approx(expected, rel=0.05)
+        assert scores[name].price == look[name].price
+    assert look["sense_cubic"].gain < 1.0
+
+
+def test_a_record_of_which_no_sample_counts_promises_nothing() -> None:
+    """The others say what they say without it."""
+    model, current = slightly_cubic()
+    whole = model.choice.masks[0]
+    blind = replace(model, choice=Rows((whole, ~whole, whole)))
+    two = replace(model, pool=model.pool.of(model.pool.members[::2]), choice=Rows((whole, whole)))
+    looks = blind.promise(current, ()), two.promise(replace(current, own=current.own[::2]), ())
+    for name in ("cubic_stiffness", "kxx by load_kg"):
+        promises = [look[name].gain for look in looks]
+        assert promises[0] == pytest.approx(promises[1], rel=0.05)
+        assert promises[0] > 20.0

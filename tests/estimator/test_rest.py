@@ -70,6 +70,15 @@ def test_a_driven_mass_is_never_said_to_rest_nor_one_of_unknown_resonance() -> N
     seen = swinging(4000, 410, seed=7)
     assert moves_until(record(seen, drive=1e-3), SINGLE) == 4000
     assert moves_until(record(seen), replace(SINGLE, stiffness=(0.0,), target_stiffness=0.0)) == 4000
+    pushed = record(seen)
+    pushed.drive[17] = 1e-3  # once
+    assert moves_until(pushed, SINGLE) == 4000
+
+
+def test_a_slow_pendulum_comes_to_rest_as_a_fast_one_does() -> None:
+    """The same samples, taken two thousand times as slowly: a tenth of a hertz."""
+    slow = Record((seen := swinging(4000, 410, seed=7)[:, None]), np.zeros((*seen.shape, 1)), np.full(4000, 0.5))
+    assert moves_until(slow, replace(SINGLE, sample_rate=2.0, stiffness=(TARGET / 2000.0**2,))) == 400
 
 
 def test_lost_samples_are_no_motion() -> None:

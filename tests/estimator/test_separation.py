@@ -377,6 +377,7 @@ def test_an_experiment_does_nothing_but_what_it_says() -> None:
         ({"kxx": 4.0, "kyy": 9.0, "kxy": 6.0}, False),  # along one direction nothing holds it
         ({"kxx": 4.0, "kyy": 9.0, "kxy": -6.1}, False),
         ({"kxx": 0.5, "kyy": 0.5, "kxy": 0.6}, False),
+        ({"kxx": 0.5, "kyy": 0.5, "kxy": 0.4}, True),
         ({"kxx": -4.0, "kyy": -9.0, "kxy": 0.0}, False),
         ({"kxx": 0.0, "kyy": 9.0, "kxy": 0.0}, False),
         ({"kxy": 0.9 * TARGET, "rate": 5.0}, True),  # beside the declared springs
