@@ -406,6 +406,32 @@ def test_a_parameter_of_which_nothing_is_known_moves_nothing() -> None:
     np.testing.assert_allclose(hill.moves(np.array([3.0, 4.0]), np.array([0.1, 0.0])), [[2.0, 0.0], [1.0, 0.0]])
 
 
+@pytest.mark.parametrize(
+    ("tried", "sides"),
+    [
+        ([], (4.75, 5.25)),  # a deviation away
+        ([5.0], (4.75, 5.25)),  # the place itself is on neither side
+        ([4.25, 5.125, 5.75], (4.25, 5.75)),  # the farthest that is near
+        ([5.75, 5.7578125], (4.75, 5.75)),
+        ([3.0, 4.9375, 9.0], (4.9375, 5.25)),
+    ],
+)
+def test_what_a_parameter_moves_is_seen_a_deviation_away_or_where_it_was_tried_as_near_as_three(
+    tried: list[float], sides: tuple[float, float]
+) -> None:
+    """Along its own line: where another parameter is other, it says nothing of this one."""
+    hill = Counted(lambda place: 0.0).hill
+    hill.at_each([*(np.array([one, 7.0]) for one in tried), np.array([5.375, 7.5]), np.array([4.5, 6.0])])
+    low, high = hill._beside(np.array([5.0, 7.0]), 0, 0.25)
+    assert (low.tolist(), high.tolist()) == ([sides[0], 7.0], [sides[1], 7.0])
+
+
+def test_what_stays_where_nothing_is_known_of_it_has_not_moved() -> None:
+    unsure = Searched(("v0",), np.zeros((1, 1)), np.zeros((1, 1)))
+    assert parameters._stand({"v0": 0.5}, {"v0": 0.5}, unsure)
+    assert not parameters._stand({"v0": 0.5}, {"v0": 0.25}, unsure)
+
+
 # -- what is refined --------------------------------------------------------------------------------------------------
 
 

@@ -198,3 +198,7 @@ def test_four_deviations_apart_still_agree(hpx: float, agreed: bool) -> None:
 
 def test_of_an_effect_without_parameters_nothing_was_searched_for() -> None:
     assert (NOTHING.names, NOTHING.covariance.shape, NOTHING.moves.shape) == ((), (0, 0), (0, 0))
+
+
+def test_a_search_came_to_the_top_only_where_that_is_said_of_it() -> None:
+    assert not Searched((), np.zeros((0, 0)), np.zeros((0, 0))).at_top
