@@ -123,7 +123,8 @@ def separations(
 ) -> list[Advice]:
     """For each pair (named, other): the experiment that separates them, the simplest that is not much longer.
 
-    A single axis has no controller to experiment with.
+    A pair that is listed for its signatures, as the other was not carried, needs one in which they differ by more than
+    what lists it. A single axis has no controller to experiment with.
     """
     device, controller = problem.device, problem.controller
     if not pairs or device.axes != 2:
@@ -146,10 +147,11 @@ def separations(
         for name, _ in pairs:
             shown = imitations(seen, name, _coefficients(name, selection, seen.columns), begin=_BEGIN)
             takes = {other: _takes(one, unsure.get(name), length, _SET.longest * span) for other, one in shown.items()}
+            carried = selection.rivals.get(name, {})
             found[name] = {
                 other: Advice(experiment, one.likeness, takes[other], words)
                 for other, one in shown.items()
-                if takes[other] < math.inf
+                if takes[other] < math.inf and (other in carried or one.likeness <= THRESHOLDS.scan.same)
             }
         return found
 

@@ -47,6 +47,8 @@ def advised(monkeypatch: pytest.MonkeyPatch) -> Any:
         controller: Any = CONTROLLER,
         settings: ObserverSettings = SETTINGS,
         unsure: float = 0.0,
+        *,
+        carried: bool = True,
     ) -> Any:
         asked = SimpleNamespace(latency=set(), coefficients=[], watched=[], told=[], turns=set(), begun=set())
 
@@ -85,6 +87,7 @@ def advised(monkeypatch: pytest.MonkeyPatch) -> Any:
             before=SimpleNamespace(settings=ObserverSettings(initial={"kxx": 7.0, "kyy": 8.0, "phi_x": 9.0})),
             after=left_with(kxx=7.5),
             searched={"drive_saturation": NOTHING},
+            rivals={"drive_saturation": {"drive_gain": object()} if carried else {}},
         )
         record = Record(np.zeros((9, 2)), np.zeros((9, 2, 1)), np.full(9, 1 / RATE))
         pairs = [("drive_saturation", "drive_gain"), ("drive_gain", "drive_saturation")]
@@ -182,6 +185,17 @@ def test_what_may_be_there_by_the_coefficients_own_scatter_counts_for_nothing(un
     assert found == pytest.approx(times, rel=1e-3)
 
 
+@pytest.mark.parametrize(("expected", "told"), [(0.9999, ("dither", "stiffness")), (0.99, ("dither", "dither"))])
+def test_what_is_listed_for_its_signature_needs_an_experiment_with_another(
+    advised: Any, expected: float, told: tuple[str, str]
+) -> None:
+    """Beyond the likeness by which it is listed it would be listed again; what was carried is judged by its fit."""
+    shown = VAIN | {"dither": (expected, 10.0 * needed()), "stiffness": (0.9, 0.5 * needed())}
+    for carried, name in zip((True, False), told, strict=True):
+        (first, _), _ = advised(shown, carried=carried)
+        assert first.experiment == BY_NAME[name]
+
+
 def test_two_that_are_the_same_take_for_ever(advised: Any) -> None:
     (first, _), _ = advised(dict.fromkeys(BY_NAME, (1.0, -1e-12)))
     assert first == (None, None, None, None)
@@ -226,6 +240,7 @@ def test_where_the_model_is_no_oscillator_any_more_what_is_declared_is_played(
         before=SimpleNamespace(settings=ObserverSettings(initial=left)),
         after=left_with(**left),
         searched={"drive_gain": NOTHING},
+        rivals={"drive_gain": {"sense_gain": object()}},
     )
     monkeypatch.setattr(separation, "covariance_of", lambda name, model, searched: np.zeros((2, 2)))
     record = Record(np.zeros((9, 2)), np.zeros((9, 2, 1)), np.full(9, 1 / RATE))
