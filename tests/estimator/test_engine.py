@@ -426,16 +426,14 @@ def test_what_has_become_superfluous_leaves_its_place_while_effects_are_chosen()
     assert names(kept) == ["double", "truth", "other"]
 
 
-def test_what_leaves_its_place_is_told_beside_whom():
-    """Beside the one that was taken last, which made it superfluous: `first` and `second` together are no more than
-    what `third` and `second` are.
-    """
+@pytest.mark.parametrize(("gone", "stays"), [("first", "second"), ("second", "first")])
+def test_whoever_leaves_its_place_is_told_beside_whom(gone, stays):
+    """Beside the one that was taken last, which stands for it."""
 
     class Third(Stub):
         def likelihood(self, carried):
-            known = set(carried)
-            first = 50.0 if "first" in known and "third" not in known else 0.0
-            return first + 40.0 * ("second" in known) + (51.0 if "third" in known else 0.0)
+            known = {"first": 50.0, "second": 40.0, "third": 51.0}
+            return sum(known[name] for name in carried if name != gone or "third" not in carried)
 
         def promise(self, current, barred):  # the third is not seen before the others are carried
             look = super().promise(current, barred)
@@ -443,8 +441,8 @@ def test_what_leaves_its_place_is_told_beside_whom():
 
     family = Third({"first": Worth(0.0), "second": Worth(0.0), "third": Worth(0.0, price=0.5)})
     found = choose(family, (), rules(most=5), reducible=family)
-    assert names(found) == ["second", "third"]
-    assert found.barred == {"first": "superfluous beside third"}
+    assert names(found) == [stays, "third"]
+    assert found.barred == {gone: "superfluous beside third"}
 
 
 def test_of_two_that_stand_for_each_other_one_stays():

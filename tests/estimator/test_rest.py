@@ -81,6 +81,12 @@ def test_a_slow_pendulum_comes_to_rest_as_a_fast_one_does() -> None:
     assert moves_until(slow, replace(SINGLE, sample_rate=2.0, stiffness=(TARGET / 2000.0**2,))) == 400
 
 
+def test_of_less_than_two_cycles_nothing_is_said_and_two_may_be_rest() -> None:
+    assert moves_until(record(swinging(39, 0, seed=3)), SINGLE) == 39
+    assert moves_until(record(swinging(79, 0, seed=3)), SINGLE) == 0
+    assert moves_until(record(swinging(79, 79, seed=3)), SINGLE) == 79
+
+
 def test_lost_samples_are_no_motion() -> None:
     seen = swinging(4000, 410, seed=8)
     seen[1000:1090], seen[2000:2039] = np.nan, np.nan  # a stretch and more, and all of one but a sample
