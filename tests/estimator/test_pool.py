@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import lstsq
 from scipy.optimize import least_squares
 from scipy.stats import linregress, norm
 
@@ -19,8 +20,9 @@ from estimator.settings import Device, Gain, ObserverSettings, Spread
 from estimator.side_by_side import Abandoned
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.determined import unsettled
-from estimator.trace.engine import Estimate, Round
+from estimator.trace.engine import Estimate, Round, Score, Trial
 from estimator.trace.pool import fit as pool_fit
+from estimator.trace.pool import model as pool_model
 from estimator.trace.pool import trace as pool_trace
 from estimator.trace.pool.fit import (
     PooledRun,
@@ -773,3 +775,110 @@ def test_a_record_of_which_no_sample_counts_promises_nothing() -> None:
         promises = [look[name].gain for look in looks]
         assert promises[0] == pytest.approx(promises[1], rel=0.05)
         assert promises[0] > 20.0
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+@pytest.mark.parametrize("known", [False, True])
+def test_a_promise_is_what_regression_beside_all_that_is_carried_would_explain(*, known: bool, hidden: bool) -> None:
+    """By SciPy.  A column that hardly shows beside what is carried promises nothing, unless it is known to be there."""
+    rng = np.random.default_rng(31)
+    basis = np.linalg.qr(rng.standard_normal((60, 3)))[0]
+    columns = rng.standard_normal((60, 2))
+    if hidden:
+        columns[:, 1] = basis @ (1.0, 2.0, 3.0) + 1e-3 * THRESHOLDS.free_runs.visible * rng.standard_normal(60)
+    residual = columns @ (0.3, 0.0 if hidden else -0.2) + rng.standard_normal(60)
+    residual -= basis @ (basis.T @ residual)
+    seen = columns[:, :1] if hidden and not known else columns
+    beside = np.hstack([basis, seen])
+    left = residual - beside @ lstsq(beside, residual)[0]
+    found = pool_model._promise(columns, basis, residual, float(residual @ residual), 45.0, 7, known=known)
+    assert found.gain == pytest.approx(45.0 * np.log((residual @ residual) / (left @ left)))
+    assert found.price == pytest.approx(2.0 * np.log(45.0) + 2.0 * np.log(7.0))
+    np.testing.assert_allclose(found.signature, seen - basis @ (basis.T @ seen), atol=1e-12)
+
+
+def test_what_shows_nothing_promises_nothing_and_what_explains_all_a_number() -> None:
+    basis = np.eye(9)[:, :2]
+    nothing = pool_model._promise(basis[:, :1], basis, np.ones(9), 9.0, 9.0, 5, known=False)
+    assert (nothing.gain, nothing.signature.shape) == (0.0, (9, 0))
+    residual = np.array([0.0, 0.0, *np.ones(7)])
+    everything_ = pool_model._promise(3.0 * residual[:, None], basis, residual, 7.0, 9.0, 5, known=False)
+    assert 200.0 < everything_.gain < np.inf
+
+
+def test_the_three_that_promise_most_for_their_price_are_tried() -> None:
+    nothing = np.zeros((0, 1))
+    names = ("a", "b", "c", "d", "e")
+    gains, prices = (50.0, 49.0, 60.0, 10.0, 30.0), (8.0, 4.0, 30.0, 1.0, 2.0)  # ahead by 42, 45, 30, 9, 28
+    look = {name: Promise(gain, price, nothing) for name, gain, price in zip(names, gains, prices, strict=True)}
+    made: Any = None
+    assert list(PooledModel.hopeful(made, look, {}, (), 0)) == ["b", "a", "c"]
+
+
+def test_the_samples_without_a_vote_have_to_be_predicted_better() -> None:
+    def off(by: float) -> Any:
+        return SimpleNamespace(spread_out=lambda rows: np.array([by, -by, np.nan]) if rows == "later" else None)
+
+    rows: Any = "later"
+    several: Any = None
+    model = PooledModel(several, rows, rows, ())
+    assert model.objection(off(2.0), "drag", Trial(off(1.9), Score(0.0, 9.0, 1.0, 1.0))) is None
+    for by in (2.0, 2.1):
+        said = model.objection(off(2.0), "drag", Trial(off(by), Score(0.0, 9.0, 1.0, 1.0)))
+        assert said == "fits two thirds of the samples better and the other third worse"
+
+
+def test_candidates_are_what_is_not_carried_and_what_may_go_with_the_covariate_and_does_not_yet() -> None:
+    several = pool(linear_decays(np.random.default_rng(1)), "load_kg")
+    run = replace(as_made(several), effects=("drag",), slopes={"dxx": 1.0})
+    rows = everything(several)
+    model = PooledModel(several, rows, rows, ("cubic_stiffness", "drag", "dry_friction"))
+    assert model.candidates(run, ()) == ["cubic_stiffness", "dry_friction", "kxx by load_kg"]
+    assert model.candidates(run, ("dry_friction", "kxx by load_kg")) == ["cubic_stiffness"]
+    assert replace(model, pool=replace(several, covariate=None)).candidates(run, ()) == [
+        "cubic_stiffness",
+        "dry_friction",
+    ]
+
+
+def test_what_has_no_free_run_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the others, which are fitted from what is carried; what depends on the covariate as a slope more."""
+    asked: list[Any] = []
+
+    def refused(several: Pool, effects: tuple[str, ...], slopes: tuple[str, ...], start: Any, rows: Any) -> Any:
+        asked.append((effects, slopes, start is run, rows is choice))
+        if "drag" in effects:
+            raise ModelError("it leaves all bounds")
+        return "fitted"
+
+    monkeypatch.setattr(pool_model, "fitted", refused)
+    several = pool(linear_decays(np.random.default_rng(1)), "load_kg")
+    run = replace(as_made(several), effects=("sense_cubic",), slopes={"dxx": 1.0})
+    choice, told = everything(several), []
+    model = PooledModel(several, choice, choice, ("drag",), lambda *what: told.append(what))
+    found = model.fit(run, {}, ("drag", "kxx by load_kg"), {})
+    assert found == {"drag": "no free run with it stays within bounds", "kxx by load_kg": "fitted"}
+    assert asked == [
+        (("sense_cubic", "drag"), ("dxx",), True, True), (("sense_cubic",), ("dxx", "kxx"), True, True)
+    ]  # fmt: skip
+    assert told == [("candidates", 1, 2), ("candidates", 2, 2)]
+
+
+def test_estimates_are_of_what_records_share_and_know_what_must_be_positive_and_what_is_a_shape() -> None:
+    several = pool(linear_decays(np.random.default_rng(1)), "load_kg")
+    observer = observer_of(several, ("hysteretic_stiffness", "free_mode"))
+    names = shared_names(observer)
+    run = replace(
+        as_made(several), observer=observer, effects=("hysteretic_stiffness", "free_mode"),
+        shared={name: 1.0 + place for place, name in enumerate(names)}, slopes={"kxx": 6.0},
+        deviation={**dict.fromkeys(names, 0.5), slope_name("kxx"): 0.25},
+    )  # fmt: skip
+    found = pool_model.estimates_of(run, "load_kg")
+    assert {name: list(given) for name, given in found.items()} == {
+        "hysteretic_stiffness": ["khx", "reach"], "free_mode": ["wm", "dm"], "kxx by load_kg": ["kxx"],
+    }  # fmt: skip
+    size, reach = found["hysteretic_stiffness"].values()
+    assert (size.positive, size.shape, reach.positive, reach.shape) == (True, False, True, True)
+    assert size.value == run.shared["khx"]
+    assert size.high - size.low == pytest.approx(2.0 * 1.96 * 0.5, rel=1e-3)
+    assert found["kxx by load_kg"]["kxx"].value == pytest.approx(6.0 / np.std(LOADS))

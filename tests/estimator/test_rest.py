@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from estimator.record import Record
 from estimator.scaling import Array
@@ -64,6 +65,13 @@ def test_a_motion_half_as_large_as_the_noise_is_seen_over_a_long_time_only_where
     faint = np.sqrt(2.0 * 0.2) * NOISE * np.sin(2.0 * np.pi * HZ * rows / RATE)  # 1.2 ×
     assert moves_until(record(swinging(4000, 0, seed=6) + loud), SINGLE) == 4000
     assert moves_until(record(swinging(4000, 0, seed=6) + faint), SINGLE) == 0
+
+
+@pytest.mark.parametrize(("times", "until"), [(0.999, 0), (1.001, 40)])
+def test_a_stretch_moves_where_its_sum_of_squares_is_beyond_chance(times: float, until: int) -> None:
+    """χ² of as many degrees as samples less one, of which one of three stretches in ten thousand records is."""
+    sides = np.sqrt(times * chi2.isf(1e-4 / 3.0, 39) / 40.0) * NOISE * np.where(np.arange(40) % 2, 1.0, -1.0)
+    assert moves_until(record(0.3 + np.concatenate([np.zeros(40), sides, np.zeros(40)])), SINGLE) == until
 
 
 def test_a_driven_mass_is_never_said_to_rest_nor_one_of_unknown_resonance() -> None:

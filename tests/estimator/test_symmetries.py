@@ -19,6 +19,7 @@ from estimator.trace.symmetries import (
     equivalents,
     mass_of_nonreciprocal,
     mass_of_sense_gain,
+    retimed,
     reversed_in_time,
     system_with,
 )
@@ -106,6 +107,24 @@ def test_the_other_cause_gives_the_same_voltages(named, others) -> None:
         unit = 1.0 / (1.0 + one.size) if other == "clock_rate" else 1.0
         again, _ = voltages(one.system, T, unit=unit)
         assert np.max(np.abs(again - seen)) < 1e-7 * np.max(np.abs(seen)), other
+
+
+@pytest.mark.moderate
+def test_by_another_clock_every_path_is_as_late_as_it_was() -> None:
+    late = replace(system_with(DRIVE_GAIN, CONSTANTS), late=(0.4, 1.3, 2.2))
+    instants = T[:61]
+    seen, _ = voltages(late, instants)
+    again, _ = voltages(retimed(late, 1.25), instants, unit=1.25)
+    assert np.max(np.abs(again - seen)) < 1e-7 * np.max(np.abs(seen))
+    for path in range(3):
+        other = replace(late, late=tuple(0.0 if path == one else seconds for one, seconds in enumerate(late.late)))
+        assert np.max(np.abs(voltages(other, instants)[0] - seen)) > 1e-4 * np.max(np.abs(seen))  # each is seen
+
+
+@pytest.mark.parametrize(("high", "listed"), [(-1.0, False), (-1.001, True)])
+def test_a_drive_that_may_as_well_do_nothing_has_no_polarity(high: float, *, listed: bool) -> None:
+    found = of({"drive_gain": {"hx": Interval(-1.5, -2.0, high, "1"), "hy": is_(0.0)}})
+    assert ("drive_polarity" in found) is listed
 
 
 @pytest.mark.parametrize(("named", "others"), ALL, ids=lambda given: "+".join(sorted(given)))
