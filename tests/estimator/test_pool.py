@@ -622,7 +622,7 @@ class Solver:
     def __call__(self, rows: Any, begin: Any, places: Any, known: Any, sure: Any, **how: Any) -> Any:
         assert len(places) == len(known) == len(sure)
         moved = tuple(np.flatnonzero(np.any(rows(begin)[1] != 0.0, axis=0)).tolist())
-        self.asked.append(SimpleNamespace(moved=moved, sure=sure, tolerance=how["tolerance"], runs=how["runs"]))
+        self.asked.append(SimpleNamespace(moved=moved, begin=begin, rows=rows, sure=sure, **how))
         return begin
 
 
@@ -698,6 +698,83 @@ def test_of_an_effect_with_a_shape_first_its_size_is_fitted_while_all_else_is_he
     begin, solver.asked = found, []
     fitted(several, (effect,), (), begin, everything(several))
     assert len(solver.asked) == 1  # it is not new any more
+
+
+def test_a_length_that_must_not_vanish_stays_above_its_least_and_nothing_else_is_bound(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A reach begins with a fifth of the amplitude; a hundredth is the least."""
+    several = pool(linear_decays(np.random.default_rng(11)), "load_kg")
+    solver = Solver(monkeypatch)
+    found = fitted(several, ("hysteretic_stiffness",), ("kxx",), as_made(several), everything(several))
+    one = solver.asked[-1]
+    free = [name for name in shared_names(found.observer) if name in unsettled(found.observer)]
+    place = 9 + free.index("reach")
+    assert np.flatnonzero(np.isfinite(one.least)).tolist() == [place]
+    assert one.least[place] / one.begin[place] == pytest.approx(0.05)
+    assert np.all(one.least <= one.begin)
+
+
+def test_a_fit_is_turned_back_from_where_a_record_has_no_free_run_and_does_not_begin_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    several = pool(linear_decays(np.random.default_rng(11)), None)
+    solver = Solver(monkeypatch)
+    begin = as_made(several)
+    fitted(several, (), (), begin, everything(several))
+    (one,) = solver.asked
+    free = [name for name in shared_names(begin.observer) if name in unsettled(begin.observer)]
+    away = one.begin.copy()
+    away[9 + free.index("kxx")] *= -1000.0
+    here, there = one.rows(one.begin), one.rows(away)
+    assert [each.shape for each in here] == [each.shape for each in there] == [(480,), (480, 9 + len(free))]
+    assert np.all(there[0] == 1e6)  # far more than any that has one
+    assert not there[1].any()
+    with pytest.raises(ModelError, match="bounds"):
+        fitted(several, (), (), replace(begin, shared={**begin.shared, "kxx": -1000.0 * K}), everything(several))
+
+
+def test_what_was_lost_of_a_record_is_no_residual(monkeypatch: pytest.MonkeyPatch) -> None:
+    members = linear_decays(np.random.default_rng(11))
+    members[1].record.sense[40:70] = np.nan
+    several = pool(members, None)
+    solver = Solver(monkeypatch)
+    rows = Rows((np.arange(160) < 150, np.arange(160) < 150, np.arange(160) < 100))
+    fitted(several, (), (), as_made(several), rows)
+    residual, jacobian = solver.asked[0].rows(solver.asked[0].begin)
+    assert residual.shape == (150 + 120 + 100,)
+    assert np.isfinite(residual).all()
+    assert np.isfinite(jacobian).all()
+
+
+@pytest.mark.parametrize(("same", "deviation"), [(False, np.std(OFFSETS)), (True, 0.1 * NOISE)])
+@pytest.mark.parametrize(("samples", "first"), [(160, 50), (400, 100)])
+def test_a_judge_begins_with_its_first_quarter_and_the_offsets_of_those_that_were_fitted(
+    monkeypatch: pytest.MonkeyPatch, samples: int, first: int, *, same: bool, deviation: float
+) -> None:
+    """Its motion is its own; no offset is known better than to a tenth of the noise, and fifty samples are needed."""
+    asked: list[Any] = []
+
+    def refined(observer: Any, sense: Any, drive: Any, *, start: Any, free: Any, step: Any, known: Any) -> Any:
+        asked.append(SimpleNamespace(sense=sense, start=start, free=free, known=known))
+        return SimpleNamespace(state=start)
+
+    monkeypatch.setattr(pool_fit, "refine", refined)
+    members = linear_decays(np.random.default_rng(11), samples)
+    several = pool(members, "load_kg")
+    run = as_made(several)
+    if same:
+        run.own[:, 2] = np.mean(OFFSETS)
+    (error, *_) = error_on(run, several)
+    judge = asked[0]
+    np.testing.assert_array_equal(judge.sense, members[0].record.sense[:first])
+    assert np.isnan(error[:first]).all()
+    assert np.isfinite(error[first:]).all()
+    assert set(judge.free) == {"x", "vx", "phi_x"}
+    assert judge.start[:2].tolist() == [0.0, 0.0]
+    assert judge.start[run.observer.names.index("phi_x")] == pytest.approx(np.mean(OFFSETS))
+    assert set(judge.known) == {"phi_x"}
+    assert (judge.known["phi_x"].value, judge.known["phi_x"].deviation) == pytest.approx((np.mean(OFFSETS), deviation))
 
 
 def test_a_fit_that_nobody_waits_for_ends(monkeypatch: pytest.MonkeyPatch) -> None:
