@@ -123,6 +123,16 @@ def test_candidates_compete_on_the_beginning_and_the_models_are_of_the_whole(mon
     assert asked.told == [("free runs", 1, 6), ("refinement", 0, 2), ("refinement", 1, 2), ("refinement", 2, 2)]
 
 
+def test_a_line_that_was_looked_for_competes_unless_it_is_declared(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = Asked(monkeypatch, 2)
+    lines: dict[str, dict[str, float]] = {"given": {"w": 2.0}, "never": {"w": 3.0}}
+    monkeypatch.setattr(by_simulation, "candidates", lambda device, settings, asked: NAMES[:-1])
+    monkeypatch.setattr(by_simulation, "begun", lambda device, asked, residuals: lines)
+    asked.trace()
+    assert asked.model.names == NAMES
+    assert asked.model.problem.begun == lines
+
+
 def test_why_each_of_the_others_was_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """Barred, beaten, or promising too little in the last round that had a choice."""
     said = Asked(monkeypatch, 2).trace().rejected

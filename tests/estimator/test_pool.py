@@ -280,6 +280,44 @@ def test_two_records_make_a_line_where_what_each_leaves_open_does_not_and_three_
     assert pool_trace._line(three, alone_with(4.0, 5.0, 6.0, deviation=1.0), "k") is None
 
 
+class Enough(Exception):
+    """What was to be seen was seen."""
+
+
+@pytest.mark.moderate
+def test_candidates_of_a_pool_are_chosen_on_two_thirds_and_lines_that_were_looked_for_compete_unless_declared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lines = {"free_mode": {"wm": 300.0}, "sense_cubic": {}}
+    asked: list[Any] = []
+
+    def begun(device: Device, names: Any, residuals: Any) -> Any:
+        asked.append((names, [len(one) for one in residuals]))
+        return lines
+
+    def choose(model: PooledModel, start: PooledRun, rules: Any, progress: Any) -> Any:
+        asked.append((model, start))
+        raise Enough
+
+    monkeypatch.setattr(pool_trace, "rings_begun", begun)
+    monkeypatch.setattr(pool_trace, "choose", choose)
+    several = pool(linear_decays(np.random.default_rng(11)), "load_kg")
+    declares = replace(several.settings, effects={"sense_cubic": {"a3x": 0.0}})
+    with pytest.raises(Enough):
+        trace_pool(replace(several, settings=declares, asked=("free_mode",)), (0,))
+    (looked, (model, start)) = asked
+    assert looked == (("free_mode",), [160, 160])
+    assert model.pool.begun == lines
+    assert model.names[-1] == "free_mode"
+    assert "sense_cubic" not in model.names
+    assert model.names.count("free_mode") == 1
+    assert start.effects == ("sense_cubic",)
+    assert len(model.pool.members) == 2
+    for choice, later in zip(model.choice.masks, model.later.masks, strict=True):
+        np.testing.assert_array_equal(choice, ~later)  # each sample is of one of the two
+        assert np.mean(choice) == pytest.approx(2.0 / 3.0, abs=0.04)  # in blocks
+
+
 class Refitted:
     """In the place of fits: which effects and slopes, from which start, and whether to the end."""
 
@@ -730,6 +768,7 @@ def test_a_fit_is_turned_back_from_where_a_record_has_no_free_run_and_does_not_b
     assert [each.shape for each in here] == [each.shape for each in there] == [(480,), (480, 9 + len(free))]
     assert np.all(there[0] == 1e6)  # far more than any that has one
     assert not there[1].any()
+    monkeypatch.undo()
     with pytest.raises(ModelError, match="bounds"):
         fitted(several, (), (), replace(begin, shared={**begin.shared, "kxx": -1000.0 * K}), everything(several))
 
@@ -939,6 +978,11 @@ def test_what_has_no_free_run_is_told_so(monkeypatch: pytest.MonkeyPatch) -> Non
         (("sense_cubic", "drag"), ("dxx",), True, True), (("sense_cubic",), ("dxx", "kxx"), True, True)
     ]  # fmt: skip
     assert told == [("candidates", 1, 2), ("candidates", 2, 2)]
+
+
+def test_a_constant_and_its_slope_have_names_of_their_own() -> None:
+    names = ("kxx", "dxx", "k3x")
+    assert len({*names, *map(slope_name, names)}) == 6
 
 
 def test_estimates_are_of_what_records_share_and_know_what_must_be_positive_and_what_is_a_shape() -> None:
