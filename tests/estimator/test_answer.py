@@ -333,6 +333,23 @@ def test_what_scatters_from_part_to_part_is_told_so(answered: Any) -> None:
     assert other.reason == "explains no more than chance would"
 
 
+def test_what_is_as_significant_as_chance_makes_one_explains_no_more(
+    monkeypatch: pytest.MonkeyPatch, answered: Any
+) -> None:
+    monkeypatch.setattr(tracing, "threshold", lambda candidates: LAST.evidence["sense_delay"].significance)
+    said, _ = answered(Selected(alike={"drive_gain": {}, "drive_saturation": {}}), EXPLAINED)
+    (delay,) = (one for one in said.rejected if one.name == "sense_delay")
+    assert delay.reason == "explains no more than chance would"
+
+
+def test_a_parameter_that_nobody_searched_for_is_none_of_what_was_found(answered: Any) -> None:
+    said, _ = answered(Selected(searched=dict.fromkeys(("drive_gain", "drive_saturation"), NOTHING)), EXPLAINED)
+    assert {one.name: set(one.coefficients) for one in said.effects} == {
+        "drive_gain": {"hx", "hy"},
+        "drive_saturation": {"sx", "sy"},
+    }
+
+
 def test_of_a_part_something_is_left_and_told(answered: Any) -> None:
     said, _ = answered(Selected(), Errors(3.0, 1.5, 1.0, 1e5, gain=1e3), left=("a line is left at 5 Hz",))
     assert said.verdict is Verdict.PARTLY

@@ -58,6 +58,15 @@ def test_serious_is_what_chance_gives_none_of_so_many() -> None:
     assert [one.name for one in Look({}, scan, found).serious] == ["a", "b"]
 
 
+def test_what_is_as_significant_as_chance_makes_one_is_not_serious(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {name: item(name, gain) for name, gain in (("a", 25.0), ("b", 18.0))}
+    asked: list[int] = []
+    monkeypatch.setattr(look, "threshold", lambda number: asked.append(number) or found["b"].significance)
+    scan: Any = None
+    assert [one.name for one in Look({}, scan, found).serious] == ["a"]
+    assert set(asked) == {2}
+
+
 def test_who_is_alike_is_told_by_the_scan(monkeypatch: pytest.MonkeyPatch) -> None:
     scan: Any = "what was seen"
     monkeypatch.setattr(look, "likeness", lambda seen, name: {"of": (seen, name)})

@@ -133,6 +133,8 @@ def test_what_is_left_is_told_of_all_samples_and_apart_of_those_that_were_held_o
     assert loaded.split == 4 * 320
     was, now = loaded.residual_before.innovation, loaded.residual_after.innovation
     assert was.shape == now.shape == (6 * 320, 1)
+    for residual in (loaded.residual_before, loaded.residual_after):  # no spectrum is shown of several records
+        assert (residual.frequency.shape, residual.density.shape) == ((0,), (0, 1))
     for fit, part in (
         (loaded.before, was[: 4 * 320]), (loaded.after, now[: 4 * 320]),
         (loaded.held_out_before, was[4 * 320 :]), (loaded.held_out_after, now[4 * 320 :]),
@@ -551,6 +553,7 @@ def test_what_is_declared_counts_for_as_much_as_it_is_sure_however_loud_the_reco
     sd = np.sqrt(np.diagonal(np.linalg.inv(twin.jacobian.T @ twin.jacobian)))[10] * D
     assert sd < 1.5e-3
     assert twin.found.shared["dxx"] == pytest.approx(twin.theta[10] * D, abs=0.15 * sd)
+    assert twin.found.deviation["dxx"] == pytest.approx(sd, rel=0.2)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -592,6 +595,8 @@ def test_a_pool_is_the_least_squares_of_all_its_records(beside_scipy: SimpleName
     np.testing.assert_allclose(own.ravel(), (theta * sizes)[:9], atol=1e-2 * np.max((sd * sizes)[:9:3]))
     for value, number in ((found.shared["kxx"], 9), (found.shared["dxx"], 10), (found.slopes["kxx"], 11)):
         assert value == pytest.approx(theta[number] * sizes[number], abs=0.02 * sd[number] * sizes[number])
+    # What is declared exactly is no more and no less than that.
+    assert found.deviation["drive_gain_x"] == 0.0
     # What is estimated of the noise's colour makes the deviations differ a little from those of white noise.
     for name, number in (("kxx", 9), ("dxx", 10), (slope_name("kxx"), 11)):
         assert found.deviation[name] == pytest.approx(sd[number] * sizes[number], rel=0.35)

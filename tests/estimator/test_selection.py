@@ -192,7 +192,7 @@ def test_of_a_patchwork_no_parameter_is_searched_for(bench: Any) -> None:
     assert found.patchwork
 
 
-@pytest.mark.parametrize(("widened", "searched"), [(1.99, 1), (2.01, 0)])
+@pytest.mark.parametrize(("widened", "searched"), [(1.99, 1), (2.0, 0), (2.01, 0)])
 def test_of_what_explains_nothing_no_parameter_is_searched_for(bench: Any, widened: float, searched: int) -> None:
     """Four times the predicted power, and it is no model wherever its parameters are."""
     made, found = bench(COMPARED + 1, ("interference",), widened=widened)
