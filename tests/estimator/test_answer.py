@@ -350,6 +350,19 @@ def test_a_parameter_that_nobody_searched_for_is_none_of_what_was_found(answered
     }
 
 
+def test_a_parameter_that_is_the_same_number_as_a_coefficient_is_as_sure_as_that() -> None:
+    """And none is told that the effect was not given."""
+    corners = {"hpx": Estimate(30.0, 20.0, 40.0), **dict.fromkeys(("hpy", "odx", "ody"), Estimate(5.0, 4.0, 6.0))}
+    selection: Any = Selected(
+        effects={"sense_high_pass": {"hpx": 30.0, "hpy": 5.0, "odx": 5.0, "ody": 5.0, "leak_x": 29.5}},
+        coefficients={"sense_high_pass": corners}, searched={"sense_high_pass": NOTHING},
+    )  # fmt: skip
+    found = tracing._intervals("sense_high_pass", selection, DEVICE)
+    assert set(found) == {"hpx", "hpy", "odx", "ody", "leak_x"}
+    assert (found["leak_x"].value, found["leak_x"].low, found["leak_x"].high) == (29.5, 20.0, 40.0)
+    assert found["leak_x"].unit == "1/s"
+
+
 def test_of_a_part_something_is_left_and_told(answered: Any) -> None:
     said, _ = answered(Selected(), Errors(3.0, 1.5, 1.0, 1e5, gain=1e3), left=("a line is left at 5 Hz",))
     assert said.verdict is Verdict.PARTLY

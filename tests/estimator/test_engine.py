@@ -21,11 +21,13 @@ from estimator.trace.engine import (
     _near,
     as_near,
     choose,
+    last_carried,
     leader,
     leaves_the_rest,
     pruned,
     tried_reason,
     unphysical,
+    why_not,
 )
 
 
@@ -559,6 +561,21 @@ def test_who_was_carried_and_not_taken_is_told_with_its_gain(outcome):
     assert ("the rest objects" in said) is (outcome is Outcome.OBJECTED)
     assert ("cubic damping explains more" in said) is (outcome is Outcome.BEATEN)
     assert leaves_the_rest(45_123.4).startswith("carried, it gains 45\u202f100")
+
+
+def test_why_somebody_was_not_taken_is_told_by_the_last_round_that_carried_it_and_took_another():
+    effects = {"a": Worth(60.0), "b": Worth(40.0), "c": Worth(20.0), "d": Worth(0.5)}
+    rounds = choose(Stub(effects), (), rules(most=2)).rounds  # a, then b
+    tried, taken = last_carried(rounds, "c".__eq__)
+    assert (tried.name, tried.outcome, taken) == ("c", Outcome.BEATEN, "b")
+    tried, taken = last_carried(rounds, "b".__eq__)
+    assert (tried.outcome, taken) == (Outcome.BEATEN, "a")  # not of the round that took it
+    assert last_carried(rounds, "a".__eq__) is None
+    assert last_carried(rounds, "e".__eq__) is None
+    assert why_not(rounds, "c".__eq__).startswith("carried, it gains 20")
+    assert why_not(rounds, "c".__eq__).endswith("b explains more for its price")
+    assert why_not(rounds, "d".__eq__).endswith("no more than chance")
+    assert why_not(rounds, "e".__eq__) is None
 
 
 def test_gains_of_a_round_are_of_those_that_have_a_model():

@@ -554,6 +554,8 @@ def test_what_is_declared_counts_for_as_much_as_it_is_sure_however_loud_the_reco
     assert sd < 1.5e-3
     assert twin.found.shared["dxx"] == pytest.approx(twin.theta[10] * D, abs=0.15 * sd)
     assert twin.found.deviation["dxx"] == pytest.approx(sd, rel=0.2)
+    as_it_is = beside(NOISE, 2e-3)
+    assert twin.found.deviation["dxx"] == pytest.approx(as_it_is.found.deviation["dxx"], rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
