@@ -18,7 +18,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import kind
 from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, exchanged, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
-from estimator.trace.longer import gone_on
+from estimator.trace.longer import gone_on, shows_later
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import refine_parameters
@@ -82,9 +82,10 @@ def select(problem: Problem, progress: Progress) -> Selection:
     rounds_done = partial(progress, "effects")
     found = choose(family, start, RULES, rounds_done, reducible=family)
     chosen = pruned(family, found)
-    if len(problem.record) >= _SET.worth_more * len(compared.record):
-        compared = problem.part(slice(0, _SET.confirmed))
-        family = ObserverModel(compared, progress)
+    more = problem.part(slice(0, _SET.confirmed))
+    long = len(problem.record) >= _SET.worth_more * len(compared.record)
+    if long or (len(more.record) > len(compared.record) and shows_later(more, chosen.fit.fitted)):
+        family = ObserverModel(more, progress)
         found = gone_on(family, chosen, RULES, rounds_done)
         chosen = pruned(family, found)
     carrying = found.fit

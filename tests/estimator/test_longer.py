@@ -12,7 +12,7 @@ from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import longer
 from estimator.trace.engine import Chosen, Dissent, Estimate, Outcome, Round, Rules, Score, Step, Trial, Tried
-from estimator.trace.longer import gone_on
+from estimator.trace.longer import gone_on, shows_later
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING
 from tests.estimator.device import NOMINAL as DEVICE
@@ -252,3 +252,27 @@ def test_a_model_that_the_observer_loses_stays_as_it_was_chosen(bench: Any) -> N
     chosen = on_the_beginning(("drag",))
     assert gone_on(made, chosen, RULES) is chosen
     assert made.refined == []
+
+
+@pytest.mark.parametrize(
+    ("on_the_beginning", "over_more", "expected"),
+    [(1.0, 1.0, False), (1.02, 1.03, True), (1.03, 1.03, False), (1.0, float("nan"), True)],
+)
+def test_a_model_at_the_floor_on_the_beginning_may_leave_something_later(
+    monkeypatch: pytest.MonkeyPatch, on_the_beginning: float, over_more: float, *, expected: bool
+) -> None:
+    """Within 5 % of the predicted power, as one that explains a record is; what the observer loses is not."""
+    widened = {BEGINNING: on_the_beginning, LONGER: over_more}
+    asked = []
+
+    def over(of: Problem, passes: int = 2, *, about: Any = None) -> Any:
+        asked.append((tuple(of.effects), passes, about))
+        return SimpleNamespace(samples=len(of.record))
+
+    monkeypatch.setattr(longer, "fit", over)
+    monkeypatch.setattr(longer, "widening", lambda model: widened[model.samples])
+    model: Any = SimpleNamespace(
+        samples=BEGINNING, settings=ObserverSettings(effects={"drag": {}}), observer="its observer"
+    )
+    assert shows_later(problem(LONGER), model) is expected
+    assert asked in ([], [(("drag",), 1, "its observer")])

@@ -86,6 +86,10 @@ class Bench:
                               problem=family.problem)  # fmt: skip
         return SimpleNamespace(**(vars(chosen) | {"fit": fit}))
 
+    def asked(self, more: Problem, model: Any) -> bool:
+        self.later = len(more.record), model.observer.effects
+        return True
+
     def refine(self, asked: Problem, fitted: Any, name: str, *, before: str) -> Any:
         self.searched.append((name, len(asked.record), before))
         return fitted, f"again {name}"
@@ -101,10 +105,12 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         more: bool = False,
         likelihood: float = 0.0,
         widened: float = 1.0,
+        later: bool = False,
     ) -> tuple[Bench, Any]:
         made = Bench(taken, taken if kept is None else kept, more=more, likelihood=likelihood)
         monkeypatch.setattr(selection, "_SET", replace(selection._SET, compared=COMPARED, confirmed=CONFIRMED))
         monkeypatch.setattr(selection, "gone_on", made.gone_on)
+        monkeypatch.setattr(selection, "shows_later", lambda more, model: later and made.asked(more, model))
         monkeypatch.setattr(selection, "fit", made.fit)
         monkeypatch.setattr(selection, "choose", made.choose)
         monkeypatch.setattr(
@@ -167,6 +173,18 @@ def test_the_choice_of_a_record_four_times_as_long_is_held_to_more_of_it(bench: 
     assert sorted((effects for _, effects, _ in whole), key=len) == carried
     assert {length for length, *_ in whole} == {samples}
     assert len(made.searched) == (samples > CONFIRMED)
+    assert found.samples == samples
+
+
+@pytest.mark.parametrize("samples", [COMPARED, COMPARED + 1])
+def test_the_choice_is_held_to_more_of_a_shorter_record_where_that_shows_what_the_beginning_does_not(
+    bench: Any, samples: int
+) -> None:
+    made, found = bench(samples, ("drive_gain",), later=True)
+    assert len(made.held) == (samples > COMPARED)
+    if made.held:
+        assert made.held[0][0] == samples
+        assert made.later == (samples, ("drag", "drive_gain"))
     assert found.samples == samples
 
 
