@@ -18,7 +18,7 @@ Per unit mass, SI. Several add up, in their order; coefficients marked (given) m
 T - T0 is what `[temperature]` makes of the board: `warm_up_K` (with `time_constant_s`) and `swing_K` (with `period_s`)
 from `start_C` on; the wire does not tell it. Rf of the charge integrators (`feedback_ohm`), their low-pass, 1/f noise
 and drift stand in `[sense]`, a clock that runs fast in `[faults]` (`clock_skew`). Definitions here are the emulator's
-own; the observer's are in [effects](effects.md).
+own; the observer's are in [effects](effects.md), with other coefficients where the last table says so.
 Generated: `python -m device_emulator.effects.page`.
 
 | effect | adds | coefficients |
@@ -26,9 +26,30 @@ Generated: `python -m device_emulator.effects.page`.
 """
 
 
+_CATALOGUE = """
+## In the coefficients of the catalogue
+
+Where the two pages have other coefficients. G is the declared sense gain of the axis in V/m with its sign, Ts the time
+between two samples; where the table says x, y goes alike.
+
+| here | in [effects](effects.md) |
+|---|---|
+| `sense_gain` `gx` | none: its x is the unit of length. An x that is measured too large is `gy` below zero, and another gain of the drive ([look-alikes](../explanation.md)) |
+| `drive_feedthrough` `gamma_x` | `fdx` = gamma_x / G |
+| `interference` `ax`, `phase_x` | `lsx` = ax cos(p) / G, `lcx` = ax sin(p) / G with p = phase_x - 2 pi f Ts: the observer counts time from one Ts before the first sample |
+| `base_vibration` `ax`, `phase_x` | `bsx` = ax cos(p), `bcx` = ax sin(p) with the same p |
+| `sense_clipping` `limit_x` | `level` = limit_x / \\|G\\|, of displacement and offset together |
+| `dry_friction_asymmetric` `fx`, `ax` | `dry_friction` with `fx`, and beside it `fax` = fx ax |
+| `drive_saturation` `limit_x`, `drive_dead_band` `width_x` | `limit`, `band`, with `sx`, `zx` = 1 |
+| `temperature_stiffness` `tc` | `ktx` = tc kxx, `kty` = tc kyy, `ktxy` = tc kxy; damping alike |
+| `temperature_offset` `tc_x` | `ptx` = tc_x / G |
+"""
+
+
 def page() -> str:
     """The whole page in Markdown."""
-    return _INTRODUCTION + "".join(_row(kind, declaration) for kind, declaration in DECLARATIONS.items())
+    rows = "".join(_row(kind, declaration) for kind, declaration in DECLARATIONS.items())
+    return f"{_INTRODUCTION}{rows}{_CATALOGUE}"
 
 
 def _row(kind: IntEnum, declaration: Declaration) -> str:

@@ -17,9 +17,9 @@ class InitialSd(Section):
     rate_rad_s: Positive = 2.0
     """rotation rate"""
     stiffness: NotNegative = 0.05
-    """of the target stiffness; 0: known exactly"""
+    """of the target stiffness, kxy as well; 0: known exactly"""
     damping: Positive = 1.0
-    """of the declared damping"""
+    """of the mean of the declared dxx and dyy, dxy as well"""
     drive_gain: Positive = 0.2
     """of the declared drive gain (gain_known = false)"""
 
@@ -47,7 +47,7 @@ class ProcessNoise(Section):
     force_mps2_per_rtHz: NotNegative = 0.0
     """one-sided density of the force noise per mass (Brownian: √(4 kB T d)/m); the drive's is added to it"""
     rate_rad_s_per_rts: NotNegative = 0.0
-    """random walk of the rate, rad/s per √s"""
+    """random walk of the rate, rad/s per √s; for a rate that goes by R in T about R/√T, with 0 it is a constant"""
     offset_V_per_rts: NotNegative = 0.0
     """random walk of the offset, V per √s"""
     stiffness_per_rts: NotNegative = 0.0
@@ -65,7 +65,7 @@ class Observer(Section):
     """fading: EKF with fading memory; ekf: without; stationary: one gain, by pattern angle and phase of
     vibration, from the declared device, used one memory_s after acquisition_s"""
     memory_s: Positive = 1.0
-    """time constant of the fading memory"""
+    """time constant of the fading memory: some hundred cycles, and shorter than a record"""
     acquisition_s: NotNegative = 0.0
     """time before the control law is switched on"""
     backend: Literal["numba", "numpy", "filterpy"] = "numba"

@@ -93,7 +93,8 @@ _HOLD = """
 | `"foh"` | is that at t_m; straight lines between |
 | `"bandlimited"` | is that at t_m; what a recorder behind an anti-alias filter saw, smooth between |
 
-`hil import --hold` overrides it; a free response has no drive, and `"zoh"` will do.
+`hil import --hold` overrides it, and without a map it is `"zoh"`; a free response has no drive, and `"zoh"` will do.
+With `"zoh"` the first row's drive acted before the record began: 0 will do where it is not known.
 """
 
 _FILTER = """
