@@ -75,6 +75,14 @@ def test_both_parts_must_be_long_enough_and_the_advice_is_for_the_shorter(
         assert said in told
 
 
+def test_a_response_to_one_push_is_driven() -> None:
+    pushed = record(300, driven=False)
+    pushed.drive[17] = 1e-3
+    told = refused(fitness.require_length, pushed, GYRO, 150)
+    assert told is not None
+    assert "fitted has 150 samples, 7.5 cycles of the resonance" in told
+
+
 def test_a_free_response_of_few_cycles_is_told_how_long_it_should_be() -> None:
     """Five cycles of each part, sampled a hundred times a cycle."""
     told = refused(fitness.require_length, record(900, driven=False, rate=20_000.0), GYRO, 500)
