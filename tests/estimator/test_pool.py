@@ -124,6 +124,8 @@ def test_every_candidate_is_named_or_rejected_and_who_was_carried_is_told_with_i
     cubic, load = loaded.probabilities
     assert cubic.probabilities["cubic_stiffness"] == pytest.approx(cubic.probabilities["cubic_isotropic"], rel=0.01)
     assert load.probabilities["kxx by load_kg"] > 0.99
+    assert set(rejected) <= set(cubic.probabilities) | set(load.probabilities)  # carried or not
+    assert cubic.probabilities["drag"] < 1e-30
     for one in loaded.probabilities:
         assert sum(one.probabilities.values()) == pytest.approx(1.0)
 
@@ -985,6 +987,10 @@ def test_what_has_no_free_run_is_told_so(monkeypatch: pytest.MonkeyPatch) -> Non
         (("sense_cubic", "drag"), ("dxx",), True, True), (("sense_cubic",), ("dxx", "kxx"), True, True)
     ]  # fmt: skip
     assert told == [("candidates", 1, 2), ("candidates", 2, 2)]
+
+
+def test_what_was_promised_and_not_carried_counts_less_its_price() -> None:
+    assert pool_trace._promised({"drag": Promise(9.0, 4.0, np.zeros((0, 1)))}) == {"drag": 5.0}
 
 
 def test_a_constant_and_its_slope_have_names_of_their_own() -> None:

@@ -102,6 +102,8 @@ def test_what_has_no_say_stands_at_odds_of_twenty_at_best() -> None:
     assert one.weight == pytest.approx(1.0 / 20.0)
     (wide,) = doubted((Account("interference", -50.0, 4.0),), {"interference"})
     assert wide.weight == pytest.approx(1.0 / 20.0)
+    (sharp,) = doubted((Account("interference", -50.0, 0.25),), {"interference"})
+    assert sharp.deficit == TIE  # a lead is never worth more than of white innovations
     (far,) = doubted((Account("interference", 80.0),), {"interference"})
     assert far.deficit == 80.0
 

@@ -403,6 +403,8 @@ def test_a_sense_gain_of_one_axis_is_a_drive_gain_of_that_axis(axis: int, symbol
     named = {"drive_gain": {symbols[0]: is_(g, 1e-4), symbols[1]: is_(0.0, 1e-4)}}
     (same,) = (one for one in equivalents(named, constants, is_(kn, 1e-6)) if one.other == "sense_gain")
     assert same.size == pytest.approx(g)
+    # A bench file has a sense gain of y beside that of x, none of x.
+    assert declared(same) == ({"sense_gain": {"gy": pytest.approx(g)}} if axis == 1 else {})
     np.testing.assert_allclose(same.system.drive, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(same.system.sense, scaled)
     assert [one for one in equivalents(named, constants, is_(-kn, 1e-6)) if one.other == "sense_gain"] == []
