@@ -363,6 +363,16 @@ def test_a_parameter_that_is_the_same_number_as_a_coefficient_is_as_sure_as_that
     assert found["leak_x"].unit == "1/s"
 
 
+def test_what_is_left_is_looked_for_in_all_that_was_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[np.ndarray] = []
+    monkeypatch.setattr(tracing, "leftover", lambda of, record, resonance: seen.append(record.sense[:, 0]) or ("one",))
+    rows = np.arange(20.0)
+    record = Record(np.stack([rows, rows], axis=1), np.zeros((20, 2, 1)), np.full(20, 1e-3))
+    selection: Any = Selected(samples=12)
+    assert tracing._left(Problem(record, DEVICE, SETTINGS), selection) == ("one",)
+    np.testing.assert_array_equal(seen[0], rows[:12])
+
+
 def test_of_a_part_something_is_left_and_told(answered: Any) -> None:
     said, _ = answered(Selected(), Errors(3.0, 1.5, 1.0, 1e5, gain=1e3), left=("a line is left at 5 Hz",))
     assert said.verdict is Verdict.PARTLY

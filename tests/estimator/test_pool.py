@@ -270,6 +270,11 @@ def test_a_constant_goes_with_the_covariate_where_neither_scatter_nor_doubt_make
     assert pool_trace._line(z, alone, "k") is None  # of which no record says anything
 
 
+def test_of_six_the_third_and_the_fifth_judge() -> None:
+    members = [Member(str(load), NO_SAMPLES, load) for load in (5.0, 2.0, 9.0, 1.0, 7.0, 3.0)]
+    assert [members[place].covariate for place in held_out_by_default(pool(members, "load_kg"))] == [7.0, 3.0]
+
+
 def alone_with(*values: float, deviation: float) -> Any:
     """As if each record by itself had been fitted with such a constant."""
     return [SimpleNamespace(names=["k"], deviation=np.array([deviation]), value=lambda name, v=v: v) for v in values]
@@ -745,6 +750,20 @@ def test_of_an_effect_with_a_shape_first_its_size_is_fitted_while_all_else_is_he
     begin, solver.asked = found, []
     fitted(several, (effect,), (), begin, everything(several))
     assert len(solver.asked) == 1  # it is not new any more
+
+
+@pytest.mark.parametrize("name", ["kxx", "dxx"])
+def test_a_slope_moves_a_record_as_its_constant_does_times_the_covariate(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    several = pool(linear_decays(np.random.default_rng(11)), "load_kg")
+    solver = Solver(monkeypatch)
+    fitted(several, (), (name,), as_made(several), everything(several))
+    jacobian = solver.asked[0].rows(solver.asked[0].begin)[1]
+    z = np.repeat((np.array(LOADS) - np.mean(LOADS)) / np.std(LOADS), 160)
+    constant = jacobian[:, 9 + ["kxx", "dxx"].index(name)]
+    assert np.all(np.any(constant.reshape(3, 160) != 0.0, axis=1))
+    np.testing.assert_allclose(jacobian[:, -1], z * constant, atol=1e-12 * np.max(np.abs(constant)))
 
 
 def test_a_length_that_must_not_vanish_stays_above_its_least_and_nothing_else_is_bound(

@@ -95,6 +95,13 @@ def test_of_less_than_two_cycles_nothing_is_said_and_two_may_be_rest() -> None:
     assert moves_until(record(swinging(79, 79, seed=3)), SINGLE) == 79
 
 
+def test_two_cycles_may_be_three_samples() -> None:
+    """Seen at a sample and a half a cycle, it stops with the thirty-first."""
+    fast = replace(SINGLE, stiffness=((2.0 * np.pi * RATE / 1.5) ** 2,))
+    moved = np.where(np.arange(300) < 31, 0.05 * (-1.0) ** np.arange(300), 0.0)
+    assert moves_until(record(moved), fast) == 30
+
+
 def test_lost_samples_are_no_motion() -> None:
     seen = swinging(4000, 410, seed=8)
     seen[1000:1090], seen[2000:2039] = np.nan, np.nan  # a stretch and more, and all of one but a sample
