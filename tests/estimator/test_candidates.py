@@ -7,9 +7,10 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from estimator.effects.catalogue import EFFECTS
+from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.trace import free_run_model
-from estimator.trace.candidates import kind, resonance, watch_list
+from estimator.trace.candidates import kind, resonance, searched_by, watch_list
 from estimator.trace.evidence import Evidence
 from estimator.trace.look import fresh
 from estimator.trace.width import second_thoughts
@@ -86,3 +87,9 @@ def test_second_thoughts_are_of_every_other_kind_once() -> None:
 
     found = {name: item(name, 9.0) for name in ("drag", "interference:1", "interference:2", "dry_friction")}
     assert second_thoughts(found, {"drag"}) == ["interference:1", "dry_friction"]
+
+
+def test_where_parameters_are_searched_for_is_said_of_those_of_the_catalogue_that_have_some() -> None:
+    assert searched_by("dry_friction") is searched_by("dry_friction:2") is Search.SPEEDS
+    assert searched_by("cubic_stiffness") is None
+    assert searched_by("an_effect_of_my_own") is None
