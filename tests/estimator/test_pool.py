@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import lstsq
 from scipy.optimize import least_squares
+from scipy.signal import cont2discrete
 from scipy.stats import linregress, norm
 
 from estimator.diagnosis import Diagnosis, Verdict
@@ -906,6 +907,34 @@ def test_what_a_candidate_promises_is_about_what_it_gains_when_it_is_fitted() ->
         assert look[name].gain == pytest.approx(expected, rel=0.05)
         assert scores[name].price == look[name].price
     assert look["sense_cubic"].gain < 1.0
+
+
+@pytest.mark.moderate
+def test_of_what_is_driven_a_promise_is_of_what_the_free_runs_leave() -> None:
+    """Of a decay what is sensed is a sum of its own derivatives, by the scale of its lengths, and sets itself off; a
+    drive of known size has no such scale.
+    """
+    rng = np.random.default_rng(22)
+    members = []
+    for load in LOADS:
+        equations = np.array([[0.0, 1.0], [-(K + 0.005 * PER_KG * load), -D]]), np.array([[0.0], [1.0]])
+        step, push, *_ = cont2discrete((*equations, np.eye(2), np.zeros((2, 1))), 1.0 / RATE)
+        drive, state, sensed = 2.0 * rng.standard_normal(200), np.array([1e-3, 0.0]), []
+        for force in drive:  # of the interval before its sample
+            state = step @ state + push[:, 0] * force if sensed else state
+            sensed.append(state[0] + rng.normal(0.0, NOISE))
+        record = Record(np.array(sensed)[:, None], drive[:, None, None], np.full(200, 1.0 / RATE))
+        members.append(Member(f"load {load}", record, load))
+    several = pool(members, "load_kg")
+    rows = everything(several)
+    begin = replace(as_made(several), own=np.array([[1e-3, 0.0, 0.0]] * 3))
+    current = fitted(several, (), (), begin, rows)
+    more = fitted(several, (), ("kxx",), current, rows)
+    before, after = (np.concatenate(run.residual)[:, 0] for run in (current, more))
+    expected = effective_samples(before) * np.log(np.mean(before**2) / np.mean(after**2))
+    assert 20.0 < expected < 150.0
+    found = PooledModel(several, rows, rows, ()).promise(current, ())
+    assert found["kxx by load_kg"].gain == pytest.approx(expected, rel=0.1)
 
 
 def test_a_record_of_which_no_sample_counts_promises_nothing() -> None:
