@@ -3,9 +3,12 @@
 import os
 import re
 import signal
+import subprocess
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Generator, Iterable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
@@ -52,6 +55,17 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from tests.service.folders import shared_run  # loads the bench, which most files of tests do without
 
     return shared_run(tmp_path_factory)
+
+
+@pytest.fixture(autouse=True)
+def _forked_loop(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no clock counts, the loop's process is a fork of this one, once this one has loaded it."""
+    loaded = sys.modules.get("hil.loop.supervision")
+    if loaded is None or request.node.get_closest_marker("realtime"):
+        return
+    from tests.forked import Forked
+
+    monkeypatch.setattr(loaded, "subprocess", SimpleNamespace(Popen=Forked, PIPE=subprocess.PIPE))
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

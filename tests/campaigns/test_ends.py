@@ -71,6 +71,7 @@ def test_ctrl_c_ends_well_says_how_to_go_on_and_nothing_is_lost(place: Path, who
     assert bytes_in(place / "runs/small") == whole
 
 
+@pytest.mark.long
 def test_killed_and_gone_on_with_by_processes_that_die_it_is_the_same(place: Path, whole: dict[str, bytes]) -> None:
     process = start(place)
     children = children_of(process.pid)

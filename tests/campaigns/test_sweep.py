@@ -139,6 +139,7 @@ def test_the_dry_run_lists_all_and_makes_nothing(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_report_opens_alone_and_has_each_worst_run_with_its_command(swept: hil.Sweep) -> None:
     page = swept.report().read_text()
     assert "http" not in page.replace("http://www.w3.org", "").replace("https://www.w3.org", "")

@@ -61,6 +61,7 @@ def traced_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("traced_at_once")
+@pytest.mark.long
 def test_before_and_after(drawn: Counter[str], tmp_path: Path) -> None:
     """On a machine that is busy, too: a run that is cut short has its page once."""
     circle = demo.demo(tmp_path, duration_s=12.0, progress=lambda _: None)

@@ -113,6 +113,7 @@ def test_the_sensitivity_is_the_emulated_angle_error_sign_included(name: str) ->
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_clean_run_is_complete() -> None:
     found = scanned(record_of(loop()))
     assert found.outcome is Outcome.COMPLETE, found.reason

@@ -63,6 +63,7 @@ def test_it_is_the_same_however_the_record_is_cut_and_whatever_is_lost() -> None
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_it_is_nearer_than_the_angle_read_off_and_knows_how_near() -> None:
     """Twelve devices: normalised by its deviation the error is of one, and its mean square is below the other's."""
     normalised, read_off, own = [], [], []

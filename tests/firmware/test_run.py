@@ -64,6 +64,7 @@ def check(folder: RunFolder, truth: dict[str, float], rate_rad_s: float, settle_
 
 
 @pytest.mark.parametrize(("rate_rad_s", "latency"), [(1.0, 1), (-0.7, 3)])
+@pytest.mark.beyond(1)
 def test_force_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, rate_rad_s: float, latency: int) -> None:
     declared = load_bench(EXAMPLES / "c-board.bench.toml")
     shorter = override(declared, {"loop": {"duration_s": 6.0, "settle_s": 3.0}}, "test")
@@ -73,6 +74,7 @@ def test_force_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, r
 
 
 @pytest.mark.parametrize("latency", [0, 2])
+@pytest.mark.beyond(1)
 def test_gain_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, latency: int) -> None:
     declared = load_bench(EXAMPLES / "c-board-gain.bench.toml")
     shorter = override(declared, {"loop": {"clock": "lockstep", "duration_s": 1.5, "settle_s": 0.7}}, "test")

@@ -119,6 +119,7 @@ def test_without_a_word_about_it_there_are_ten_a_second() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_run_folders_of_many_seeds_are_consistent(tmp_path: Path) -> None:
     """Initial values from P0, the emulator's noise declared: one instant of each run, independent of all others."""
     scenario, bench = declared("s-slow")

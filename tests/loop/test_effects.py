@@ -153,6 +153,7 @@ def test_a_polarity_that_is_declared_of_the_wrong_axis_loses_the_loop(tmp_path: 
 
 
 @NOBODY_ASKS
+@pytest.mark.long
 def test_the_sign_of_the_gain_of_an_axis_is_the_polarity_of_its_sense(tmp_path: Path) -> None:
     hidden = 'name = "sense_polarity"\npy = 1.0'
     gains = {"device": {"sense": {"gain_V_per_m": [-885.42, 885.42], "noise_V": 9e-5, "offset_sd_V": 0.02}}}

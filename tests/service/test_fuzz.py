@@ -12,6 +12,7 @@ _EXAMPLES = 6
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_request_makes_the_service_fail(tmp_path: Path) -> None:
     with serving(tmp_path / "runs") as service:
         lease = service.ask("POST", "/api/lease", json={"holder": "fuzz", "seconds": 600}).json()["lease"]

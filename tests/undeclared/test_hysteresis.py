@@ -62,6 +62,7 @@ def traced(what: Record, *asked: str) -> Diagnosis:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", [decay, driven])
+@pytest.mark.beyond(1)
 def test_it_is_named_with_its_coefficients(what) -> None:
     said = traced(what(), NAME)
     assert said.verdict is Verdict.EXPLAINED
@@ -75,6 +76,7 @@ def test_it_is_named_with_its_coefficients(what) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_it_is_not_tried_where_nobody_asks() -> None:
     said = traced(decay())
     assert NAME not in [found.name for found in said.effects]

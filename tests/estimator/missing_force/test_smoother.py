@@ -76,6 +76,7 @@ def test_the_force_in_a_plane_is_found_within_its_band(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LINE)
+@pytest.mark.beyond(1)
 def test_the_force_along_a_line_is_found_within_its_band(name: str) -> None:
     error, covered = judged(simulated(LINE[name], axes=1, samples=SAMPLES, noise=NOISE))
     assert error < 0.5
@@ -90,6 +91,7 @@ def test_where_nothing_is_missing_no_force_is_found() -> None:
     assert np.sqrt(np.mean(found.force[1000:-1000] ** 2)) < 3e-4
 
 
+@pytest.mark.long
 def test_lost_samples_and_a_rate_that_moves_do_no_harm() -> None:
     record = simulated(PLANE["cubic"], axes=2, samples=SAMPLES, noise=NOISE)
     linear = known(record)
