@@ -212,7 +212,7 @@ class Promises:
         0.01, "probability", "Of a residual at the floor to lie above what is allowed, where few samples tell."
     )
     constant: float = _set(
-        0.1, "of a coefficient", "What differs by less from part to part may be a second, smaller cause."
+        0.05, "of a coefficient", "A spring of r⁴ that is taken for one of r² differs by 0.06 where r moves by a fifth."
     )
     never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
     trifle: float = _set(

@@ -87,7 +87,7 @@ def runs_backwards(constants: Iterable[Constant]) -> str | None:
     that, and a rate of the other sign (docs/explanation.md).
     """
     dampings = [one for one in constants if one.name in ("dxx", "dyy")]
-    turned = [replace(one, value=-one.value, low=-one.high, high=-one.low) for one in dampings]
+    turned = [replace(one, declared=-one.declared, positive=False) for one in dampings]
     if len(dampings) < 2 or any(one.high >= 0.0 for one in dampings) or any(map(promises.conflict, turned)):
         return None
     return f"it may run backwards: the damping of both axes is the declared one with the other sign; {RING_DOWN}"

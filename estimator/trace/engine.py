@@ -517,7 +517,7 @@ def _cut(
         objection = model.objection(step.before, step.name, step.trial)
         if objection is None:
             continue
-        lost = {later.name: (Outcome.AFTER, f"follows {step.name}, which {objection}") for later in steps[at + 1 :]}
+        lost = {later.name: (Outcome.AFTER, f"follows {step.name}, which {objection}") for later in steps[at:]}
         lost[step.name] = Outcome.OBJECTED, objection
         return steps[:at], [*rounds[:at], *(_untaken(one, lost) for one in rounds[at:])]
     return steps, rounds

@@ -98,8 +98,7 @@ class PooledModel:
         derivative, residual = np.vstack(basis_rows), np.concatenate(residual_rows)
         everything, z_all = np.vstack(wide_rows), np.concatenate(z_rows)
         each = np.concatenate(of_rows)[:, None] == np.arange(records)
-        sizes = np.linalg.norm(derivative, axis=0)
-        basis = np.linalg.qr(derivative / np.where(sizes > 0.0, sizes, 1.0))[0]
+        basis = np.linalg.qr(derivative)[0]
         residual = residual - basis @ (basis.T @ residual)
         power, samples = float(residual @ residual), effective_samples(residual)
         found = {}

@@ -147,7 +147,7 @@ def _line(z: Array, alone: Sequence[Refined], name: str) -> tuple[float, float] 
     free = len(z) - 2
     left = open_to * np.abs(z) / size
     doubt = float(np.sqrt(np.sum(left**2)))
-    chance = 2.0 * float(norm.sf(abs(slope) / doubt)) if doubt > 0.0 else 0.0
+    chance = 2.0 * float(norm.sf(abs(slope) / doubt))
     if free > 0:
         scatter = float(np.sqrt(np.sum((values - middle - slope * z) ** 2) / free / size))
         chance = max(chance, 2.0 * float(t.sf(abs(slope) / scatter, free)) if scatter > 0.0 else 0.0)
