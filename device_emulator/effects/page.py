@@ -30,13 +30,15 @@ _CATALOGUE = """
 ## In the coefficients of the catalogue
 
 Where the two pages have other coefficients. G is the declared sense gain of the axis in V/m with its sign, Ts the time
-between two samples; where the table says x, y goes alike.
+between two samples; where the table says x, y goes alike. The observer counts time from one Ts before the first sample.
+An x that is measured too large is `gy` below zero there, beside another gain of the drive: x is the unit of length
+([look-alikes](../explanation.md)).
 
 | here | in [effects](effects.md) |
 |---|---|
-| `sense_gain` `gx` | none: its x is the unit of length. An x that is measured too large is `gy` below zero, and another gain of the drive ([look-alikes](../explanation.md)) |
+| `sense_gain` `gx` | none |
 | `drive_feedthrough` `gamma_x` | `fdx` = gamma_x / G |
-| `interference` `ax`, `phase_x` | `lsx` = ax cos(p) / G, `lcx` = ax sin(p) / G with p = phase_x - 2 pi f Ts: the observer counts time from one Ts before the first sample |
+| `interference` `ax`, `phase_x` | `lsx` = ax cos(p) / G, `lcx` = ax sin(p) / G, p = phase_x - 2 pi f Ts |
 | `base_vibration` `ax`, `phase_x` | `bsx` = ax cos(p), `bcx` = ax sin(p) with the same p |
 | `sense_clipping` `limit_x` | `level` = limit_x / \\|G\\|, of displacement and offset together |
 | `dry_friction_asymmetric` `fx`, `ax` | `dry_friction` with `fx`, and beside it `fax` = fx ax |

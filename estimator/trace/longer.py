@@ -24,8 +24,8 @@ from estimator.trace.searched import NOTHING
 
 
 def shows_later(problem: Problem, model: Fitted) -> bool:
-    """Whether a model of the beginning, at the floor there, leaves something over the record of `problem`, which is more
-    of it: what acts by the amplitude or the rate may show only when those have moved.
+    """Whether a model of the beginning, at the floor there, leaves something over the record of `problem`, which is
+    more of it: what acts by the amplitude or the rate may show only when those have moved.
     """
     if not _is_small(model):
         return False

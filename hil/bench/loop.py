@@ -83,7 +83,7 @@ class Controller(Section):
     """The control law that makes the mass an isotropic undamped oscillator, and what is added to it."""
 
     enabled: bool = True
-    """false: the drive stays at zero; for a record, that something else drove: the recorded drive counts all the same"""
+    """false: the drive stays at zero; of a record: something else drove it, and what it recorded of that counts"""
     target_stiffness_N_per_m: Positive | None = None
     """stiffness of the controlled oscillator; without it the mean of kxx and kyy"""
     energy_gain: NotNegative = 0.02
