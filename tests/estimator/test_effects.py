@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from estimator.effects.catalogue import EFFECTS, effect_for, names
 from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
+from estimator.effects.equation import equations
 from estimator.effects.page import page
 from estimator.errors import ModelError
 from estimator.kernel.compiled import compiled
@@ -644,3 +645,22 @@ def test_names_and_symbols_are_unique() -> None:
 @pytest.mark.moderate
 def test_the_committed_page_is_current() -> None:
     assert (Path(__file__).parents[2] / "docs" / "reference" / "effects.md").read_text() == page()
+
+
+@pytest.mark.parametrize("name", ["damping_asymmetric", "drag", "drag_radial"])
+@pytest.mark.parametrize(("amplitude", "omega0"), [(1.0, 1.0), (5e-6, 6e3)])
+def test_where_a_law_is_rounded_the_page_says_so_in_the_device_s_own_speed(
+    name: str, amplitude: float, omega0: float
+) -> None:
+    """What is computed counts in A and ω0; what is shown is SI."""
+    _, effect = effect_for(name, 2)
+    rng = np.random.default_rng(3)
+    symbols = {c.symbol.name: float(rng.uniform(0.5, 2.0)) for c in effect.coefficients}
+    speeds = {one: float(rng.uniform(-0.02, 0.02)) for one in ("vx", "vy")}
+    power = 1 if name == "damping_asymmetric" else 2  # of the speed in the law
+    for shown, computed in zip(equations(effect), effect.force, strict=True):
+        si = sp.sympify(shown.partition(" += ")[2]).subs(
+            {**symbols, **{k: v * amplitude * omega0 for k, v in speeds.items()}, "A": amplitude, "omega0": omega0}
+        )
+        scaled = computed.subs({one: {**symbols, **speeds}[one.name] for one in computed.free_symbols})
+        assert float(si) == pytest.approx(float(scaled) * (amplitude * omega0) ** power, rel=1e-9)

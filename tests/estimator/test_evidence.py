@@ -91,6 +91,8 @@ def test_a_gain_that_scatters_as_noise_does_is_exact_and_a_loss_has_no_error():
     assert one(-3.0, 5.0).error == 0.0
     assert one(0.25, 1.25).error == pytest.approx(2.0 * np.sqrt(0.25 * 0.25))
     assert one(0.0, 0.5).significance == 0.0
+    for scatter in (0.5, 1.0):  # what scatters by less than noise is no surer for it
+        assert one(20.0, scatter).significance == pytest.approx(-np.log10(chi2.sf(20.0, 2)))
 
 
 def test_scatter_is_per_degree_of_freedom_that_the_parts_have_more_than_the_whole():

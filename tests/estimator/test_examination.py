@@ -28,6 +28,7 @@ class Bench:
 
     free: Array = field(default_factory=lambda: np.full((N, 2), 5.0))
     lost: slice = field(default_factory=lambda: slice(0, 0))
+    lost_of_x: slice = field(default_factory=lambda: slice(0, 0))
     every: int | None = None
     analysed: list[Any] = field(default_factory=list)
 
@@ -37,6 +38,7 @@ class Bench:
         n = np.arange(float(len(record)))
         series = np.stack([n, n], axis=1)
         series[self.lost] = np.nan
+        series[self.lost_of_x, 0] = np.nan
         index = np.arange(every - 1, len(record), every)
         state = index[:, None].astype(float)
         kept = {"innovation": series, "innovation_deviation": np.ones_like(series), "index": index, "names": ("rate",)}
@@ -115,6 +117,11 @@ def test_an_observer_without_a_number_in_either_part_diverges(
             examined(monkeypatch, Bench(lost=lost))
     else:
         examined(monkeypatch, Bench(lost=lost))
+
+
+def test_samples_of_one_axis_alone_are_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DivergedError):
+        examined(monkeypatch, Bench(lost_of_x=slice(595, N)))
 
 
 def test_a_record_that_lacks_a_rate_or_an_observer_without_one_has_no_errors_of_it() -> None:

@@ -262,6 +262,13 @@ def test_a_record_that_runs_backwards_has_a_damping_that_drives() -> None:
     assert "time_reversal" not in of({"sense_cubic": {"a3x": is_(0.1)}})
 
 
+@pytest.mark.parametrize("mutual", [-0.5, 0.5])
+def test_a_damping_that_drives_in_one_direction_and_not_in_another_runs_no_way(mutual: float) -> None:
+    """Its eigenvalues are −0.9 and 0.1: neither this way nor the other is it a passive device."""
+    constants = replace(CONSTANTS, damping=(-0.4, -0.4, mutual))
+    assert "time_reversal" not in of({"sense_cubic": {"a3x": is_(0.1)}}, constants)
+
+
 def test_what_is_on_no_symmetry_has_no_equivalent() -> None:
     assert of({}) == {}
     assert of({"cubic_stiffness": {"k3x": is_(1.0), "k3y": is_(1.0)}}) == {}
