@@ -9,8 +9,8 @@ _INTRODUCTION = """\
 
 What a gyro can have beyond the base model (2), as the observer can carry it. An effect is switched on in the bench
 file, `[effects.NAME]`, with initial values of its coefficients; they are estimated with everything else, and what the
-effect does is undone as its entry says. Per unit mass, SI; A is the nominal amplitude, omega0 the target frequency. What
-is sensed has the drive in it, ux and uy, that acted up to the sample. Generated: `python -m estimator.effects.page`.
+effect does is undone as its entry says. Per unit mass, SI; A is the nominal amplitude, omega0 the target frequency. In
+what is sensed, ux and uy are the drive that acted up to the sample. Generated: `python -m estimator.effects.page`.
 """
 
 _SIGNALS = {
