@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import traceback
+import warnings
 from typing import Any
 
 from hil.loop import worker
@@ -26,7 +27,10 @@ class Forked(subprocess.Popen[bytes]):
         asked = _AS_GIVEN.bind(self, *given).arguments
         assert asked["args"][1:] == ["-m", "hil.loop.worker"]
         assert asked["start_new_session"]
-        self.pid = os.fork()
+        with warnings.catch_warnings():
+            # From Python 3.12 on, of the thread by which xdist hears of its parent; it holds nothing that is needed here.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self.pid = os.fork()
         if self.pid == 0:
             _as_the_worker(asked["p2cread"], asked["c2pwrite"], tuple(asked["pass_fds"]))
         self._child_created = True
