@@ -28,7 +28,7 @@ class Forked(subprocess.Popen[bytes]):
         assert asked["args"][1:] == ["-m", "hil.loop.worker"]
         assert asked["start_new_session"]
         with warnings.catch_warnings():
-            # From Python 3.12 on, of the thread by which xdist hears of its parent; it holds nothing that is needed here.
+            # From Python 3.12 on, of the thread by which xdist hears of its parent: it holds nothing needed here.
             warnings.simplefilter("ignore", DeprecationWarning)
             self.pid = os.fork()
         if self.pid == 0:
