@@ -5,6 +5,7 @@ about what it does and not about how it starts.  Those by the clock, and all tha
 is.
 """
 
+import gc
 import inspect
 import os
 import signal
@@ -30,9 +31,14 @@ class Forked(subprocess.Popen[bytes]):
         with warnings.catch_warnings():
             # From Python 3.12 on, of the thread by which xdist hears of its parent: it holds nothing needed here.
             warnings.simplefilter("ignore", DeprecationWarning)
+            gc.disable()
             self.pid = os.fork()
         if self.pid == 0:
+            # What the tests have left for the collector may hold numbers of descriptors that are the fork's own by now.
+            gc.freeze()
+            gc.enable()
             _as_the_worker(asked["p2cread"], asked["c2pwrite"], tuple(asked["pass_fds"]))
+        gc.enable()
         self._child_created = True
         os.close(asked["p2cread"])
         os.close(asked["c2pwrite"])
