@@ -46,7 +46,7 @@ class Forked(subprocess.Popen[bytes]):
 
 def _as_the_worker(stdin: int, stdout: int, kept: tuple[int, ...]) -> None:
     """Never returns."""
-    code = 70
+    code = 1
     try:
         os.setsid()
         os.dup2(stdin, 0)
@@ -63,7 +63,6 @@ def _as_the_worker(stdin: int, stdout: int, kept: tuple[int, ...]) -> None:
         code = worker.main()
     except BaseException:  # noqa: BLE001 - whatever it is, a fork must not go on as what it is a fork of
         traceback.print_exc()
-        code = 1
     finally:
         sys.stderr.flush()
         os._exit(code)

@@ -62,6 +62,11 @@ def _widening(estimates: Estimates) -> float:
     return max(float(np.sqrt(np.mean(seen))), 1.0) if seen.size else float("nan")
 
 
+def is_as_predicted(model: Fitted) -> bool:
+    """Whether a model leaves no more than an explained record may, beside what its observer takes innovations to be."""
+    return widening(model) ** 2 < 1.0 + THRESHOLDS.width.power
+
+
 def leads(model: Fitted, other: Fitted) -> Array:
     """By how much twice the log-likelihood of a model is larger than another's, by part of the record (parts,)."""
     (one, spread), (two, spread_of_other) = (
@@ -130,7 +135,7 @@ def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None, aga
     """
     more = _SET.again if again else 0
     found = _fit(problem, passes, about, more)
-    if about is not None or widening(found) ** 2 < 1.0 + THRESHOLDS.width.power:
+    if about is not None or is_as_predicted(found):
         return found
     starts = [problem.carrying(effects) for effects in _other_starts(problem)]
     others = side_by_side([partial(_fit, start, passes, None, more) for start in starts])

@@ -11,9 +11,8 @@ from dataclasses import replace
 from functools import partial
 
 from estimator.side_by_side import side_by_side
-from estimator.thresholds import THRESHOLDS
 from estimator.trace.engine import Chosen, Rules, Step, Trial, choose, exchanged, plainest, unphysical
-from estimator.trace.fitting import Fitted, coefficients_of, fit, parameters_of, widening
+from estimator.trace.fitting import Fitted, coefficients_of, fit, is_as_predicted, parameters_of
 from estimator.trace.look import Look
 from estimator.trace.nested import turned_into
 from estimator.trace.observer_model import Carrying, ObserverModel
@@ -27,13 +26,9 @@ def shows_later(problem: Problem, model: Fitted) -> bool:
     """Whether a model of the beginning, at the floor there, leaves something over the record of `problem`, which is
     more of it: what acts by the amplitude or the rate may show only when those have moved.
     """
-    if not _is_small(model):
+    if not is_as_predicted(model):
         return False
-    return not _is_small(fit(problem.under(model.settings), passes=1, about=model.observer))
-
-
-def _is_small(model: Fitted) -> bool:
-    return widening(model) ** 2 < 1.0 + THRESHOLDS.width.power
+    return not is_as_predicted(fit(problem.under(model.settings), passes=1, about=model.observer))
 
 
 def gone_on(

@@ -14,7 +14,7 @@ from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
+from estimator.trace.fitting import Fitted, coefficients_of, fit, is_as_predicted, widening
 from estimator.trace.problem import Problem
 from estimator.trace.searched import Searched
 
@@ -43,8 +43,7 @@ def in_step(problem: Problem, model: Fitted, name: str) -> tuple[Fitted, bool]:
         near = {parameter: _SET.near * _deviation(model, coefficient) for parameter, coefficient in same.items()}
         moved = {p: value for p, value in found.items() if value > 0.0 and abs(value - given[p]) > near[p]}
         if not moved:
-            is_small = widening(model) ** 2 < 1.0 + THRESHOLDS.width.power
-            return model, is_small and all(value > 0.0 for value in found.values())
+            return model, is_as_predicted(model) and all(value > 0.0 for value in found.values())
         again = problem.under(model.settings).carrying({**effects, name: {**given, **moved}})
         following = fit(again, passes=1, about=model.observer)
         if not following.likelihood > model.likelihood - _SET.rough_start:

@@ -96,7 +96,6 @@ def shown(request: pytest.FixtureRequest, browser: Browser, name: str, pages: di
     context.close()
 
 
-@pytest.mark.beyond(1)
 def test_nothing_is_cut(shown: Any, name: str, pictures: Path) -> None:
     page, medium = shown
     page.screenshot(path=pictures / f"report-{name}-{medium}.png", full_page=True)

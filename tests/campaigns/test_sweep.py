@@ -138,7 +138,6 @@ def test_the_dry_run_lists_all_and_makes_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_the_report_opens_alone_and_has_each_worst_run_with_its_command(swept: hil.Sweep) -> None:
     page = swept.report().read_text()

@@ -112,7 +112,6 @@ def test_the_sensitivity_is_the_emulated_angle_error_sign_included(name: str) ->
     assert np.sqrt(np.mean((moved + at) ** 2)) < 0.05 * np.sqrt(np.mean(at**2)) + 0.003
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_a_clean_run_is_complete() -> None:
     found = scanned(record_of(loop()))

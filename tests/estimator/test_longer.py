@@ -10,7 +10,7 @@ import pytest
 
 from estimator.record import Record
 from estimator.settings import ObserverSettings
-from estimator.trace import longer
+from estimator.trace import fitting, longer
 from estimator.trace.engine import Chosen, Dissent, Estimate, Outcome, Round, Rules, Score, Step, Trial, Tried
 from estimator.trace.longer import gone_on, shows_later
 from estimator.trace.problem import Problem
@@ -270,7 +270,7 @@ def test_a_model_at_the_floor_on_the_beginning_may_leave_something_later(
         return SimpleNamespace(samples=len(of.record))
 
     monkeypatch.setattr(longer, "fit", over)
-    monkeypatch.setattr(longer, "widening", lambda model: widened[model.samples])
+    monkeypatch.setattr(fitting, "widening", lambda model: widened[model.samples])
     model: Any = SimpleNamespace(
         samples=BEGINNING, settings=ObserverSettings(effects={"drag": {}}), observer="its observer"
     )

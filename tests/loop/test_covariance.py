@@ -118,7 +118,6 @@ def test_without_a_word_about_it_there_are_ten_a_second() -> None:
     assert streamed.loop.covariance_stride(4000.0) == 320
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_run_folders_of_many_seeds_are_consistent(tmp_path: Path) -> None:
     """Initial values from P0, the emulator's noise declared: one instant of each run, independent of all others."""

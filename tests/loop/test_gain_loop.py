@@ -281,7 +281,6 @@ def test_wrong_signs_stop_the_run(tmp_path: Path) -> None:
     assert counters.samples < 3000
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_one_seed_is_one_record_on_any_link(tmp_path: Path, no_report: None) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")

@@ -68,7 +68,6 @@ def settled(folder: Path, bench: Bench) -> dict[str, float]:
     }
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_report", "no_scan")  # of the records alone
 @pytest.mark.long
 def test_from_then_on_the_loop_is_as_if_the_bench_file_said_so(tmp_path: Path) -> None:

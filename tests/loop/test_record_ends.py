@@ -70,7 +70,6 @@ def test_a_recorder_that_stands_still_ends_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
-@pytest.mark.beyond(1)
 def test_a_disk_that_is_full_ends_the_run(tmp_path: Path, clock: str) -> None:
     with served(Board()) as board, Host(tmp_path / "host", bench(clock), board.url) as host:
         host.await_stage("run")

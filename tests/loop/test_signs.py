@@ -98,7 +98,6 @@ def test_what_else_is_wrong_is_not_taken_for_a_sign(tmp_path: Path, scenario: di
         ((-1, -1, 1, 1), "the drives of x and y act the wrong way round"),
     ],
 )
-@pytest.mark.beyond(1)
 def test_a_run_says_it_first(tmp_path: Path, signs: tuple[int, ...], words: str) -> None:
     with misbehaving.served(misbehaving.Turned(*signs)) as board:
         done = run(slow_bench(6.0, "lockstep"), board.url, tmp_path, progress=Told())

@@ -52,7 +52,6 @@ def test_the_friction_of_emps_is_named_from_its_forces(tmp_path):
     assert rms(after) < 2.0
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_emps_runs_freely_from_rest_with_the_friction_of_its_first_file(tmp_path):
     """Published free runs of the second file: 2.64 mm to 96 mm; 7.75 mm of a linear model."""

@@ -11,7 +11,6 @@ from tests.service.serving import serving
 _EXAMPLES = 6
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_no_request_makes_the_service_fail(tmp_path: Path) -> None:
     with serving(tmp_path / "runs") as service:

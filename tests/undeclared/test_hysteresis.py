@@ -75,7 +75,6 @@ def test_it_is_named_with_its_coefficients(what) -> None:
         assert abs(interval.value - HIDDEN[symbol]) < 1.5 * half, symbol
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_it_is_not_tried_where_nobody_asks() -> None:
     said = traced(decay())

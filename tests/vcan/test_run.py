@@ -16,8 +16,6 @@ import cantools.database
 import numpy as np
 import pytest
 
-import hil
-from hil.loop.run import run as run_here
 from hil.records.capture import read_capture
 from hil.wire.spec import SPEC
 
@@ -56,14 +54,14 @@ def watching(log: Path) -> Iterator[None]:
             process.wait(PATIENCE_S)
 
 
-def run(example: str, url: str, place: Path) -> dict[str, object]:
+def run(example: str, url: str, place: Path, *more: str) -> dict[str, object]:
     """`hil run` of an example in lockstep, short, as a process that ends well; the object it prints."""
     bench = place / "short.bench.toml"
     text = (EXAMPLES / f"{example}.bench.toml").read_text(encoding="utf-8")
     bench.write_text(re.sub(r"^settle_s = .*$", "settle_s = 1.5", text, flags=re.MULTILINE), encoding="utf-8")
     arguments = [str(bench), "--link", url, "--arm", "--clock", "lockstep", "--duration", str(SAMPLES / 4000)]
     done = subprocess.run(
-        [sys.executable, "-m", "hil", "run", *arguments, "--out", str(place), "--json"],
+        [sys.executable, "-m", "hil", "run", *arguments, "--out", str(place), "--json", *more],
         capture_output=True,
         text=True,
         check=False,
@@ -111,13 +109,9 @@ def test_a_run_and_an_independent_witness(tmp_path):
 
 
 def test_a_run_of_the_c_board(c_board, tmp_path):
-    """By the library and without its page: another interpreter and a page take most of a minute on this processor."""
-    changed = {"settle_s": 1.5, "clock": "lockstep", "duration_s": SAMPLES / 4000}
-    bench = hil.load_bench("c-board").with_(loop=changed)
     with serving(str(c_board), "--link", "can:vcan0?node=2", "--rate", "1.0") as url:
         assert url == "can:vcan0?node=2"
-        done = run_here(bench, url, tmp_path, log=tmp_path / "bus.blf", report=False, progress=lambda _: None)
-    result = json.loads((done.folder / "result.json").read_text())
+        result = run("c-board", url, tmp_path, "--wire-log", str(tmp_path / "bus.blf"))
     assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
     assert not any("wire log" in remark for remark in result["remarks"])
     with can.LogReader(tmp_path / "bus.blf") as log:
