@@ -12,7 +12,7 @@ import pytest
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.trace import parameters, same_number
+from estimator.trace import fitting, parameters, same_number
 from estimator.trace.parameters import Hill, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING, Searched
@@ -817,5 +817,5 @@ def leaking(
 
     monkeypatch.setattr(same_number, "fit", fitted)
     monkeypatch.setattr(same_number, "coefficients_of", found)
-    monkeypatch.setattr(same_number, "widening", lambda model: size)
+    monkeypatch.setattr(fitting, "widening", lambda model: size)
     return seen
