@@ -6,6 +6,7 @@ BIN    := .venv/bin
 STAMP  := .venv/.installed
 DEV    := .venv/.dev
 WARM   := .venv/.warm
+ALL    := .venv/.all-warm
 NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
@@ -43,22 +44,22 @@ BESIDE := -n auto $(BY_FILE)
 test test-long quick coverage: export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
 test test-long quick coverage: export PYTHONDONTWRITEBYTECODE :=
 
-test: $(WARM) $(DEV) $(PAGE)
+test: $(ALL) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "not realtime and not long"
 	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "realtime and not long"
 	$(BIN)/python -m tests.vcan --quiet
 
-test-long: $(WARM) $(DEV) $(PAGE)
+test-long: $(ALL) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "long and not realtime"
 	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "long and realtime"
 
-coverage: $(WARM) $(DEV) $(PAGE)
+coverage: $(ALL) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest --cov --cov-report=term
 
-test-vcan: $(WARM) $(DEV)
+test-vcan: $(ALL) $(DEV)
 	$(BIN)/python -m tests.vcan --quiet
 
-quick: $(WARM) $(DEV)
+quick: $(ALL) $(DEV)
 	$(BIN)/python -m pytest $(BESIDE) -m "not slow and not moderate and not realtime"
 
 check: $(DEV) $(PAGE)
@@ -67,7 +68,7 @@ check: $(DEV) $(PAGE)
 	$(BIN)/node $(NODE)/node_modules/typescript/bin/tsc
 	$(BIN)/lint-imports --no-logo
 
-bench: $(WARM) $(DEV)
+bench: $(ALL) $(DEV)
 	$(BIN)/python -m benchmarks --speed
 
 undeclared: $(WARM) $(DEV)
@@ -78,7 +79,7 @@ measured: $(WARM) $(DEV)
 
 # By uv, a third of the time; by pip where there is no uv, or where it cannot reach what pip is told of.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-INTO = $(BIN)/uv pip install --quiet --no-cache --compile-bytecode --python $(BIN)/python $(1) || $(PIP) $(1)
+INTO = $(BIN)/uv pip install --quiet --no-cache --python $(BIN)/python $(1) || $(PIP) $(1)
 $(STAMP) $(DEV): export PYTHONPYCACHEPREFIX :=
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
@@ -103,6 +104,11 @@ $(DEV): $(STAMP)
 # What runs the estimator has its kernels compiled first; lint and types need none.
 $(WARM): $(STAMP)
 	@$(BIN)/python -m estimator.warm
+	@touch $@
+
+# Those of gain mode and of the stationary gain are left to the first run that needs them; tests do.
+$(ALL): $(WARM)
+	@$(BIN)/python -m estimator.warm --all
 	@touch $@
 
 # What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page

@@ -73,7 +73,7 @@ def with_vcan(command: list[str], environment: dict[str, str], place: Path, pati
 
 def warm() -> None:
     """Compile here what takes ten times as long inside."""
-    subprocess.run([sys.executable, "-m", "estimator.warm"], cwd=TREE, check=True)
+    subprocess.run([sys.executable, "-m", "estimator.warm", "--all"], cwd=TREE, check=True)
     subprocess.run([sys.executable, "-c", WARM], cwd=TREE, check=True)
 
 

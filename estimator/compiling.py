@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -23,9 +23,9 @@ from numba.core.caching import IndexDataCacheFile
 
 from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix, luenberger
-from estimator.kernel import controller, flow, observer, plain
-from estimator.kernel.compiled import kernel_cache
-from estimator.kernel.structures import Constants, Estimate, Sample
+from estimator.kernel import controller, flow, observer, plain, sensing
+from estimator.kernel.compiled import generated, kernel_cache
+from estimator.kernel.structures import Constants, Estimate, Interval, Sample
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
@@ -46,9 +46,9 @@ class Piece(NamedTuple):
     calls: tuple[str, ...] = ()
 
 
-def compile_side_by_side() -> None:
-    """Compile what takes long by as many processes as there are processors; with one, or where no process can be
-    started or one is killed, what is left is the caller's.
+def compile_side_by_side(pieces: Mapping[str, Piece]) -> None:
+    """Compile these pieces, those that they call before them, by as many processes as there are processors; with one,
+    or where no process can be started or one is killed, what is left is the caller's.
     """
     processes = min(len(os.sched_getaffinity(0)), _MOST)
     if processes == 1:
@@ -59,9 +59,9 @@ def compile_side_by_side() -> None:
     ):
         begun: dict[str, Future[None]] = {}
         done: set[str] = set()
-        while len(done) < len(PIECES):
-            for name, piece in PIECES.items():
-                if name not in begun and done.issuperset(piece.calls):
+        while len(done) < len(pieces):
+            for name, piece in pieces.items():
+                if name not in begun and done.issuperset(set(piece.calls) & set(pieces)):
                     begun[name] = pool.submit(_compile_piece, name)
             wait([task for name, task in begun.items() if name not in done], return_when=FIRST_COMPLETED)
             for name, task in begun.items():
@@ -95,7 +95,7 @@ def _saved_alone(cache: IndexDataCacheFile, key: object, data: object) -> None:
 
 
 def _compile_piece(name: str) -> None:
-    PIECES[name].compile()
+    (PIECES | SELDOM)[name].compile()
 
 
 def _for_types_of(kernel: Any, *arguments: object) -> None:
@@ -135,6 +135,25 @@ def _correct() -> None:
 def _effect_forces() -> None:
     settings, _, estimate, _, work = _parts(_observer())
     _for_types_of(flow.effect_forces, settings, estimate.x, estimate.x, work.flow.push)
+
+
+def _effect_sense() -> None:
+    settings, _, (x, _, _, _), sample, work = _parts(_observer())
+    signals, (by_states, by_constants) = work.flow.push.signals, np.hsplit(work.full, [settings["states"]])
+    arguments = x, x, sample.z, signals, 0, 0, work.predicted, by_states, by_constants
+    _for_types_of(generated().effect_sense, 0, 0, *arguments)
+
+
+def _advance() -> None:
+    settings, _, estimate, sample, work = _parts(_observer())
+    interval = Interval(0.0, sample.h, sample.u)
+    _for_types_of(flow.advance, settings, interval, estimate.x, work.flow.out.shape[1], work.flow)
+
+
+def _sensed_otherwise() -> None:
+    settings, _, (x, _, _, _), _, work = _parts(_observer())
+    by_states, by_constants = np.hsplit(work.full, [settings["states"]])
+    _for_types_of(sensing.sensed_otherwise, settings, x, x, work.flow.push, work.predicted, by_states, by_constants)
 
 
 def _command() -> None:
@@ -186,17 +205,23 @@ def _stationary() -> None:
 
 
 PIECES = {
-    "predict": Piece(_predict),
     "effect_forces": Piece(_effect_forces),
-    "gain mode": Piece(_gain_mode),
-    "correct": Piece(_correct, ("effect_forces",)),
-    "scan": Piece(partial(watch, Gain.FADING, vector=False), ("predict", "correct")),
-    "command": Piece(_command, ("effect_forces",)),
     "plain": Piece(_plain),
+    "effect_sense": Piece(_effect_sense),
+    "advance": Piece(_advance, ("effect_forces",)),
+    "sensed_otherwise": Piece(_sensed_otherwise, ("effect_forces", "effect_sense")),
+    "quick scan": Piece(partial(watch, Gain.FADING, vector=True), ("effect_forces", "effect_sense")),
+    "correct": Piece(_correct, ("advance", "sensed_otherwise")),
+    "predict": Piece(_predict, ("advance",)),
     "observe": Piece(_observe, ("predict", "correct", "plain")),
-    "quick scan": Piece(partial(watch, Gain.FADING, vector=True)),
-    "simulate": Piece(_simulate, ("predict", "correct")),
-    "stationary": Piece(_stationary, ("predict", "correct")),
+    "scan": Piece(partial(watch, Gain.FADING, vector=False), ("predict", "correct")),
+    "command": Piece(_command, ("advance",)),
     "tick": Piece(_tick, ("observe", "command")),
+    "simulate": Piece(_simulate, ("predict", "correct")),
 }
 """By name; who comes first begins first."""
+SELDOM = {
+    "stationary": Piece(_stationary, ("predict", "correct")),
+    "gain mode": Piece(_gain_mode),
+}
+"""What few runs need."""

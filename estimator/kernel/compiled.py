@@ -22,6 +22,11 @@ _ESTIMATOR = Path(__file__).parents[1]
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _GENERATED = "estimator_generated_model"
 
+COMMON = "the kernels"
+GAIN_MODE = "the kernels of gain mode"
+STATIONARY = "the kernels of the stationary gain"
+"""What is compiled together: what every run and trace needs, and what few do, which is left to the first that does."""
+
 
 def _cache_root() -> Path:
     """`GYROHIL_CACHE`, else inside the virtual environment, else the user's cache folder."""
@@ -44,28 +49,34 @@ def kernel_cache() -> Path:
     return folder
 
 
-def is_warm() -> bool:
-    """Whether the kernels were compiled before, so that first use costs a load and not a compilation."""
-    return (kernel_cache() / "warm").exists()
+def is_warm(kernels: str = COMMON) -> bool:
+    """Whether they were compiled before, so that first use costs a load and not a compilation."""
+    return _mark(kernels).exists()
 
 
-def mark_warm() -> None:
-    """Note that every kernel is in the cache."""
-    (kernel_cache() / "warm").touch()
+def mark_warm(kernels: str = COMMON) -> None:
+    """Note that they are in the cache."""
+    _mark(kernels).touch()
 
 
-def compiled(function: Callable[..., Any], *, inline: bool = False) -> Callable[..., Any]:
+def _mark(kernels: str) -> Path:
+    return kernel_cache() / kernels.replace(" ", "-")
+
+
+def compiled(function: Callable[..., Any], *, inline: bool = False, counts: bool = True) -> Callable[..., Any]:
     """`numba.njit` with the cache in `kernel_cache()`; the interpreter's global setting is left as it was.
 
     A division by zero gives infinity, as in NumPy: a filter that diverges ends in numbers that say so.  With `inline`
-    it becomes part of every kernel that calls it.  None has the entry that C would call, which takes time to compile:
-    what is reached by its address is compiled as such (`estimator.kernel.own`).
+    it becomes part of every kernel that calls it.  What makes no array need not count references to those it is given,
+    `counts`: with many branches, Numba finds no way to leave that out by itself.  None has the entry that C would call,
+    which takes time to compile: what is reached by its address is compiled as such (`estimator.kernel.own`).
     """
     settings: Any = numba.config
     before = settings.CACHE_DIR
     settings.CACHE_DIR = str(kernel_cache() / "numba")
+    options = _OPTIONS | {"forceinline": inline, "_nrt": counts}
     try:
-        kernel: Callable[..., Any] = numba.njit(**_OPTIONS, forceinline=inline)(function)
+        kernel: Callable[..., Any] = numba.njit(**options)(function)
         return kernel
     finally:
         settings.CACHE_DIR = before
@@ -74,6 +85,11 @@ def compiled(function: Callable[..., Any], *, inline: bool = False) -> Callable[
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """`compiled`, for short functions of many arguments that are called for every sample."""
     return compiled(function, inline=True)
+
+
+def branching(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`compiled`, for functions of many branches that make no array."""
+    return compiled(function, counts=False)
 
 
 @cache

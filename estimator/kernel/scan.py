@@ -179,15 +179,14 @@ def watch_sensed(settings: Record, x: Floats, u: Floats, follow: Following, work
     origin, by_constants, signature = follow.origin, follow.by_constants, follow.signature
     states = settings.states
     push = work.flow.push
-    value, by_states, drive, signals = push.force, push.by_states, push.drive, push.signals
+    value, by_states, drive, signals = push.force, push.by_states[:, :states], push.drive, push.signals
     c = x[states:]
+    added = by_constants[:, : len(c)]  # a part of it, as the observer's is: the kernel is one for both
     drive_at(u, 1.0, drive)
     by_constants[:] = 0.0
     for e in range(settings.effect_count, settings.effect_count + settings.candidate_count):
         number, first, signal = settings.effects[e]
-        _effect_sense(
-            number, settings.model, c, x[:states], drive, signals, first, signal, value, by_states, by_constants
-        )
+        _effect_sense(number, settings.model, c, x[:states], drive, signals, first, signal, value, by_states, added)
     if settings.watched_sense_delay >= 0:
         for axis in range(settings.axes):
             by_constants[axis, settings.watched_sense_delay + axis] -= x[2 * axis + 1]

@@ -90,7 +90,7 @@ def kernels() -> Finding:
 
     if is_warm():
         return Finding("compiled kernels", "good", "in the cache")
-    told = "not in the cache: the first run compiles them, half a minute"
+    told = "not in the cache: the first run compiles them, two minutes"
     return Finding("compiled kernels", "missing", told, "python -m estimator.warm")
 
 

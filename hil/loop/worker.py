@@ -117,11 +117,9 @@ def _loop(
 ) -> dict[str, Any]:
     import numpy as np
 
-    from estimator.kernel.compiled import is_warm
-
     np.seterr(all="ignore")  # an observer that diverges is told by its numbers, not by NumPy
-    note = "" if is_warm() else "compiling the kernels, once; about half a minute"
-    tell(stage="prepare", done=0, total=0, note=note)
+    tell(stage="prepare", done=0, total=0, note="")
+    _have_compiled(bench, tell)
     from estimator.foresight import rehearse
     from estimator.observer import Observer
     from hil.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
@@ -142,7 +140,7 @@ def _loop(
             made.compile_step()
         return made
 
-    # Loads or compiles the kernels before the board is armed.
+    # Loads the kernels before the board is armed.
     if own_step:
         tell(stage="prepare", done=0, total=0, note="a step for these effects; compiled once, some seconds")
     if bench.loop.mode == "gain":
@@ -191,6 +189,19 @@ def _loop(
         **({} if driven.load is None else {"load": driven.load}),
         "safety": loop.safety.told,
     }
+
+
+def _have_compiled(bench: Bench, tell: Say) -> None:
+    """Compile what this run needs and the cache does not have, and say so."""
+    from estimator.kernel.compiled import COMMON, GAIN_MODE, STATIONARY, is_warm
+
+    needed = {COMMON: True, GAIN_MODE: bench.loop.mode == "gain", STATIONARY: bench.observer.gain == "stationary"}
+    if cold := [kernels for kernels, wanted in needed.items() if wanted and not is_warm(kernels)]:
+        from estimator.warm import warm
+
+        long = "about two minutes" if COMMON in cold else "some seconds"
+        tell(stage="prepare", done=0, total=0, note=f"compiling {' and '.join(cold)}, once: {long}")
+        warm(cold)
 
 
 class _Driven:

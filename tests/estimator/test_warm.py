@@ -13,6 +13,7 @@ from numba.core.caching import IndexDataCacheFile
 
 from estimator import compiling
 from estimator.kernel.compiled import is_warm
+from estimator.warm import KERNELS
 
 FIRST_USE = """
 import numpy as np
@@ -47,13 +48,13 @@ def python(*arguments: str, **environment: str) -> str:
 @pytest.fixture(scope="module")
 def warmed() -> str:
     """What warming says, where nothing may be left to compile."""
-    return python("-m", "estimator.warm")
+    return python("-m", "estimator.warm", "--all")
 
 
 @pytest.mark.slow
 def test_a_process_after_warming_compiles_nothing(warmed: str) -> None:
     assert "kernels" in warmed
-    assert is_warm()
+    assert all(map(is_warm, KERNELS))
     assert warmed.count("\n") == 1
     log = python("-c", FIRST_USE, NUMBA_DEBUG_CACHE="1")
     assert "data loaded from" in log
@@ -61,7 +62,10 @@ def test_a_process_after_warming_compiles_nothing(warmed: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["predict", "correct", "effect_forces", "command", "plain"])
+@pytest.mark.parametrize(
+    "name",
+    ["effect_forces", "effect_sense", "advance", "sensed_otherwise", "correct", "predict", "command", "plain"],
+)
 @pytest.mark.usefixtures("warmed")
 def test_a_piece_is_what_the_kernels_call(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled for other types than theirs, it would stand in the cache beside it, of use to nobody."""
@@ -75,8 +79,9 @@ def test_a_piece_is_what_the_kernels_call(name: str, monkeypatch: pytest.MonkeyP
 
 def test_pieces_wait_for_pieces_only() -> None:
     """Each for some that begin before it, so that none waits for ever."""
-    names = list(compiling.PIECES)
-    for number, piece in enumerate(compiling.PIECES.values()):
+    pieces = compiling.PIECES | compiling.SELDOM
+    names = list(pieces)
+    for number, piece in enumerate(pieces.values()):
         assert set(piece.calls) <= set(names[:number])
 
 
@@ -97,4 +102,4 @@ def test_an_index_that_many_add_to_loses_nothing(tmp_path: Path, monkeypatch: py
 def test_one_processor_compiles_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     monkeypatch.setattr(compiling, "ProcessPoolExecutor", None)
-    compiling.compile_side_by_side()
+    compiling.compile_side_by_side(compiling.PIECES)

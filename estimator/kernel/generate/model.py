@@ -22,7 +22,7 @@ _HEADER = '''"""Generated from the model declarations; not to be edited."""
 
 import math
 
-from estimator.kernel.compiled import compiled, inlined
+from estimator.kernel.compiled import branching, compiled, inlined
 from estimator.kernel.lanes import gather, lane, put, put_columns, take
 from estimator.kernel.pointer import LEAST_ADDRESS, call_force, call_sense
 
@@ -435,18 +435,24 @@ _SOURCES = {
 }
 
 
-def _effect(model: Model, effect: Effect) -> str:
-    """`<model>_<effect>_force` and `_sense`: add force or sensed displacement and its derivatives to what is there.
+def _effects(model: Model, effects: Sequence[Effect], what: str) -> str:
+    """`<model>_effects_<what>`: adds what the effect of that number does to the force, or to the sensed displacement,
+    and its derivatives to what is there.
 
-    Arguments: constants c, states s, drive u, signals w, index of the first coefficient among the constants and of the
-    first signal in w, then what to add to: values (axes,), derivatives by states (axes, states) and by constants
-    (axes, constants).  What is clipped is not differentiated by the offset in it: that is of the effect's second order.
+    Arguments: number of the effect, constants c, states s, drive u, signals w, index of the first coefficient among the
+    constants and of the first signal in w, then what to add to: values (axes,), derivatives by states (axes, states)
+    and by constants (axes, constants).  What is clipped is not differentiated by the offset in it: that is of the
+    effect's second order.  One function for all, since each function costs Numba more than what is in it.
     """
-    parts = []
-    for what in ("force", "sense"):
-        lines = ["@compiled", f"def {model.name}_{effect.name}_{what}({_EFFECT_ARGUMENTS}):"]
-        parts.append("\n".join(lines + _body(model, effect, what, _PLACES, _SOURCES)))
-    return "\n\n\n".join(parts)
+    lines = ["@branching", f"def {model.name}_effects_{what}(effect, {_EFFECT_ARGUMENTS}):"]
+    branch = "if"
+    for number, effect in enumerate(effects):
+        present = effect.on(model.axes)
+        if present is not None and any(expression != 0 for expression in getattr(present, what)):
+            lines.append(f"    {branch} effect == {number}:")
+            lines += ["    " + line for line in _body(model, present, what, _PLACES, _SOURCES)]
+            branch = "elif"
+    return "\n".join(lines)
 
 
 _OWN_HEADER = '''"""Generated from the declaration of one effect; not to be edited."""
@@ -491,17 +497,11 @@ def own_effect(model: Model, effect: Effect) -> str:
     return "\n".join([*lines, "    return 0"]) + "\n"
 
 
-def _dispatch_effects(models: Sequence[Model], effects: Sequence[Effect], what: str) -> str:
-    lines = ["@compiled", f"def effect_{what}(effect, model, {_EFFECT_ARGUMENTS}):"]
+def _dispatch_effects(models: Sequence[Model], what: str) -> str:
+    lines = ["@branching", f"def effect_{what}(effect, model, {_EFFECT_ARGUMENTS}):"]
     lines += ["    if effect >= LEAST_ADDRESS:", f"        call_{what}(effect, {_EFFECT_ARGUMENTS})"]
-    for number, effect in enumerate(effects):
-        for index, model in enumerate(models):
-            present = effect.on(model.axes)
-            if present is not None and any(expression != 0 for expression in getattr(present, what)):
-                lines += [
-                    f"    elif effect == {number} and model == {index}:",
-                    f"        {model.name}_{effect.name}_{what}({_EFFECT_ARGUMENTS})",
-                ]
+    for index, model in enumerate(models):
+        lines += [f"    elif model == {index}:", f"        {model.name}_effects_{what}(effect, {_EFFECT_ARGUMENTS})"]
     return "\n".join(lines)
 
 
@@ -521,13 +521,9 @@ def generate(models: Sequence[Model], effects: Sequence[Effect]) -> str:
     parts += [
         build(model) for model in models if len(model.states) == 4 for build in (_flow_lanes, _powers, _add_constants)
     ]
-    parts += [
-        _effect(model, present)
-        for effect in effects
-        for model in models
-        if (present := effect.on(model.axes)) is not None
-    ]
-    parts += [_dispatch_effects(models, effects, what) for what in ("force", "sense")]
+    for what in ("force", "sense"):
+        parts += [_effects(model, effects, what) for model in models]
+        parts.append(_dispatch_effects(models, what))
     parts += [
         _dispatch(models, "field_columns", "c, a, u, out, columns"),
         _dispatch(models, "taylor", "c, u, h, order, columns, a, out"),
