@@ -16,7 +16,11 @@ from hil.loop import worker
         ({}, set(), []),
         ({}, {GAIN_MODE, STATIONARY}, []),
         ({}, {COMMON, GAIN_MODE}, [COMMON]),
-        ({"loop": {"mode": "gain", "estimate_every": 50}}, {GAIN_MODE, STATIONARY}, [GAIN_MODE]),
+        (
+            {"loop": {"mode": "gain", "estimate_every": 50}, "link": {"watchdog_s": 0.5}},
+            {GAIN_MODE, STATIONARY},
+            [GAIN_MODE],
+        ),
         ({"observer": {"gain": "stationary"}}, {COMMON, GAIN_MODE, STATIONARY}, [COMMON, STATIONARY]),
     ],
 )
