@@ -21,7 +21,16 @@ TREE = Path(__file__).parents[1]
 NAME = "vcan0"
 MODULES = ("can", "can-raw", "can-dev", "vcan")  # in this order; modprobe finds them, insmod loads them
 PACKAGES = "user-mode-linux kmod iproute2 busybox can-utils"
-KEPT = ("HOME", "LANG", "PYTHONPATH", "VIRTUAL_ENV", "HIL_PTY_BOARD", "OPENBLAS_NUM_THREADS", "NUMBA_CACHE_DIR")
+KEPT = (
+    "HOME",
+    "LANG",
+    "PYTHONPATH",
+    "PYTHONPYCACHEPREFIX",
+    "VIRTUAL_ENV",
+    "HIL_PTY_BOARD",
+    "OPENBLAS_NUM_THREADS",
+    "NUMBA_CACHE_DIR",
+)
 """Of the environment, what the machine inside is given, beside a path."""
 
 INIT = """\

@@ -8,6 +8,7 @@ import pytest
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError
+from tests.forked import Forked
 from tests.wire.conformance import Board, Conformance, emulated, samples, set_running, status_of, tripped
 
 pytestmark = pytest.mark.slow  # an interface, which `make quick` does not set up
@@ -46,11 +47,11 @@ class OnVcan(Conformance):
 class TestEmulatedBoard(OnVcan):
     @classmethod
     def start(cls):
-        return emulated("can:vcan0")
+        return emulated("can:vcan0", start=Forked)  # a new interpreter takes ten seconds in the machine inside
 
     @classmethod
     def start_faulty(cls, first_s, duration_s):
-        return emulated("can:vcan0", tripped(first_s, duration_s))
+        return emulated("can:vcan0", tripped(first_s, duration_s), start=Forked)
 
 
 @pytest.mark.usefixtures("c_board")

@@ -16,30 +16,20 @@ import cantools.database
 import numpy as np
 import pytest
 
+from hil.cli import execute
+from hil.loop import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.records.capture import read_capture
 from hil.wire.spec import SPEC
+from tests.forked import Forked
+from tests.wire.served import Board
 
 pytestmark = pytest.mark.slow  # an interface, which `make quick` does not set up
 
 TREE = Path(__file__).parents[2]
 EXAMPLES = TREE / "examples"
 PATIENCE_S = 120.0
-SAMPLES = 8000
+SAMPLES = 3000
 COLUMNS = ("vx", "vy", "ux", "uy")
-
-
-@contextlib.contextmanager
-def serving(*command: str) -> Iterator[str]:
-    """A board process; the link that it says it is ready at."""
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        ready, _, url = process.stdout.readline().strip().partition(" ")
-        assert ready == "ready"
-        yield url
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=PATIENCE_S)
 
 
 @contextlib.contextmanager
@@ -54,20 +44,31 @@ def watching(log: Path) -> Iterator[None]:
             process.wait(PATIENCE_S)
 
 
-def run(example: str, url: str, place: Path, *more: str) -> dict[str, object]:
-    """`hil run` of an example in lockstep, short, as a process that ends well; the object it prints."""
+@contextlib.contextmanager
+def serving(board: Board) -> Iterator[str]:
+    """The link of a board, which ends as it is told to."""
+    assert board.process is not None
+    try:
+        yield board.url
+    finally:
+        board.process.send_signal(signal.SIGTERM)
+        board.process.communicate(timeout=PATIENCE_S)
+
+
+def run(example: str, url: str, place: Path, said: pytest.CaptureFixture[str], *more: str) -> dict[str, object]:
+    """`hil run` of an example in lockstep, short, that ends well; the object it prints.
+
+    In this process, which has loaded what it needs: in the machine inside a new one takes half a minute for that.
+    """
     bench = place / "short.bench.toml"
     text = (EXAMPLES / f"{example}.bench.toml").read_text(encoding="utf-8")
-    bench.write_text(re.sub(r"^settle_s = .*$", "settle_s = 1.5", text, flags=re.MULTILINE), encoding="utf-8")
+    bench.write_text(re.sub(r"^settle_s = .*$", "settle_s = 0.5", text, flags=re.MULTILINE), encoding="utf-8")
     arguments = [str(bench), "--link", url, "--arm", "--clock", "lockstep", "--duration", str(SAMPLES / 4000)]
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", "run", *arguments, "--out", str(place), "--json", *more],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    result: dict[str, object] = json.loads(done.stdout)
+    said.readouterr()
+    code = execute(["run", *arguments, "--out", str(place), "--json", *more])
+    told = said.readouterr()
+    assert code == 0, told.err
+    result: dict[str, object] = json.loads(told.out)
     return result
 
 
@@ -81,12 +82,12 @@ def heard(log: Path) -> Iterator[tuple[str, dict[str, int], can.Message]]:
 
 
 @pytest.mark.skipif(shutil.which("candump") is None, reason="candump is missing: sudo apt install can-utils")
-def test_a_run_and_an_independent_witness(tmp_path):
+def test_a_run_and_an_independent_witness(tmp_path, capsys):
     log = tmp_path / "bus.log"
-    emulate = (sys.executable, "-m", "device_emulator", str(EXAMPLES / "s-slow.scenario.toml"))
-    with serving(*emulate, "--link", "can:vcan0") as url, watching(log):
+    emulate = [sys.executable, "-m", "device_emulator", str(EXAMPLES / "s-slow.scenario.toml"), "--link", "can:vcan0"]
+    with serving(Board(emulate, start=Forked)) as url, watching(log):
         assert url == "can:vcan0"
-        result = run("s-slow", url, tmp_path)
+        result = run("s-slow", url, tmp_path, capsys)
     assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
     capture = read_capture(tmp_path / str(result["run"]) / "capture.arrow")
     rows, drives, said = [], [], []
@@ -108,10 +109,10 @@ def test_a_run_and_an_independent_witness(tmp_path):
     assert said.count("STATUS") == said.count("STATUS_BRIEF") >= 3
 
 
-def test_a_run_of_the_c_board(c_board, tmp_path):
-    with serving(str(c_board), "--link", "can:vcan0?node=2", "--rate", "1.0") as url:
+def test_a_run_of_the_c_board(c_board, tmp_path, capsys):
+    with serving(Board([str(c_board), "--link", "can:vcan0?node=2", "--rate", "1.0"])) as url:
         assert url == "can:vcan0?node=2"
-        result = run("c-board", url, tmp_path, "--wire-log", str(tmp_path / "bus.blf"))
+        result = run("c-board", url, tmp_path, capsys, "--wire-log", str(tmp_path / "bus.blf"))
     assert (result["verdict"], result["lost"], result["late"], result["samples"]) == ("good", 0, 0, SAMPLES)
     assert not any("wire log" in remark for remark in result["remarks"])
     with can.LogReader(tmp_path / "bus.blf") as log:

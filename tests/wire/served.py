@@ -21,13 +21,18 @@ QUIET_S = 0.3
 
 
 class Board:
-    """A board to be spoken to at `url`: a process that said `ready URL`, or one that is simply there."""
+    """A board to be spoken to at `url`: a process that said `ready URL`, or one that is simply there.
 
-    def __init__(self, command: list[str] | None = None, url: str = "") -> None:
+    `start` makes the process, as `subprocess.Popen` does.
+    """
+
+    def __init__(
+        self, command: list[str] | None = None, url: str = "", start: type[subprocess.Popen[str]] = subprocess.Popen
+    ) -> None:
         self.url = url
         self.process: subprocess.Popen[str] | None = None
         if command is not None:
-            self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            self.process = start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             assert self.process.stdout is not None
             line = self.process.stdout.readline().strip()
             ready, _, self.url = line.partition(" ")
@@ -49,14 +54,15 @@ SLOWLY = ("sample_rate_Hz = 4000", "sample_rate_Hz = 500")
 """On wall time both ends may have to share one processor, with links that take a millisecond a frame."""
 
 
-def emulated(link: str, faults: str = "") -> Board:
-    """The emulated board on a link; `faults` is TOML for the end of its scenario."""
+def emulated(link: str, faults: str = "", start: type[subprocess.Popen[str]] = subprocess.Popen) -> Board:
+    """The emulated board on a link; `faults` is TOML for the end of its scenario, `start` makes its process."""
     text = (EXAMPLES / "s-slow.scenario.toml").read_text(encoding="utf-8")
     assert SLOWLY[0] in text
     with tempfile.TemporaryDirectory() as place:
         scenario = Path(place, "slow.scenario.toml")
         scenario.write_text(f"{text.replace(*SLOWLY)}\n{faults}", encoding="utf-8")
-        return Board([sys.executable, "-W", "error", "-m", "device_emulator", str(scenario), "--link", link])
+        command = [sys.executable, "-W", "error", "-m", "device_emulator", str(scenario), "--link", link]
+        return Board(command, start=start)
 
 
 class Cable(Link):
