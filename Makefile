@@ -12,7 +12,7 @@ TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
 
-.PHONY: help install demo test test-long coverage test-vcan quick check bench undeclared measured
+.PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured
 
 help:
 	@echo "make demo     close the loop in real time, trace what the model lacks, close it again with it"
@@ -32,12 +32,13 @@ install: $(WARM) $(DEV) $(PAGE)
 demo: $(WARM)
 	$(BIN)/hil demo
 
-# Files side by side, as many as there are processors, the longest first (tests/conftest.py). Then what has to keep up
-# with the wall clock, which mostly waits: two files at a time, unless a file needs the machine to itself
-# (tests/by_the_clock.py). Last the tests on CAN: their machine of one processor would take a whole one
-# from tests by the clock. `make test` and `make test-long` together run every test once.
+# Files side by side, one more than there are processors since some wait, the longest first (tests/conftest.py); beside
+# them those on CAN, whose machine has one processor. Then what has to keep up with the wall clock, with nothing beside
+# it: two files at a time, unless a file needs the machine to itself (tests/by_the_clock.py).
+# `make test` and `make test-long` together run every test once.
 BY_FILE := --dist loadfile --no-loadscope-reorder
-BESIDE := -n auto $(BY_FILE)
+BESIDE := -n $(shell expr $$(nproc) + 1) $(BY_FILE)
+CAN_LOG := .venv/vcan.log
 
 # Bytecode is kept, whatever the environment says, but not between the sources: without it pytest compiles every file of
 # tests in each of its processes, and each process that a test starts all of the bench.
@@ -45,9 +46,15 @@ test test-long quick coverage: export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pyc
 test test-long quick coverage: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(ALL) $(DEV) $(PAGE)
-	$(BIN)/python -m pytest $(BESIDE) -m "not realtime and not long"
+	$(MAKE) --no-print-directory --jobs 2 test-beside test-on-can
 	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "realtime and not long"
-	$(BIN)/python -m tests.vcan --quiet
+
+test-beside:
+	$(BIN)/python -m pytest $(BESIDE) -m "not realtime and not long"
+
+# Its output is shown when it has ended, not between the lines of the other.
+test-on-can:
+	@$(BIN)/python -m tests.vcan --quiet > $(CAN_LOG) 2>&1; code=$$?; cat $(CAN_LOG); exit $$code
 
 test-long: $(ALL) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "long and not realtime"
