@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import hil
 from hil.cli.options import Json
 
 if TYPE_CHECKING:
@@ -35,11 +36,9 @@ def diff(a: First, b: Second, json: Json = False) -> None:
       hil diff runs/20250314-092653-s-slow last
       hil diff runs/before-trace last-trace --json
     """
-    from hil.cli.files import run_folder
     from hil.cli.show import print_json
-    from hil.comparison import compare
 
-    found = compare(run_folder(a), run_folder(b))
+    found = hil.diff(a, b)
     if json:
         print_json(found.as_json())
     else:

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 import typer
 
+import hil
 from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out
 
 Backend = Annotated[
@@ -33,19 +34,15 @@ def replay(
       hil replay silverbox.arrow --bench silverbox
       hil replay runs/first --bench s-slow --backend numpy --json
     """
-    from hil.bench import load_bench, override
+    from hil.bench import load_bench
     from hil.cli.files import bench_file, capture_in
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish
-    from hil.replaying import replay as replay_record
 
     record = capture_in(capture)
-    path = bench_file(bench, record, "replay")
-    declared = load_bench(path)
-    declared = override(declared, {"loop": {"name": name or f"{declared.loop.name}-replay"}}, str(path))
+    declared = load_bench(bench_file(bench, record, "replay"))
     prepare(declared)
     with watching("replay") as watch:
-        done = replay_record(record, declared, out, backend=backend, progress=watch)
-    assert done.folder is not None  # only a dry run leaves none
-    finish(done.folder, as_json=json)
+        done = hil.replay(record, declared, name=name, backend=backend, out=out, progress=watch)
+    finish(done.path, as_json=json)

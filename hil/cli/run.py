@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+import hil
 from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Note, Out, Replace, Seed, Truth
 
 Clock = Annotated[
@@ -76,25 +77,19 @@ def run(
     prepare(declared)
     if truth is not None and not dry_run:
         truth.unlink(missing_ok=True)  # asked for, or it is not there: the board makes it anew
-    from hil.loop.run import run as run_loop  # loads the estimator: after what can be refused without it
-
     with watching(declared.loop.name) as watch:
         if live:
             from hil.cli.run_live import run_live
 
             finish(run_live(declared, url, out, note=note, open_loop=open_loop, progress=watch), as_json=json)
-        done = run_loop(
-            declared,
-            url,
-            out,
-            open_loop=open_loop,
-            dry_run=dry_run,
-            truth=truth,
-            note=note,
-            log=wire_log,
+        if dry_run:
+            from hil.loop.run import run as run_loop
+
+            looked = run_loop(declared, url, out, open_loop=open_loop, dry_run=True, log=wire_log, progress=watch)
+            show_identity(url, looked.identity, as_json=json)
+            return
+        done = hil.run(
+            declared, link=url, arm=True, open_loop=open_loop, truth=truth, note=note, wire_log=wire_log, out=out,
             progress=watch,
-        )
-    if done.folder is None:
-        show_identity(url, done.identity, as_json=json)
-    else:
-        finish(done.folder, as_json=json)
+        )  # fmt: skip
+    finish(done.path, as_json=json)

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, NoReturn
 
 import typer
 
+import hil
 from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out, Replace, Report
 
 if TYPE_CHECKING:
     from hil.bench import Bench
+    from hil.library.tracing import Trace
     from hil.records.diagnosis import Diagnosis
     from hil.separate import Asked
-    from hil.tracing import Traced
 
 Add = Annotated[
     Path | None,
@@ -135,18 +136,16 @@ def trace(
     if covariate is not None or hold_out:
         raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
-    from hil.tracing import trace_file  # loads the estimator: after what can be refused without it
-
     with watching("trace", whole=True) as watch:
-        done = trace_file(
-            record, path, out, name=name, fraction=fraction, report=report, force=force, also=also or (),
+        done = hil.trace(
+            record, path, name=name, fraction=fraction, report=report, force=force, also=also or (), out=out,
             progress=watch,
         )  # fmt: skip
     taken = None if board is not None else record
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction, also or ())
     written = add is not None and _added(done.diagnosis, path, add)
-    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None, record=taken)
+    finish(done.path, done.diagnosis, as_json=json, added=add if written else None, record=taken)
 
 
 def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
@@ -234,11 +233,12 @@ def _announced(asked: "Asked") -> None:
 
 
 def _separated(
-    done: "Traced", bench: "Bench", board: str, out: Path, fraction: float | None, also: Sequence[str]
-) -> "Traced":
+    done: "Trace", bench: "Bench", board: str, out: Path, fraction: float | None, also: Sequence[str]
+) -> "Trace":
     """What the last experiment came to; what was there before, where none was to be made."""
     from hil.cli.progress import watching
     from hil.cli.show import say
+    from hil.library.tracing import Trace
     from hil.separate import duration_for, last_traced, separable, separate, within_reach
 
     if not separable(done.diagnosis, bench):
@@ -268,4 +268,5 @@ def _separated(
             say(f"  does not tell {pair.effect} from {pair.with_}")
         if one.refused is not None:
             say(f"  cannot be traced: {one.refused}")
-    return last_traced(made) or done
+    last = last_traced(made)
+    return done if last is None else Trace(last.folder, last.diagnosis)

@@ -63,13 +63,15 @@ def run(
     name: str | None = None,
     note: str | None = None,
     truth: Path | str | None = None,
+    wire_log: Path | str | None = None,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
 ) -> Run:
     """Connect to a board, arm it, close the loop, record, and judge.
 
     link: default the bench file's.  `pty:SCENARIO` and `inproc:SCENARIO` start an emulated board; any other may lead to
-    something that moves, and is armed with `arm=True` only.  truth: file for the emulated board's truth.
+    something that moves, and is armed with `arm=True` only.  truth: file for the emulated board's truth.  wire_log:
+    file for the frames of a CAN link, NAME.log (candump), .blf or .asc.
     The run is recorded below `out`.  Raises InputError or WireError where no run could begin, Interrupted after Ctrl-C
     with SAFE sent and the record closed.
     """
@@ -79,8 +81,9 @@ def run(
     request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
     require_consent(request, given=arm)
     done = run_loop(
-        request.bench, request.url, Path(out), open_loop=open_loop, truth=request.truth, note=note, progress=progress
-    )
+        request.bench, request.url, Path(out), open_loop=open_loop, truth=request.truth, note=note,
+        log=None if wire_log is None else Path(wire_log), progress=progress,
+    )  # fmt: skip
     return _run_at(done.folder)
 
 
@@ -139,6 +142,7 @@ def trace(
     name: str | None = None,
     hold: Hold = "zoh",
     report: bool = True,
+    force: bool | None = None,
     also: Sequence[str] = (),
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
@@ -146,7 +150,8 @@ def trace(
     """Find the effect that the model lacks on a record; the answer is kept below `out`.
 
     bench: default that of a run.  fraction: share of the record that is fitted, the rest only judges.  hold: what the
-    drive of arrays does between samples.  also: effects to try that a trace tries on request only.
+    drive of arrays does between samples.  force: whether the missing force is estimated without a name, by default
+    where something is left and a page is drawn.  also: effects to try that a trace tries on request only.
     """
     from hil.tracing import trace as trace_record
     from hil.tracing import trace_file
@@ -158,13 +163,14 @@ def trace(
                 raise InputError(f"{declared.device.name}: a rate sensor; give the path of its bench file")
             done = trace_file(
                 capture, find("bench", str(bench)), Path(out),
-                name=name, fraction=fraction, report=report, also=also, progress=progress,
+                name=name, fraction=fraction, report=report, force=force, also=also, progress=progress,
             )  # fmt: skip
         else:
             declared = declared.with_(loop={"name": name or f"{declared.loop.name}-trace"})
             done = trace_record(
-                capture, declared, Path(out), fraction=fraction, report=report, also=also, progress=progress
-            )
+                capture, declared, Path(out), fraction=fraction, report=report, force=force, also=also,
+                progress=progress,
+            )  # fmt: skip
     return Trace(done.folder, done.diagnosis)
 
 

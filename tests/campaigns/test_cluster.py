@@ -21,9 +21,8 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     made.end()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seen", [True, False], ids=["gone for a while", "back before the host looks"])
-@pytest.mark.beyond(1)
 def test_a_worker_and_then_the_scheduler_killed_lose_nothing_and_double_nothing(
     cluster: Cluster, whole: dict[str, bytes], tmp_path: Path, seen: bool
 ) -> None:

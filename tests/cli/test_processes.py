@@ -53,6 +53,7 @@ def test_two_terminals(start: Start, short_bench: str) -> None:
     assert finished(board)[0] == 0  # its lockstep host has hung up
 
 
+@pytest.mark.long
 def test_busy_port_is_one_line(start: Start, short_bench: str) -> None:
     board = start("emulate", "s-slow")
     url = line_of(board, "stdout").removeprefix("ready ")
@@ -66,6 +67,7 @@ def test_busy_port_is_one_line(start: Start, short_bench: str) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.beyond(1)
 def test_interrupted_run_goes_safe_and_closes_its_record(start: Start, tmp_path: Path, number: signal.Signals) -> None:
     host = start("run", "s-slow", "--truth", "truth.arrow")
     wait_for(host, "run")

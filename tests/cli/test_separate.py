@@ -163,7 +163,7 @@ def test_a_record_that_is_refused_is_kept_and_the_amplitude_left_alone(
     def trace(*given: Any, **named: Any) -> Any:
         if modulated[-1] > 0.0:
             raise InputError("capture.arrow: the board flagged 1% of the samples as clipped")
-        return SimpleNamespace(diagnosis=alike("amplitude"))
+        return SimpleNamespace(folder=Path("trace"), diagnosis=alike("amplitude"))
 
     monkeypatch.setattr("hil.separate.run", run_of)
     monkeypatch.setattr("hil.separate.trace", trace)
@@ -185,6 +185,7 @@ def test_a_turn_is_planned_with_what_the_bench_file_lets_the_rate_wander(bench: 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None:
     changed = {"loop": {"clock": "lockstep", "duration_s": 8.0, "settle_s": 4.0}}
     bench = override(load_bench(find("bench", "s-slow")), changed, "test")

@@ -126,6 +126,7 @@ def test_a_record_that_lacks_nothing_is_adequate(hil: Hil, recorded: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # two runs, a trace, two scores
+@pytest.mark.long
 def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_path: Path) -> None:
     source = in_lockstep("s-undeclared", duration_s=5.0, settle_s=2.0)
     (tmp_path / "mine.bench.toml").write_text(source, encoding="utf-8")

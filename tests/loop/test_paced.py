@@ -162,6 +162,7 @@ def test_ctrl_c(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stage", ["connect", "prepare"])
+@pytest.mark.beyond(1)
 def test_ctrl_c_before_anything_is_recorded(tmp_path: Path, stage: str) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
     with Host(tmp_path / "host", gyro.unhurried_bench(60.0), f"pty:{scenario}") as host:
@@ -175,6 +176,7 @@ def test_ctrl_c_before_anything_is_recorded(tmp_path: Path, stage: str) -> None:
 
 
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
+@pytest.mark.beyond(1)
 def test_a_board_that_dies(tmp_path: Path, clock: str) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
     declared = gyro.unhurried_bench(60.0 if clock == "paced" else 3000.0, clock)

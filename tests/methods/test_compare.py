@@ -103,6 +103,7 @@ def test_the_bound_has_no_rows_below_it_but_by_chance(found: hil.Methods) -> Non
         assert row.angle_error_rms_rad is None or row.angle_error_rms_rad > 0.1 * bound
 
 
+@pytest.mark.long
 def test_the_command_prints_what_its_folder_holds(
     run: tuple[hil.Run, Path], printed: dict[str, Any], found: hil.Methods
 ) -> None:

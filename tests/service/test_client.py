@@ -95,6 +95,7 @@ def test_top_says_what_the_board_does(bench: Serving) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_run_with_its_page(tmp_path: Path) -> None:
     out = tmp_path / "runs"
     said = hil_says("run", "s-slow", "--link", "inproc:s-slow", "--clock", "lockstep", "--duration", "12",

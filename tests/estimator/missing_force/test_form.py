@@ -138,6 +138,7 @@ def test_an_offset_that_decays_has_its_rate() -> None:
     assert found.form.terms[0].threshold["k"].value == pytest.approx(3.0, rel=0.02)
 
 
+@pytest.mark.long
 def test_where_nothing_is_missing_no_form_is_proposed() -> None:
     found, _ = asked(lambda q, v: 0.0 * q, 2)
     assert named(found) == []
