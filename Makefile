@@ -96,7 +96,7 @@ $(STAMP): pyproject.toml
 	  || { echo "make: Python 3.11 or newer is needed, $$($(PYTHON) -V) is too old: make PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
 	  || { echo "make: the package python3-venv is missing: sudo apt install python3-venv" >&2; exit 1; }
-	@echo "setting up .venv (a minute or so and about 1 GB the first time)"
+	@echo "setting up .venv (about 1 GB the first time; two minutes with the kernels)"
 	@$(PYTHON) -m venv .venv
 	@$(PIP) 'uv<1' || true
 	@$(call INTO,--editable .)

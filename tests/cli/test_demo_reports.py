@@ -28,6 +28,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     return count
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_in_gain_mode(drawn: Counter[str], tmp_path: Path) -> None:
     folder = demo.in_gain_mode(tmp_path, duration_s=4.0, progress=lambda _: None)

@@ -83,6 +83,7 @@ def test_gain_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, la
     check(folder, FAST, 1.5, 0.7, 5e-3)
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.realtime
 @pytest.mark.parametrize("mode", ["force", "gain"])
 def test_its_clock_is_this_machines(built: Path, tmp_path: Path, mode: str) -> None:

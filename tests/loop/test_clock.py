@@ -177,6 +177,7 @@ def test_in_lockstep_bench_time_is_the_boards(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.beyond(1)
 @pytest.mark.realtime
 @pytest.mark.parametrize("mode", ["force", "gain"])
 def test_the_skew_of_a_board_is_found(tmp_path: Path, mode: str) -> None:
