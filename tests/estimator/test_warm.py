@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from numba.core.caching import IndexDataCacheFile
 
 from estimator import compiling
+from estimator import warm as warming
 from estimator.kernel.compiled import is_warm
 from estimator.warm import KERNELS
 
@@ -97,6 +99,21 @@ def test_an_index_that_many_add_to_loses_nothing(tmp_path: Path, monkeypatch: py
         list(pool.map(save, keys))
     kept = IndexDataCacheFile(str(tmp_path), "kernel", "stamp")
     assert [kept.load(key) for key in keys] == [f"code of {key}" for key in keys]
+
+
+def test_what_is_warm_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces of what is cold are compiled, then what is left of it is called and noted; nothing else is."""
+    done: list[object] = []
+    kernels = {
+        name: warming.Kernels({f"piece of {name}": compiling.Piece(lambda: None)}, partial(done.append, name))
+        for name in ("cold", "warm", "not asked for")
+    }
+    monkeypatch.setattr(warming, "KERNELS", kernels)
+    monkeypatch.setattr(warming, "is_warm", lambda name: name == "warm")
+    monkeypatch.setattr(warming, "mark_warm", lambda name: done.append(f"{name} noted"))
+    monkeypatch.setattr(warming, "compile_side_by_side", lambda pieces: done.append(list(pieces)))
+    assert warming.warm(["cold", "warm"]) == ["cold"]
+    assert done == [["piece of cold"], "cold", "cold noted"]
 
 
 def test_one_processor_compiles_alone(monkeypatch: pytest.MonkeyPatch) -> None:
