@@ -132,7 +132,6 @@ def leave_by_forgetting(live: hil.Live) -> None:
         leave_by_forgetting,
     ],
 )
-@pytest.mark.beyond(1)
 def test_every_way_out_brings_the_board_to_safe(board: str, tmp_path: Path, leave: Callable[[hil.Live], None]) -> None:
     live = opened(board, tmp_path / "runs")
     begin = time.monotonic()
