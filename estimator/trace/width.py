@@ -27,16 +27,17 @@ def hopeful(
 ) -> list[str]:
     """Whom to carry beside those that were tried in the round; nobody when that is enough.
 
-    First the leaders of the scan; then whoever is behind the best of them by no more than the scan may be wrong by;
-    then those that look like the best that was carried, which need not be the scan's; then those akin to it.  Where the
-    best leaves something, or the scan stood before much, or the best is a line, with which anything may be drawn, or
-    the motion is one steady line, on which many act alike, a short part of the record is asked about every kind; where
-    it leaves something, those of which the scan promises most may do less well there.
+    First the leaders of the scan, steady or not where it stands before much; then whoever is behind the best of them by
+    no more than the scan may be wrong by; then those that look like the best that was carried, which need not be the
+    scan's; then those akin to it.  Where the best leaves something, or the scan stood before much, or the best is a
+    line, with which anything may be drawn, or the motion is one steady line, on which many act alike, a short part of
+    the record is asked about every kind; where it leaves something, those of which the scan promises most may do less
+    well there.
     gains: of those that were tried; refused: those of which there is no model; behind: what is seen behind the best of
     the tried; screened: those that a short part of the record speaks for, less for those that are spared; calm: whether
     the drive is of the resonance alone.
     """
-    leaders = with_simpler(shortlist(look.seen, look.serious), look.evidence)
+    leaders = with_simpler(shortlist(look.seen, look.serious) or _rough_leaders(look), look.evidence)
     if not gains:
         return leaders
     asked = {*gains, *refused}
@@ -56,8 +57,20 @@ def hopeful(
     others = second_thoughts(look.evidence, asked)
     if not is_small(behind(), max(gains.values())):
         return screened(others, others[: _SET.batch])
-    far = look.seen.ratio**2 > 1.0 + _SET.power
-    return screened(others, ()) if far or calm or searched_by(best) is Search.LINES else []
+    return screened(others, ()) if _stands_far(look) or calm or searched_by(best) is Search.LINES else []
+
+
+def _stands_far(look: Look) -> bool:
+    """Whether much more is seen than was predicted."""
+    return look.seen.ratio**2 > 1.0 + _SET.power
+
+
+def _rough_leaders(look: Look) -> list[str]:
+    """Where nothing is serious and much is seen: the best of each kind, by what it promises.
+
+    Far from the truth the scan is a rough guide, and the true effect may scatter from part to part as the others do.
+    """
+    return second_thoughts(look.evidence, ())[: _SET.leaders] if _stands_far(look) else []
 
 
 def is_small(left: Look, gained: float) -> bool:

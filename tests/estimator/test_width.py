@@ -160,6 +160,20 @@ def test_the_short_part_may_keep_more_than_the_eight_and_nobody_is_asked_twice()
     assert asked(view, tried | dict.fromkeys(others[:8], 1.0), left=500.0) == []
 
 
+def test_where_much_is_seen_the_best_of_each_kind_is_carried_though_nothing_is_steady() -> None:
+    """A stranger's record: the true effect promised 7,238 and scattered by 458, carried it gained 43,507."""
+    rough = [item(f"{kind}{label}", 7000.0 - n, 458.0) for n, (kind, label) in enumerate(
+        [("a", ""), ("a", ":2"), ("b", ""), ("c", ""), ("d", ":1"), ("e", ""), ("f", "")]
+    )]  # fmt: skip
+    edge = float(np.sqrt(1.0 + width._SET.power))
+    assert asked(look(*rough, ratio=1.001 * edge), {}) == ["a", "b", "c", "d:1", "e"]
+    assert asked(look(*rough, ratio=0.999 * edge), {}) == []
+    far = look(*rough, ratio=1.3)
+    tried = {"a": 30_000.0, "b": 43_507.0, "c": 29_000.0, "d:1": 31_762.0, "e": 100.0}
+    assert asked(far, tried, keeps=("f",)) == ["f"]
+    assert asked(far, tried) == []
+
+
 def test_nobody_is_carried_where_nothing_is_serious() -> None:
     assert asked(look(item("a", 5.0), item("b", 4.0)), {}) == []
 
