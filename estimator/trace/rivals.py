@@ -82,6 +82,18 @@ def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:
     return nearest((*found, *(one for one in _watched(look, reached) if kind(one.name) not in carried)))
 
 
+def in_the_end(found: tuple[Account, ...], step: Step[Carrying], last: Carrying) -> tuple[Account, ...]:
+    """The same with nothing in its place where `last` carries all that was taken: while something else was missing, the
+    record was less sure of what each effect is for.
+    """
+    if step.name not in last.less:
+        return found
+    less, _ = last.less[step.name]
+    price = _price(step.name, step.trial)
+    nothing = Account(NOTHING, deficit(last.fitted, less.fitted) - price, dispersion(last.fitted, less.fitted))
+    return tuple(nothing if one.name == NOTHING else one for one in found)
+
+
 def left_out(look: Look) -> tuple[Account, ...]:
     """The same of a round in which nothing was taken, beside nothing."""
     return nearest((Account(NOTHING, 0.0), *_watched(look, 0.0)))

@@ -7,7 +7,7 @@ from then on, and the residual that is left is scanned again.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
@@ -16,7 +16,7 @@ from estimator.errors import DivergedError
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import kind
-from estimator.trace.engine import Dissent, Estimate, Round, Rules, Step, choose, exchanged, pruned
+from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, exchanged, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
 from estimator.trace.longer import gone_on, shows_later
 from estimator.trace.look import Look
@@ -24,7 +24,7 @@ from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import refine_parameters
 from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.rivals import Rival, accounts, left_out, rivals, simpler_rival
+from estimator.trace.rivals import Rival, accounts, in_the_end, left_out, rivals, simpler_rival
 from estimator.trace.same_number import effects_of
 from estimator.trace.searched import Searched
 
@@ -117,7 +117,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
         rounds=chosen.rounds,
         alike={one.taken: one.look.alike(one.taken) for one in chosen.rounds if one.taken is not None},
         rivals={step.name: rivals(step) for step in chosen.steps},
-        accounts=_accounts(chosen.steps, chosen.rounds),
+        accounts=_accounts(chosen),
         before=before,
         after=last,
         gain=chosen.gains,
@@ -126,10 +126,12 @@ def select(problem: Problem, progress: Progress) -> Selection:
     )
 
 
-def _accounts(steps: Sequence[Step[Carrying]], rounds: Sequence[Round[Look]]) -> dict[str | None, tuple[Account, ...]]:
-    looks = {one.taken: one.look for one in rounds if one.taken is not None}
-    found: dict[str | None, tuple[Account, ...]] = {step.name: accounts(step, looks[step.name]) for step in steps}
-    return found or {None: left_out(rounds[0].look)}
+def _accounts(chosen: Chosen[Carrying, Look]) -> dict[str | None, tuple[Account, ...]]:
+    looks = {one.taken: one.look for one in chosen.rounds if one.taken is not None}
+    found: dict[str | None, tuple[Account, ...]] = {
+        step.name: in_the_end(accounts(step, looks[step.name]), step, chosen.fit) for step in chosen.steps
+    }
+    return found or {None: left_out(chosen.rounds[0].look)}
 
 
 def without(problem: Problem, selection: Selection, names: Collection[str]) -> Selection:

@@ -10,7 +10,7 @@ from estimator.trace import observer_model
 from estimator.trace.engine import Score, Step, Trial
 from estimator.trace.fitting import deficit, leads
 from estimator.trace.probability import NOTHING
-from estimator.trace.rivals import accounts, dispersion, left_out, rivals, simpler_rival
+from estimator.trace.rivals import accounts, dispersion, in_the_end, left_out, rivals, simpler_rival
 from estimator.trace.scan import PARTS
 from estimator.trace.searched import Searched
 
@@ -186,3 +186,35 @@ def test_where_nothing_was_taken_all_stand_beside_nothing() -> None:
     assert found[NOTHING] == 0.0
     assert found["sense_gain"] == pytest.approx(math.log(2 * N) - 5.0)  # one coefficient
     assert found["drive_gain"] == pytest.approx(2.0 * math.log(2 * N) - 15.0)
+
+
+def test_nothing_stands_as_it_does_beside_all_that_was_taken() -> None:
+    """A stranger's record with two lines: beside the first alone the record was unsure whether that was needed, and the
+    answer said nothing with 98 %, of a line that gained 13,688 in the end."""
+    white = noise(21)
+    missing = white + 3.0 * np.sin(np.arange(N) / 700.0)[:, None]
+    price = 12.0
+    problem = SimpleNamespace(device=SimpleNamespace(axes=2, own=()))
+    carried = SimpleNamespace(fitted=fitted(missing, effects={"drive_gain": {}}), problem=problem, searched={})
+    before = SimpleNamespace(fitted=fitted(apart(missing, 300.0)))
+    asked = Step("drive_gain", Trial(carried, Score(1000.0, 300.0, price, 20.0)), before, {})
+    watched = SimpleNamespace(seen=SimpleNamespace(innovation=white), evidence={})
+    then = accounts(asked, watched)
+    less = SimpleNamespace(fitted=fitted(apart(white, 300.0)))
+    last = SimpleNamespace(fitted=fitted(white), less={"drive_gain": (less, None)})
+    unsure, sure = ({one.name: one for one in found}[NOTHING] for found in (then, in_the_end(then, asked, last)))
+    assert unsure.dispersion > 10.0
+    assert unsure.weight > 1e-6
+    assert sure.dispersion < 2.0
+    assert sure.deficit == pytest.approx(deficit(last.fitted, less.fitted) - (unsure_price := _price_of(asked, unsure)))
+    assert unsure_price > 0.0
+    assert sure.weight < 1e-30
+    assert [one for one in in_the_end(then, asked, last) if one.name != NOTHING] == [
+        one for one in then if one.name != NOTHING
+    ]
+    assert in_the_end(then, asked, SimpleNamespace(fitted=last.fitted, less={})) == then
+
+
+def _price_of(asked: Step, nothing) -> float:
+    """What nothing is spared, by what it is behind."""
+    return deficit(asked.trial.fit.fitted, asked.before.fitted) - nothing.deficit

@@ -67,7 +67,7 @@ class Bench:
             searched = {one: f"searched {one}" for one in carried[1:]}
             fit = SimpleNamespace(fitted=model(carried, COMPARED), searched=searched, problem=family.problem)
             steps.append(SimpleNamespace(name=name, trial=SimpleNamespace(fit=fit)))
-        last = SimpleNamespace(fitted=model(("drag", *self.kept), COMPARED))
+        last = SimpleNamespace(fitted=model(("drag", *self.kept), COMPARED), less={})
         last.fitted.settings = ObserverSettings(
             initial={"kxx": 7.0}, effects={name: {} for name in last.fitted.observer.effects}
         )

@@ -141,7 +141,7 @@ def shown(sensed: Sensed, c: Array, s: Array, u: float) -> tuple[float, Array, A
     settings = made.arrays.settings[0]
     push = workspace(settings, len(made.arrays.p), len(made.x)).flow.push
     push.drive[0] = u
-    predicted, by_states, by_constants = np.zeros(2), np.full((2, 2), 9.0), np.full((2, 7), 9.0)
+    predicted, (by_states, by_constants) = np.zeros(2), np.hsplit(np.full((2, 9), 9.0), [2])  # parts, as in the kernels
     assert bool(senses_otherwise(settings)) is (sensed is not Sensed.DISPLACEMENT)
     sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
     return predicted[0], by_states[0], by_constants[0]
@@ -220,7 +220,7 @@ def test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_difference
     push.drive[:] = u
     s = np.array([0.8, -0.4, 0.3, 0.6])
     c = np.array([0.05, -0.03, 0.15, 1.1, 0.9, 0.07, 0.2, 0.3, 0.1, *0.1 * np.arange(2.0, 2.0 + len(made.x) - 13)])
-    predicted, by_states, by_constants = np.zeros(2), np.full((2, 4), 9.0), np.full((2, len(c)), 9.0)
+    predicted, (by_states, by_constants) = np.zeros(2), np.hsplit(np.full((2, 4 + len(c)), 9.0), [4])
     sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
     np.testing.assert_allclose(predicted, seen_of_two(made, sensed, c, s, u), rtol=1e-10)
     for place, found in ((s, by_states), (c, by_constants)):
