@@ -35,6 +35,7 @@ from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, instead, select, without
 from estimator.trace.separation import Advice, separations
 from estimator.trace.symmetries import Constants, equivalents
+from estimator.written import significant
 
 
 def trace(
@@ -470,7 +471,7 @@ def _rejected(
                 for c, value, sd in zip(effect.coefficients, most.coefficients, most.deviation, strict=True)
                 if sd > 0.0
             }
-        reason = _why(name, item.significance > enough, selection)
+        reason = _why(name, item, enough, selection)
         rejected[kind(name)] = Rejected(kind(name), reason, bound, alone.get(kind(name)), _last_gain(name, selection))
     return tuple(rejected.values())
 
@@ -481,14 +482,20 @@ def _last_gain(name: str, selection: Selection) -> float | None:
     return None if last is None or last[0].score is None else last[0].score.gain
 
 
-def _why(name: str, serious: bool, selection: Selection) -> str:
+def _why(name: str, item: Evidence, enough: float, selection: Selection) -> str:
+    """Why it was not taken; enough: significance that chance reaches for none of the candidates."""
     if reason := why_not(selection.rounds, lambda other: kind(other) == kind(name)):
         return reason
     alike = max((others.get(name, 0.0) for others in selection.alike.values()), default=0.0)
     if alike > THRESHOLDS.scan.same:
         return f"looks like what was taken (likeness {alike:.5f}) and explains less"
-    if serious:
+    if item.significance > enough:
         return "what it would explain is not the same from part to part of the record"
     if alike > THRESHOLDS.choice.shadowed:
         return f"nothing is left for it (likeness {alike:.3f} to what was taken)"
+    if replace(item, scatter=1.0).significance > enough:
+        return (
+            f"would gain {significant(item.gain)} in twice the log-likelihood, but what it would explain differs from "
+            f"part to part of the record by {significant(item.scatter)} times the power of noise"
+        )
     return "explains no more than chance would"

@@ -333,6 +333,19 @@ def test_what_scatters_from_part_to_part_is_told_so(answered: Any) -> None:
     assert other.reason == "explains no more than chance would"
 
 
+def test_what_would_gain_much_and_scatters_more_is_told_with_both(answered: Any) -> None:
+    """A stranger's record: the truth would have gained 7,238, was not carried, and was "no more than chance"."""
+    rough = replace(LAST.evidence["drive_delay"], gain=7238.0, scatter=458.0)
+    last = replace(LAST, evidence={**LAST.evidence, "drive_delay": rough})
+    rounds = (*Selected().rounds[:2], Round(last, (), None))
+    said, _ = answered(Selected(rounds=rounds, alike={"drive_gain": {}, "drive_saturation": {}}), EXPLAINED)
+    (delay,) = (one for one in said.rejected if one.name == "drive_delay")
+    assert delay.reason == (
+        "would gain 7240 in twice the log-likelihood, but what it would explain differs from part to part of the "
+        "record by 458 times the power of noise"
+    )
+
+
 def test_what_is_as_significant_as_chance_makes_one_explains_no_more(
     monkeypatch: pytest.MonkeyPatch, answered: Any
 ) -> None:
