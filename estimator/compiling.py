@@ -103,7 +103,8 @@ def _for_types_of(kernel: Any, *arguments: object) -> None:
     kernel.compile(tuple(map(numba.typeof, arguments)))
 
 
-def _observer(gain: Gain = Gain.FADING) -> Observer:
+def observer_with(gain: Gain = Gain.FADING) -> Observer:
+    """Of two axes, with the types of a run."""
     return Observer(DEVICE, ObserverSettings(gain=gain, memory=0.01), CONTROLLER)
 
 
@@ -120,49 +121,49 @@ def _parts(made: Observer) -> tuple[Any, Constants, Estimate, Sample, Any]:
 
 
 def _predict() -> None:
-    made = _observer()
+    made = observer_with()
     settings, constants, estimate, sample, work = _parts(made)
     arguments = settings, made.active, constants.intensity, estimate, sample.u, sample.h, work
     _for_types_of(observer.predict, *arguments)
 
 
 def _correct() -> None:
-    made = _observer()
+    made = observer_with()
     settings, constants, estimate, sample, work = _parts(made)
     _for_types_of(observer.correct, settings, made.active, constants, made.arrays.table, estimate, sample, work)
 
 
 def _effect_forces() -> None:
-    settings, _, estimate, _, work = _parts(_observer())
+    settings, _, estimate, _, work = _parts(observer_with())
     _for_types_of(flow.effect_forces, settings, estimate.x, estimate.x, work.flow.push)
 
 
 def _effect_sense() -> None:
-    settings, _, (x, _, _, _), sample, work = _parts(_observer())
+    settings, _, (x, _, _, _), sample, work = _parts(observer_with())
     signals, (by_states, by_constants) = work.flow.push.signals, np.hsplit(work.full, [settings["states"]])
     arguments = x, x, sample.z, signals, 0, 0, work.predicted, by_states, by_constants
     _for_types_of(generated().effect_sense, 0, 0, *arguments)
 
 
 def _advance() -> None:
-    settings, _, estimate, sample, work = _parts(_observer())
+    settings, _, estimate, sample, work = _parts(observer_with())
     interval = Interval(0.0, sample.h, sample.u)
     _for_types_of(flow.advance, settings, interval, estimate.x, work.flow.out.shape[1], work.flow)
 
 
 def _sensed_otherwise() -> None:
-    settings, _, (x, _, _, _), _, work = _parts(_observer())
+    settings, _, (x, _, _, _), _, work = _parts(observer_with())
     by_states, by_constants = np.hsplit(work.full, [settings["states"]])
     _for_types_of(sensing.sensed_otherwise, settings, x, x, work.flow.push, work.predicted, by_states, by_constants)
 
 
 def _command() -> None:
-    settings, _, estimate, _, work = _parts(_observer())
+    settings, _, estimate, _, work = _parts(observer_with())
     _for_types_of(controller.command, settings, estimate.memory, estimate.x, work, np.zeros(2))
 
 
 def _plain() -> None:
-    made = _observer()
+    made = observer_with()
     settings, constants, estimate, sample, _ = _parts(made)
     x, p, c, own = plain.STEP.unpacked(*estimate, True)
     row = made.arrays.rows[0]
@@ -170,7 +171,7 @@ def _plain() -> None:
 
 
 def _gain_mode() -> None:
-    made = _observer()
+    made = observer_with()
     board = luenberger(made.h)
     foresight = Foresight(made, board, 1, (0, 1))
     foresight.tell(*GainMatrix(made, board).solve(2), 0)
@@ -187,21 +188,21 @@ def watch(gain: Gain, *, vector: bool) -> None:
 
 
 def _observe() -> None:
-    made = _observer()
+    made = observer_with()
     made.run(_SENSE, _SENSE, truth=np.zeros((2, len(made.x))))
 
 
 def _simulate() -> None:
-    made = _observer()
+    made = observer_with()
     simulate(made, made.state, _SENSE, sensitive=True)
 
 
 def _tick() -> None:
-    _observer().tick(0.0, 0.0, 0.0, 0.0)
+    observer_with().tick(0.0, 0.0, 0.0, 0.0)
 
 
 def _stationary() -> None:
-    _observer(Gain.STATIONARY)
+    observer_with(Gain.STATIONARY)
 
 
 PIECES = {

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.compiling import CONTROLLER, DEVICE, PIECES, SELDOM, Piece, compile_side_by_side, watch
+from estimator.compiling import CONTROLLER, DEVICE, PIECES, SELDOM, Piece, compile_side_by_side, observer_with, watch
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.foresight import rehearse
@@ -33,25 +33,21 @@ def _of_every_run() -> None:
     for gain in (Gain.EKF, Gain.FADING):
         for vector in (False, True):
             watch(gain, vector=vector)
-        _use(_observer(gain))
+        _use(observer_with(gain))
         one = Device(4000.0, (1.6e6,), (1.0,), 1e-4, (-890.0,), (1e-4,))
         _use(Observer(one, ObserverSettings(gain=gain, memory=0.01)))
-        _observer(gain).tick(0.0, 0.0, 0.0, 0.0)
+        observer_with(gain).tick(0.0, 0.0, 0.0, 0.0)
 
 
 def _of_stationary_gain() -> None:
-    _use(_observer(Gain.STATIONARY))
-    _observer(Gain.STATIONARY).tick(0.0, 0.0, 0.0, 0.0)
+    _use(observer_with(Gain.STATIONARY))
+    observer_with(Gain.STATIONARY).tick(0.0, 0.0, 0.0, 0.0)
 
 
 def _of_gain_mode() -> None:
     for gain in (Gain.EKF, Gain.FADING):
-        made = _observer(gain)
+        made = observer_with(gain)
         rehearse(made, luenberger(made.h))
-
-
-def _observer(gain: Gain) -> Observer:
-    return Observer(DEVICE, ObserverSettings(gain=gain, memory=0.01), CONTROLLER)
 
 
 def _use(observer: Observer) -> None:

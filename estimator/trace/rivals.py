@@ -74,9 +74,9 @@ def accounts(step: Step[Carrying], look: Look) -> tuple[Account, ...]:
     """
     taken = step.trial
     price = _price(step.name, taken)
-    found = [Account(step.name, 0.0), _account(NOTHING, taken, step.before.fitted, -price)]
+    found = [Account(step.name, 0.0), _account(NOTHING, taken.fit.fitted, step.before.fitted, -price)]
     for name, trial in step.beside.items():
-        found.append(_account(name, taken, trial.fit.fitted, _price(name, trial) - price))
+        found.append(_account(name, taken.fit.fitted, trial.fit.fitted, _price(name, trial) - price))
     reached = taken.score.gain - price
     carried = {kind(one.name) for one in found}
     return nearest((*found, *(one for one in _watched(look, reached) if kind(one.name) not in carried)))
@@ -89,8 +89,7 @@ def in_the_end(found: tuple[Account, ...], step: Step[Carrying], last: Carrying)
     if step.name not in last.less:
         return found
     less, _ = last.less[step.name]
-    price = _price(step.name, step.trial)
-    nothing = Account(NOTHING, deficit(last.fitted, less.fitted) - price, dispersion(last.fitted, less.fitted))
+    nothing = _account(NOTHING, last.fitted, less.fitted, -_price(step.name, step.trial))
     return tuple(nothing if one.name == NOTHING else one for one in found)
 
 
@@ -122,9 +121,8 @@ def _precision(value: float, deviation: float) -> float:
     return (value / deviation) ** 2 if deviation > 0.0 else 0.0
 
 
-def _account(name: str, taken: Trial[Carrying], other: Fitted, price: float) -> Account:
-    behind = price + deficit(taken.fit.fitted, other)
-    return Account(name, behind, dispersion(taken.fit.fitted, other))
+def _account(name: str, taken: Fitted, other: Fitted, price: float) -> Account:
+    return Account(name, price + deficit(taken, other), dispersion(taken, other))
 
 
 def _watched(look: Look, reached: float) -> list[Account]:

@@ -85,11 +85,15 @@ def run(
         if dry_run:
             from hil.loop.run import run as run_loop
 
-            looked = run_loop(declared, url, out, open_loop=open_loop, dry_run=True, log=wire_log, progress=watch)
-            show_identity(url, looked.identity, as_json=json)
-            return
-        done = hil.run(
-            declared, link=url, arm=True, open_loop=open_loop, truth=truth, note=note, wire_log=wire_log, out=out,
-            progress=watch,
-        )  # fmt: skip
-    finish(done.path, as_json=json)
+            looked = run_loop(
+                declared, url, out, open_loop=open_loop, dry_run=True, truth=truth, log=wire_log, progress=watch
+            )
+        else:
+            done = hil.run(
+                declared, link=url, arm=True, open_loop=open_loop, truth=truth, note=note, wire_log=wire_log, out=out,
+                progress=watch,
+            )  # fmt: skip
+    if dry_run:
+        show_identity(url, looked.identity, as_json=json)
+    else:
+        finish(done.path, as_json=json)

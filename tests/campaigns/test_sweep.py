@@ -151,7 +151,6 @@ def test_the_report_opens_alone_and_has_each_worst_run_with_its_command(swept: h
     swept.report().unlink()
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_bound_initial_values_and_scan_of_a_run(swept: hil.Sweep) -> None:
     each = {"bound": True, "drawn_initial": True}

@@ -184,7 +184,6 @@ def test_a_turn_is_planned_with_what_the_bench_file_lets_the_rate_wander(bench: 
     assert asked.words == f"turn the gyro at a varying rate: {asked.turn.text}; for {2 * bench.loop.duration_s:g} s"
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None:
     changed = {"loop": {"clock": "lockstep", "duration_s": 8.0, "settle_s": 4.0}}

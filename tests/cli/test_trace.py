@@ -124,7 +124,6 @@ def test_a_record_that_lacks_nothing_is_adequate(hil: Hil, recorded: Path) -> No
     assert not Path("new.bench.toml").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)  # two runs, a trace, two scores
 @pytest.mark.long
 def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_path: Path) -> None:

@@ -94,7 +94,6 @@ def test_top_says_what_the_board_does(bench: Serving) -> None:
     assert "hil serve" in gone.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_a_run_with_its_page(tmp_path: Path) -> None:
     out = tmp_path / "runs"

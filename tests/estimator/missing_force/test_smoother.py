@@ -76,7 +76,6 @@ def test_the_force_in_a_plane_is_found_within_its_band(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LINE)
-@pytest.mark.beyond(1)
 @pytest.mark.long
 def test_the_force_along_a_line_is_found_within_its_band(name: str) -> None:
     error, covered = judged(simulated(LINE[name], axes=1, samples=SAMPLES, noise=NOISE))
