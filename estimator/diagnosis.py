@@ -163,7 +163,7 @@ class Diagnosis:
     the residual down is carried, None where nothing does; share: of the residual's power above the noise floor, on the
     part held out, what the effects account for, None where none are named; left: what the residual still holds with
     the effects, where something is left; probabilities: one for each effect that is named, one where none is, none
-    where nobody was carried; undetermined: sentences on constants that a free run does not determine; dependences: of
+    where nobody was carried; undetermined: sentences on constants that the record does not determine; dependences: of
     several records, what goes with their covariate; free_run: of what was traced by the free run, measured less
     simulated volts (m, axes) from the split on, as far as is shown, before and after, NaN where that set its state.
     """

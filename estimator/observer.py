@@ -1,7 +1,7 @@
 """The observer in SI: built from what the data sheet declares, run over blocks or sample by sample."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
@@ -128,6 +128,9 @@ class Observer:
         if len(self.estimated_index) > MAX_ENTRIES:
             raise ModelError(f"{len(self.estimated_index)} states and constants at once; {MAX_ENTRIES} are supported")
         spread, random_walk = self._spreads()
+        known = [self.names.index(name) - self.states for name in settings.held]
+        spread[self.states :][np.isin(self.active, known)] = 0.0
+        random_walk[known] = 0.0
         self.x = self._initial()
         n = self.states + len(self.active)
         self._p = np.diag(spread**2)
@@ -510,6 +513,15 @@ class Observer:
         constants = first - self.states
         self._spread[constants:] = 0.0
         self._prior[constants:] = 0.0
+
+    def assume(self, names: Sequence[str], covariance: Array) -> None:
+        """Constants or coefficients are known with this covariance (k, k), SI, and share nothing with the others."""
+        rows = [self.estimated.index(name) for name in names]
+        scale = self.factors[self.estimated_index][rows]
+        for own in (self._p, self._c):
+            own[rows, :] = 0.0
+            own[:, rows] = 0.0
+            own[np.ix_(rows, rows)] = covariance / np.outer(scale, scale)
 
     def carry_both(self) -> None:
         """Propagate both covariances where one would do, a plain EKF's being equal: so they run in registers."""

@@ -204,6 +204,26 @@ def constants(claim: Claim) -> tuple[str, ...]:
     return tuple(why for constant in claim.constants if (why := conflict(constant)))
 
 
+def in_conflict(claim: Claim) -> bool:
+    """Whether a constant is not what the device may have, but for the rate, which moves."""
+    return any(conflict(one) for one in claim.constants if one.name != "rate")
+
+
+def undetermined(claim: Claim) -> tuple[str, ...]:
+    """A sentence on the constants of which the record says less than the bench file: of 1/σ², the information of both,
+    the file's own is more than half.
+    """
+
+    def unsure(one: Constant) -> bool:
+        return (one.high - one.low) / (2.0 * TWO_SIDED) > one.deviation / math.sqrt(2.0)
+
+    left = [one.name for one in claim.constants if one.name != "rate" and unsure(one)]
+    if not left:
+        return ()
+    them = "it" if len(left) == 1 else "each"
+    return (f"the record does not determine {' and '.join(left)}: it says less of {them} than the bench file",)
+
+
 def levels(claim: Claim) -> tuple[str, ...]:
     """What is said to be impossible must not have been seen."""
     return tuple(said for one in claim.levels if (said := contradicted(one)))

@@ -22,6 +22,7 @@ from estimator.trace.longer import gone_on, shows_later
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import refine_parameters
+from estimator.trace.prediction_error import by_prediction_error
 from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.rivals import Rival, accounts, in_the_end, left_out, rivals, simpler_rival
@@ -140,6 +141,12 @@ def without(problem: Problem, selection: Selection, names: Collection[str]) -> S
     kept = {name: gain for name, gain in selection.gain.items() if name not in names}
     after = fit(problem.under(selection.after.settings).carrying(rest)) if kept else selection.before
     return replace(selection, effects=effects_of(after, selection.searched), after=after, gain=kept)
+
+
+def exactly(problem: Problem, selection: Selection) -> Selection:
+    """What was selected on the record of `problem`, its constants and coefficients by `by_prediction_error`."""
+    after = by_prediction_error(problem, selection.after)
+    return replace(selection, effects=effects_of(after, selection.searched), after=after)
 
 
 def instead(problem: Problem, selection: Selection, name: str, other: str) -> Selection:

@@ -32,7 +32,7 @@ from estimator.trace.look import bounds
 from estimator.trace.nameless import Contest
 from estimator.trace.probability import stated
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.selection import Selection, instead, select, without
+from estimator.trace.selection import Selection, exactly, instead, select, without
 from estimator.trace.separation import Advice, separations
 from estimator.trace.symmetries import Constants, equivalents
 from estimator.written import significant
@@ -88,6 +88,7 @@ def trace(
         share=found.share,
         left=after.findings if found.verdict is Verdict.PARTLY else (),
         probabilities=_probabilities(found),
+        undetermined=found.undetermined,
     )
 
 
@@ -97,7 +98,8 @@ class _Judged:
 
     why: of each effect that was selected and is not named, why not; share: of the residual's power above the floor on
     the part held out, what goes, None where nothing stood there; contest: with the nameless force; is_open: whether
-    something is left, or a promise does not hold.
+    something is left, or a promise does not hold; undetermined: constants of which the record says less than is
+    declared, a sentence.
     """
 
     verdict: Verdict
@@ -109,6 +111,7 @@ class _Judged:
     share: float | None
     contest: Contest | None
     is_open: bool
+    undetermined: tuple[str, ...] = ()
 
 
 def _judged(
@@ -122,12 +125,14 @@ def _judged(
 
     An effect that a guard of its own speaks against is taken out and the rest fitted anew; where that is its sign, what
     it explained is something else's, and the rest no more than a part.  Where something is left, so are those that
-    explain little beside the largest.
+    explain little beside the largest.  Where a constant is not what the device may have, constants and coefficients
+    are first fitted by the likelihood itself.
     """
     part, known = problem.part(slice(0, split)), problem.effects
     why: dict[str, str] = {}
     elses: list[str] = []
     at_first: _Judged | None = None
+    exact: list[set[str]] = []
     while True:
         selection, nothing, unlawful = _without_weak(part, selection, known)
         why |= nothing | unlawful
@@ -142,6 +147,11 @@ def _judged(
             continue
         claim = claim_of(problem, selection, before, after, split)
         left = _left(part, selection)
+        if not left and promises.in_conflict(claim) and set(named) not in exact:
+            progress("constants", 1, 1)
+            exact.append(set(named))
+            selection = exactly(part, selection)
+            continue
         against = promises.broken(claim) if named else ()
         share = claim.residual.share if named and not claim.residual.nothing_above else None
         if not against and not left:
@@ -154,7 +164,10 @@ def _judged(
                 told = (_in_part(named, claim), _of_something_else(elses), *reasons)
                 return _Judged(Verdict.PARTLY, named, selection, after, why, told, share, claim.contest, is_open=True)
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
-            return _Judged(verdict, named, selection, after, why, reasons, share, claim.contest, is_open=False)
+            unsure = promises.undetermined(claim) if set(named) in exact else ()
+            return _Judged(
+                verdict, named, selection, after, why, reasons, share, claim.contest, is_open=False, undetermined=unsure
+            )
         refuted = bool(against) and not left and not promises.shows_at_first(claim)
         if refuted and (borne_out := _borne_out(problem, selection, before, named, split)) is not None:
             name, other, exchanged = borne_out

@@ -212,7 +212,7 @@ class Diagnosis(_Model):
         default=(), description="How probable each account is, one for each effect that is named; one where none is"
     )
     undetermined: tuple[str, ...] = Field(
-        default=(), description="Constants of which a free run says less than the bench file, and what it says of them"
+        default=(), description="Constants of which the record says less than the bench file, and what it says of them"
     )
     dependences: tuple[Dependence, ...] = Field(
         default=(), description="Of several records traced together: what goes with their covariate"

@@ -50,8 +50,17 @@ class Selected:
 def judged(monkeypatch):
     """The verdict of a selection, where the residual is as given for each set of effects, with what is left."""
 
-    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, **claimed):
-        left = left or {}
+    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, exact=None, **claimed):
+        left, asked = left or {}, []
+
+        def exactly(part, selection):
+            """Constants as the likelihood itself has them: `exact`, where given."""
+            assert len(part.record) == SPLIT
+            assert key(selection) not in asked
+            asked.append(key(selection))
+            if exact is not None:
+                claimed["constants"] = exact
+            return selection
 
         def key(selection):
             return tuple(selection.coefficients)
@@ -91,6 +100,7 @@ def judged(monkeypatch):
         monkeypatch.setattr(tracing, "without", less)
         monkeypatch.setattr(tracing, "instead", instead)
         monkeypatch.setattr(tracing, "claim_of", claim)
+        monkeypatch.setattr(tracing, "exactly", exactly)
 
         def leftover(selection, record, resonance):
             assert resonance == pytest.approx(math.sqrt(DEVICE.target) / (2.0 * math.pi))
@@ -261,6 +271,34 @@ def test_a_residual_that_is_the_noise_is_not_adequate_with_a_constant_that_canno
     found = judged({}, {}, {(): errors(1.0, 1.0)}, constants=(SOFT,))
     assert (found.verdict, found.named) == (Verdict.UNEXPLAINED, {})
     assert "from the declared 1191" in found.reasons[0]
+
+
+UNSURE = Constant("dyy", 49.5, 26.3, 72.8, declared=22.3, deviation=13.2, positive=True)
+FAR = replace(UNSURE, value=103.4, low=79.0, high=127.7)
+
+
+def test_a_constant_of_which_only_the_filter_is_sure_is_in_no_conflict(judged):
+    """The damping of an axis at rest: 103 ± 12 by the filter, 50 ± 12 by the likelihood, 22 ± 13 as declared."""
+    found = judged({}, {}, {(): errors(1.0, 1.0)}, constants=(FAR,), exact=(UNSURE,))
+    assert found.verdict is Verdict.ADEQUATE
+    assert found.undetermined == ("the record does not determine dyy: it says less of it than the bench file",)
+    given = {"drive_gain": {"hx": SURE}}, {"drive_gain": 500.0}, {("drive_gain",): errors(3.0, 1.0)}
+    found = judged(*given, constants=(FAR,), exact=(UNSURE,))
+    assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"drive_gain"})
+
+
+def test_what_the_record_does_not_determine_is_told_where_the_likelihood_itself_was_asked(judged):
+    found = judged({}, {}, {(): errors(1.0, 1.0)}, constants=(UNSURE,))
+    assert found.verdict is Verdict.ADEQUATE
+    assert found.undetermined == ()
+
+
+def test_where_something_is_left_no_constant_is_asked_for(judged):
+    """It takes up some of what is left, and may be anything."""
+    given = {"drive_gain": {"hx": SURE}}, {"drive_gain": 500.0}, {("drive_gain",): errors(3.0, 1.0)}
+    found = judged(*given, {("drive_gain",): ("a line is left",)}, constants=(FAR,), exact=(UNSURE,))
+    assert found.verdict is Verdict.PARTLY
+    assert any("dyy comes out at 103.4" in reason for reason in found.reasons)
 
 
 def test_what_lets_the_constants_be_as_declared_acts_so_and_is_not_said_to_be_the_cause(judged, monkeypatch):

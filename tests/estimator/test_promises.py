@@ -407,3 +407,27 @@ def test_what_only_the_beginning_shows_has_nothing_for_or_against_it_in_the_part
 
 def test_a_constant_may_have_either_sign_unless_it_is_said_otherwise() -> None:
     assert not Constant("kxy", -5.0, -6.0, -4.0, declared=-5.0, deviation=1.0).positive
+
+
+def test_a_rate_that_moves_is_in_no_conflict_and_is_not_to_be_determined() -> None:
+    far = Constant("dyy", 9.0, 8.0, 10.0, declared=1.0, deviation=1.0)
+    assert promises.in_conflict(replace(HOLDS, constants=(far,)))
+    assert promises.in_conflict(replace(HOLDS, constants=(replace(far, value=1.0), far)))
+    rate = replace(far, name="rate")
+    assert not promises.in_conflict(replace(HOLDS, constants=(rate,)))
+    wide = replace(rate, low=-9.0, high=27.0)
+    assert promises.undetermined(replace(HOLDS, constants=(wide,))) == ()
+
+
+def test_what_the_bench_file_says_more_of_than_the_record_is_not_determined() -> None:
+    """Two observations of deviation 1 leave 1/√2."""
+    half = 1.959963984540054 / math.sqrt(2.0)
+
+    def constant(name: str, times: float) -> Constant:
+        return Constant(name, 5.0, 5.0 - times * half, 5.0 + times * half, declared=1.0, deviation=1.0)
+
+    assert promises.undetermined(replace(HOLDS, constants=(constant("dyy", 0.999),))) == ()
+    (said,) = promises.undetermined(replace(HOLDS, constants=(constant("dyy", 1.001), constant("kyy", 0.9))))
+    assert said == "the record does not determine dyy: it says less of it than the bench file"
+    (said,) = promises.undetermined(replace(HOLDS, constants=(constant("dyy", 1.001), constant("dxy", 2.0))))
+    assert said == "the record does not determine dyy and dxy: it says less of each than the bench file"

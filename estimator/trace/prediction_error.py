@@ -1,0 +1,115 @@
+"""Constants and coefficients by the likelihood itself, where a filter that estimates them is surer than the record is.
+
+An extended Kalman filter learns the stiffness and damping of an axis that hardly moves from its own estimate of that
+motion, which is mostly noise: what it comes to may be far from the truth and have a narrow interval.  Held at given
+values, constants and coefficients are no states; the model is linear, but for large motion, and its innovations are
+exact.  Least squares of the innovations over their predicted deviations, beside what is declared, is the
+prediction-error method (Ljung, System Identification, 1999, ch. 7); intervals allow for innovations that are not white.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+
+from estimator.model.declaration import Quantity
+from estimator.observer import Estimates, Observer
+from estimator.refinement import covariance_of, least_values, worth_of
+from estimator.scaling import Array
+from estimator.settings import Gain, ObserverSettings
+from estimator.side_by_side import side_by_side
+from estimator.trace.fitting import Fitted, run
+from estimator.trace.problem import Problem
+
+
+def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
+    """`model`, which was fitted to the record of `problem`, with the constants and coefficients that make its
+    innovations least beside what is declared of the constants, and with their covariance.
+
+    The rate, which moves, and the offsets stay states of the filter.  The likelihood stays that of the filter, with
+    which others are compared.
+    """
+    observer, declared = model.observer, _as_declared(problem)
+    names = _sought(observer, declared)
+    covariance = _covariance(observer, names)
+    unit = np.sqrt(np.diagonal(covariance))
+    # A hundredth of what noise tells, in directions that it tells apart, also where some are known together only.
+    steps = 0.01 * np.linalg.cholesky(covariance / np.outer(unit, unit))
+
+    def held_at(unknown: Array) -> tuple[Observer, Estimates]:
+        values = dict(zip(names, (unknown * unit).tolist(), strict=True))
+        trial = Observer(problem.device, _held(model.settings, observer, values), problem.controller)
+        return trial, run(trial, problem.record)
+
+    begin, least = (
+        values[[observer.names.index(name) for name in names]] / unit
+        for values in (observer.state, least_values(observer))
+    )
+    _, first = held_at(begin)
+    seen = np.isfinite(first.innovation)
+    weight = 1.0 / first.innovation_deviation[seen]
+    constants = [name for name in names if name in declared.estimated]
+    told = np.zeros((len(constants), len(names)))
+    sure = np.sqrt(np.diagonal(_covariance(declared, constants)))
+    np.fill_diagonal(told, unit[: len(constants)] / sure)
+    known = np.array([declared.state[declared.names.index(name)] for name in constants]) / sure
+
+    def weighted(unknown: Array) -> Array:
+        left: Array = held_at(unknown)[1].innovation[seen] * weight
+        # Where the filter diverges, the search is told to come back.
+        return np.clip(np.nan_to_num(left, nan=1e6), -1e6, 1e6)
+
+    def jacobian(unknown: Array) -> Array:
+        here, *moved = side_by_side([partial(weighted, one) for one in (unknown, *(unknown + steps.T))])
+        along = np.stack(moved, axis=1) - here[:, None]
+        return np.asarray(solve_triangular(steps, along.T, lower=True, trans="T").T)
+
+    worth = max(worth_of(first.innovation[seen] * weight), 1.0)
+    found = least_squares(
+        lambda unknown: np.concatenate([weighted(unknown), worth * (told @ unknown - known)]),
+        begin,
+        jac=lambda unknown: np.concatenate([jacobian(unknown), worth * told]),
+        x_scale="jac",
+        ftol=0.1 / weight.size,  # of a sum of squares that is about as large as there are samples
+        xtol=None,
+        gtol=None,
+        max_nfev=10,
+        bounds=(least, np.inf),
+    ).x
+    information = np.zeros(len(names))
+    information[: len(constants)] = (worth * np.diagonal(told)) ** 2
+    spread = covariance_of(jacobian(found), weighted(found), information, worth)
+    fitted, estimates = held_at(found)
+    fitted.assume(names, spread * np.outer(unit, unit))
+    settings = replace(fitted.settings, held=model.settings.held)
+    return replace(model, settings=settings, observer=fitted, estimates=estimates)
+
+
+def _as_declared(problem: Problem) -> Observer:
+    """The observer as the bench file has it begin, of the base model alone."""
+    return Observer(problem.device, replace(problem.settings, gain=Gain.EKF, effects={}), problem.controller)
+
+
+def _covariance(observer: Observer, names: Sequence[str]) -> Array:
+    rows = [observer.estimated.index(name) for name in names]
+    return np.asarray(observer.covariance[np.ix_(rows, rows)])
+
+
+def _sought(observer: Observer, declared: Observer) -> list[str]:
+    """Constants that neither move nor are known exactly, but for offsets; then the coefficients of effects."""
+    stay = {one.name for one in observer.model.constants if one.quantity in (Quantity.OFFSET, Quantity.RATE)}
+    uncertain = dict(zip(declared.estimated, np.diagonal(declared.covariance) > 0.0, strict=True))
+    return [name for name in observer.estimated[observer.states :] if name not in stay and uncertain.get(name, True)]
+
+
+def _held(settings: ObserverSettings, observer: Observer, values: Mapping[str, float]) -> ObserverSettings:
+    """These settings with constants and coefficients held at `values`."""
+    effects = {}
+    for _, effect in observer.effects:
+        own = {c.name.partition(":")[0]: values[c.name] for c in effect.coefficients}
+        effects[effect.name] = {**settings.effects[effect.name], **own}
+    constants = {name: value for name, value in values.items() if name in observer.model.names}
+    return replace(settings, initial={**settings.initial, **constants}, effects=effects, held=tuple(values))
