@@ -42,6 +42,8 @@ class ForceKind(IntEnum):
     DRAG = 87
     CUBIC_DAMPING = 88
     PLAY = 89
+    QUINTIC_STIFFNESS = 90
+    QUINTIC_ISOTROPIC = 91
 
 
 _ALONG_THE_MOTION = (
@@ -56,6 +58,8 @@ _FRICTION = (*per_axis("f", "m/s²"), given("v0", "m/s"))
 DECLARATIONS: dict[IntEnum, Declaration] = {
     ForceKind.CUBIC_STIFFNESS: Declaration("-k3x x^3, -k3y y^3", per_axis("k3", "1/(m²·s²)")),
     ForceKind.CUBIC_ISOTROPIC: Declaration("-k3 r^2 (x, y)", (Coefficient("k3", "1/(m²·s²)"),)),
+    ForceKind.QUINTIC_STIFFNESS: Declaration("-k5x x^5, -k5y y^5", per_axis("k5", "1/(m⁴·s²)")),
+    ForceKind.QUINTIC_ISOTROPIC: Declaration("-k5 r^4 (x, y)", (Coefficient("k5", "1/(m⁴·s²)"),)),
     ForceKind.QUADRATIC_STIFFNESS: Declaration("-k2x x^2, -k2y y^2", per_axis("k2", "1/(m·s²)")),
     ForceKind.NONLINEAR_DAMPING: Declaration("-d3x x^2 x', -d3y y^2 y'", per_axis("d3", "1/(m²·s)")),
     ForceKind.DRY_FRICTION: Declaration("-fx tanh(x'/v0), -fy tanh(y'/v0)", _FRICTION),
@@ -159,6 +163,13 @@ def force(
             r2 = x * x + y * y
             ax -= c[0] * r2 * x
             ay -= c[0] * r2 * y
+        elif kind == ForceKind.QUINTIC_STIFFNESS:
+            ax -= c[0] * x * x * x * x * x
+            ay -= c[1] * y * y * y * y * y
+        elif kind == ForceKind.QUINTIC_ISOTROPIC:
+            r2 = x * x + y * y
+            ax -= c[0] * r2 * r2 * x
+            ay -= c[0] * r2 * r2 * y
         elif kind == ForceKind.QUADRATIC_STIFFNESS:
             ax -= c[0] * x * x
             ay -= c[1] * y * y

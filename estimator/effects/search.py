@@ -51,3 +51,4 @@ class Kin(Enum):
     """Effects that a scan cannot choose between: who is akin to the best is tried beside it."""
 
     DAMPING = "laws of a damping that depends on the amplitude and not on the direction"
+    STIFFNESS = "laws of a spring whose stiffness depends on the amplitude"

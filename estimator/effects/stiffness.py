@@ -3,10 +3,10 @@
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
-from estimator.effects.search import EVEN, LINEAR, ODD, Sign
+from estimator.effects.search import EVEN, LINEAR, ODD, Kin, Sign
 from estimator.model.gyro import x, y
 
-k3x, k3y, k3, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k2x k2y kn ax ay")
+k3x, k3y, k3, k5x, k5y, k5, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k5x k5y k5 k2x k2y kn ax ay")
 khx, khy, reach, slipx, slipy = sp.symbols("khx khy reach slipx slipy")
 kpx, kpy, half_width, stopx, stopy = sp.symbols("kpx kpy half_width stopx stopy")
 
@@ -21,6 +21,7 @@ CUBIC_STIFFNESS = Effect(
     undone=Undone.CANCEL,
     look_alikes={"sense_cubic": "pulls no frequency"},
     signs=(*ODD, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4, Sign.SIN_2, *LINEAR),
+    kin=Kin.STIFFNESS,
 )
 
 CUBIC_ISOTROPIC = Effect(
@@ -33,6 +34,7 @@ CUBIC_ISOTROPIC = Effect(
     signature="frequency pulled with the amplitude; a rate bias −k3 a b/4ω with quadrature",
     undone=Undone.CANCEL,
     signs=(*ODD, Sign.AMPLITUDE, *LINEAR),
+    kin=Kin.STIFFNESS,
 )
 
 QUADRATIC_STIFFNESS = Effect(
@@ -72,6 +74,37 @@ CONSTANT_FORCE = Effect(
     undone=Undone.CANCEL,
     look_alikes={"sense offset": "nothing on one bench; tilt it"},
     signs=(Sign.LINE_0,),
+)
+
+QUINTIC_STIFFNESS = Effect(
+    name="quintic_stiffness",
+    number=44,
+    title="Stiffness of the fifth order of each axis",
+    coefficients=(Coefficient(k5x, "k5x", 0.05, -4, -2), Coefficient(k5y, "k5y", 0.05, -4, -2)),
+    force=(-k5x * x**5, -k5y * y**5),
+    source="Nayfeh & Mook, Nonlinear Oscillations, 1979, ch. 2: averaged over a cycle, x⁵ is 5/8 A⁴ x",
+    signature="frequency pulled by 5/16 k5 A⁴/k, lines at 3ω and 5ω",
+    undone=Undone.CANCEL,
+    look_alikes={"cubic_stiffness": "another amplitude"},
+    signs=(*ODD, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4, Sign.SIN_2, *LINEAR),
+    kin=Kin.STIFFNESS,
+    simpler="cubic_stiffness",
+)
+
+QUINTIC_ISOTROPIC = Effect(
+    name="quintic_isotropic",
+    number=45,
+    title="Stiffness of the fifth order along the radius",
+    coefficients=(Coefficient(k5, "k5", 0.05, -4, -2),),
+    force=(-k5 * (x**2 + y**2) ** 2 * x, -k5 * (x**2 + y**2) ** 2 * y),
+    source="next term after the cubic one of a potential that depends on the radius only",
+    signature="frequency pulled with the fourth power of the amplitude",
+    undone=Undone.CANCEL,
+    look_alikes={"cubic_isotropic": "another amplitude"},
+    signs=(*ODD, Sign.AMPLITUDE, *LINEAR),
+    kin=Kin.STIFFNESS,
+    simpler="cubic_isotropic",
+    plane=True,
 )
 
 HYSTERETIC_STIFFNESS = Effect(

@@ -104,6 +104,14 @@ HIDDEN: dict[str, tuple[dict[str, float], Any]] = {
         {"k3": 2e13},
         lambda t, x, vx, y, vy: (-2e13 * (x * x + y * y) * x, -2e13 * (x * x + y * y) * y),
     ),
+    "quintic_stiffness": (
+        {"k5x": 3e20, "k5y": -1e20},
+        lambda t, x, vx, y, vy: (-3e20 * x**5, 1e20 * y**5),
+    ),
+    "quintic_isotropic": (
+        {"k5": 2e20},
+        lambda t, x, vx, y, vy: (-2e20 * (x * x + y * y) ** 2 * x, -2e20 * (x * x + y * y) ** 2 * y),
+    ),
     "quadratic_stiffness": (
         {"k2x": 1e9, "k2y": 2e9},
         lambda t, x, vx, y, vy: (-1e9 * x * x, -2e9 * y * y),

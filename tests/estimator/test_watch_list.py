@@ -61,7 +61,7 @@ def test_everything_that_needs_nothing_given_is_watched_where_the_device_and_the
 
 @pytest.mark.moderate
 def test_what_is_tried_on_request_is_watched_where_it_is_asked_for() -> None:
-    radial = {effect.name for effect in EFFECTS if effect.plane}
+    radial = {effect.name for effect in EFFECTS if effect.plane and effect.on_request}
     assert radial == {"nonlinear_damping_radial", "drag_radial", "cubic_damping_radial", "dry_friction_radial"}
     usual = watched(record())
     assert not radial & {kind(name) for name in usual}
