@@ -50,7 +50,7 @@ DRIVE_SATURATION = Effect(
     name="drive_saturation",
     number=25,
     title="The drive amplifier stops short of what was commanded",
-    coefficients=(Coefficient(sx, "sx", 0.5), Coefficient(sy, "sy", 0.5)),
+    coefficients=(Coefficient(sx, "sx", 0.5, positive=True), Coefficient(sy, "sy", 0.5, positive=True)),
     parameters=(Parameter(limit, "limit", 1, -2),),
     signals=(Signal(limit, Source.PARAMETER),),
     force=(
@@ -69,7 +69,7 @@ DRIVE_DEAD_BAND = Effect(
     name="drive_dead_band",
     number=26,
     title="Small drives do nothing",
-    coefficients=(Coefficient(zx, "zx", 0.5), Coefficient(zy, "zy", 0.5)),
+    coefficients=(Coefficient(zx, "zx", 0.5, positive=True), Coefficient(zy, "zy", 0.5, positive=True)),
     parameters=(Parameter(band, "band", 1, -2),),
     signals=(Signal(band, Source.PARAMETER),),
     force=(-zx * clipped(ux, band), -zy * clipped(uy, band)),

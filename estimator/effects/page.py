@@ -1,7 +1,7 @@
 """The reference page of effects, written from their declarations: `python -m estimator.effects.page`."""
 
 from estimator.effects.catalogue import EFFECTS
-from estimator.effects.declaration import Effect, Parameter, Source
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Source
 from estimator.effects.equation import equations
 
 _INTRODUCTION = """\
@@ -10,13 +10,16 @@ _INTRODUCTION = """\
 What a gyro can have beyond the base model (2), as the observer can carry it. An effect is switched on in the bench
 file, `[effects.NAME]`, with initial values of its coefficients; they are estimated with everything else, and what the
 effect does is undone as its entry says. Per unit mass, SI; A is the nominal amplitude, omega0 the target frequency. In
-what is sensed, ux and uy are the drive that acted up to the sample. Generated: `python -m estimator.effects.page`.
+what is sensed, ux and uy are the drive that acted up to the sample; `sensed x` is the displacement that the voltage of
+its channel stands for, so that a coefficient in V counts over the declared sense gain. Generated:
+`python -m estimator.effects.page`.
 """
 
 _SIGNALS = {
     Source.COSINE: "cos(omega t)",
     Source.SINE: "sin(omega t)",
-    Source.TEMPERATURE: "measured temperature, less its first reading",
+    Source.TEMPERATURE: "measured temperature, less its first reading; the reading of a sample holds over the interval "
+    "that ends with it",
     Source.INTEGRAL: "∫ u{axis} dt, leaking at `{behind}`",
     Source.RESONATOR: "p of p̈ + 2 zeta omega ṗ + omega² p = u{axis}",
     Source.DIRECTION: "tanh(v{axis}/v0)",
@@ -42,7 +45,7 @@ def _entry(effect: Effect) -> str:
     if effect.declared_only:
         lines.append(f"- parameters, given and never estimated (no record could; no trace names it): {named}")
     else:
-        lines.append("- coefficients: " + ", ".join(f"`{c.name}` [{c.unit}]" for c in effect.coefficients))
+        lines.append("- coefficients: " + ", ".join(map(_coefficient, effect.coefficients)))
         if effect.parameters:
             lines.append(f"- parameters, given and not estimated (a trace searches for them): {named}")
             same = [f"`{p.name}` and `{p.found_as}`" for p in effect.parameters if p.found_as is not None]
@@ -59,6 +62,10 @@ def _entry(effect: Effect) -> str:
     lines.append(f"- undone: {effect.undone.value}")
     lines.append(f"- source: {effect.source}")
     return "\n".join(lines) + "\n"
+
+
+def _coefficient(c: Coefficient) -> str:
+    return f"`{c.name}` [{c.unit}]" + (" (one for both axes)" if c.is_shape else "")
 
 
 def _choices(parameter: Parameter) -> str:

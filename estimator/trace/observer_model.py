@@ -1,5 +1,6 @@
 """Models of two axes: the bench's observer, with what it carries, over the record; compared by their innovations."""
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -11,7 +12,7 @@ from estimator.effects.search import Search
 from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import of_resonance_alone, searched_by
+from estimator.trace.candidates import kind, of_resonance_alone, searched_by
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.criterion import TIE, chance_gain, schwarz
 from estimator.trace.engine import Estimate, Score, Trial, leader, unphysical
@@ -107,6 +108,8 @@ class ObserverModel:
         models |= dict(zip(going_on, ends, strict=True))
         near = worth_refining(models, base, gains, look.watched)
         near = [name for name in near if not self._is_reversed(models[name], name)]
+        seen = {name: trial.fit.fitted for name, trial in tried.items()} | models
+        models |= {name: self._between(current, seen, name) for name in near}
         following = worth_following(models, base, gains, look.watched, near)
         for done, name in enumerate(near, 1):
             best = max(base.likelihood + reached, *(fitted.likelihood for fitted in models.values()))
@@ -128,6 +131,21 @@ class ObserverModel:
             else:
                 found[name] = Carrying(self.problem, fitted, {**current.searched, name: searched.get(name, NOTHING)})
         return found
+
+    def _between(self, current: Carrying, models: Mapping[str, Fitted], name: str) -> Fitted:
+        """The model of `name`, or, where that is the likelier, one halfway between its parameter and that of the next
+        of its kind, by the geometric mean: a search may come from neither to a top that lies between them.
+        """
+        mine = models[name]
+        others = [other for other in models if other != name and kind(other) == kind(name)]
+        parameters = parameters_of(mine, name)
+        if not others or len(parameters) != 1 or "omega" in parameters:
+            return mine
+        next_best = max(others, key=lambda other: models[other].likelihood)
+        theirs = parameters_of(models[next_best], next_best)
+        middle = {which: math.sqrt(value * theirs[which]) for which, value in parameters.items()}
+        effects = {**coefficients_of(current.fitted.observer), name: middle}
+        return max(mine, fit(self.problem.carrying(effects)), key=lambda fitted: fitted.likelihood)
 
     def score(self, current: Carrying, look: Look, fits: Mapping[str, Carrying]) -> Mapping[str, Score]:
         """Each number that an effect has is paid for: a drive that saturates at nothing is one of another gain, with a

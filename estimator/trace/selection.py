@@ -85,7 +85,10 @@ def select(problem: Problem, progress: Progress) -> Selection:
     chosen = pruned(family, found)
     more = problem.part(slice(0, _SET.confirmed))
     long = len(problem.record) >= _SET.worth_more * len(compared.record)
-    if long or (len(more.record) > len(compared.record) and shows_later(more, chosen.fit.fitted)):
+    longer = len(more.record) > len(compared.record)
+    kept = [step for step in chosen.steps if step.name in chosen.gains]
+    tied = len(more.record) >= _SET.worth_telling * len(compared.record) and any(map(rivals, kept))
+    if long or tied or (longer and shows_later(more, chosen.fit.fitted)):
         family = ObserverModel(more, progress)
         found = gone_on(family, chosen, RULES, rounds_done)
         chosen = pruned(family, found)

@@ -218,3 +218,17 @@ def test_units_are_those_of_the_laws():
     units = {c.name: c.unit for e in EFFECTS for c in e.coefficients}
     assert (units["dcx"], units["dqx"], units["fx"], units["d3x"]) == ("s/m²", "1/m", "m/s²", "1/(m²·s)")
     assert (units["k3x"], units["k2x"], units["kn"], units["qx"]) == ("1/(m²·s²)", "1/(m·s²)", "1/s²", "s²/m")
+
+
+def test_a_drive_that_is_gone_and_a_dead_band_that_adds_would_be_a_saturation() -> None:
+    """(1 + h) u − z clip(u) at h = z = −1 is clip(u): a share that is lost is therefore no less than nothing."""
+    named = {effect.name: effect for effect in EFFECTS}
+    gain, band, limit = (named[name] for name in ("drive_gain", "drive_dead_band", "drive_saturation"))
+    two = (
+        ux + gain.force[0].subs({gain.coefficients[0].symbol: -1}) + band.force[0].subs(band.coefficients[0].symbol, -1)
+    )
+    one = ux + limit.force[0].subs(limit.coefficients[0].symbol, 1)
+    places = {band.parameters[0].symbol: 0.6, limit.parameters[0].symbol: 0.6}
+    for drive in (-1.3, -0.2, 0.4, 2.0):
+        assert float(two.subs(places).subs(ux, drive)) == pytest.approx(float(one.subs(places).subs(ux, drive)))
+    assert all(c.positive for effect in (band, limit) for c in effect.coefficients)

@@ -127,6 +127,49 @@ def test_no_search_for_the_corner_of_a_filter_that_would_have_to_run_backwards(
     assert asked == ([name] if searched else [])
 
 
+@pytest.mark.parametrize(
+    ("watched", "between"),
+    [
+        ({"dry_friction:1": {"v0": 1.0}, "dry_friction:2": {"v0": 9.0}, "dry_friction:3": {"v0": 4.0}}, 3.0),
+        ({"dry_friction:1": {"v0": 1.0}, "drive_saturation": {"v0": 9.0}}, None),  # another kind
+        ({"interference:1": {"omega": 1.0}, "interference:2": {"omega": 9.0}}, None),  # two lines are two
+        ({"dry_friction:1": {"v0": 1.0, "vs": 2.0}, "dry_friction:2": {"v0": 9.0, "vs": 2.0}}, None),
+    ],
+)
+@pytest.mark.parametrize("earlier", [True, False])
+def test_a_search_begins_between_two_of_a_kind_where_that_is_better(
+    monkeypatch: pytest.MonkeyPatch, fits: Any, watched: Any, between: float | None, *, earlier: bool
+) -> None:
+    """At the geometric mean of the best and the next best of its kind, wherever that was carried."""
+    names = list(watched)
+    worth = {name: 1500.0 - 100.0 * place for place, name in enumerate(names)}
+
+    def fit(asked: Problem, passes: int = 2, *, again: bool = True) -> Any:
+        ((name, given),) = ((name, given) for name, given in asked.effects.items() if name != "known")
+        at = given.get("v0", given.get("omega"))
+        return fitted(dict(asked.effects), 1600.0 if at == between else worth[name], settled=again)
+
+    monkeypatch.setattr(observer_model, "fit", fit)
+    monkeypatch.setattr(observer_model, "finished", lambda asked, model: model)
+    monkeypatch.setattr(observer_model, "worth_refining", lambda *asked: [names[0]])
+    monkeypatch.setattr(observer_model, "worth_following", lambda *asked: {})
+    begun: list[Any] = []
+
+    def refine(problem: Problem, model: Any, name: str, *, to_beat: float) -> Any:
+        begun.append((name, model.settings.effects[name], model.likelihood))
+        return model, NOTHING
+
+    monkeypatch.setattr(observer_model, "refine_parameters", refine)
+    look: Any = SimpleNamespace(watched=watched)
+    before = names[1:] if earlier else []
+    tried = {name: trial(name, worth[name] - 1000.0, worth[name]) for name in before}
+    for name in before:
+        tried[name].fit.fitted.settings.effects[name].update(watched[name])
+    ObserverModel(PROBLEM).fit(BASE, look, [name for name in names if name not in before], tried)
+    expected = watched[names[0]] if between is None else {"v0": between}
+    assert begun == [(names[0], expected, 1500.0 if between is None else 1600.0)]
+
+
 @pytest.mark.parametrize("better", [True, False])
 def test_what_has_the_parameter_of_another_that_was_searched_follows_it_where_it_is_better_there(
     monkeypatch: pytest.MonkeyPatch, fits: Any, *, better: bool

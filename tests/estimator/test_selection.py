@@ -106,6 +106,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         likelihood: float = 0.0,
         widened: float = 1.0,
         later: bool = False,
+        told_apart: tuple[str, ...] = (),
     ) -> tuple[Bench, Any]:
         made = Bench(taken, taken if kept is None else kept, more=more, likelihood=likelihood)
         monkeypatch.setattr(selection, "_SET", replace(selection._SET, compared=COMPARED, confirmed=CONFIRMED))
@@ -120,7 +121,11 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         monkeypatch.setattr(selection, "widening", lambda model: widened)
         monkeypatch.setattr(selection, "coefficients_of", lambda observer: {name: {} for name in observer.effects})
         monkeypatch.setattr(selection, "effects_of", lambda model, searched: {n: {} for n in model.observer.effects})
-        monkeypatch.setattr(selection, "rivals", lambda step: {f"rival of {step.name}": None})
+        monkeypatch.setattr(
+            selection,
+            "rivals",
+            lambda step: {} if step.name in told_apart else {f"rival of {step.name}": None},
+        )
         monkeypatch.setattr(selection, "accounts", lambda step, look: (step.name, look))
         monkeypatch.setattr(selection, "left_out", lambda look: ("left out", look))
         told: list[tuple[str, int, int]] = []
@@ -161,7 +166,7 @@ def test_candidates_compete_on_a_part_and_the_models_before_and_after_are_of_the
 
 @pytest.mark.parametrize("samples", [4 * COMPARED - 1, 4 * COMPARED, CONFIRMED + 1])
 def test_the_choice_of_a_record_four_times_as_long_is_held_to_more_of_it(bench: Any, samples: int) -> None:
-    made, found = bench(samples, ("drive_gain",))
+    made, found = bench(samples, ("drive_gain",), told_apart=("drive_gain",))
     if samples < 4 * COMPARED:
         assert made.held == []
         return
@@ -174,6 +179,24 @@ def test_the_choice_of_a_record_four_times_as_long_is_held_to_more_of_it(bench: 
     assert {length for length, *_ in whole} == {samples}
     assert len(made.searched) == (samples > CONFIRMED)
     assert found.samples == samples
+
+
+@pytest.mark.parametrize(
+    ("samples", "told_apart", "held"),
+    [
+        (2 * COMPARED - 1, (), False),
+        (2 * COMPARED, (), True),
+        (2 * COMPARED, ("drive_gain",), False),
+        (2 * COMPARED, ("drive_gain", "line"), False),
+        (2 * COMPARED, ("line",), True),
+    ],
+)
+def test_the_choice_of_a_record_twice_as_long_is_held_to_more_of_it_where_the_beginning_does_not_tell_some_apart(
+    bench: Any, samples: int, told_apart: tuple[str, ...], *, held: bool
+) -> None:
+    """Whoever was taken and not kept does not matter."""
+    made, _ = bench(samples, ("drive_gain", "gone"), ("drive_gain",), told_apart=told_apart)
+    assert [one[0] for one in made.held] == ([samples] if held else [])
 
 
 @pytest.mark.parametrize("samples", [COMPARED, COMPARED + 1])
