@@ -85,6 +85,7 @@ _TRACE = {
     "pool.model": "pool",
     "pool.trace": "pool",
     "prediction": "prediction fitting",
+    "prediction_error": "prediction_error",
     "probability": "probability rivals closed_forms",
     "problem": "problem",
     "promises": "promises promised conflict closed_forms",

@@ -361,3 +361,26 @@ def test_a_rival_that_the_observer_loses_is_not_searched(monkeypatch: pytest.Mon
     found = selection.instead(problem(COMPARED), made.selection, "sense_delay", "drive_delay")
     assert made.refined == []
     assert found.searched["drive_delay"] == "how surely"
+
+
+def test_what_is_fitted_by_the_likelihood_itself_is_the_model_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, asked = SimpleNamespace(name="exact"), problem(COMPARED)
+    none: Any = {}
+    before = selection.Selection(
+        effects={"drag": {"dqx": 1.0}}, rounds=(), alike=none, rivals=none, accounts=none,
+        before=none, after=none, gain={"drag": 500.0}, searched={"drag": NOTHING}, patchwork=False,
+    )  # fmt: skip
+
+    def exact(given: Problem, model: Any) -> Any:
+        assert (given, model) == (asked, before.after)
+        return made
+
+    def effects_of(model: Any, searched: Any) -> Any:
+        assert (model, searched) == (made, before.searched)
+        return {"drag": {"dqx": 2.0}}
+
+    monkeypatch.setattr(selection, "by_prediction_error", exact)
+    monkeypatch.setattr(selection, "effects_of", effects_of)
+    found = selection.exactly(asked, before)
+    assert (found.after, found.effects) == (made, {"drag": {"dqx": 2.0}})
+    assert found == replace(before, after=made, effects=found.effects)
