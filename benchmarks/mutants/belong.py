@@ -98,6 +98,7 @@ _TRACE = {
     "searched": "same_number certainty",
     "selection": "selection",
     "separation": "separation",
+    "sidebands": "sidebands",
     "start": "start fitting closed_forms",
     "symmetries": "symmetries",
     "tracing": "promised answer",

@@ -22,6 +22,7 @@ from estimator.trace.nameless import contest
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Level, Vote, is_positive
 from estimator.trace.selection import Selection
+from estimator.trace.sidebands import sidebands
 
 
 def claim_of(problem: Problem, selection: Selection, before: Examination, after: Examination, split: int) -> Claim:
@@ -46,6 +47,7 @@ def claim_of(problem: Problem, selection: Selection, before: Examination, after:
         votes=_votes(problem, before, after, split),
         contest=contested,
         departures=departures,
+        sidebands=sidebands(problem.record.part(slice(0, split)), selection.effects, effects),
     )
 
 

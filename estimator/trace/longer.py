@@ -82,8 +82,10 @@ def gone_on(
 
 
 def _over(problem: Problem, found: Carrying) -> Carrying:
-    """A model of the beginning over the record of `problem`, its parameters where they are best there."""
-    fitted = fit(problem.under(found.fitted.settings), passes=1, about=found.fitted.observer)
+    """A model of the beginning over the record of `problem`, its parameters where they are best there; by as many
+    passes as those that it is compared with, for one about what the beginning told has less of its start in it.
+    """
+    fitted = fit(problem.under(found.fitted.settings))
     searched = dict(found.searched)
     for name, known in searched.items():
         if math.isfinite(fitted.likelihood):

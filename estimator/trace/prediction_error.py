@@ -37,7 +37,8 @@ def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
     covariance = _covariance(observer, names)
     unit = np.sqrt(np.diagonal(covariance))
     # A hundredth of what noise tells, in directions that it tells apart, also where some are known together only.
-    steps = 0.01 * np.linalg.cholesky(covariance / np.outer(unit, unit))
+    correlation = covariance / np.outer(unit, unit) + 1e-9 * np.eye(len(names))  # of which one may hang on the others
+    steps = 0.01 * np.linalg.cholesky(correlation)
 
     def held_at(unknown: Array) -> tuple[Observer, Estimates]:
         values = dict(zip(names, (unknown * unit).tolist(), strict=True))

@@ -17,6 +17,7 @@ from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
+from estimator.trace.sidebands import Sidebands
 
 _SET = THRESHOLDS.promises
 
@@ -154,6 +155,7 @@ class Claim:
     contest: Contest | None = None
     departures: Mapping[str, Departure] = field(default_factory=dict)
     observed: Errors | None = None
+    sidebands: tuple[Sidebands, ...] = ()
 
 
 def fell(claim: Claim) -> tuple[str, ...]:
@@ -264,6 +266,15 @@ def constant(claim: Claim) -> tuple[str, ...]:
     )
 
 
+def apart(claim: Claim) -> tuple[str, ...]:
+    """Each line has a source of its own; two that lie to either side of the vibration have one, which modulates it."""
+    return tuple(
+        f"{_plain(one.below)} and {_plain(one.above)} lie {one.distance:.4g} Hz to either side of the vibration: "
+        "something that modulates it acts like them"
+        for one in claim.sidebands
+    )
+
+
 def outdone(claim: Claim) -> tuple[str, ...]:
     """Where something stood there for sure, a name that does as well as a force without one is good for a part: less
     only if the force is ahead by as much as tells two accounts apart.
@@ -275,7 +286,7 @@ def outdone(claim: Claim) -> tuple[str, ...]:
 
 
 GUARDS: tuple[Callable[[Claim], tuple[str, ...]], ...] = (
-    fell, observed, at_floor, signs, beyond_zero, constants, levels, votes, nameless, constant,
+    fell, observed, at_floor, signs, beyond_zero, constants, levels, votes, nameless, constant, apart,
 )  # fmt: skip
 """All that must hold of what is explained."""
 

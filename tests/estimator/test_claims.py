@@ -238,6 +238,7 @@ def test_a_claim_is_of_all_that_may_speak_against_it(monkeypatch: pytest.MonkeyP
     for name, answer in (("_rate", ("r",)), ("_levels", ("l",)), ("_votes", ("v",)), ("_departures", {"d": 1})):
         monkeypatch.setattr(claims, name, noting(name, answer))
     monkeypatch.setattr(claims, "contest", noting("contest", "contest"))
+    monkeypatch.setattr(claims, "sidebands", noting("sidebands", ("s",)))
     monkeypatch.setattr(claims, "log_likelihood", lambda innovation, deviation: float(np.sum(innovation * deviation)))
     fit = SimpleNamespace(innovation_rms=(2.0, 2.0), noise_floor=(1.0, 1.0))
     before, after = (
@@ -248,13 +249,15 @@ def test_a_claim_is_of_all_that_may_speak_against_it(monkeypatch: pytest.MonkeyP
         for name, size in (("was", 1.0), ("now", 3.0))
     )  # fmt: skip
     given = problem()
-    selection: Any = SimpleNamespace(coefficients={"drag": {}, "sense_gain": {}}, after="model")
+    selection: Any = SimpleNamespace(coefficients={"drag": {}, "sense_gain": {}}, after="model", effects="all")
     claim = claims.claim_of(given, selection, before, after, SPLIT)  # type: ignore[arg-type]
     assert set(claim.effects) == {"sense_gain"}  # the drag was known
     assert claim.residual.gain == 2.0 * 2 * (N - SPLIT)
     assert claim.residual.samples == 2 * (N - SPLIT)
     assert (claim.constants, claim.levels, claim.votes) == (("k", "r"), ("l",), ("v",))
-    assert (claim.contest, claim.departures) == ("contest", {"d": 1})
+    assert (claim.contest, claim.departures, claim.sidebands) == ("contest", {"d": 1}, ("s",))
+    assert len(asked["sidebands"][0]) == SPLIT
+    assert asked["sidebands"][1:] == ("all", claim.effects)
     assert asked["constants"] == (given, "model")
     assert asked["_rate"] == (given, after, SPLIT)
     assert asked["_levels"] == (given, selection, claim.effects, SPLIT)

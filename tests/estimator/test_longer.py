@@ -12,10 +12,15 @@ from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import fitting, longer
 from estimator.trace.engine import Chosen, Dissent, Estimate, Outcome, Round, Rules, Score, Step, Trial, Tried
+from estimator.trace.fitting import fit
 from estimator.trace.longer import gone_on, shows_later
+from estimator.trace.observer_model import Carrying
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING
 from tests.estimator.device import NOMINAL as DEVICE
+from tests.estimator.test_conflict import DEVICE as FREE
+from tests.estimator.test_conflict import SETTINGS
+from tests.estimator.test_conflict import record as free_record
 
 BEGINNING, LONGER = 100, 400
 RULES = Rules(3, Dissent.ENDS, anew=True, near=0.9)
@@ -137,10 +142,10 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Bench]:
     return lambda **gains: Bench(monkeypatch, gains)
 
 
-def test_the_model_goes_over_the_longer_record_about_what_it_was_and_is_searched_from_there(bench: Any) -> None:
+def test_the_model_goes_over_the_longer_record_from_what_it_was_and_is_searched_from_there(bench: Any) -> None:
     made = bench(drag=200.0, delay=90.0)
     found = gone_on(made, on_the_beginning(("drag", "delay")), RULES)
-    assert made.fits == [(LONGER, ("drag", "delay"), 1, ("drag", "delay"))]
+    assert made.fits == [(LONGER, ("drag", "delay"), 2, None)]
     assert made.refined == [("drag", LONGER, "searched drag"), ("delay", LONGER, "searched delay")]
     ((start, rules),) = made.chosen
     assert (start.fitted.observer, start.searched) == (
@@ -167,7 +172,7 @@ def test_what_shows_on_the_longer_record_only_is_taken_behind_the_rest(bench: An
 def test_nothing_on_the_beginning_is_looked_for_on_the_longer_record(bench: Any) -> None:
     made = bench()
     found = gone_on(made, on_the_beginning(()), RULES)
-    assert made.fits == [(LONGER, (), 1, ())]
+    assert made.fits == [(LONGER, (), 2, None)]
     assert made.chosen[0][1].most == 3
     assert [one.look for one in found.rounds] == ["last look"]
 
@@ -276,3 +281,14 @@ def test_a_model_at_the_floor_on_the_beginning_may_leave_something_later(
     )
     assert shows_later(problem(LONGER), model) is expected
     assert asked in ([], [(("drag",), 1, "its observer")])
+
+
+@pytest.mark.moderate
+def test_over_the_longer_record_a_model_has_the_likelihood_of_one_that_was_not_on_the_beginning() -> None:
+    """What was taken there competes with what was not; one pass about the beginning lost 17 to two passes."""
+    whole = Problem(free_record(1.0), FREE, SETTINGS)
+    part = whole.part(slice(0, len(whole.record) // 3))
+    effects = {"drag": {"dqx": 0.0, "dqy": 0.0}}
+    found = longer._over(whole, Carrying(part, fit(part.carrying(effects))))
+    fresh = fit(whole.carrying(effects))
+    assert found.fitted.likelihood == pytest.approx(fresh.likelihood, abs=0.5)

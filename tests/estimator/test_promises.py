@@ -13,6 +13,7 @@ from estimator.trace.criterion import TIE
 from estimator.trace.engine import Estimate
 from estimator.trace.nameless import Contest
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Level, Vote
+from estimator.trace.sidebands import Sidebands
 
 SURE = Estimate(0.05, 0.04, 0.06)
 HOLDS = Claim(
@@ -59,6 +60,7 @@ def test_what_holds_has_nothing_against_it() -> None:
         ("observed", {"observed": Errors(1.2, 1.4, 1.0, 1e5)}),
         ("observed", {"observed": Errors(1.2, math.nan, 1.0, 1e5)}),
         ("fell", {"residual": Errors(1.00, 1.01, 1.0, 1e5, gain=3.0)}),
+        ("apart", {"sidebands": (Sidebands("base_vibration:1", "interference:2", 89.2),)}),
     ],
 )
 def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: dict) -> None:
@@ -431,3 +433,13 @@ def test_what_the_bench_file_says_more_of_than_the_record_is_not_determined() ->
     assert said == "the record does not determine dyy: it says less of it than the bench file"
     (said,) = promises.undetermined(replace(HOLDS, constants=(constant("dyy", 1.001), constant("dxy", 2.0))))
     assert said == "the record does not determine dyy and dxy: it says less of each than the bench file"
+
+
+def test_sidebands_of_what_modulates_may_be_said_to_act_like_lines() -> None:
+    pair = replace(HOLDS, sidebands=(Sidebands("base_vibration:1", "interference:2", 89.2),))
+    (said,) = promises.apart(pair)
+    assert said == (
+        "base vibration:1 and interference:2 lie 89.2 Hz to either side of the vibration: something that modulates it "
+        "acts like them"
+    )
+    assert promises.holds_in_part(pair)
