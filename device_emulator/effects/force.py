@@ -59,7 +59,7 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
     ForceKind.CUBIC_STIFFNESS: Declaration("-k3x x^3, -k3y y^3", per_axis("k3", "1/(m²·s²)")),
     ForceKind.CUBIC_ISOTROPIC: Declaration("-k3 r^2 (x, y)", (Coefficient("k3", "1/(m²·s²)"),)),
     ForceKind.QUINTIC_STIFFNESS: Declaration("-k5x x^5, -k5y y^5", per_axis("k5", "1/(m⁴·s²)")),
-    ForceKind.QUINTIC_ISOTROPIC: Declaration("-k5 r^4 (x, y)", (Coefficient("k5", "1/(m⁴·s²)"),)),
+    ForceKind.QUINTIC_ISOTROPIC: Declaration("-k5r r^4 (x, y)", (Coefficient("k5r", "1/(m⁴·s²)"),)),
     ForceKind.QUADRATIC_STIFFNESS: Declaration("-k2x x^2, -k2y y^2", per_axis("k2", "1/(m·s²)")),
     ForceKind.NONLINEAR_DAMPING: Declaration("-d3x x^2 x', -d3y y^2 y'", per_axis("d3", "1/(m²·s)")),
     ForceKind.DRY_FRICTION: Declaration("-fx tanh(x'/v0), -fy tanh(y'/v0)", _FRICTION),

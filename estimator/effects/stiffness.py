@@ -6,7 +6,7 @@ from estimator.effects.declaration import Coefficient, Effect, Signal, Source, U
 from estimator.effects.search import EVEN, LINEAR, ODD, Kin, Sign
 from estimator.model.gyro import x, y
 
-k3x, k3y, k3, k5x, k5y, k5, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k5x k5y k5 k2x k2y kn ax ay")
+k3x, k3y, k3, k5x, k5y, k5r, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k5x k5y k5r k2x k2y kn ax ay")
 khx, khy, reach, slipx, slipy = sp.symbols("khx khy reach slipx slipy")
 kpx, kpy, half_width, stopx, stopy = sp.symbols("kpx kpy half_width stopx stopy")
 
@@ -95,8 +95,8 @@ QUINTIC_ISOTROPIC = Effect(
     name="quintic_isotropic",
     number=45,
     title="Stiffness of the fifth order along the radius",
-    coefficients=(Coefficient(k5, "k5", 0.05, -4, -2),),
-    force=(-k5 * (x**2 + y**2) ** 2 * x, -k5 * (x**2 + y**2) ** 2 * y),
+    coefficients=(Coefficient(k5r, "k5r", 0.05, -4, -2),),
+    force=(-k5r * (x**2 + y**2) ** 2 * x, -k5r * (x**2 + y**2) ** 2 * y),
     source="next term after the cubic one of a potential that depends on the radius only",
     signature="frequency pulled with the fourth power of the amplitude",
     undone=Undone.CANCEL,

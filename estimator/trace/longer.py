@@ -13,22 +13,25 @@ from functools import partial
 from estimator.side_by_side import side_by_side
 from estimator.trace.engine import Chosen, Rules, Step, Trial, choose, exchanged, plainest, unphysical
 from estimator.trace.fitting import Fitted, coefficients_of, fit, is_as_predicted, parameters_of
-from estimator.trace.look import Look
+from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.observer_model import Carrying, ObserverModel
 from estimator.trace.parameters import refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.rivals import Rival, rivals
 from estimator.trace.searched import NOTHING
+from estimator.trace.width import leaders
 
 
 def shows_later(problem: Problem, model: Fitted) -> bool:
     """Whether a model of the beginning, at the floor there, leaves something over the record of `problem`, which is
-    more of it: what acts by the amplitude or the rate may show only when those have moved.
+    more of it, or an effect promises something there: what acts by the amplitude, the rate or the angle may show only
+    when those have moved, and what the constants took up on the beginning they may not take up on the rest.
     """
     if not is_as_predicted(model):
         return False
-    return not is_as_predicted(fit(problem.under(model.settings), passes=1, about=model.observer))
+    later = fit(problem.under(model.settings), passes=1, about=model.observer)
+    return not is_as_predicted(later) or bool(leaders(look_at(problem, later)))
 
 
 def gone_on(

@@ -1,5 +1,6 @@
 """How many candidates are carried, and which: the one place that says so for two axes."""
 
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 
 from estimator.effects.search import Search
@@ -37,21 +38,21 @@ def hopeful(
     the tried; screened: those that a short part of the record speaks for, less for those that are spared; calm: whether
     the drive is of the resonance alone.
     """
-    leaders = with_simpler(shortlist(look.seen, look.serious) or _rough_leaders(look), look.evidence)
+    first = with_simpler(leaders(look), look.evidence)
     if not gains:
-        return leaders
+        return first
     asked = {*gains, *refused}
-    best_leader = max(gains[name] for name in gains if name in leaders)
-    near = with_simpler(within_reach(look.serious, leaders, best_leader), look.evidence)
+    best_leader = max(gains[name] for name in gains if name in first)
+    near = with_simpler(within_reach(look.serious, first, best_leader), look.evidence)
     if names := [name for name in near if name not in asked]:
         return names
-    near += with_simpler(looking_like(look, [*leaders, *near], gains), look.evidence)
+    near += with_simpler(looking_like(look, [*first, *near], gains), look.evidence)
     if names := [name for name in near if name not in asked]:
         return names
     best = max(gains, key=lambda name: gains[name])
     if names := kin_of(best, look.evidence, asked):
         return names
-    if any(name not in (*leaders, *near) and not are_kin(best, name) for name in asked):
+    if any(name not in (*first, *near) and not are_kin(best, name) for name in asked):
         return []
     # Would another have explained that, too?  Far from the truth, the scan is a rough guide.
     others = second_thoughts(look.evidence, asked)
@@ -65,12 +66,16 @@ def _stands_far(look: Look) -> bool:
     return look.seen.ratio**2 > 1.0 + _SET.power
 
 
-def _rough_leaders(look: Look) -> list[str]:
-    """Where nothing is serious and much is seen: the best of each kind, by what it promises.
+def leaders(look: Look) -> list[str]:
+    """Who is carried first: the leaders of those that are serious (`shortlist`); where nobody is, the best of each kind
+    that promises more than chance gives, or of all where much is seen, by what it promises.
 
     Far from the truth the scan is a rough guide, and the true effect may scatter from part to part as the others do.
     """
-    return second_thoughts(look.evidence, ())[: _SET.leaders] if _stands_far(look) else []
+    if serious := shortlist(look.seen, look.serious):
+        return serious
+    bar = -math.inf if _stands_far(look) else chance_gain(_SET.degrees, len(look.evidence))
+    return [name for name in second_thoughts(look.evidence, ()) if look.evidence[name].gain > bar][: _SET.leaders]
 
 
 def is_small(left: Look, gained: float) -> bool:

@@ -103,7 +103,7 @@ def _quintic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
 
 
 def _quintic_isotropic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-    return _one("quintic_isotropic", size, k5=_sign(rng) * size * d.omega**2 / d.amplitude_m**4)
+    return _one("quintic_isotropic", size, k5r=_sign(rng) * size * d.omega**2 / d.amplitude_m**4)
 
 
 def _quadratic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:

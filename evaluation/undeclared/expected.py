@@ -28,7 +28,7 @@ _SAME = {
     "cubic_stiffness": ("k3x", "k3y"),
     "cubic_isotropic": ("k3",),
     "quintic_stiffness": ("k5x", "k5y"),
-    "quintic_isotropic": ("k5",),
+    "quintic_isotropic": ("k5r",),
     "quadratic_stiffness": ("k2x", "k2y"),
     "nonreciprocal_stiffness": ("kn",),
     "nonlinear_damping": ("d3x", "d3y"),

@@ -89,7 +89,7 @@ def test_hidden_effects_leave_the_noise_alone() -> None:
 def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: IntEnum) -> None:
     """Each coefficient, moved alone, shows in the codes."""
     sizes = {
-        "k3x": 1e13, "k3y": 1e13, "k3": 1e13, "k5x": 1e21, "k5y": 1e21, "k5": 1e21, "k2x": 1e9, "k2y": 1e9,
+        "k3x": 1e13, "k3y": 1e13, "k3": 1e13, "k5x": 1e21, "k5y": 1e21, "k5r": 1e21, "k2x": 1e9, "k2y": 1e9,
         "d3x": 1e9, "d3y": 1e9,
         "fx": 1.0, "fy": 1.0, "fr": 1.0, "stx": 1.0, "sty": 1.0, "d3r": 1e9, "dqx": 100.0, "dqy": 100.0, "dqr": 100.0,
         "dcx": 300.0, "dcy": 300.0, "dcr": 300.0, "dax": 30.0, "day": 30.0,

@@ -109,7 +109,7 @@ HIDDEN: dict[str, tuple[dict[str, float], Any]] = {
         lambda t, x, vx, y, vy: (-3e20 * x**5, 1e20 * y**5),
     ),
     "quintic_isotropic": (
-        {"k5": 2e20},
+        {"k5r": 2e20},
         lambda t, x, vx, y, vy: (-2e20 * (x * x + y * y) ** 2 * x, -2e20 * (x * x + y * y) ** 2 * y),
     ),
     "quadratic_stiffness": (

@@ -179,7 +179,7 @@ def test_the_gain_of_a_claim_is_that_of_the_part_held_out(monkeypatch):
         )
         for innovation in (series(3.0, 1.0), series(1.0, 1.1))
     )
-    selection = SimpleNamespace(coefficients={"drive_gain": {}, "drag": {}}, after=None)
+    selection = SimpleNamespace(coefficients={"drive_gain": {}, "drag": {}}, after=None, effects={"drag": {}})
     claim = claims.claim_of(problem(), selection, was, now, SPLIT)
     assert claim.residual.gain == pytest.approx(2 * (N - SPLIT) * (1.0 - 1.21))
     assert not claim.residual.fell

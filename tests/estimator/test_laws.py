@@ -67,8 +67,8 @@ FORCES: dict[str, Law] = {
     "cubic_isotropic": lambda s, c, g: (-c.k3 * s.x * (s.x**2 + s.y**2), -c.k3 * s.y * (s.x**2 + s.y**2)),
     "quintic_stiffness": lambda s, c, g: (-c.k5x * s.x**5, -c.k5y * s.y**5),
     "quintic_isotropic": lambda s, c, g: (
-        -c.k5 * s.x * (s.x**2 + s.y**2) ** 2,
-        -c.k5 * s.y * (s.x**2 + s.y**2) ** 2,
+        -c.k5r * s.x * (s.x**2 + s.y**2) ** 2,
+        -c.k5r * s.y * (s.x**2 + s.y**2) ** 2,
     ),
     "quadratic_stiffness": lambda s, c, g: (-c.k2x * s.x**2, -c.k2y * s.y**2),
     "nonreciprocal_stiffness": lambda s, c, g: (-c.kn * s.y, c.kn * s.x),

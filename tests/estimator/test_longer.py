@@ -260,11 +260,17 @@ def test_a_model_that_the_observer_loses_stays_as_it_was_chosen(bench: Any) -> N
 
 
 @pytest.mark.parametrize(
-    ("on_the_beginning", "over_more", "expected"),
-    [(1.0, 1.0, False), (1.02, 1.03, True), (1.03, 1.03, False), (1.0, float("nan"), True)],
+    ("on_the_beginning", "over_more", "promising", "expected"),
+    [
+        (1.0, 1.0, [], False),
+        (1.0, 1.0, ["dry_friction"], True),  # too small to leave much, and more than chance
+        (1.02, 1.03, [], True),
+        (1.03, 1.03, ["dry_friction"], False),
+        (1.0, float("nan"), [], True),
+    ],
 )
 def test_a_model_at_the_floor_on_the_beginning_may_leave_something_later(
-    monkeypatch: pytest.MonkeyPatch, on_the_beginning: float, over_more: float, *, expected: bool
+    monkeypatch: pytest.MonkeyPatch, on_the_beginning: float, over_more: float, promising: Any, *, expected: bool
 ) -> None:
     """Within 5 % of the predicted power, as one that explains a record is; what the observer loses is not."""
     widened = {BEGINNING: on_the_beginning, LONGER: over_more}
@@ -276,6 +282,8 @@ def test_a_model_at_the_floor_on_the_beginning_may_leave_something_later(
 
     monkeypatch.setattr(longer, "fit", over)
     monkeypatch.setattr(fitting, "widening", lambda model: widened[model.samples])
+    monkeypatch.setattr(longer, "look_at", lambda of, model: (len(of.record), model.samples))
+    monkeypatch.setattr(longer, "leaders", lambda seen: {(LONGER, LONGER): promising}[seen])
     model: Any = SimpleNamespace(
         samples=BEGINNING, settings=ObserverSettings(effects={"drag": {}}), observer="its observer"
     )

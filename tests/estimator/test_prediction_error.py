@@ -135,19 +135,19 @@ def test_a_coefficient_counts_by_itself_and_a_constant_that_is_known_exactly_sta
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_intervals_of_an_axis_at_rest_hold_the_truth_where_those_of_the_filter_do_not() -> None:
-    """Of 30 of 95 %, fewer than 24 hold it once in 10⁴.  The stiffness is declared 2 % off, as it may be."""
+    """Of 20 of 95 %, fewer than 16 hold it three times in 10³.  The stiffness is declared 2 % off, as it may be."""
     settings = replace(SETTINGS, spread=replace(SETTINGS.spread, rate=0.2, stiffness=0.02))
     kxx, kyy, kxy = STIFFNESS
     device = replace(DECLARED, stiffness=(kxx, 1.02 * kyy, kxy))
     misses = {"filter": 0, "likelihood": 0}
-    for seed in range(30):
+    for seed in range(20):
         problem = Problem(record(100 + seed, 1e-4), device, settings)
         model = fit(problem)
         for name, each in (("filter", model), ("likelihood", by_prediction_error(problem, model))):
             damping, sure = value(each, "dyy")
             misses[name] += abs(damping - DAMPING[1]) > 1.96 * sure
-    assert misses["likelihood"] <= 6
-    assert misses["filter"] > 6
+    assert misses["likelihood"] <= 4
+    assert misses["filter"] > 4
 
 
 def test_what_is_held_keeps_its_value_and_what_is_assumed_is_known_so_well() -> None:
