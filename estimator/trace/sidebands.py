@@ -43,10 +43,9 @@ def vibration_of(record: Record) -> float:
     sensed = np.stack([_bridged(channel) for channel in record.sense.T])
     window = np.hanning(sensed.shape[1])
     power = np.sum(np.abs(np.fft.rfft((sensed - sensed.mean(axis=1, keepdims=True)) * window)) ** 2, axis=0)
-    peak = int(np.clip(np.argmax(power), 1, len(power) - 2))
-    low, here, high = np.log(power[peak - 1 : peak + 2] + np.finfo(float).tiny)
-    bent = low - 2.0 * here + high
-    shift = 0.5 * (low - high) / bent if bent < 0.0 else 0.0
+    peak = 1 + int(np.argmax(power[1:-1]))
+    low, here, high = np.log(power[peak - 1 : peak + 2])
+    shift = 0.5 * (low - high) / (low - 2.0 * here + high)
     return float((peak + shift) / np.sum(record.step))
 
 

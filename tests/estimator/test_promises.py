@@ -443,3 +443,13 @@ def test_sidebands_of_what_modulates_may_be_said_to_act_like_lines() -> None:
         "acts like them"
     )
     assert promises.holds_in_part(pair)
+
+
+def test_how_much_went_is_told_where_most_is_left() -> None:
+    """(1.0324² − 1.0303²) / (1.0324² − 1) is 6.6 %."""
+    few = replace(HOLDS, residual=Errors(1.0324, 1.0303, 1.0, 1e6, 1e6, gain=60.0))
+    (said,) = promises.at_floor(few)
+    assert said == ("of what stood above the noise floor on the part held out 7% went: 1.03 × the noise floor is left")
+    rose = replace(HOLDS, residual=Errors(1.0303, 1.0324, 1.0, 1e6, 1e6, gain=60.0))
+    (said,) = promises.at_floor(rose)
+    assert "part held out 0% went" in said
