@@ -134,12 +134,13 @@ def test_a_coefficient_counts_by_itself_and_a_constant_that_is_known_exactly_sta
 
 def test_what_is_declared_counts_as_much_more_as_the_innovations_are_larger() -> None:
     """A sensor that is twice as noisy as declared tells no more of a damping than one that is declared so."""
-    given = record(9, 4e-4)
+    given = record(9, 1e-4)
     right = Problem(given, DECLARED, SETTINGS)
     wrong = Problem(given, replace(DECLARED, noise=(1.25e-4, 1.25e-4)), SETTINGS)
     known, found = (value(by_prediction_error(one, fit(one)), "dyy") for one in (right, wrong))
-    assert found[0] == pytest.approx(known[0], abs=0.2 * known[1])
-    assert found[1] == pytest.approx(known[1], rel=0.1)
+    assert found[0] == pytest.approx(known[0], abs=0.3 * known[1])
+    assert found[1] == pytest.approx(known[1], rel=0.05)
+    assert known[1] > 0.5 * SPREAD  # the record says as little as what is declared
 
 
 @pytest.mark.slow

@@ -14,7 +14,8 @@ def record(vibration: float = VIBRATION, *, lost: bool = False) -> Record:
     """An offset, the vibration turning from x to y, a line of a tenth, and noise."""
     t = np.arange(N) / RATE
     moved = np.sin(TURN * vibration * t + 0.4)
-    sense = np.stack([3.0 + moved * np.cos(0.7), moved * np.sin(0.7) + 0.1 * np.sin(TURN * 50.0 * t)], axis=1)
+    angle = 0.0 if lost else 0.7  # lost, the vibration is in the channel with the gap alone
+    sense = np.stack([3.0 + moved * np.cos(angle), moved * np.sin(angle) + 0.1 * np.sin(TURN * 50.0 * t)], axis=1)
     sense += 1e-3 * np.random.default_rng(4).standard_normal((N, 2))
     if lost:
         sense[100:140, 0] = np.nan
