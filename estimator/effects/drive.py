@@ -50,7 +50,7 @@ DRIVE_SATURATION = Effect(
     name="drive_saturation",
     number=25,
     title="The drive amplifier stops short of what was commanded",
-    coefficients=(Coefficient(sx, "sx", 0.5, positive=True), Coefficient(sy, "sy", 0.5, positive=True)),
+    coefficients=(Coefficient(sx, "sx", 0.5), Coefficient(sy, "sy", 0.5)),
     parameters=(Parameter(limit, "limit", 1, -2),),
     signals=(Signal(limit, Source.PARAMETER),),
     force=(
