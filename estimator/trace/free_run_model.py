@@ -28,6 +28,8 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended
 from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate, Score, Trial
+from estimator.trace.kin import are_kin
+from estimator.trace.nested import simpler_than
 from estimator.trace.problem import Effects, Problem
 
 _SET = THRESHOLDS.free_runs
@@ -79,8 +81,12 @@ class FreeRunModel:
     def hopeful(
         self, look: Promises, tried: Mapping[str, Trial[FreeRun]], refused: Collection[str], number: int
     ) -> Sequence[str]:
-        """Those whose promise outweighs its price, the best few."""
-        worth = (name for name, promise in look.items() if promise.gain > promise.price)
+        """Those whose promise outweighs its price, the best few.
+
+        Beside a residual far from white, the next term of a law often promises a little more than the first, and what
+        comes after it then has no room: it waits for the first.
+        """
+        worth = (name for name, promise in look.items() if promise.gain > promise.price and not _waits(name, look))
         return sorted(worth, key=lambda name: look[name].price - look[name].gain)[: _SET.tried]
 
     def fit(
@@ -181,6 +187,12 @@ def candidates(device: Device, settings: ObserverSettings, asked: Collection[str
             continue
         possible.append(name)
     return tuple(possible)
+
+
+def _waits(name: str, look: Promises) -> bool:
+    """Whether an effect is the next term of a law whose first is a candidate still."""
+    first = simpler_than(name)
+    return first in look and are_kin(name, first)
 
 
 def promises_of(

@@ -165,6 +165,20 @@ def test_hopeful_are_the_three_whose_promise_outweighs_its_price_most() -> None:
     assert list(model().hopeful(look, {}, (), 0)) == ["b", "e", "a"]
 
 
+@pytest.mark.parametrize(
+    ("there", "asked"),
+    [
+        (("quintic_stiffness", "cubic_stiffness", "drag"), ["cubic_stiffness", "drag"]),
+        (("quintic_stiffness", "drag"), ["quintic_stiffness", "drag"]),  # the first is carried, or barred
+        (("drive_saturation", "drive_gain"), ["drive_saturation", "drive_gain"]),  # no terms of one law
+    ],
+)
+def test_the_next_term_of_a_law_waits_for_the_first(there: tuple[str, ...], asked: list[str]) -> None:
+    """Of a beam 704 for the fifth order and 679 for the third: with the fifth first, twice the residual was left."""
+    look = {name: SimpleNamespace(gain=704.0 - 25.0 * place, price=10.0) for place, name in enumerate(there)}
+    assert list(model().hopeful(look, {}, (), 0)) == asked
+
+
 def test_each_is_fitted_beside_what_is_carried_from_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     current = run_of(np.zeros((N, 1)), "drag")
 
