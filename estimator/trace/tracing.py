@@ -148,7 +148,7 @@ def _judged(
         claim = claim_of(problem, selection, before, after, split)
         left = _left(part, selection)
         if not left and promises.in_conflict(claim) and set(named) not in exact:
-            progress("constants", 1, 1)
+            progress("constants", 0, 1)
             exact.append(set(named))
             selection = exactly(part, selection)
             continue
