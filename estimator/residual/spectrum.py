@@ -75,6 +75,14 @@ def density(series: Array, sample_rate: float) -> tuple[Array, Array]:
     return np.asarray(frequency[1:]), np.asarray(power[1:])
 
 
+def summed_power(sense: Array) -> Array:
+    """Power (n // 2 + 1,) of all channels of sense (n, axes) together, each about its mean under a Hann window, of no
+    unit; gaps (NaN) count as zero.
+    """
+    centred = np.nan_to_num(sense - np.nanmean(sense, axis=0)) * np.hanning(len(sense))[:, None]
+    return np.asarray(np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1))
+
+
 def periodogram(series: Array, sample_rate: float, resonance: float) -> Periodogram:
     """Of series (n, axes) in volts; gaps (NaN) count as zero, and their share is made up for."""
     n = len(series)

@@ -15,6 +15,7 @@ from estimator.side_by_side import together
 from estimator.trace.candidates import kind, searched_by
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.constancy import constancies
+from estimator.trace.determined import declared
 from estimator.trace.engine import Estimate
 from estimator.trace.examination import Examination
 from estimator.trace.fitting import Fitted, log_likelihood, widening
@@ -75,20 +76,20 @@ def residual_of(before: Fit, after: Fit, samples: float) -> Errors:
 
 def constants_of(problem: Problem, model: Fitted) -> tuple[Constant, ...]:
     """Those of the base model but for the rate, which moves."""
-    declared = Observer(problem.device, replace(problem.settings, gain=Gain.EKF, effects={}))
-    prior = np.sqrt(np.diagonal(declared.covariance))
+    beginning = Observer(problem.device, replace(problem.settings, gain=Gain.EKF, effects={}))
     observer = model.observer
     with np.errstate(invalid="ignore"):
         sure = widening(model) * np.sqrt(np.diagonal(observer.covariance))
     found = []
-    for name in declared.estimated[declared.states :]:
+    for name, one in declared(beginning).items():
         if name == "rate" or name not in observer.estimated:
             continue
         value = float(observer.state[observer.names.index(name)])
         half = TWO_SIDED * float(sure[observer.estimated.index(name)])
-        initial = float(declared.state[declared.names.index(name)])
-        spread = float(prior[declared.estimated.index(name)])
-        found.append(Constant(name, value, value - half, value + half, initial, spread, positive=is_positive(name)))
+        constant = Constant(
+            name, value, value - half, value + half, one.value, one.deviation, positive=is_positive(name)
+        )
+        found.append(constant)
     return tuple(found)
 
 

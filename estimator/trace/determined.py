@@ -37,12 +37,15 @@ def undetermined(fit: Refined) -> tuple[str, ...]:
     left = [name for name in fit.known if _own(fit, (name,))[0, 0] < 1.0]
     if not left:
         return ()
-    said = (
-        f"the record does not determine {_listed(left)}: it says less of {'it' if len(left) == 1 else 'each'} than the "
-        "bench file, whose value stands"
-    )
+    said = f"{not_determined(left)}, whose value stands"
     together = _together(fit, left)
     return (f"{said}; it does determine {together}" if together else said,)
+
+
+def not_determined(names: Sequence[str]) -> str:
+    """What is said of constants of which the record says less than the bench file."""
+    each = "it" if len(names) == 1 else "each"
+    return f"the record does not determine {_listed(names)}: it says less of {each} than the bench file"
 
 
 def _own(fit: Refined, names: Sequence[str]) -> Array:

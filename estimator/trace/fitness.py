@@ -6,6 +6,7 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.record import Record
+from estimator.residual.spectrum import summed_power
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
@@ -68,8 +69,7 @@ def _require_samples_per_cycle(record: Record, device: Device) -> None:
 
 def _strongest(sense: Array, rate: float) -> float:
     """Frequency [Hz] of the largest line over all channels, 0 where none holds much of the power."""
-    centred = np.nan_to_num(sense - np.nanmean(sense, axis=0)) * np.hanning(len(sense))[:, None]
-    power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
+    power = summed_power(sense)
     peak = int(np.argmax(power))
     bins = _SET.line_bins
     lobe = float(np.sum(power[max(peak - bins, 0) : peak + bins + 1]))

@@ -23,7 +23,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
 from estimator.trace.claims import residual_of
-from estimator.trace.determined import undetermined
+from estimator.trace.determined import declared, undetermined
 from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
 from estimator.trace.free_run_model import estimates_of
@@ -156,19 +156,13 @@ def claimed(part: Problem, found: SimulationTrace, later: Record) -> Claim:
 
 def _constants(found: SimulationTrace) -> tuple[Constant, ...]:
     """Those of the base model, beside what the observer began with."""
-    declared, fit = found.observer_before, found.after
-    spread = np.sqrt(np.diagonal(declared.covariance))
+    fit = found.after
     return tuple(
         Constant(
-            name,
-            fit.value(name),
-            *fit.interval(name),
-            float(declared.state[declared.names.index(name)]),
-            float(spread[declared.estimated.index(name)]),
-            positive=promises.is_positive(name),
+            name, fit.value(name), *fit.interval(name), one.value, one.deviation, positive=promises.is_positive(name)
         )
-        for name in declared.estimated[declared.states :]
-        if name in declared.model.names and name in fit.free
+        for name, one in declared(found.observer_before).items()
+        if name in fit.free
     )
 
 

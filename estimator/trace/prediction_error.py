@@ -7,7 +7,7 @@ exact.  Least squares of the innovations over their predicted deviations, beside
 prediction-error method (Ljung, System Identification, 1999, ch. 7); intervals allow for innovations that are not white.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -17,10 +17,11 @@ from scipy.optimize import least_squares
 
 from estimator.model.declaration import Quantity
 from estimator.observer import Estimates, Observer
-from estimator.refinement import covariance_of, least_values, worth_of
+from estimator.refinement import Declared, covariance_of, least_values, worth_of
 from estimator.scaling import Array
 from estimator.settings import Gain, ObserverSettings
 from estimator.side_by_side import side_by_side
+from estimator.trace.determined import declared
 from estimator.trace.fitting import Fitted, run
 from estimator.trace.problem import Problem
 
@@ -32,9 +33,11 @@ def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
     The rate, which moves, and the offsets stay states of the filter.  The likelihood stays that of the filter, with
     which others are compared.
     """
-    observer, declared = model.observer, _as_declared(problem)
-    names = _sought(observer, declared)
-    covariance = _covariance(observer, names)
+    observer = model.observer
+    given = declared(Observer(problem.device, replace(problem.settings, gain=Gain.EKF, effects={}), problem.controller))
+    names = _sought(observer, given)
+    rows = [observer.estimated.index(name) for name in names]
+    covariance = observer.covariance[np.ix_(rows, rows)]
     unit = np.sqrt(np.diagonal(covariance))
     # A hundredth of what noise tells, in directions that it tells apart, also where some are known together only.
     correlation = covariance / np.outer(unit, unit) + 1e-9 * np.eye(len(names))  # of which one may hang on the others
@@ -52,23 +55,26 @@ def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
     _, first = held_at(begin)
     seen = np.isfinite(first.innovation)
     weight = 1.0 / first.innovation_deviation[seen]
-    constants = [name for name in names if name in declared.estimated]
+    constants = [given[name] for name in names if name in given]
     told = np.zeros((len(constants), len(names)))
-    sure = np.sqrt(np.diagonal(_covariance(declared, constants)))
+    sure = np.array([one.deviation for one in constants])
     np.fill_diagonal(told, unit[: len(constants)] / sure)
-    known = np.array([declared.state[declared.names.index(name)] for name in constants]) / sure
+    known = np.array([one.value for one in constants]) / sure
 
-    def weighted(unknown: Array) -> Array:
-        left: Array = held_at(unknown)[1].innovation[seen] * weight
+    def over_noise(estimates: Estimates) -> Array:
+        left: Array = estimates.innovation[seen] * weight
         # Where the filter diverges, the search is told to come back.
         return np.clip(np.nan_to_num(left, nan=1e6), -1e6, 1e6)
+
+    def weighted(unknown: Array) -> Array:
+        return over_noise(held_at(unknown)[1])
 
     def jacobian(unknown: Array) -> Array:
         here, *moved = side_by_side([partial(weighted, one) for one in (unknown, *(unknown + steps.T))])
         along = np.stack(moved, axis=1) - here[:, None]
         return np.asarray(solve_triangular(steps, along.T, lower=True, trans="T").T)
 
-    worth = max(worth_of(first.innovation[seen] * weight), 1.0)
+    worth = max(worth_of(over_noise(first)), 1.0)
     found = least_squares(
         lambda unknown: np.concatenate([weighted(unknown), worth * (told @ unknown - known)]),
         begin,
@@ -82,28 +88,18 @@ def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
     ).x
     information = np.zeros(len(names))
     information[: len(constants)] = (worth * np.diagonal(told)) ** 2
-    spread = covariance_of(jacobian(found), weighted(found), information, worth)
     fitted, estimates = held_at(found)
+    spread = covariance_of(jacobian(found), over_noise(estimates), information, worth)
     fitted.assume(names, spread * np.outer(unit, unit))
     settings = replace(fitted.settings, held=model.settings.held)
     return replace(model, settings=settings, observer=fitted, estimates=estimates)
 
 
-def _as_declared(problem: Problem) -> Observer:
-    """The observer as the bench file has it begin, of the base model alone."""
-    return Observer(problem.device, replace(problem.settings, gain=Gain.EKF, effects={}), problem.controller)
-
-
-def _covariance(observer: Observer, names: Sequence[str]) -> Array:
-    rows = [observer.estimated.index(name) for name in names]
-    return np.asarray(observer.covariance[np.ix_(rows, rows)])
-
-
-def _sought(observer: Observer, declared: Observer) -> list[str]:
+def _sought(observer: Observer, given: Mapping[str, Declared]) -> list[str]:
     """Constants that neither move nor are known exactly, but for offsets; then the coefficients of effects."""
     stay = {one.name for one in observer.model.constants if one.quantity in (Quantity.OFFSET, Quantity.RATE)}
-    uncertain = dict(zip(declared.estimated, np.diagonal(declared.covariance) > 0.0, strict=True))
-    return [name for name in observer.estimated[observer.states :] if name not in stay and uncertain.get(name, True)]
+    stay |= {name for name, one in given.items() if one.deviation == 0.0}
+    return [name for name in observer.estimated[observer.states :] if name not in stay]
 
 
 def _held(settings: ObserverSettings, observer: Observer, values: Mapping[str, float]) -> ObserverSettings:

@@ -15,6 +15,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.criterion import TIE
+from estimator.trace.determined import not_determined
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
 from estimator.trace.sidebands import Sidebands
@@ -220,10 +221,7 @@ def undetermined(claim: Claim) -> tuple[str, ...]:
         return (one.high - one.low) / (2.0 * TWO_SIDED) > one.deviation / math.sqrt(2.0)
 
     left = [one.name for one in claim.constants if one.name != "rate" and unsure(one)]
-    if not left:
-        return ()
-    them = "it" if len(left) == 1 else "each"
-    return (f"the record does not determine {' and '.join(left)}: it says less of {them} than the bench file",)
+    return (not_determined(left),) if left else ()
 
 
 def levels(claim: Claim) -> tuple[str, ...]:

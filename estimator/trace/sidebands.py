@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from estimator.record import Record
-from estimator.scaling import Array
+from estimator.residual.spectrum import summed_power
 from estimator.trace.problem import Effects
 
 
@@ -37,18 +37,9 @@ def sidebands(record: Record, effects: Effects, names: Iterable[str]) -> tuple[S
 
 
 def vibration_of(record: Record) -> float:
-    """Frequency [Hz] of the strongest line of what is sensed, between bins by the parabola through three logarithms of
-    the power under a Hann window; gaps are bridged.
-    """
-    sensed = np.stack([_bridged(channel) for channel in record.sense.T])
-    window = np.hanning(sensed.shape[1])
-    power = np.sum(np.abs(np.fft.rfft((sensed - sensed.mean(axis=1, keepdims=True)) * window)) ** 2, axis=0)
+    """Frequency [Hz] of the strongest line of what is sensed, between bins by the parabola through three logarithms."""
+    power = summed_power(record.sense)
     peak = 1 + int(np.argmax(power[1:-1]))
     low, here, high = np.log(power[peak - 1 : peak + 2])
     shift = 0.5 * (low - high) / (low - 2.0 * here + high)
     return float((peak + shift) / np.sum(record.step))
-
-
-def _bridged(channel: Array) -> Array:
-    seen, at = np.isfinite(channel), np.arange(len(channel))
-    return np.asarray(np.interp(at, at[seen], channel[seen])) if seen.any() else np.zeros(len(channel))

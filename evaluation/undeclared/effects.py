@@ -86,24 +86,24 @@ def _one(name: str, size: float, **coefficients: float) -> Hidden:
     return Hidden([{"name": name, **coefficients}], size)
 
 
-def _cubic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-    sign, unit = _sign(rng), d.omega**2 / d.amplitude_m**2
-    x, y = _alike(rng, size)
-    return _one("cubic_stiffness", size, k3x=sign * x * unit, k3y=sign * y * unit)
+def _spring(name: str, symbol: str, power: int) -> Callable[[Rng, DrawnDevice, float], Hidden]:
+    """A force of each axis that is to that of the stiffness as the amplitude to this power."""
+
+    def build(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+        sign, unit = _sign(rng), d.omega**2 / d.amplitude_m**power
+        x, y = _alike(rng, size)
+        return _one(name, size, **{f"{symbol}x": sign * x * unit, f"{symbol}y": sign * y * unit})
+
+    return build
 
 
-def _cubic_isotropic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-    return _one("cubic_isotropic", size, k3=_sign(rng) * size * d.omega**2 / d.amplitude_m**2)
+def _radial_spring(name: str, symbol: str, power: int) -> Callable[[Rng, DrawnDevice, float], Hidden]:
+    """The same along the radius."""
 
+    def build(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
+        return _one(name, size, **{symbol: _sign(rng) * size * d.omega**2 / d.amplitude_m**power})
 
-def _quintic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-    sign, unit = _sign(rng), d.omega**2 / d.amplitude_m**4
-    x, y = _alike(rng, size)
-    return _one("quintic_stiffness", size, k5x=sign * x * unit, k5y=sign * y * unit)
-
-
-def _quintic_isotropic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
-    return _one("quintic_isotropic", size, k5r=_sign(rng) * size * d.omega**2 / d.amplitude_m**4)
+    return build
 
 
 def _quadratic(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
@@ -320,10 +320,30 @@ def _coarse(rng: Rng, d: DrawnDevice, size: float) -> Hidden:
 
 
 _ALL = (
-    Drawable("cubic_stiffness", 1e-3, 5e-2, _cubic, "k3 A²/k: clamped springs harden, combs soften, by up to some %"),
-    Drawable("cubic_isotropic", 1e-3, 5e-2, _cubic_isotropic, "k3 A²/k, the same on every axis"),
-    Drawable("quintic_stiffness", 2e-3, 5e-2, _quintic, "k5 A⁴/k: what a spring has beyond its cubic term"),
-    Drawable("quintic_isotropic", 2e-3, 5e-2, _quintic_isotropic, "k5 A⁴/k, the same on every axis"),
+    Drawable(
+        "cubic_stiffness",
+        1e-3,
+        5e-2,
+        _spring("cubic_stiffness", "k3", 2),
+        "k3 A²/k: clamped springs harden, combs soften, by up to some %",
+    ),
+    Drawable(
+        "cubic_isotropic", 1e-3, 5e-2, _radial_spring("cubic_isotropic", "k3", 2), "k3 A²/k, the same on every axis"
+    ),
+    Drawable(
+        "quintic_stiffness",
+        2e-3,
+        5e-2,
+        _spring("quintic_stiffness", "k5", 4),
+        "k5 A⁴/k: what a spring has beyond its cubic term",
+    ),
+    Drawable(
+        "quintic_isotropic",
+        2e-3,
+        5e-2,
+        _radial_spring("quintic_isotropic", "k5r", 4),
+        "k5 A⁴/k, the same on every axis",
+    ),
     Drawable("quadratic_stiffness", 1e-3, 3e-2, _quadratic, "k2 A/k: electrostatic spring of unequal gaps"),
     Drawable("nonlinear_damping", 0.05, 1.0, _nonlinear_damping, "d3 A² over the linear damping"),
     Drawable("dry_friction", 0.05, 1.0, _friction, "F over the linear damping's largest force"),
