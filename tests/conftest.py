@@ -68,6 +68,26 @@ def _forked_loop(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(loaded, "subprocess", SimpleNamespace(Popen=Forked, PIPE=subprocess.PIPE))
 
 
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the page for people, which costs more than the short run it tells of."""
+
+    def written(_: Path) -> None:
+        pass
+
+    monkeypatch.setattr("hil.report.write_report", written)
+
+
+@pytest.fixture
+def no_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the scan that closes a run, where nobody asks whether the model is complete."""
+
+    def scanned(*_: object) -> None:
+        pass
+
+    monkeypatch.setattr("hil.closing_scan.scan_run", scanned)
+
+
 def pytest_itemcollected(item: pytest.Item) -> None:
     """Who stands on a whole run takes what that takes."""
     if "whole_run" in getattr(item, "fixturenames", ()):

@@ -34,7 +34,7 @@ def rooms(modules: set[str]) -> set[str]:
     return {name.partition(".")[0] for name in modules} & {"hil", "estimator", "device_emulator"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_estimator_imports_neither_bench_nor_emulator() -> None:
     assert rooms(loaded_after_all_of("estimator")) == {"estimator"}
 
@@ -55,7 +55,7 @@ def test_wire_imports_nothing_else_of_the_bench() -> None:
     assert not [name for name in modules if name.startswith("hil.") and not name.startswith("hil.wire")]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bench_does_not_import_the_emulator() -> None:
     assert "device_emulator" not in rooms(loaded_after_all_of("hil"))
 

@@ -106,7 +106,7 @@ def test_a_sensor_that_stops(tmp_path: Path) -> None:
     assert result.samples > 50
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_interrupted_record_has_its_page(tmp_path: Path) -> None:
     def interrupt(progress: Progress) -> None:
         if progress.stage == "record":

@@ -96,6 +96,7 @@ def shown(request: pytest.FixtureRequest, browser: Browser, name: str, pages: di
     context.close()
 
 
+@pytest.mark.beyond(2)
 def test_nothing_is_cut(shown: Any, name: str, pictures: Path) -> None:
     page, medium = shown
     page.screenshot(path=pictures / f"report-{name}-{medium}.png", full_page=True)

@@ -139,7 +139,7 @@ def test_missing_figures_are_left_out_and_counted_and_what_does_not_vary_has_no_
     assert dependence(plan(small(vary=[])), pa.table({"point": [0, 0], "y": [1.0, 2.0]}), "y") is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_report_of_very_many_runs_stays_a_page(tmp_path: Path) -> None:
     made = drawn(20_000)
     u, v, _ = uniform(made).T

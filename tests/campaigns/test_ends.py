@@ -53,7 +53,8 @@ def place(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_ctrl_c_ends_well_says_how_to_go_on_and_nothing_is_lost(place: Path, whole: dict[str, bytes]) -> None:
+def interrupted(place: Path) -> int:
+    """A campaign that Ctrl-C ended as it should; how many of its runs are done."""
     process = start(place)
     children = children_of(process.pid)
     assert len(children) >= 2
@@ -65,6 +66,16 @@ def test_ctrl_c_ends_well_says_how_to_go_on_and_nothing_is_lost(place: Path, who
     assert not any(alive(child) for child in children)
     done = (place / "runs/small/wall.jsonl").read_text().count("\n")
     assert 2 <= done < 16
+    return done
+
+
+def test_ctrl_c_ends_well_and_says_how_to_go_on(place: Path) -> None:
+    assert interrupted(place)
+
+
+@pytest.mark.long
+def test_what_ctrl_c_ended_goes_on_and_nothing_is_lost(place: Path, whole: dict[str, bytes]) -> None:
+    assert interrupted(place)
     assert hil.sweep(RUNS, out=place / "runs/small", workers=1).table["run"].to_pylist() == list(range(16))
     runs = [json.loads(line)["run"] for line in (place / "runs/small/wall.jsonl").read_text().splitlines()]
     assert sorted(runs) == list(range(16))  # none of those that were done was made again

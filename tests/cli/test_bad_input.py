@@ -93,8 +93,11 @@ def assert_plain(lines: list[str]) -> None:
 
 # A process each, two seconds: the reader of scenarios is given all of them below.
 COSTLY = ("emulate", "scenario", "scenario on a pty")
+OFTEN = ("deep lists", "binary", "empty", "control characters", "arrow prefix", "json")
 TRIED = [
-    (verb, content) for verb in VERBS for content in (("deep lists", "binary", "empty") if verb in COSTLY else CONTENTS)
+    pytest.param(verb, content, marks=() if content in OFTEN or verb == "bench" else pytest.mark.long)
+    for verb in VERBS
+    for content in (("deep lists", "binary", "empty") if verb in COSTLY else CONTENTS)
 ]
 
 

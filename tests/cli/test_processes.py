@@ -66,6 +66,7 @@ def test_busy_port_is_one_line(start: Start, short_bench: str) -> None:
     assert finished(host)[0] == 130
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_run_goes_safe_and_closes_its_record(start: Start, tmp_path: Path, number: signal.Signals) -> None:
     host = start("run", "s-slow", "--truth", "truth.arrow")

@@ -42,6 +42,7 @@ def test_score_puts_the_truth_beside(hil: Hil, recorded: Path) -> None:
     assert result["diagnosis"] is None
 
 
+@pytest.mark.long
 def test_figures_are_readable_without_json(hil: Hil, recorded: Path) -> None:
     code, out, err = hil("score", str(recorded), "--truth", "truth.arrow")
     assert code == 0

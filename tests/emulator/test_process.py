@@ -224,6 +224,7 @@ def test_bad_options_are_exit_2(arguments: list[str]) -> None:
     assert done.returncode == 2
 
 
+@pytest.mark.long
 def test_a_board_whose_parent_died_before_it_served_ends() -> None:
     parent = subprocess.Popen([sys.executable, "-c", ""])
     parent.wait()

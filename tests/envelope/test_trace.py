@@ -28,6 +28,7 @@ def traced(time, shown, *, logarithmic=True, **given):
     return trace_envelope(Envelope(time, shown, logarithmic), resonator(**given), by_turns(len(time)))
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_named_with_its_coefficient(name):
@@ -81,7 +82,7 @@ def test_an_amplitude_in_a_unit_of_its_own_has_the_same_law():
     assert effect.coefficients[symbol].low < size < effect.coefficients[symbol].high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_that_is_taken_for_amplitude_is_no_law():
     """√(a² + n²): the end of the ring-down is flat, as if it were fed."""
     time, amplitude = envelope_of([], 16.0)
@@ -93,7 +94,7 @@ def test_noise_that_is_taken_for_amplitude_is_no_law():
     assert interval.low < floor < interval.high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_the_resonance_is_known_to_widens_what_hangs_on_it():
     _, size, force = LAWS["drag"]
     time, amplitude = envelope_of([(size, force)], 8.0)

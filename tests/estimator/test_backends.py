@@ -48,6 +48,7 @@ def worst(one: Observer, other: Observer, sense: Array, drive: Array, **how: obj
     return max((value, name) for name, value in found.items())
 
 
+@pytest.mark.beyond(7)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("variant", "gain", "hold"),
@@ -94,6 +95,7 @@ def test_equal_while_the_memory_shortens_and_the_prior_is_recalled(backend: Back
     assert np.max(hurried[300:400]) > 1.5 * hurried[299]
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("variant", list(Variant))
 def test_a_stationary_gain_is_looked_up_alike(record: Record, variant: Variant) -> None:

@@ -129,7 +129,7 @@ def test_what_hardly_moves_the_angle_is_told_and_not_held_against_the_run() -> N
     assert "sense_gain" in found.reason
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_lost_samples_are_no_effect() -> None:
     record = record_of(loop())
     lost = np.random.default_rng(3).random(len(record)) < 0.01

@@ -61,7 +61,7 @@ def record(gain_y: float) -> Record:
     return Record(sense[1:], drive[:-1, :, None], np.full(N - 1, 1.0 / RATE))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)  # a whole trace
 def test_a_damping_below_zero_is_a_drive_that_is_weaker_than_declared() -> None:
     said = trace(Problem(record(0.85), DEVICE, SETTINGS), split=round(0.6 * N))

@@ -187,6 +187,7 @@ def test_flow_with_an_effect_is_that_of_an_integrator(name: str) -> None:
     assert np.abs(step(observer, start, observer.x[4:])[:, 0] - with_effect).max() < tolerance * size
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("samples_a_cycle", [16, 20, 28])
 def test_a_large_effect_is_followed_beyond_what_its_coefficient_is_known_to(samples_a_cycle: int) -> None:
@@ -213,6 +214,7 @@ def turning(size: float, since: float) -> Array:
     return np.array([size * np.cos(first), size * np.sin(first), -0.6 * np.cos(second), -0.6 * np.sin(second)])
 
 
+@pytest.mark.beyond(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "tolerance"), [("dry_friction", 3e-4), ("dry_friction_asymmetric", 2e-3)])
 @pytest.mark.parametrize("rest", [0.003, 0.007, 0.02, 0.1])
@@ -233,6 +235,7 @@ def test_friction_is_followed_through_turning_points(
         assert np.abs(error).max() < tolerance * c[9] * observer.h, since
 
 
+@pytest.mark.beyond(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["dry_friction", "dry_friction_asymmetric"])
 @pytest.mark.parametrize(("size", "rest"), [(1.0, 0.007), (1.0, 0.05), (0.05, 0.02), (0.01, 0.02)])

@@ -63,7 +63,7 @@ def test_a_decay_runs_as_an_independent_integrator_says():
     np.testing.assert_allclose(run().sensed[:, 0], 1e3 * expected[0], atol=2e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_driven_mass_runs_so_too_and_so_does_its_velocity():
     held = 5.0 * np.random.default_rng(2).standard_normal((200, 1))
     expected = integrated((1.1e-3, 0.0), 200, lambda t: held[min(math.ceil(t * RATE - 1e-9), 199), 0])

@@ -51,6 +51,7 @@ def test_control_law_is_formula_9_with_velocities_and_the_additions_around_it() 
     np.testing.assert_allclose(out - formula, 0.01 * (0.5 - energy) / 0.5 * seen, rtol=1e-12)
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "latency", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(3, marks=pytest.mark.slow)]
@@ -126,7 +127,7 @@ def test_virtual_rotation_excites_what_a_tuned_device_at_rest_hides() -> None:
     assert np.all(np.sort(known[0.0] / known[5e-3 * TUNED.omega0])[1:] > 10.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_parameters_are_right_on_more_than_one_excitation() -> None:
     """A white innovation and a right angle do not prove the parameters unbiased: they are held against the truth."""
     for excitation in (

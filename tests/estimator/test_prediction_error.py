@@ -69,6 +69,7 @@ def value(model: Fitted, name: str) -> tuple[float, float]:
     return float(observer.state[observer.names.index(name)]), float(np.sqrt(observer.covariance[row, row]))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_dampings_are_those_of_a_least_squares_fit_of_another_kalman_filter() -> None:
     given = record(5, 4e-4)
@@ -143,7 +144,7 @@ def test_what_is_declared_counts_as_much_more_as_the_innovations_are_larger() ->
     assert known[1] > 0.5 * SPREAD  # the record says as little as what is declared
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_intervals_of_an_axis_at_rest_hold_the_truth_where_those_of_the_filter_do_not() -> None:
     """Of 20 of 95 %, fewer than 16 hold it three times in 10³.  The stiffness is declared 2 % off, as it may be."""

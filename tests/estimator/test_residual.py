@@ -66,6 +66,7 @@ def only(found: tuple[Finding, ...], kind: str) -> list[Finding]:
 # -- chance ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("axes", [1, 2])
 def test_white_noise_raises_no_more_alarms_than_stated(axes: int) -> None:

@@ -60,6 +60,7 @@ def drive() -> Array:
     return np.random.default_rng(3).normal(0.0, 3.0, SAMPLES)
 
 
+@pytest.mark.beyond(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("sensed", list(Sensed))
 @pytest.mark.parametrize("effects", [False, True])
@@ -114,6 +115,7 @@ def test_a_noisy_record_gives_back_its_constants(sensed: Sensed, drive: Array) -
     assert fit.rmse[0] == pytest.approx(noise, rel=0.1)
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("sensed", [Sensed.VELOCITY, Sensed.ACCELERATION])
 def test_the_observer_follows_and_its_innovation_is_the_noise(sensed: Sensed, drive: Array) -> None:

@@ -226,6 +226,7 @@ def test_a_turn_is_no_faster_than_a_table_and_the_holds_allow() -> None:
     assert turn_for(omega0, 0.0, 24.0).rate == 0.0
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.moderate
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_where_the_model_is_no_oscillator_any_more_what_is_declared_is_played(

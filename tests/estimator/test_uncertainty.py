@@ -59,7 +59,7 @@ CASES = {
 ACROSS = ("drive_misalignment", "sense_cross_coupling")
 
 
-@pytest.mark.beyond(2)
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_angle_drifts_as_the_closed_form_says(case: str) -> None:
@@ -76,14 +76,14 @@ def test_the_angle_drifts_as_the_closed_form_says(case: str) -> None:
     assert math.sqrt(sensitivities(course)[name] - shown) == pytest.approx(math.hypot(*both), rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_fast_clock_drives_less() -> None:
     found, course = drift([], clock_skew=2e-3)
     assert found == pytest.approx(-2.0 * 2e-3 * VIRTUAL, rel=0.04)
     assert math.sqrt(sensitivities(course)["clock"]) == pytest.approx(2.0 * VIRTUAL)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_equal_delay_of_both_drives_turns_nothing() -> None:
     found, _ = drift([{"name": "drive_delay", "tux": 4e-6, "tuy": 4e-6}])
     assert abs(found) < 1e-3  # one axis alone: 16e-3

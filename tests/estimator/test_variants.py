@@ -34,6 +34,7 @@ def test_each_variant_estimates_its_states(variant: Variant, states: int) -> Non
     assert ("kxx" in observer.estimated) == (variant is not Variant.SENSE)
 
 
+@pytest.mark.beyond(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", list(Gain))
 @pytest.mark.parametrize("variant", list(Variant))
@@ -88,6 +89,7 @@ def test_seven_states_follow_a_changing_rate() -> None:
     assert np.std((record.x[:, 6] - record.rate)[800:]) < 0.4
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(("spread", "energy"), [(0.0, 0.15), (0.01, 0.01)])
 def test_eleven_states_on_a_board_with_offsets_finish_and_are_given_away_by_their_innovation(

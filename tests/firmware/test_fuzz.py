@@ -35,6 +35,7 @@ def test_python_decoder_of_can_frames(seed: int) -> None:
     assert tally.messages > 5_000
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_c_decoders_and_board(fuzzer: Path, seed: int) -> None:

@@ -232,7 +232,7 @@ def test_memory_for_less_than_an_answer_is_refused(library: ctypes.CDLL) -> None
 # ------------------------------------------------------------------------------------------------------------ attacks
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_attacks_under_the_sanitizers(tmp_path: Path) -> None:
     program = tmp_path / "attack"
     options = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", f"-I{FIRMWARE / 'src'}"]
@@ -245,6 +245,7 @@ def test_attacks_under_the_sanitizers(tmp_path: Path) -> None:
     assert tally.sessions > 20
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "broken", "kinds"),

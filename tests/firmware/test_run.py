@@ -25,13 +25,7 @@ SLOW = {
 FAST = {"phi_x": 0.012, "phi_y": -0.009, "kxx": 9.873e8, "kyy": 9.865e8, "kxy": 4e5, "dxx": 3.3, "dyy": 3.0, "dxy": 0.1}
 """firmware/examples/pty_board.c"""
 
-pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(autouse=True)
-def _no_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leaves out the page for people, which costs more than the run."""
-    monkeypatch.setattr("hil.report.write_report", lambda _: None)
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]
 
 
 def quietly(_: Progress) -> None:
@@ -74,7 +68,7 @@ def test_force_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, r
 
 
 @pytest.mark.parametrize("latency", [0, 2])
-@pytest.mark.beyond(1)
+@pytest.mark.long
 def test_gain_mode_in_lockstep_is_good_and_right(built: Path, tmp_path: Path, latency: int) -> None:
     declared = load_bench(EXAMPLES / "c-board-gain.bench.toml")
     shorter = override(declared, {"loop": {"clock": "lockstep", "duration_s": 1.5, "settle_s": 0.7}}, "test")

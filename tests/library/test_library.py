@@ -113,7 +113,7 @@ def test_tables_keep_units_and_values(opened: hil.Run) -> None:
     assert np.array_equal(frame["angle_rad"].to_numpy(), opened.angle.values)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_replay_of_a_run_by_its_own_bench_is_the_same(run: hil.Run, tmp_path: Path) -> None:
     again = hil.replay(run, out=tmp_path)
     assert np.allclose(again.rate.values, run.rate.values, atol=1e-9)

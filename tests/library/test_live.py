@@ -120,7 +120,7 @@ def leave_by_forgetting(live: hil.Live) -> None:
     gc.collect()
 
 
-@pytest.mark.beyond(2)
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "leave",
@@ -164,8 +164,7 @@ THEN = {
 }
 
 
-@pytest.mark.beyond(1)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("how", THEN)
 def test_every_end_of_the_process_brings_the_board_to_safe(board: str, tmp_path: Path, how: str) -> None:
     bench = bench_file(tmp_path / "test.bench.toml", unhurried_bench(LONG_S))
@@ -204,7 +203,7 @@ def _free(url: str) -> bool:
     return True
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.realtime
 def test_blocks_come_while_the_loop_runs_and_a_slow_reader_holds_nothing_up(board: str, tmp_path: Path) -> None:
     live = opened(board, tmp_path / "runs", duration_s=8.0)

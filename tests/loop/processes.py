@@ -21,20 +21,23 @@ from hil.wire.messages import SafeReason, State
 from tests.loop.gyro import bench_file
 
 PATIENCE_S = 120.0
+# `python -m hil` without the page for people, which costs more than the rest of a short run.
+_UNDRAWN = "import hil.report; hil.report.write_report = lambda _: None; from hil.cli import main; main()"
 
 
 class Host:
     """One `hil run` in a session, and so a process group, of its own; its record goes below `place`.
 
-    As a context manager it leaves no process behind, whatever was done to it.
+    As a context manager it leaves no process behind, whatever was done to it. Its report is drawn where one is asked
+    for.
     """
 
-    def __init__(self, place: Path, declared: Bench, link: str) -> None:
+    def __init__(self, place: Path, declared: Bench, link: str, *, report: bool = False) -> None:
         place.mkdir(exist_ok=True)
         self._runs = place / "runs"
         command = ["run", str(bench_file(place / "test.bench.toml", declared)), "--link", link, "--arm"]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "hil", *command, "--out", str(self._runs)],
+            [sys.executable, *(["-m", "hil"] if report else ["-c", _UNDRAWN]), *command, "--out", str(self._runs)],
             env={**os.environ, "PYTHONWARNINGS": "error", "PYTHONUNBUFFERED": "1"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

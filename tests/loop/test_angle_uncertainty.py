@@ -101,6 +101,7 @@ def test_a_clock_that_is_off_lies_within_what_was_declared(tmp_path: Path) -> No
     assert abs(error) < u
 
 
+@pytest.mark.long
 def test_too_uncertain_an_angle_fails_and_the_remedy_is_a_setting(tmp_path: Path) -> None:
     folder = ran(
         tmp_path,

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import endurance
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_gone_on_with_ends_in_the_same_hashes_as_one_that_was_not_stopped(tmp_path: Path) -> None:
     whole = endurance.endure(tmp_path / "whole", 200_000, 50_000, lambda _: None)
     endurance.endure(tmp_path / "parts", 100_000, 50_000, lambda _: None)
@@ -29,7 +29,7 @@ def test_a_snapshot_that_was_not_finished_leaves_the_one_before(tmp_path: Path) 
     assert restored[0].samples == 50_000
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_energy_leaves_out_what_was_before_the_loop_had_settled(tmp_path: Path) -> None:
     marks = endurance.endure(tmp_path, 300_000, 150_000, lambda _: None)
     assert marks[0].energy_worst == 0.0

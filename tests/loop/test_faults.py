@@ -170,7 +170,7 @@ def test_on_wall_time_handshake_and_run_survive_a_bad_line(tmp_path: Path) -> No
     assert words.startswith("faults inflicted: corrupted_to_board")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.realtime
 def test_what_a_board_counted_before_is_not_this_runs(tmp_path: Path) -> None:
     """Its counters count since its power-up; drives are lost in its first second only."""

@@ -99,7 +99,7 @@ def test_from_then_on_the_loop_is_as_if_the_bench_file_said_so(tmp_path: Path) -
     assert any(one.get("safe", {}).get("reason") == "HOST_REQUEST" for one in said)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("no_report")
 def test_a_replay_changes_them_at_the_same_samples(tmp_path: Path) -> None:
     bench = declared().with_(loop={"duration_s": 1.5, "settle_s": 0.5})

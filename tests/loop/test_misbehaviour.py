@@ -14,9 +14,9 @@ pytestmark = [
 ]
 
 CHOSEN = (
+    "safe_ignored",
     "id_sense_scale_nan",
     "session_other",
-    "safe_ignored",
     "none",
     "reg_differs_0007",
     "safe_confirmed_but_drives",
@@ -31,7 +31,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build(tmp_path_factory.mktemp("board"))
 
 
-@pytest.mark.beyond(3)
+@pytest.mark.beyond(2)
 @pytest.mark.parametrize("name", CHOSEN)
 def test_the_bench_does_what_the_pages_say(program: Path, tmp_path: Path, name: str) -> None:
     case = cases()[name]

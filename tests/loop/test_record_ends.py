@@ -69,6 +69,7 @@ def test_a_recorder_that_stands_still_ends_the_run(tmp_path: Path) -> None:
         assert len(host.capture) == host.result["counters"]["samples"]
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.parametrize("clock", ["paced", "lockstep"])
 def test_a_disk_that_is_full_ends_the_run(tmp_path: Path, clock: str) -> None:
     with served(Board()) as board, Host(tmp_path / "host", bench(clock), board.url) as host:
@@ -121,7 +122,7 @@ def test_ctrl_c_says_what_was_done(tmp_path: Path) -> None:
 
 def test_ctrl_c_during_the_report_leaves_a_result(tmp_path: Path) -> None:
     declared = gyro.unhurried_bench(2.0, link={"watchdog_s": WATCHDOG_S, "timeout_s": 1.0})
-    with served(Board()) as board, Host(tmp_path / "host", declared, board.url) as host:
+    with served(Board()) as board, Host(tmp_path / "host", declared, board.url, report=True) as host:
         host.await_stage("report")
         host.interrupt()
         code, said = host.ends()

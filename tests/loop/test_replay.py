@@ -120,6 +120,7 @@ def test_over_a_burst_the_drive_that_the_board_held_is_known(tmp_path: Path) -> 
     assert np.sqrt(np.mean(acted[~known] ** 2)) > 1.0
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "filterpy"])
 def test_the_oracles_replay_the_same(tmp_path: Path, backend: Backend) -> None:

@@ -22,8 +22,7 @@ def test_at_the_shipped_memory_it_does_what_the_ekf_does(variant: str) -> None:
     assert found.rate_error_rad_s < 0.05
 
 
-@pytest.mark.beyond(2)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("mismatch", [0.0, 0.05])
 @pytest.mark.parametrize("memory_s", [0.1, 3.0, 10.0])
 def test_whatever_the_memory(memory_s: float, mismatch: float) -> None:

@@ -16,6 +16,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report", "no_scan")]
 STEP, RATE, HALF = 0.02, 4000, 1000
 
 
+@pytest.mark.long
 def test_the_drive_follows_the_steps_and_the_angle_does_not(tmp_path: Path) -> None:
     changes = {
         "loop": {"clock": "lockstep", "duration_s": 6.0, "settle_s": 3.0},

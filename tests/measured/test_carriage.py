@@ -38,7 +38,7 @@ def record() -> Record:
     return Record((np.array(shown) + noise)[:, None], force[:, None, None], np.full(N, STEP))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_that_falls_with_the_speed_is_found_with_its_speed(record: Record) -> None:
     device, settings = declared("emps")
     plain = fitted(device, settings, record, CONSTANTS, EFFECTS)

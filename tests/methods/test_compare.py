@@ -126,23 +126,23 @@ def test_the_command_prints_what_its_folder_holds(
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    run: tuple[hil.Run, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
+    whole_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
-    bench = [] if "--bench" in options else ["--bench", str(run[0].path / "bench.toml")]
-    assert execute(["compare", str(run[0].path), *bench, *options, "--out", str(tmp_path / "out")]) == 2
+    bench = [] if "--bench" in options else ["--bench", str(whole_run / "bench.toml")]
+    assert execute(["compare", str(whole_run), *bench, *options, "--out", str(tmp_path / "out")]) == 2
     errors = capsys.readouterr().err.strip().splitlines()
     assert said in errors[-1]
     assert not (tmp_path / "out").exists()
 
 
-def test_the_truth_of_another_run_is_refused(run: tuple[hil.Run, Path], tmp_path: Path) -> None:
+def test_the_truth_of_another_run_is_refused(whole_run: Path, tmp_path: Path) -> None:
     other = write_run(tmp_path / "other", Options(seconds=1.0))
     with pytest.raises(hil.InputError, match="another run"):
-        hil.compare(run[0], truth=other, out=tmp_path / "out")
+        hil.compare(whole_run, truth=other, out=tmp_path / "out")
 
 
-def test_without_a_reference_there_are_angles_and_no_errors(run: tuple[hil.Run, Path], tmp_path: Path) -> None:
-    kept = hil.compare(run[0], report=False, out=tmp_path)
+def test_without_a_reference_there_are_angles_and_no_errors(whole_run: Path, tmp_path: Path) -> None:
+    kept = hil.compare(whole_run, report=False, out=tmp_path)
     assert kept.reference is None
     assert all(row.angle_error_rms_rad is None and row.angle_rad is not None for row in kept.rows)
     assert [remark.partition(":")[0] for remark in kept.remarks] == ["(d) Park–Horowitz", "bound"]

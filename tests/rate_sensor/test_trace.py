@@ -35,6 +35,7 @@ def motion(seconds=4.0, seed=2):
     return t, np.where(t < 0.1, 0.0, DECLARED.rate * (levels + 0.1 * np.sin(2 * math.pi * 15 * t)))
 
 
+@pytest.mark.beyond(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "curve", "coefficient", "value"),
@@ -71,6 +72,7 @@ def test_a_straight_line_is_adequate():
         assert not found.effects
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [78, 151, 160])
 def test_what_chance_makes_of_a_few_points_is_no_residual(seed):

@@ -12,7 +12,7 @@ from benchmarks.failing_disk import FAULTS
 from benchmarks.failing_disk.campaign import WAYS, Campaign
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.long,  # a full disk while the loop runs: tests/loop/test_record_ends.py
     pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler"),
 ]
 
@@ -46,7 +46,6 @@ def number_of(calls: list[str], beginning: str) -> int:
     raise AssertionError(f"{beginning}: not among {calls}")
 
 
-@pytest.mark.beyond(3)
 @pytest.mark.parametrize("place", PLACES)
 def test_a_full_disk(failing: Campaign, place: str) -> None:
     outcome = failing.fail("disk full", number_of(failing.calls, PLACES[place]))
@@ -54,7 +53,6 @@ def test_a_full_disk(failing: Campaign, place: str) -> None:
     assert not outcome.wrong, outcome
 
 
-@pytest.mark.beyond(1)
 @pytest.mark.parametrize("fault", [name for name in FAULTS if name != "disk full"])
 def test_every_other_way_to_fail_in_the_middle_of_the_record(failing: Campaign, fault: str) -> None:
     blocks = [number for number, call in enumerate(failing.calls, 1) if call.startswith("write") and "capture" in call]

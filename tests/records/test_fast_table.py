@@ -83,6 +83,7 @@ def outcome(path: Path, way: dict[str, Any]) -> tuple[str, Any, Any]:
     return "", read.values, read.lines
 
 
+@pytest.mark.beyond(120)
 @pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("text", TEXTS)

@@ -51,6 +51,7 @@ def test_of_a_diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert gained(123_456.0).startswith("carried, it gains 123\u202f000 in")
 
 
+@pytest.mark.long
 def test_of_a_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "20250314-092653-bench"
     truth = write_run(folder, Options())

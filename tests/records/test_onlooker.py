@@ -86,7 +86,7 @@ def test_it_can_only_look(ring: Ring) -> None:
     look.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rows_are_whole_beside_a_producer_that_never_stops(ring: Ring) -> None:
     look = onlooker_of(ring)
     name = ring.path.name.removeprefix("gyrohil-")

@@ -104,10 +104,17 @@ def written(folder, truth=None):
     return write_report(folder, truth).read_text(encoding="utf-8")
 
 
-def test_a_scored_run_has_every_figure_and_table(make_run):
-    folder, truth = make_run(line_V=3e-5)
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """The page of a scored run, every figure of it drawn."""
+    folder = tmp_path_factory.mktemp("drawn") / "20250314-092653-bench"
+    truth = write_run(folder, Options(line_V=3e-5))
     score(folder, truth)
-    page = written(folder, truth)
+    return written(folder, truth)
+
+
+def test_a_scored_run_has_every_figure_and_table(drawn):
+    page = drawn
     assert figures(page) == EVERYTHING
     assert checked(page).headers > 40
     assert "<strong>Good.</strong> <span>Angle within" in page
@@ -119,9 +126,8 @@ def test_a_scored_run_has_every_figure_and_table(make_run):
     assert "memory_s = 2.0" in page
 
 
-def test_every_figure_can_be_read_aloud_and_parsed(make_run):
-    folder, truth = make_run()
-    for svg in re.findall(r"<svg.*?</svg>", written(folder, truth), flags=re.DOTALL):
+def test_every_figure_can_be_read_aloud_and_parsed(drawn):
+    for svg in re.findall(r"<svg.*?</svg>", drawn, flags=re.DOTALL):
         root = ElementTree.fromstring(svg.replace("xlink:href", "href"))
         title, description = root[0], root[1]
         assert (title.tag, description.tag) == ("title", "desc")
@@ -131,11 +137,10 @@ def test_every_figure_can_be_read_aloud_and_parsed(make_run):
         assert not re.search(r"\bnan\b", description.text)
 
 
-def test_figures_take_the_colours_of_the_page(make_run):
-    folder, _ = make_run()
-    page = written(folder)
-    drawn = set(re.findall(r"#[0-9a-f]{6}", "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))))
-    assert drawn <= {"#000000", "#ffffff"}
+def test_figures_take_the_colours_of_the_page(drawn):
+    page = drawn
+    colours = set(re.findall(r"#[0-9a-f]{6}", "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))))
+    assert colours <= {"#000000", "#ffffff"}
     used = set(re.findall(r"var\(--(\w+)\)", page))
     for scheme in (r":root \{(.*?)\}", r"dark\) \{\s*:root \{(.*?)\}", r"print \{\s*:root \{(.*?)\}"):
         defined = re.search(scheme, page, flags=re.DOTALL).group(1)
@@ -186,6 +191,7 @@ def test_a_killed_run_says_so(undrawn, make_run):
     assert figures(page) == EVERYTHING
 
 
+@pytest.mark.long
 def test_one_axis(make_run):
     folder, _ = make_run(axes=1)
     page = written(folder)
@@ -304,6 +310,7 @@ def test_words_from_outside_cannot_become_markup(undrawn, make_run):
     assert "&lt;/script&gt;" in page
 
 
+@pytest.mark.long
 def test_a_run_that_diverged_still_has_a_page(make_run):
     folder, _ = make_run(result=False)
     estimates = read_estimates(folder / "estimates.arrow")
@@ -325,6 +332,7 @@ def test_a_run_that_diverged_still_has_a_page(make_run):
     assert "Angle" in figures(page)
 
 
+@pytest.mark.long
 def test_a_record_of_a_few_samples_still_has_a_page(make_run):
     folder, truth = make_run(seconds=0.005, settle_s=1.0)
     page = written(folder, truth)
@@ -339,7 +347,7 @@ def test_a_record_without_a_row_still_has_a_page(make_run):
     assert figures(page) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_half_a_minute_at_4_kHz_stays_under_3_MB(make_run):
     folder, truth = make_run(seconds=30.0)
     assert write_report(folder, truth).stat().st_size < 3e6
@@ -410,6 +418,7 @@ def test_the_first_screen_says_when_what_and_how(make_run, undrawn):
     assert "<details open" not in listing
 
 
+@pytest.mark.long
 def test_angles_are_told_in_one_unit(make_run):
     folder, truth = make_run(angle_drift=0.3)
     score(folder, truth)

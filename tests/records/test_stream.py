@@ -141,7 +141,7 @@ def test_a_block_of_another_record_is_told(tmp_path):
         read_blocks(file, "sample")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_bit_counts(tmp_path):
     data = written(tmp_path / "whole.arrow", 2 * BLOCK + 5)
     file = tmp_path / "flipped.arrow"

@@ -80,7 +80,7 @@ def test_an_answer_does_not_wait_until_what_was_sent_before_is_acknowledged(tmp_
         assert asyncio.run(accepted(listening))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_ends_well_on_both_signals(tmp_path: Path) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         with serving(tmp_path / "runs") as running:

@@ -184,7 +184,7 @@ def test_an_older_database_is_brought_up_to_date(source: Path, runs: Path) -> No
     made.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_killed_in_the_middle_of_a_look_it_goes_on(source: Path, runs: Path) -> None:
     for number in range(250):
         another(source, runs, f"20250101-{number:06d}-run")

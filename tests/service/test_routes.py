@@ -263,7 +263,7 @@ def test_a_long_record_is_prepared_by_a_job(tmp_path: Path) -> None:
         assert running.ask("GET", path).content[:4] == b"GYT1"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_killed_in_the_middle_of_a_scan_the_next_service_lists_all(source: Path, tmp_path: Path) -> None:
     for number in range(150):
         another(source, tmp_path / "runs", f"20250101-{number:06d}-run")

@@ -185,6 +185,7 @@ def test_a_trigger_holds_the_picture_still(running: Serving) -> None:
     assert all(after.serial > before.serial for before, after in pairwise(seen))
 
 
+@pytest.mark.long
 def test_the_pattern_is_the_newest_periods_of_both_axes(running: Serving) -> None:
     with live(running) as client:
         client.say(op="pattern", id=2, periods=3)
@@ -218,6 +219,7 @@ def test_the_state_says_how_the_run_fares_ten_times_a_second_at_most(running: Se
     assert 0.0 <= health["in_time"] <= 1.0
 
 
+@pytest.mark.long
 def test_who_does_not_read_loses_the_oldest_and_takes_no_memory(running: Serving) -> None:
     def resident() -> int:
         pages = Path(f"/proc/{running.process.pid}/statm").read_text().split()[1]

@@ -27,6 +27,7 @@ CLEAR = 10.0
 """Deviations of an estimate by which at least one coefficient has to stand out, or the comparison says nothing."""
 
 
+@pytest.mark.beyond(6)
 @pytest.mark.parametrize("name", [name for name in DRAWABLE if name in names()])
 def test_the_observer_finds_what_is_expected(name: str, tmp_path: Path) -> None:
     place = make(Order("single", (name,), 1, draw=2), tmp_path, SAMPLES)

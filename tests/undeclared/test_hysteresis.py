@@ -60,9 +60,8 @@ def traced(what: Record, *asked: str) -> Diagnosis:
     return trace(Problem(what, device, settings, asked=asked), split=round(0.6 * SAMPLES))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", [decay, driven])
-@pytest.mark.beyond(1)
+@pytest.mark.long
 def test_it_is_named_with_its_coefficients(what) -> None:
     said = traced(what(), NAME)
     assert said.verdict is Verdict.EXPLAINED

@@ -153,6 +153,7 @@ def test_what_is_left_is_less_than_the_force() -> None:
     assert left < 0.2 * force
 
 
+@pytest.mark.long
 def test_uneven_samples_are_refused_in_words() -> None:
     record = simulated(lambda q, v: 0.0 * q, axes=1, samples=2000, noise=NOISE).problem.record
     record.step[500:] *= 1.01

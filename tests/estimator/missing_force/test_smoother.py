@@ -67,7 +67,7 @@ def judged(record: Simulated) -> tuple[float, float]:
     return float(np.sqrt(np.mean(off**2) / np.mean(true**2))), float(covered)
 
 
-@pytest.mark.beyond(1)
+@pytest.mark.long
 @pytest.mark.parametrize("name", PLANE)
 def test_the_force_in_a_plane_is_found_within_its_band(name: str) -> None:
     error, covered = judged(simulated(PLANE[name], axes=2, samples=SAMPLES, noise=NOISE))
@@ -83,6 +83,7 @@ def test_the_force_along_a_line_is_found_within_its_band(name: str) -> None:
     assert 0.8 < covered <= 1.0
 
 
+@pytest.mark.long
 def test_where_nothing_is_missing_no_force_is_found() -> None:
     """As large as what the force of friction in the other test is wrong by, at most."""
     record = simulated(lambda q, v: 0.0 * q, axes=2, samples=SAMPLES, noise=NOISE)
