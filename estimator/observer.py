@@ -498,6 +498,10 @@ class Observer:
             wide[rate, rate] = own
         self._c[:] = self._p
 
+    def begin_moving(self, motion: Array) -> None:
+        """Begin with these displacements and velocities (2, axes), m and m/s, at the start of the first interval."""
+        self.x[: self.states] = np.asarray(motion).T.ravel() / self.factors[: self.states]
+
     def begin_at(self, seconds: float, temperature: float | None) -> None:
         """What effects count from is a record's own beginning, so long ago, and its first temperature."""
         self._memory["time"] = seconds * self.scaling.omega0

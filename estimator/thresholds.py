@@ -111,6 +111,8 @@ class Start:
     )
     opening: int = _set(20_000, "samples", "From so many a first pass finds the constants; the second begins there.")
     opening_share: float = _set(1.0 / 3.0, "of the record", "The same of a long record, whose amplitude and rate move.")
+    cycles: float = _set(1.5, "cycles", "They show the motion to some percent, as far as amplitude and rate may move.")
+    harmonics: int = _set(3, "orders", "What a channel bends is in the second and the third.")
     memories: float = _set(3.0, "memories of the observer", "A start from declared values has decayed to a twentieth.")
     longest_memory: float = _set(1.0, "s", "An observer of longer memory has settled its motion by then.")
     most: int = _set(4, "1 / share of the record", "A short record is not scored by its last part alone.")

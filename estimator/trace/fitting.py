@@ -23,7 +23,7 @@ from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
 from estimator.trace.scan import PARTS
-from estimator.trace.start import begin_about
+from estimator.trace.start import begin_about, begin_moving
 
 _SET = THRESHOLDS.start
 
@@ -187,6 +187,7 @@ def _fit(problem: Problem, passes: int, about: Observer | None, again: int) -> F
             observer.carry_both()
         if previous is not None:
             begin_about(observer, previous)
+        begin_moving(observer, problem.record)
         coefficients = slice(len(observer.x) - len(observer.coefficient_deviations), None)
         begun, spread = observer.x[coefficients].copy(), observer.coefficient_deviations
         estimates = run(observer, (problem if number else opening).record)

@@ -24,6 +24,7 @@ from estimator.side_by_side import side_by_side
 from estimator.trace.determined import declared
 from estimator.trace.fitting import Fitted, run
 from estimator.trace.problem import Problem
+from estimator.trace.start import begin_moving
 
 
 def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
@@ -46,6 +47,7 @@ def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
     def held_at(unknown: Array) -> tuple[Observer, Estimates]:
         values = dict(zip(names, (unknown * unit).tolist(), strict=True))
         trial = Observer(problem.device, _held(model.settings, observer, values), problem.controller)
+        begin_moving(trial, problem.record)
         return trial, run(trial, problem.record)
 
     begin, least = (

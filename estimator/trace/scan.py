@@ -18,7 +18,7 @@ from estimator.settings import Gain
 from estimator.side_by_side import side_by_side, stop_if_abandoned, workers
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
-from estimator.trace.start import begin_about
+from estimator.trace.start import begin_about, begin_moving
 
 _SET = THRESHOLDS.scan
 
@@ -144,6 +144,7 @@ class _Pass:
         self.observer = observer = Observer(problem.device, carrying, problem.controller, watched=len(watched))
         if previous is not None:
             begin_about(observer, previous)
+            begin_moving(observer, problem.record)
         self.columns: dict[str, slice] = {}
         sizes: list[float] = []
         for _, effect in observer.effects[observer.carried :]:

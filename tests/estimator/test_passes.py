@@ -47,6 +47,7 @@ class Counter:
         self.x = np.array([9.0, 9.0, given.get("dqx", 0.0), given.get("dqy", 0.0)])
         self.names: tuple[str, ...] = ("x", "kxx", "dqx", "dqy")
         self.begun_about: Any = None
+        self.begun_with: Any = None
         self.samples = 0
         Counter.made.append(self)
 
@@ -71,6 +72,7 @@ def passes(monkeypatch: pytest.MonkeyPatch) -> type[Counter]:
     monkeypatch.setattr(fitting, "Observer", Counter)
     monkeypatch.setattr(fitting, "run", run)
     monkeypatch.setattr(fitting, "begin_about", lambda one, other: setattr(one, "begun_about", other))
+    monkeypatch.setattr(fitting, "begin_moving", lambda one, record: setattr(one, "begun_with", record))
     monkeypatch.setattr(fitting, "constants_of", lambda observer: {"kxx": float(len(Counter.made))})
     monkeypatch.setattr(
         fitting, "coefficients_of", lambda observer: {"drag": {"dqx": observer.x[2], "dqy": observer.x[3]}}
@@ -105,6 +107,7 @@ def test_a_fit_makes_as_many_passes_as_it_needs(
     assert [one.begun_about for one in passes.made] == [about, *passes.made[: made - 1]]
     assert found.observer is passes.made[-1]
     assert [one.samples for one in passes.made] == [N] * made
+    assert [len(one.begun_with) for one in passes.made] == [N] * made
     # Each begins with what the one before found; the settings of the last are where it came to.
     assert [one.settings.initial["kxx"] for one in passes.made] == [1.0, *np.arange(1.0, made)]
     assert found.settings.initial == {"kxx": float(made), "vx": 0.5, "rate": 0.25}

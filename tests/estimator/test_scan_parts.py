@@ -19,7 +19,7 @@ from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
-from estimator.trace.start import begin_about
+from estimator.trace.start import begin_about, begin_moving
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS
 
 UNLIKE = replace(DEVICE, sense_gain=(-890.0, 445.0), noise=(9e-5, 4e-5))
@@ -117,6 +117,7 @@ def test_a_scan_about_an_earlier_pass_begins_as_it_ended(record: Record) -> None
     run(previous, record)
     again = Observer(UNLIKE, SETTINGS)
     begin_about(again, previous)
+    begin_moving(again, record)
     expected = run(again, record).innovation
     seen = scan(Problem(record, UNLIKE, SETTINGS), WATCHED, previous)
     np.testing.assert_allclose(seen.innovation, expected, rtol=1e-6, atol=1e-12)

@@ -1,4 +1,6 @@
-"""How a pass begins: about what an earlier one found, what is held, and from which sample on it counts."""
+"""How a pass begins: about what an earlier one found, with which motion, what is held, and from which sample on it
+counts.
+"""
 
 from dataclasses import replace
 
@@ -6,8 +8,12 @@ import numpy as np
 import pytest
 
 from estimator.observer import Observer
+from estimator.record import Record
+from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.start import begin_about, settled_from, settling
+from estimator.trace.fitting import fit, leads, run
+from estimator.trace.problem import Problem
+from estimator.trace.start import begin_about, begin_moving, first_motion, settled_from, settling
 
 RATE, OMEGA = 4000.0, 2.0 * np.pi * 200.0
 DEVICE = Device(
@@ -72,3 +78,85 @@ def test_three_memories_of_a_second_at_most_are_the_start_and_a_quarter_of_the_r
     settings = ObserverSettings(memory=memory)
     assert settled_from(settings, DEVICE, samples) == first
     assert settling(settings, DEVICE) == 3 * int(min(memory, 1.0) * RATE)
+
+
+def shown(samples: int, step: Array, bend: float = 0.0) -> Record:
+    """Two channels of 0.7 V at OMEGA, a displacement m of each shown as m + bend m²; the drive at rest."""
+    phase = OMEGA * np.cumsum(step)[:, None] + np.array([0.3, -1.1])
+    moved = 0.7 * np.cos(phase)
+    sense = 0.02 + moved + bend * moved**2
+    return Record(sense=sense, drive=np.zeros((samples, 2, 1)), step=step)
+
+
+# V and V/s, as the first interval begins
+MOTION = 0.7 * np.array([np.cos([0.3, -1.1]), -OMEGA * np.sin([0.3, -1.1])])
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.09])
+def test_the_first_cycles_tell_the_motion_whatever_the_channel_bends(bend: float) -> None:
+    step = np.random.default_rng(5).uniform(0.9, 1.1, 200) / RATE
+    np.testing.assert_allclose(first_motion(shown(200, step, bend), OMEGA), MOTION, rtol=1e-9)
+
+
+def test_lost_samples_are_left_out_and_where_too_few_are_left_nothing_is_told() -> None:
+    record = shown(200, np.full(200, 1.0 / RATE))
+    record.sense[3:9] = np.nan
+    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-9)
+    record.sense[6:] = np.nan
+    assert np.all(np.isnan(first_motion(record, OMEGA)))
+    observer = Observer(DEVICE, SETTINGS)
+    as_it_was = observer.state.copy()
+    begin_moving(observer, record)
+    np.testing.assert_array_equal(observer.state, as_it_was)
+
+
+@pytest.mark.parametrize("samples_a_cycle", [5.0, 20.0])
+def test_a_pass_begins_with_that_motion_and_no_surer_of_it(samples_a_cycle: float) -> None:
+    device = replace(DEVICE, sample_rate=samples_a_cycle * OMEGA / (2.0 * np.pi))
+    observer = Observer(device, SETTINGS)
+    spread = observer.arrays.p.copy()
+    begin_moving(observer, shown(60, np.full(60, 1.0 / device.sample_rate)))
+    states = dict(zip(observer.names[:4], observer.state[:4], strict=True))
+    (x, y), (vx, vy) = MOTION / 890.0
+    assert states == pytest.approx({"x": x, "vx": vx, "y": y, "vy": vy}, rel=1e-6)
+    np.testing.assert_array_equal(observer.arrays.p, spread)
+
+
+def test_the_motion_is_that_of_the_frequency_found() -> None:
+    """A bench file that is 1 % off is not asked again."""
+    step = np.full(60, 1.0 / RATE)
+    record = Record(shown(60, step).sense, np.zeros((60, 2, 1)), step)
+    off = replace(DEVICE, stiffness=(1.1 * OMEGA**2, 1.1 * OMEGA**2, 0.0))
+    found = Observer(off, replace(SETTINGS, initial={"kxx": OMEGA**2, "kyy": OMEGA**2}))
+    begin_moving(found, record)
+    np.testing.assert_allclose(found.state[:4].reshape(2, 2).T, MOTION / 890.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("device", "initial"), [(SINGLE, {}), (DEVICE, {"vy": 0.01}), (DEVICE, {"kxx": -1.0}), (DEVICE, {"kyy": -1.0})]
+)
+def test_a_single_axis_a_motion_that_is_given_and_what_does_not_vibrate_begin_as_they_are(
+    device: Device, initial: dict[str, float]
+) -> None:
+    observer = Observer(device, replace(SETTINGS, initial=initial))
+    as_it_was = observer.state.copy()
+    begin_moving(observer, shown(60, np.full(60, 1.0 / RATE)))
+    np.testing.assert_array_equal(observer.state, as_it_was)
+
+
+def test_with_a_bent_channel_the_beginning_is_followed_like_the_rest() -> None:
+    """By a filter that begins at rest it is not: its innovations there are several times what it takes them to be."""
+    samples, bend = 4000, 0.1  # 1/V
+    record = shown(samples, np.full(samples, 1.0 / RATE), bend)
+    record.sense[:] += np.random.default_rng(8).normal(0.0, 1e-4, record.sense.shape)
+    carried = {"sense_quadratic": {"a2x": bend * 890.0, "a2y": bend * 890.0}}
+    still = replace(DEVICE, damping=(0.0, 0.0, 0.0))
+    problem = Problem(record, still, replace(SETTINGS, effects=carried))
+    fitted = fit(problem)
+    first = (fitted.estimates.innovation / fitted.estimates.innovation_deviation)[: samples // 32]
+    assert np.mean(first**2) < 1.3
+    at_rest = Observer(still, fitted.settings)
+    begin_about(at_rest, fitted.observer)
+    begun = run(at_rest, record)
+    assert np.mean((begun.innovation / begun.innovation_deviation)[: samples // 32] ** 2) > 4.0
+    assert leads(fitted, replace(fitted, estimates=begun))[0] > 100.0
