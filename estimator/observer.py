@@ -1,7 +1,7 @@
 """The observer in SI: built from what the data sheet declares, run over blocks or sample by sample."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
@@ -128,9 +128,6 @@ class Observer:
         if len(self.estimated_index) > MAX_ENTRIES:
             raise ModelError(f"{len(self.estimated_index)} states and constants at once; {MAX_ENTRIES} are supported")
         spread, random_walk = self._spreads()
-        known = [self.names.index(name) - self.states for name in settings.held]
-        spread[self.states :][np.isin(self.active, known)] = 0.0
-        random_walk[known] = 0.0
         self.x = self._initial()
         n = self.states + len(self.active)
         self._p = np.diag(spread**2)
@@ -508,15 +505,18 @@ class Observer:
         if temperature is not None:
             self.first_temperature = temperature
 
-    def hold_coefficients(self) -> None:
-        """Keep the coefficients of all effects where they are: known, so nothing of them is learnt or forgotten."""
-        first = self._first_coefficient
+    def hold(self, names: Iterable[str]) -> None:
+        """Keep constants or coefficients where they are: known, so nothing of them is learnt or forgotten."""
+        rows = np.array([self.estimated.index(name) for name in names], dtype=int)
         for covariance in (self._p, self._c):
-            covariance[first:, :] = 0.0
-            covariance[:, first:] = 0.0
-        constants = first - self.states
-        self._spread[constants:] = 0.0
-        self._prior[constants:] = 0.0
+            covariance[rows, :] = 0.0
+            covariance[:, rows] = 0.0
+        for own in (self._intensity, self._spread, self._prior):
+            own[rows - self.states] = 0.0
+
+    def hold_coefficients(self) -> None:
+        """Keep those of all effects."""
+        self.hold(self.estimated[self._first_coefficient :])
 
     def assume(self, names: Sequence[str], covariance: Array) -> None:
         """Constants or coefficients are known with this covariance (k, k), SI, and share nothing with the others."""

@@ -113,7 +113,6 @@ class ObserverSettings:
     effects: what the base model lacks and this observer carries, by name (`estimator.effects`), each with first
     initial values of its coefficients in SI (0 where not given); they are estimated with the rest.
 
-    held: constants that keep their initial value, by name: known, so nothing of them is learnt or forgotten.
     open_loop: nothing makes an ideal oscillator of the device, so that the angle is the integrated rate.
     reference: time [s] from which on the angle's uncertainty counts; what it was there is zero by definition.
 
@@ -129,7 +128,6 @@ class ObserverSettings:
     spread: Spread = field(default_factory=Spread)
     process_noise: ProcessNoise = field(default_factory=ProcessNoise)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    held: tuple[str, ...] = ()
     reference: float = 0.0
     open_loop: bool = False
 

@@ -90,8 +90,9 @@ class ObserverModel:
         self, current: Carrying, look: Look, names: Sequence[str], tried: Mapping[str, Trial[Carrying]]
     ) -> Mapping[str, Carrying | str]:
         """Each beside what `current` carries, those that one pass leaves far behind by that pass; parameters of those
-        near the best are searched, and those with the same parameters follow them.  What turns into a simpler effect
-        on the way is none.
+        near the best are searched, and those with the same parameters follow them.  One that loses, though it may be
+        nothing, was linearised about the wrong place and begins again with the coefficients of the scan.  What turns
+        into a simpler effect on the way is none.
         """
         base = current.fitted
         effects = coefficients_of(base.observer)
@@ -100,6 +101,11 @@ class ObserverModel:
             lambda done: self.progress("candidates", done, len(names)),
         )
         models = dict(zip(names, carried, strict=True))
+        lost = [name for name in names if not models[name].likelihood > base.likelihood and name in look.evidence]
+        begun = [{**effects, name: self._as_scanned(look, name)} for name in lost]
+        again = side_by_side([partial(fit, self.problem.carrying(carrying)) for carrying in begun])
+        for name, model in zip(lost, again, strict=True):
+            models[name] = max(models[name], model, key=lambda fitted: fitted.likelihood)
         searched: dict[str, Searched] = {}
         reached = tried[leader(tried)].score.gain if tried else -np.inf
         gains = {name: trial.score.gain for name, trial in tried.items()}
@@ -131,6 +137,12 @@ class ObserverModel:
             else:
                 found[name] = Carrying(self.problem, fitted, {**current.searched, name: searched.get(name, NOTHING)})
         return found
+
+    def _as_scanned(self, look: Look, name: str) -> dict[str, float]:
+        """An effect with the coefficients that the scan has of it."""
+        _, effect = effect_for(name, self.problem.device.axes, self.problem.device.own)
+        symbols = [c.name.partition(":")[0] for c in effect.coefficients]
+        return {**look.watched[name], **dict(zip(symbols, look.evidence[name].coefficients.tolist(), strict=True))}
 
     def _between(self, current: Carrying, models: Mapping[str, Fitted], name: str) -> Fitted:
         """The model of `name`, or, where that is the likelier, one halfway between its parameter and that of the next

@@ -46,7 +46,8 @@ def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
 
     def held_at(unknown: Array) -> tuple[Observer, Estimates]:
         values = dict(zip(names, (unknown * unit).tolist(), strict=True))
-        trial = Observer(problem.device, _held(model.settings, observer, values), problem.controller)
+        trial = Observer(problem.device, _at(model.settings, observer, values), problem.controller)
+        trial.hold(names)
         begin_moving(trial, problem.record)
         return trial, run(trial, problem.record)
 
@@ -93,8 +94,7 @@ def by_prediction_error(problem: Problem, model: Fitted) -> Fitted:
     fitted, estimates = held_at(found)
     spread = covariance_of(jacobian(found), over_noise(estimates), information, worth)
     fitted.assume(names, spread * np.outer(unit, unit))
-    settings = replace(fitted.settings, held=model.settings.held)
-    return replace(model, settings=settings, observer=fitted, estimates=estimates)
+    return replace(model, settings=fitted.settings, observer=fitted, estimates=estimates)
 
 
 def _sought(observer: Observer, given: Mapping[str, Declared]) -> list[str]:
@@ -104,11 +104,11 @@ def _sought(observer: Observer, given: Mapping[str, Declared]) -> list[str]:
     return [name for name in observer.estimated[observer.states :] if name not in stay]
 
 
-def _held(settings: ObserverSettings, observer: Observer, values: Mapping[str, float]) -> ObserverSettings:
-    """These settings with constants and coefficients held at `values`."""
+def _at(settings: ObserverSettings, observer: Observer, values: Mapping[str, float]) -> ObserverSettings:
+    """These settings with constants and coefficients that begin at `values`."""
     effects = {}
     for _, effect in observer.effects:
         own = {c.name.partition(":")[0]: values[c.name] for c in effect.coefficients}
         effects[effect.name] = {**settings.effects[effect.name], **own}
     constants = {name: value for name, value in values.items() if name in observer.model.names}
-    return replace(settings, initial={**settings.initial, **constants}, effects=effects, held=tuple(values))
+    return replace(settings, initial={**settings.initial, **constants}, effects=effects)

@@ -104,6 +104,38 @@ def test_those_near_the_best_are_improved_and_all_are_beside_what_is_carried(
 
 
 @pytest.mark.parametrize(
+    ("likelihoods", "begins", "ends"),
+    [
+        ({False: 700.0, True: 1400.0}, True, 1400.0),  # there it is found
+        ({False: 700.0, True: 600.0}, True, 700.0),
+        ({False: -np.inf, True: 1400.0}, True, 1400.0),
+        ({False: 1000.0, True: 1400.0}, True, 1400.0),  # no more than without it, which it may be
+        ({False: 1000.5, True: 1400.0}, False, 1000.5),
+    ],
+)
+def test_one_that_loses_begins_again_with_the_coefficients_of_the_scan(
+    monkeypatch: pytest.MonkeyPatch, fits: Any, likelihoods: dict[bool, float], begins: bool, ends: float
+) -> None:
+    begun: list[tuple[dict[str, float], bool]] = []
+
+    def fit(asked: Problem, *, again: bool = True) -> Any:
+        given = dict(asked.effects["interference:1"])
+        begun.append((given, again))
+        return fitted(dict(asked.effects), likelihoods["lcx" in given])
+
+    monkeypatch.setattr(observer_model, "fit", fit)
+    monkeypatch.setattr(observer_model, "worth_refining", lambda *asked: [])
+    monkeypatch.setattr(observer_model, "worth_finishing", lambda *asked: [])
+    scanned = SimpleNamespace(coefficients=np.array([0.1, 0.2, 0.3, 0.4]))
+    look: Any = SimpleNamespace(watched=WATCHED, evidence={"interference:1": scanned})
+    found: Any = ObserverModel(PROBLEM).fit(BASE, look, ["interference:1"], {})
+    assert found["interference:1"].fitted.likelihood == ends
+    # As often as it takes, not with the passes of a glance.
+    fresh = ({"omega": 700.0, "lcx": 0.1, "lsx": 0.2, "lcy": 0.3, "lsy": 0.4}, True)
+    assert begun == [({"omega": 700.0}, False), *([fresh] if begins else [])]
+
+
+@pytest.mark.parametrize(
     ("name", "high", "searched"),
     [("sense_high_pass:3", -1.0, False), ("sense_high_pass:3", 1.0, True), ("drag", -1.0, True)],
 )

@@ -79,6 +79,6 @@ def test_a_climb_that_cannot_win_ends_and_every_candidate_is_told(monkeypatch) -
     told = []
     model = ObserverModel(problem, lambda *what: told.append(what))
     base = Carrying(problem, fit(problem))
-    look = SimpleNamespace(watched={"sense_gain": {}, "interference:1": line})
+    look = SimpleNamespace(watched={"sense_gain": {}, "interference:1": line}, evidence={})
     model.fit(base, look, list(look.watched), {})
     assert told == [("candidates", 1, 2), ("candidates", 2, 2), ("parameters", 1, 1)]

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
-from estimator.trace.fitting import Fitted, fit
+from estimator.trace.fitting import Fitted, fit, run
 from estimator.trace.prediction_error import by_prediction_error
 from estimator.trace.problem import Problem
 
@@ -130,7 +130,6 @@ def test_a_coefficient_counts_by_itself_and_a_constant_that_is_known_exactly_sta
     assert 0.0 < sure < 1e-3
     assert value(found, "dxx") == value(model, "dxx")
     assert found.settings.effects["drive_gain"]["hx"] == pytest.approx(gain)
-    assert found.settings.held == ()
 
 
 def test_what_is_declared_counts_as_much_more_as_the_innovations_are_larger() -> None:
@@ -163,12 +162,18 @@ def test_intervals_of_an_axis_at_rest_hold_the_truth_where_those_of_the_filter_d
 
 
 def test_what_is_held_keeps_its_value_and_what_is_assumed_is_known_so_well() -> None:
-    problem = Problem(record(5, 0.02), DECLARED, SETTINGS)
-    held = fit(problem.under(replace(SETTINGS, initial={"dyy": 13.0}, held=("dyy",))))
-    damping, sure = value(held, "dyy")
-    assert damping == pytest.approx(13.0)
-    assert sure == 0.0
-    assert value(held, "dxx")[1] > 0.0
+    fading = replace(SETTINGS, gain=Gain.FADING, initial={"dyy": 13.0})
+    fading = replace(fading, process_noise=replace(fading.process_noise, damping=0.1))
+    for settings in (SETTINGS, fading):
+        free, held = (Observer(DECLARED, replace(settings, initial={"dyy": 13.0})) for _ in range(2))
+        held.hold(["dyy"])
+        for observer in (free, held):
+            run(observer, record(5, 0.02))
+        own, other = (held.estimated.index(name) for name in ("dyy", "dxx"))
+        assert dict(zip(held.names, held.state, strict=True))["dyy"] == pytest.approx(13.0, rel=1e-12)
+        assert dict(zip(free.names, free.state, strict=True))["dyy"] != pytest.approx(13.0, rel=1e-6)
+        assert not held.covariance[own].any()
+        assert held.covariance[other, other] > 0.0
     observer = Observer(DECLARED, SETTINGS)
     covariance = np.array([[4.0, 1.0], [1.0, 9.0]])
     observer.assume(["dyy", "dxy"], covariance)
