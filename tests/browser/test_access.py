@@ -57,7 +57,7 @@ def run(service: Serving) -> str:
     return leave_run(service.folder, "looked-at", seed=1)
 
 
-@pytest.mark.beyond(1)
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", SIZES)
 def test_no_view_has_a_violation(

@@ -178,6 +178,7 @@ def cases(draw: st.DrawFn) -> tuple[Truth, ObserverSettings, float, float]:
     return truth, settings, draw(a(-0.01, 0.01)) * omega0, off
 
 
+@pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("axes", [1, 2])
 @hypothesis_settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -66,7 +66,6 @@ def test_a_python_decoder_without_its_checksum_is_found_out(monkeypatch: pytest.
     assert fuzz.feed_serial(300_000, 1).corrupt > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "line", "broken"),
     [
@@ -75,7 +74,7 @@ def test_a_python_decoder_without_its_checksum_is_found_out(monkeypatch: pytest.
         ("hil_gain.c", "if (exact > limit || exact < -limit) {", "if (exact > limit) {"),
     ],
 )
-@pytest.mark.beyond(1)
+@pytest.mark.long
 def test_a_broken_library_is_found_out(tmp_path: Path, file: str, line: str, broken: str) -> None:
     """No checksum; a byte beyond the memory; a limit on one side only."""
     shutil.copytree(FIRMWARE / "src", tmp_path / "src")

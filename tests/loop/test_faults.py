@@ -152,7 +152,7 @@ def test_a_saturated_channel_is_named(tmp_path: Path) -> None:
     assert any("channel y went no further than 0.05 V" in reason for reason in result.reasons), result.reasons
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.realtime
 def test_on_wall_time_handshake_and_run_survive_a_bad_line(tmp_path: Path) -> None:
     """Requests are repeated, watchdogs rearmed; the emulator says at the end what it did."""

@@ -294,7 +294,7 @@ def test_one_seed_is_one_record_on_any_link(tmp_path: Path, no_report: None) -> 
         assert path.read_bytes() == (far.path / path.name).read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.realtime
 def test_in_real_time_over_a_pty(tmp_path: Path) -> None:
     """Slow enough for any machine: nothing lost, every block in the ledger, the load told."""

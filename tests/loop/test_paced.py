@@ -144,6 +144,7 @@ def host_lost(tick: Ticks) -> int:
     return int(tick[-1] - tick[0]) + 1 - len(tick)
 
 
+@pytest.mark.long
 def test_ctrl_c(tmp_path: Path) -> None:
     """SAFE is sent, the record closed with its end marker, and the exit code says what happened."""
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")

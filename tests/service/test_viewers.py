@@ -19,7 +19,7 @@ pytest.importorskip("foxglove", reason="the extra `viewers` is not installed")
 _DATA = struct.Struct("<BIQ")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.realtime
 def test_a_viewer_sees_the_run(tmp_path: Path) -> None:
     bench_file(tmp_path / "unhurried.bench.toml", unhurried_bench(60.0, loop={"settle_s": 1.0}))
