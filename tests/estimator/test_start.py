@@ -110,6 +110,27 @@ def test_lost_samples_are_left_out_and_where_too_few_are_left_nothing_is_told() 
     np.testing.assert_array_equal(observer.state, as_it_was)
 
 
+@pytest.mark.parametrize(
+    ("samples_a_cycle", "rows", "unknown"), [(20.0, 30, 7), (8.0, 14, 7), (7.5, 12, 5), (5.0, 8, 3)]
+)
+def test_one_and_a_half_cycles_are_asked_or_twice_as_many_samples_as_there_are_unknowns(
+    samples_a_cycle: float, rows: int, unknown: int
+) -> None:
+    """An offset, the fundamental, and of the harmonics those that the samples tell."""
+    record = shown(60, np.full(60, 2.0 * np.pi / OMEGA / samples_a_cycle))
+    record.sense[rows:] = 9.0
+    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-9)
+    record.sense[: rows - unknown - 1] = np.nan
+    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-6)
+    record.sense[rows - unknown - 1] = np.nan
+    none = first_motion(record, OMEGA)
+    assert none.shape == (2, 2)
+    assert np.all(np.isnan(none))
+    seen = shown(60, record.step)
+    seen.sense[rows - 1] = 9.0
+    assert np.max(np.abs(first_motion(seen, OMEGA) / MOTION - 1.0)) > 1e-3
+
+
 @pytest.mark.parametrize("samples_a_cycle", [5.0, 20.0])
 def test_a_pass_begins_with_that_motion_and_no_surer_of_it(samples_a_cycle: float) -> None:
     device = replace(DEVICE, sample_rate=samples_a_cycle * OMEGA / (2.0 * np.pi))
