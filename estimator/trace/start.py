@@ -7,7 +7,7 @@ import numpy as np
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
-from estimator.settings import Device, ObserverSettings, Sensed
+from estimator.settings import Device, ObserverSettings
 from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.start
@@ -27,7 +27,7 @@ def begin_moving(observer: Observer, record: Record) -> None:
     9 % took a sixteenth of a record to come back.
     """
     device, given = observer.device, set(observer.names[: observer.states]) & set(observer.settings.initial)
-    if device.axes != 2 or given or any(one is not Sensed.DISPLACEMENT for one in device.sensed):
+    if device.axes != 2 or given:
         return
     stiffness = observer.state[[observer.names.index(name) for name in ("kxx", "kyy")]]
     if not np.all(stiffness > 0.0):

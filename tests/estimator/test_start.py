@@ -101,6 +101,7 @@ def test_the_first_cycles_tell_the_motion_whatever_the_channel_bends(bend: float
 def test_lost_samples_are_left_out_and_where_too_few_are_left_nothing_is_told() -> None:
     record = shown(200, np.full(200, 1.0 / RATE))
     record.sense[3:9] = np.nan
+    record.sense[12, 0] = np.nan
     np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-9)
     record.sense[6:] = np.nan
     assert np.all(np.isnan(first_motion(record, OMEGA)))
