@@ -31,7 +31,7 @@ def test_a_run_ends_at_once_and_says_what_is_there(
     took_s = time.monotonic() - begin
     (folder,) = (tmp_path / "runs").iterdir()
     result = load_result(folder / "result.json")
-    if code == 0:
+    if code == 0 and after_s > 1.0:
         pytest.skip("the report was drawn before the signal came")
     assert (code, out) == (130, ""), err
     assert took_s < ENDS_S
@@ -61,7 +61,7 @@ def test_a_score_says_whether_its_figures_are_there(
     begin = time.monotonic()
     host.send_signal(signal.SIGINT)
     code, _, err = finished(host)
-    if code == 0:
+    if code == 0 and after_s > 1.0:
         pytest.skip("it was done before the signal came")
     assert code == 130, err
     assert time.monotonic() - begin < ENDS_S

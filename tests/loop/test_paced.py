@@ -150,7 +150,7 @@ def test_ctrl_c(tmp_path: Path) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
     with (
         emulator(scenario) as board,
-        Host(tmp_path / "host", gyro.unhurried_bench(60.0), board.url) as host,
+        Host(tmp_path / "host", gyro.unhurried_bench(60.0), board.url, report=True) as host,
     ):
         host.await_record()
         host.interrupt()
@@ -158,6 +158,7 @@ def test_ctrl_c(tmp_path: Path) -> None:
         assert code == 130, said
         assert host.capture.complete
         assert (host.result["verdict"], host.result["reasons"]) == ("interrupted", ["stopped on request"])
+        assert host.folder.report_path.exists()
         assert safe_reason(board.url) == SafeReason.INTERRUPTED
 
 
@@ -180,7 +181,7 @@ def test_ctrl_c_before_anything_is_recorded(tmp_path: Path, stage: str) -> None:
 def test_a_board_that_dies(tmp_path: Path, clock: str) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
     declared = gyro.unhurried_bench(60.0 if clock == "paced" else 3000.0, clock)
-    with Host(tmp_path / "host", declared, f"pty:{scenario}") as host:
+    with Host(tmp_path / "host", declared, f"pty:{scenario}", report=True) as host:
         host.await_record()
         os.kill(host.child("device_emulator"), signal.SIGKILL)
         code, said = host.ends()
@@ -192,3 +193,4 @@ def test_a_board_that_dies(tmp_path: Path, clock: str) -> None:
         assert "\n" not in reason
         assert "hung up" in reason or "died" in reason  # whichever is noticed first
         assert result["complete"]
+        assert host.folder.report_path.exists()

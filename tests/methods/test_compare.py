@@ -138,11 +138,11 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_the_truth_of_another_run_is_refused(whole_run: Path, tmp_path: Path) -> None:
     other = write_run(tmp_path / "other", Options(seconds=1.0))
     with pytest.raises(hil.InputError, match="another run"):
-        hil.compare(whole_run, truth=other, out=tmp_path / "out")
+        hil.compare(hil.load(whole_run), truth=other, out=tmp_path / "out")
 
 
 def test_without_a_reference_there_are_angles_and_no_errors(whole_run: Path, tmp_path: Path) -> None:
-    kept = hil.compare(whole_run, report=False, out=tmp_path)
+    kept = hil.compare(hil.load(whole_run), report=False, out=tmp_path)
     assert kept.reference is None
     assert all(row.angle_error_rms_rad is None and row.angle_rad is not None for row in kept.rows)
     assert [remark.partition(":")[0] for remark in kept.remarks] == ["(d) Park–Horowitz", "bound"]

@@ -105,7 +105,7 @@ def written(folder, truth=None):
 
 
 @pytest.fixture(scope="module")
-def drawn(tmp_path_factory):
+def page(tmp_path_factory):
     """The page of a scored run, every figure of it drawn."""
     folder = tmp_path_factory.mktemp("drawn") / "20250314-092653-bench"
     truth = write_run(folder, Options(line_V=3e-5))
@@ -113,8 +113,7 @@ def drawn(tmp_path_factory):
     return written(folder, truth)
 
 
-def test_a_scored_run_has_every_figure_and_table(drawn):
-    page = drawn
+def test_a_scored_run_has_every_figure_and_table(page):
     assert figures(page) == EVERYTHING
     assert checked(page).headers > 40
     assert "<strong>Good.</strong> <span>Angle within" in page
@@ -126,8 +125,8 @@ def test_a_scored_run_has_every_figure_and_table(drawn):
     assert "memory_s = 2.0" in page
 
 
-def test_every_figure_can_be_read_aloud_and_parsed(drawn):
-    for svg in re.findall(r"<svg.*?</svg>", drawn, flags=re.DOTALL):
+def test_every_figure_can_be_read_aloud_and_parsed(page):
+    for svg in re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL):
         root = ElementTree.fromstring(svg.replace("xlink:href", "href"))
         title, description = root[0], root[1]
         assert (title.tag, description.tag) == ("title", "desc")
@@ -137,8 +136,9 @@ def test_every_figure_can_be_read_aloud_and_parsed(drawn):
         assert not re.search(r"\bnan\b", description.text)
 
 
-def test_figures_take_the_colours_of_the_page(drawn):
-    page = drawn
+def test_figures_take_the_colours_of_the_page(make_run):
+    folder, _ = make_run()  # beside its rivals, in place of a truth
+    page = written(folder)
     colours = set(re.findall(r"#[0-9a-f]{6}", "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))))
     assert colours <= {"#000000", "#ffffff"}
     used = set(re.findall(r"var\(--(\w+)\)", page))
