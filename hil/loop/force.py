@@ -77,7 +77,7 @@ class ForceLoop(Loop):
             tick = row[0]
             if tick != self._next and self._next is not None:
                 self._bridge(tick)
-            if self._waiting and tick - first >= self._acquired:
+            if self._waiting and self._may_close(tick - first):
                 self._waiting = False
                 observer.enable_control(True)
             self._step_target(tick - first)

@@ -109,7 +109,7 @@ class GainLoop(Loop):
         self._bridge(block.tick)
         if not stale:  # else of matrices that are forgotten
             self._require_sent(sense.matrix_id)
-        if self._waiting and block.tick - first >= self._acquired:
+        if self._waiting and self._may_close(block.tick - first):
             self._waiting, self._closed = False, True
             self._observer.enable_control(True)
         self._step_target(block.tick - first)

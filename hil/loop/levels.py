@@ -24,7 +24,7 @@ class Levels:
     """What the sense channels of the device that `bench` declares can show.
 
     Attributes:
-        rows: how many rows are needed: those before the loop is closed, a cycle of the vibration at least.
+        rows: how many rows are needed: those of the acquisition, a cycle of the vibration at least.
     """
 
     def __init__(self, bench: Bench, identity: Identity) -> None:

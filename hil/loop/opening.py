@@ -16,6 +16,7 @@ class Opening:
     """Told rows (tick, vx, vy, ux, uy, …) until it has as many as it needs.
 
     Attributes:
+        judged: whether there were enough rows to tell the sense levels by.
         wrong: what is wrong with the sense levels, "" while that is nothing or not known yet.
     """
 
@@ -26,14 +27,14 @@ class Opening:
         self._levels = Levels(bench, identity)
         self._needed = max(self._levels.rows, samples_needed(bench))
         self._rows: list[Sequence[int]] = []
-        self._judged = False
+        self.judged = False
         self.wrong = ""
 
     def saw(self, rows: Iterable[Sequence[int]]) -> bool:
         """Note the next rows; whether they were the last that are needed."""
         self._rows.extend(rows)
-        if not self._judged and len(self._rows) >= self._levels.rows:
-            self._judged = True
+        if not self.judged and len(self._rows) >= self._levels.rows:
+            self.judged = True
             self.wrong = self._levels.wrong(np.array([row[1:3] for row in self._rows]))
         return len(self._rows) >= self._needed
 

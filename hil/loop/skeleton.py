@@ -180,6 +180,12 @@ class Loop(ABC):
         """An answer left after a suspiciously long time, or the first of a run."""
         self._board.account.silent(sent_ns - self._answered_ns)
 
+    def _may_close(self, since: int) -> bool:
+        """Whether the loop is to be closed with the sample that many ticks from the first: the motion is acquired, and
+        the sense levels were judged and are right, however few rows came of those ticks.
+        """
+        return since >= self._acquired and self.opening.judged and not self.wrong
+
     def _bridge(self, tick: int) -> None:
         """See to the samples that are missing before that of `tick`."""
         missing = 0 if self._next is None else tick - self._next
