@@ -47,7 +47,7 @@ NUMBER = {name: register.id for name, register in SPEC.registers.items()}
 
 
 def bench(clock: str = "paced", **changes: Any) -> Bench:
-    return gyro.unhurried_bench(1.0, clock, **({"link": {"timeout_s": 0.5, "watchdog_s": 0.5}} | changes))
+    return gyro.unhurried_bench(1.0, clock, **({"link": {"timeout_s": 5.0, "watchdog_s": 0.5}} | changes))
 
 
 def refused(identity: Identity, **known: Any) -> str:
