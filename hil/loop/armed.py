@@ -129,7 +129,7 @@ class ArmedBoard:
         asked, self._safe_sent = self._safe_sent, False
         stop = self._note(status, "host" if asked and status.reason == SafeReason.LINK_LOST else "board")
         try:
-            armed = self._recover(status, stop, asked=asked)
+            armed = self._recover(status, stop, newest_ns, asked=asked)
         except WireError:  # whatever the board says, for this host the stop has latched
             self.safety.latched = self.safety.latched or stop.reason
             raise
@@ -215,10 +215,11 @@ class ArmedBoard:
             self.waiting(silent_s)
         return None
 
-    def _recover(self, status: Status, stop: Stop, *, asked: bool) -> Status:
+    def _recover(self, status: Status, stop: Stop, newest_ns: int, *, asked: bool) -> Status:
         """Arm a board again that has stopped, or raise ProtocolError; `asked`: whether this host told it to be SAFE.
         What it says to ARM.
         """
+        unsampled = time.monotonic_ns() - newest_ns >= self.account.suspicious_ns  # there was nothing to answer
         if status.state != State.SAFE:
             self._end(f"the board restarted: it is in {State(status.state).name}; check its supply")
         if status.reason in LATCHING or status.reason not in (SafeReason.WATCHDOG, SafeReason.LINK_LOST):
@@ -226,7 +227,7 @@ class ArmedBoard:
         if status.reason == SafeReason.WATCHDOG:
             stop.account = self.account.of_watchdog(status)
             unexplained = f"its watchdog tripped, yet {self.account.words}; check WATCHDOG_TICKS and its receiver"
-            if self.account.refused:
+            if self.account.refused or unsampled:
                 unexplained = self._unacceptable()
         elif asked:
             stop.account = self.account.of_silence(status)

@@ -94,7 +94,7 @@ class Loop(ABC):
         self._first: int | None = None
         self._next: int | None = None
         self._pause: Pause | None = None  # of the board, until a row comes from after it
-        self._begun_ns = self._answered_ns = time.monotonic_ns()
+        self._begun_ns = self._answered_ns = self._listened_ns = time.monotonic_ns()
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
         self._missing_before = self._missing_frames()
         self.counters = Counters()
@@ -134,7 +134,7 @@ class Loop(ABC):
         self._observer.enable_control(False)
         self._guarded = self._acquired + RESIDUAL_SAMPLES
         self._first = None
-        self._begun_ns = self._answered_ns = time.monotonic_ns()
+        self._begun_ns = self._answered_ns = self._listened_ns = time.monotonic_ns()
         self.go_on(samples, report, report_every)
 
     def go_on(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
@@ -177,7 +177,7 @@ class Loop(ABC):
         """The board was armed again."""
 
     def _answered(self, sent_ns: int) -> None:
-        """An answer left after a suspiciously long time, or the first of a run."""
+        """An answer left after a suspiciously long time, or the first of a run, or could not leave."""
         self._board.account.silent(sent_ns - self._answered_ns)
 
     def _may_close(self, since: int) -> bool:
@@ -261,8 +261,10 @@ class Loop(ABC):
     def _attend(self) -> None:
         """No sample came: see to the board, and to all else."""
         now_ns = time.monotonic_ns()
-        if now_ns - self._answered_ns > self._suspicious_ns:
-            self._board.account.silent(now_ns - self._answered_ns)
+        # A host that listens, and is sent no sample, is not the one that was silent.
+        if now_ns - max(self._answered_ns, self._listened_ns) > self._suspicious_ns + 1e9 * self._slice_s:
+            self._answered(now_ns)
+        self._listened_ns = now_ns
         self._heed(self._said())
         self.between()
 

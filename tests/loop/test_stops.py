@@ -208,6 +208,14 @@ def test_a_board_that_answers_and_streams_nothing(tmp_path: Path, clock: str) ->
     assert board.arms <= 2  # its watchdog may have tripped for the silence, once
 
 
+@pytest.mark.parametrize("watchdog_s", [0.2, 0.5])
+def test_a_watchdog_that_trips_for_want_of_samples_is_no_fault_of_it(tmp_path: Path, watchdog_s: float) -> None:
+    with served(misbehaving.Still(AT)) as board:
+        reason = ended(go(board, bench(60.0, link={"timeout_s": 4.0, "watchdog_s": watchdog_s}), tmp_path))
+    assert "the board went to SAFE: it answers, but sends no acceptable sample (nothing was lost on the way)" in reason
+    assert board.arms == 1
+
+
 def test_a_register_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
     for honest in (True, False):
         for dry in (True, False):
