@@ -478,15 +478,18 @@ class Observer:
     # -- beginning, and beside another -----------------------------------------------------------------------------
 
     def begin_about(self, previous: "Observer", wider: float) -> None:
-        """Give the constants the covariance `previous` ended with, its deviations so many times as large; of the rate,
-        which moves, without what it shared with them.
+        """Give the constants the covariance `previous` ended with, its deviations so many times as large, but none
+        larger than before a record was seen; of the rate, which moves, without what it shared with them.
 
         This observer carries what the previous one did, and may carry more behind.
         """
         constants = slice(self.states, None)
         wide = self._p[constants, constants]
         common = len(previous._p) - self.states
-        wide[:common, :common] = previous._p[constants, constants] * wider**2
+        found = previous._p[constants, constants]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.fmin(wider, np.sqrt(np.diagonal(wide)[:common] / np.diagonal(found)))
+        wide[:common, :common] = found * np.outer(scale, scale)
         if "rate" in self.model.names:
             rate = self.estimated.index("rate") - self.states
             own = wide[rate, rate]

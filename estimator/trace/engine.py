@@ -325,10 +325,12 @@ def exchanged(one: Round[Look], best: str) -> Round[Look]:
 
 def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None:
     """Name of a coefficient that came out negative beyond doubt though it is declared positive, and is no trifle
-    beside the largest of its effect: where one axis has an effect and the other none, chance makes one of those.
+    beside the largest of its effect that is there beyond doubt: where one axis has an effect and the other none, chance
+    makes one of those.
     """
     for effect in coefficients.values():
-        largest = max((abs(estimate.value) for estimate in effect.values() if estimate.positive), default=0.0)
+        there = [estimate.value for estimate in effect.values() if estimate.positive and estimate.low > 0.0]
+        largest = max(there, default=0.0)
         for name, estimate in effect.items():
             if estimate.positive and estimate.high < 0.0 and -estimate.value > _SET.trifle * largest:
                 return name

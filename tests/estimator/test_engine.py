@@ -624,16 +624,17 @@ def test_a_tie_is_odds_of_twenty_to_one() -> None:
 
 
 def test_negative_beyond_doubt_is_below_zero_and_no_trifle() -> None:
-    """A fiftieth of the largest is one."""
+    """A fiftieth of the largest that is there is one."""
 
-    def wrong(value: float, high: float, other: float = 0.0) -> str | None:
+    def wrong(value: float, high: float, other: float = 0.0, low: float = 0.5) -> str | None:
         own = Estimate(value, -9.0, high, positive=True)
-        return unphysical({"drag": {"dqx": own, "dqy": Estimate(other, -9.0, 9.0, positive=True)}})
+        return unphysical({"drag": {"dqx": own, "dqy": Estimate(other, low, 9.0, positive=True)}})
 
     assert wrong(-1.0, 0.0) is None
     assert wrong(-1.0, -1e-300) == "dqx"
     assert wrong(-0.02, -0.01, other=1.0) is None
     assert wrong(-math.nextafter(0.02, 1.0), -0.01, other=1.0) == "dqx"
+    assert wrong(-0.02, -0.01, other=1.0, low=0.0) == "dqx"  # what may be nothing makes nothing small
     unsigned = Estimate(-1.0, -2.0, -0.5)
     assert unphysical({"drag": {"dqx": unsigned}}) is None
 

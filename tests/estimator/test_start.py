@@ -27,11 +27,11 @@ MORE = replace(SETTINGS, effects={**SETTINGS.effects, "drive_gain": {"hx": 0.1}}
 SINGLE = replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(890.0,), noise=(1e-4,))
 
 
-def ended(settings: ObserverSettings, device: Device = DEVICE) -> Observer:
+def ended(settings: ObserverSettings, device: Device = DEVICE, variance: float = 1e-12) -> Observer:
     """An observer after a pass, with a covariance that is drawn."""
     observer = Observer(device, settings)
     random = np.random.default_rng(3).standard_normal(observer.arrays.p.shape)
-    observer.arrays.p[:] = random @ random.T * 1e-6
+    observer.arrays.p[:] = random @ random.T * variance
     observer.arrays.c[:] = 2.0 * observer.arrays.p
     return observer
 
@@ -56,6 +56,28 @@ def test_constants_begin_with_the_covariance_they_ended_with_ten_deviations_wide
     np.testing.assert_array_equal(observer.arrays.c, expected)
     if device is DEVICE:
         assert np.flatnonzero(observer.arrays.p[rate]).tolist() == [rate]
+
+
+@pytest.mark.parametrize(("device", "settings"), [(DEVICE, SETTINGS), (SINGLE, SETTINGS)])
+def test_none_begins_less_known_than_before_a_record_was_seen(device: Device, settings: ObserverSettings) -> None:
+    """What a pass tells nothing of would else be ten times less known after each; what they share stays as it is."""
+    previous, observer = ended(settings, device, variance=1e-4), Observer(device, settings)
+    constants = slice(observer.states, None)
+    declared = np.sqrt(np.diagonal(observer.arrays.p)[constants])
+    begin_about(observer, previous)
+    found = previous.arrays.p[constants, constants]
+    known = np.sqrt(np.diagonal(found))
+    begun = observer.arrays.p[constants, constants]
+    capped = declared < 10.0 * known
+    assert np.sum(capped) > 0
+    np.testing.assert_allclose(np.sqrt(np.diagonal(begun)), np.where(capped, declared, 10.0 * known), rtol=1e-12)
+    shared = begun / np.sqrt(np.outer(np.diagonal(begun), np.diagonal(begun)))
+    expected = found / np.outer(known, known)
+    if device is DEVICE:
+        rate = observer.estimated[observer.states :].index("rate")
+        expected[rate, :] = expected[:, rate] = 0.0
+        expected[rate, rate] = 1.0
+    np.testing.assert_allclose(shared, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_coefficients_stand_behind_the_motion_and_the_constants() -> None:
