@@ -199,6 +199,8 @@ class ParameterSearch:
     approach: float = _set(0.3, "× the step", "Where the top is not as high as its parabola promised.")
     kept: float = _set(0.5, "of the promised gain", "With so much of it, the parabola is right.")
     jump: float = _set(0.7, "of how much it bent", "Over a shorter step less than a cusp does: a top it is not.")
+    both_sides: float = _set(0.5, "of the deeper side", "By as much it falls on either side of a top that jumps.")
+    jumps: int = _set(4, "shorter steps", "A cliff that is nearer than the last, 1 % of the first, is at the top.")
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ def pieces() -> dict[str, Callable[[], Answer]]:
         "gains of the other sign": _gains,
         "a clock": _clock,
         "a climb beside a cliff": _cliff,
+        "a climb to a level": _level,
         "a climb within a lobe": _lobe,
         "broad and narrow modes": _modes,
         "a line beside another": _beside,
@@ -160,6 +161,35 @@ def _cliff() -> Answer:
 
     top, deviation = Cliff().climb(np.array([0.9]), 0, 0.4)
     return {"verdict": f"top at {top[0]:.3f} ± {deviation:.3f} after {len(asked)} models", "words": []}
+
+
+def _level() -> Answer:
+    """What a level that cuts the tops gains: most at 1, nothing from 0.1 % and 0.01 % above it on, where it cuts none;
+    and where a top that no model beside it finds again is a jump.
+    """
+    from estimator.trace.parameters import Hill
+
+    class Level(Hill):
+        def __init__(self, edge: float) -> None:
+            self.seen, self.edge, self.asked = {}, edge, 0
+
+        def at_each(self, places: Any) -> list[float]:
+            self.asked += len(places)
+            return [self.gain(float(place[0])) for place in places]
+
+        def gain(self, level: float) -> float:
+            if self.edge == 0.0:
+                return 40.0 * float(level == 1.0) - 20.0 * abs(level - 1.0)
+            return 1.5e4 * float(np.exp(-12.0 * abs(level - 1.0))) if level < self.edge else 0.0
+
+        def turned(self, place: Any) -> bool:
+            return False
+
+    words = []
+    for edge, begin in ((1.001, 0.9995), (1.0001, 0.99995), (0.0, 1.0)):
+        hill = Level(edge)
+        words.append(f"{hill.climb(np.array([begin]), 0, 0.1)[0][0]:.4f} of {hill.asked}")
+    return {"verdict": f"levels {', '.join(words)} models", "words": []}
 
 
 def _lobe() -> Answer:

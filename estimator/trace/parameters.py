@@ -268,9 +268,10 @@ class Hill:
         `variance` counted in.
 
         It ends where the effect has turned into a simpler one, and short of the top where that is `hopeless` or the
-        likelihood jumps: of half the step a parabola bends a quarter, a cusp half as much.
+        likelihood jumps: of half the step a parabola bends a quarter, a cusp half as much.  A cliff on one side, as
+        where a level that cuts the tops lies above them, is left behind by shorter steps.
         """
-        deviation, uphill, moves, bent = 0.0, 0.0, 0, np.inf
+        deviation, uphill, moves, bent, jumps = 0.0, 0.0, 0, np.inf, 0
         along = np.eye(len(place))[index]
         for _ in range(_SET.rounds):
             if self.turned(place):
@@ -303,7 +304,11 @@ class Hill:
                 bent = np.inf
                 continue
             if curvature > _SET.jump * bent:
-                break
+                jumps += 1
+                if jumps > _SET.jumps or here - max(low, high) > _SET.both_sides * (here - min(low, high)):
+                    break
+                width *= _SET.approach
+                continue
             deviation = wide
             variance = self.variance
             promised = variance * (shift / deviation) ** 2

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from estimator.record import Record
 from estimator.scaling import Array
@@ -25,6 +26,10 @@ PROBLEM = Problem(
     Record(np.zeros((800, 2)), np.zeros((800, 2, 1)), np.full(800, 1 / 4000.0)), DEVICE, ObserverSettings()
 )
 Likelihood = Callable[[Array], float]
+
+# Twice the log-likelihood of 10,000 samples with a sense channel that clips at 12.392 µm, over the level.
+LEVELS = (10.0, 10.966, 11.819, 12.015, 12.184, 12.294, 12.36, 12.371, 12.392, 12.423, 12.478, 12.491)
+GAINS = (3900, 4950, 7970, 9440, 11380, 13280, 14540, 14710, 14861, 14400, 8770, 10)
 
 
 class Counted:
@@ -142,6 +147,27 @@ def test_where_the_likelihood_jumps_a_climb_ends() -> None:
     place, _ = counted.hill.climb(np.array([5.2]), 0, 0.5)
     assert place[0] == 5.2
     assert len(counted.models) <= 6
+
+
+@pytest.mark.parametrize("begin", [12.0, 12.1844, 12.3])
+def test_a_cliff_beside_the_top_is_no_jump_of_it(begin: float) -> None:
+    """A level that cuts the tops by less and less; above 12.491 it cuts none, and all that was gained is lost."""
+
+    def clipped(place: Array) -> float:
+        return float(PchipInterpolator(LEVELS, GAINS)(place[0])) if 10.0 < place[0] < 12.491 else 0.0
+
+    counted = Counted(clipped)
+    place, found = counted.hill.climb(np.array([begin]), 0, 0.1 * begin)
+    assert abs(place[0] - 12.392) < 0.005
+    assert 0.0 < found < 0.01
+    assert len(counted.models) <= 30
+
+
+def test_a_cliff_at_the_top_ends_a_climb() -> None:
+    counted = Counted(lambda place: 1000.0 * float(place[0]) if place[0] <= 5.0 else -20000.0)
+    place, _ = counted.hill.climb(np.array([5.0]), 0, 0.5)
+    assert place[0] == 5.0
+    assert len(counted.models) <= 14
 
 
 def test_a_cusp_is_a_top() -> None:
