@@ -103,7 +103,10 @@ class ObserverModel:
         models = dict(zip(names, carried, strict=True))
         lost = [name for name in names if not models[name].likelihood > base.likelihood and name in look.evidence]
         begun = [{**effects, name: self._as_scanned(look, name)} for name in lost]
-        again = side_by_side([partial(fit, self.problem.carrying(carrying)) for carrying in begun])
+        again = side_by_side(
+            [partial(fit, self.problem.carrying(carrying)) for carrying in begun],
+            lambda done: self.progress("candidates begun again", done, len(lost)),
+        )
         for name, model in zip(lost, again, strict=True):
             models[name] = max(models[name], model, key=lambda fitted: fitted.likelihood)
         searched: dict[str, Searched] = {}

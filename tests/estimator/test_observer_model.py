@@ -128,8 +128,11 @@ def test_one_that_loses_begins_again_with_the_coefficients_of_the_scan(
     monkeypatch.setattr(observer_model, "worth_finishing", lambda *asked: [])
     scanned = SimpleNamespace(coefficients=np.array([0.1, 0.2, 0.3, 0.4]))
     look: Any = SimpleNamespace(watched=WATCHED, evidence={"interference:1": scanned})
-    found: Any = ObserverModel(PROBLEM).fit(BASE, look, ["interference:1"], {})
+    told: list[tuple[str, int, int]] = []
+    model = ObserverModel(PROBLEM, lambda *what: told.append(what))
+    found: Any = model.fit(BASE, look, ["interference:1"], {})
     assert found["interference:1"].fitted.likelihood == ends
+    assert told == [("candidates", 1, 1), *([("candidates begun again", 1, 1)] if begins else [])]
     # As often as it takes, not with the passes of a glance.
     fresh = ({"omega": 700.0, "lcx": 0.1, "lsx": 0.2, "lcy": 0.3, "lsy": 0.4}, True)
     assert begun == [({"omega": 700.0}, False), *([fresh] if begins else [])]
