@@ -425,8 +425,9 @@ class Observer:
 
     @property
     def _first_coefficient(self) -> int:
-        """Row of the covariance from which on the coefficients of the effects stand."""
-        return self.states + len(self.active) - sum(len(effect.coefficients) for _, effect in self.effects)
+        """Row of the covariance from which on the coefficients of the effects that are carried stand."""
+        carried = self.effects[: self.carried]
+        return self.states + len(self.active) - sum(len(effect.coefficients) for _, effect in carried)
 
     @property
     def random_walk_intensity(self) -> Array:
@@ -518,7 +519,7 @@ class Observer:
             own[rows - self.states] = 0.0
 
     def hold_coefficients(self) -> None:
-        """Keep those of all effects."""
+        """Keep those of all effects that are carried."""
         self.hold(self.estimated[self._first_coefficient :])
 
     def assume(self, names: Sequence[str], covariance: Array) -> None:

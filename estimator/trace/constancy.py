@@ -45,14 +45,18 @@ class Constancy:
 
 
 def constancies(problem: Problem, model: Fitted, names: Iterable[str]) -> Mapping[str, Constancy]:
-    """Of effects that `model` carries, fitted to the record of `problem`: by one scan that watches them once more."""
+    """Of effects that `model` carries, fitted to the record of `problem`: by one scan that watches them once more.
+
+    What is carried is held meanwhile: an observer that still learns a coefficient has taken up by the later parts what
+    they would say of it, and what is left there is of second order.
+    """
     part = problem.part(slice(0, THRESHOLDS.choice.confirmed))
     again = {f"{kind(name)}:{_LABEL}{n}": name for n, name in enumerate(names)}
     if not again or not np.isfinite(model.likelihood):
         return {}
     watched = {label: parameters_of(model, name) for label, name in again.items()}
     settings = scanned_with(model, part.device, part.settings)
-    seen = scan(part.under(settings), watched, model.observer)
+    seen = scan(part.under(settings), watched, model.observer, held=True)
     return {again[label]: constancy(seen, label) for label in again}
 
 

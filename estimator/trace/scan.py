@@ -68,19 +68,21 @@ def scan(
     weighed: bool = True,
     vector: bool = True,
     halves: bool = False,
+    held: bool = False,
 ) -> Scan:
     """Run the observer of `problem` over its record and follow the signatures of the effects in `watched`.
 
     watched: by name, each with its parameters in SI; previous: an observer whose pass over the record came before.
     Without `weighed` there are no normal equations: zeros.  Without `vector`, the general kernel runs where the quick
     one could.  With `halves`, where two may work at a time, each follows half of the effects, with an observer of its
-    own; the numbers are the same, and `observer` is that of the first half.
+    own; the numbers are the same, and `observer` is that of the first half.  With `held`, the coefficients of what the
+    observer carries stay as they are.
     Raises ModelError as `Observer` does.
     """
     names = list(watched)
     middle = (len(names) + 1) // 2 if halves and workers() > 1 else len(names)
     passes = [
-        _Pass(problem, {name: watched[name] for name in share}, previous, weighed=weighed, vector=vector)
+        _Pass(problem, {name: watched[name] for name in share}, previous, weighed=weighed, vector=vector, held=held)
         for share in ([names[:middle], names[middle:]] if middle < len(names) else [names])
     ]
     size = sum(len(one.plausible) for one in passes)
@@ -137,7 +139,14 @@ class _Pass:
     """
 
     def __init__(
-        self, problem: Problem, watched: Watched, previous: Observer | None, *, weighed: bool, vector: bool
+        self,
+        problem: Problem,
+        watched: Watched,
+        previous: Observer | None,
+        *,
+        weighed: bool,
+        vector: bool,
+        held: bool,
     ) -> None:
         self.record, settings, self.weighed = problem.record, problem.settings, weighed
         carrying = replace(settings, effects={**settings.effects, **watched})
@@ -145,6 +154,8 @@ class _Pass:
         if previous is not None:
             begin_about(observer, previous)
             begin_moving(observer, problem.record)
+        if held:
+            observer.hold_coefficients()
         self.columns: dict[str, slice] = {}
         sizes: list[float] = []
         for _, effect in observer.effects[observer.carried :]:

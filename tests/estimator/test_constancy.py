@@ -101,6 +101,18 @@ def test_a_drive_gain_that_changes_on_the_way_is_seen_and_one_that_does_not_is_n
     assert (found.chance < 1e-4) is (swing > 0.0)
 
 
+@pytest.mark.slow
+def test_what_an_observer_has_learnt_of_a_coefficient_is_not_asked_of_what_it_left() -> None:
+    """A sense gain that is 10 % off is so throughout, however far it is from where the observer began."""
+    experiment = next(one for one in EXPERIMENTS if one.name == "all")
+    record = loop_record(experiment, DEVICE, SETTINGS, latency=1)
+    problem = Problem(replace(record, sense=record.sense * [1.0, 0.9]), DEVICE, SETTINGS)
+    model = fit(problem.carrying({"sense_gain": {}}))
+    found = constancies(problem, model, ["sense_gain"])["sense_gain"]
+    assert found.degrees == 31
+    assert found.chance > 1e-4
+
+
 def test_what_a_model_carries_is_watched_once_more_where_the_choice_was_confirmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -112,7 +124,8 @@ def test_what_a_model_carries_is_watched_once_more_where_the_choice_was_confirme
     samples = THRESHOLDS.choice.confirmed + 3
     record = Record(np.zeros((samples, 2)), np.zeros((samples, 2, 1)), np.arange(1.0, samples + 1.0))
 
-    def scan(problem: Problem, watched: dict[str, dict[str, float]], observer: str) -> str:
+    def scan(problem: Problem, watched: dict[str, dict[str, float]], observer: str, *, held: bool) -> str:
+        assert held
         asked.append((problem.record.step[[0, -1]].tolist(), problem.settings, watched, observer))
         return "seen"
 
