@@ -151,7 +151,8 @@ class Dissent(Enum):
 class Rules:
     """most: effects that are taken at most; dissent; signs: whether a coefficient that is declared positive may not be
     negative beyond doubt; anew: whether one that was is tried again in the next round, beside what was taken; near: the
-    share of a gain from which on one that was beaten is asked again (`reconsidered`), None where nobody is; simpler:
+    share of a gain from which on one that was beaten is asked again (`reconsidered`), None where nobody is; last: what
+    is believed only if nothing else accounts for it, so that beside what was found later all are asked again; simpler:
     of those that were carried in a round, a simpler effect that the best is for all that the record tells, which is
     taken instead, None where there is none.
     """
@@ -161,6 +162,7 @@ class Rules:
     signs: bool = True
     anew: bool = False
     near: float | None = None
+    last: Callable[[str], bool] = lambda name: False
     simpler: Callable[[str, Mapping[str, Trial[Any]]], str | None] = lambda best, trials: None
 
 
@@ -259,7 +261,8 @@ def reconsidered(
     barred: dict[str, str],
 ) -> tuple[Fit, list[Step[Fit]], list[Round[Look]]]:
     """What was taken before the last, each once more beside all that is carried now: one that has become superfluous
-    goes for good, and one that came near it then takes its place where it is the better account by more than `TIE`.
+    goes for good, and one that came near it then takes its place where it is the better account by more than `TIE`;
+    whoever it was, where the step is the last to be believed.
 
     An effect that is chosen while another is missing has to draw some of that one, too (Miller, Subset Selection in
     Regression, 2002, ch. 3: Efroymson's algorithm and sequential replacement).
@@ -299,10 +302,11 @@ def _near(
     known: Collection[str],
     rules: Rules,
 ) -> dict[str, Trial[Fit]]:
-    """Beside `less`, those that came near a step when it was taken, as far as there is a model of the right signs;
-    holder: the step beside `less`, whose place it is.
+    """Beside `less`, those that came near a step when it was taken, or all where it is the last to be believed, as far
+    as there is a model of the right signs; holder: the step beside `less`, whose place it is.
     """
-    enough = math.inf if rules.near is None else rules.near * step.trial.score.gain
+    share = math.inf if rules.near is None else 0.0 if rules.last(step.name) else rules.near
+    enough = share * step.trial.score.gain
     names = [name for name, one in step.beside.items() if one.score.gain > enough and name not in known]
     fits = {
         name: found

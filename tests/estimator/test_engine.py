@@ -667,9 +667,30 @@ def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:
     assert _near(family, "less", "look", step, holder, (), replace(rules, near=None)) == {}
 
 
+def test_of_a_step_that_is_the_last_to_be_believed_whoever_gained_is_asked_again() -> None:
+    class Family:
+        def fit(self, less: str, look: str, names: list[str], tried: object) -> dict[str, str]:
+            return {name: name for name in names}
+
+        def coefficients(self, fit: str) -> dict[str, dict[str, Estimate]]:
+            return {}
+
+        def score(self, less: str, look: str, fits: dict[str, str]) -> dict[str, Score]:
+            return {name: Score(1.0, 2.0, 3.0, 4.0) for name in fits}
+
+    gains = {"none": 0.0, "lost": -9.0, "little": 1e-9, "near": 95.0}
+    beside = {name: Trial(name, Score(0.0, gain, 0.0, 0.0)) for name, gain in gains.items()}
+    rules = Rules(3, Dissent.ENDS, near=0.9, last=lambda name: name == "line")
+    family: Any = Family()
+    for name, asked in (("line", {"little", "near"}), ("law", {"near"})):
+        step: Any = Step(name, Trial("fit", Score(0.0, 100.0, 0.0, 0.0)), "before", beside)
+        assert set(_near(family, "less", "look", step, step.trial, (), rules)) == asked
+
+
 def test_a_coefficient_may_have_either_sign_and_is_a_size_unless_it_is_said_otherwise() -> None:
     assert Estimate(1.0, 0.0, 2.0) == Estimate(1.0, 0.0, 2.0, positive=False, shape=False)
 
 
 def test_signs_count_and_nobody_is_tried_anew_or_asked_again_unless_the_rules_say_so() -> None:
     assert Rules(3, Dissent.ENDS) == Rules(3, Dissent.ENDS, signs=True, anew=False, near=None)
+    assert not Rules(3, Dissent.ENDS).last("interference")

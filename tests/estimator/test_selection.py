@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.effects import catalogue
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.settings import ObserverSettings
@@ -384,3 +385,9 @@ def test_what_is_fitted_by_the_likelihood_itself_is_the_model_behind(monkeypatch
     found = selection.exactly(asked, before)
     assert (found.after, found.effects) == (made, {"drag": {"dqx": 2.0}})
     assert found == replace(before, after=made, effects=found.effects)
+
+
+def test_a_line_is_the_last_to_be_believed() -> None:
+    """Of all effects, those that have no cause but a frequency."""
+    assert {name for name in catalogue.names() if selection.RULES.last(name)} == {"interference", "base_vibration"}
+    assert selection.RULES.last("interference:2")
