@@ -669,13 +669,13 @@ def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:
 
 def test_of_a_step_that_is_the_last_to_be_believed_whoever_gained_is_asked_again() -> None:
     class Family:
-        def fit(self, less: str, look: str, names: list[str], tried: object) -> dict[str, str]:
-            return {name: name for name in names}
+        def fit(self, less: str, look: str, names: list[str], tried: object) -> dict[str, tuple[str, ...]]:
+            return {name: (name,) for name in names}
 
-        def coefficients(self, fit: str) -> dict[str, dict[str, Estimate]]:
+        def coefficients(self, fit: tuple[str, ...]) -> dict[str, dict[str, Estimate]]:
             return {}
 
-        def score(self, less: str, look: str, fits: dict[str, str]) -> dict[str, Score]:
+        def score(self, less: str, look: str, fits: dict[str, tuple[str, ...]]) -> dict[str, Score]:
             return {name: Score(1.0, 2.0, 3.0, 4.0) for name in fits}
 
     gains = {"none": 0.0, "lost": -9.0, "little": 1e-9, "near": 95.0}
