@@ -282,7 +282,8 @@ def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bo
     )
     by_chance = chance_gain(degrees(name, problem.device), 1)
     by_part = leads(model, base)
-    if float(np.sum(by_part[round(_SET.learnt * len(by_part)) :])) < by_chance:
+    seen_there = float(np.sum(by_part[round(_SET.learnt * len(by_part)) :]))
+    if seen_there < by_chance:
         return carried - without > -TIE
-    share = _SET.borne_out * (1.0 - _SET.learnt) * (model.likelihood - base.likelihood)
-    return carried - without > min(share, by_chance)
+    share = (1.0 - _SET.learnt) * (model.likelihood - base.likelihood)
+    return carried - without > min(_SET.borne_out * min(share, seen_there), by_chance)

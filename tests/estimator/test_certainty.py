@@ -268,13 +268,14 @@ def test_errors_of_rate_and_angle_are_those_beside_the_reference():
 
 @pytest.mark.parametrize(
     ("gain", "late", "later", "over"),
-    # a twelfth of the gain, a quarter of the share that the last third has; or what chance gives one effect of two
-    # coefficients on one record in 10⁴: −2 ln 10⁻⁴ = 18.42; where who has seen the rest gains no more than that there,
-    # it must not lose what two accounts differ by that are told apart: 2 ln 20 = 5.99
+    # a twelfth of the gain, a quarter of the share that the last third has; a quarter of what who has seen the rest
+    # gains there; or what chance gives one effect of two coefficients on one record in 10⁴: −2 ln 10⁻⁴ = 18.42; where
+    # who has seen the rest gains no more than that there, it must not lose what two accounts differ by that are told
+    # apart: 2 ln 20 = 5.99
     [
-        (120.0, 40.0, 10.1, True), (120.0, 40.0, 9.9, False), (120.0, 40.0, -1.0, False),
-        (1e6, 1e5, 18.5, True), (1e6, 1e5, 18.3, False),
-        (1e6, 18.3, -5.9, True), (1e6, 18.3, -6.1, False), (1e6, 18.5, 18.3, False),
+        (120.0, 60.0, 10.1, True), (120.0, 60.0, 9.9, False), (120.0, 60.0, -1.0, False),
+        (1e6, 1e5, 18.5, True), (1e6, 1e5, 18.3, False), (1e6, 80.0, 18.5, True), (1e6, 80.0, 18.3, False),
+        (1e6, 18.3, -5.9, True), (1e6, 18.3, -6.1, False), (1e6, 20.0, 5.1, True), (1e6, 20.0, 4.9, False),
     ],
 )  # fmt: skip
 def test_what_was_found_on_the_first_part_must_predict_the_rest(monkeypatch, gain, late, later, over):

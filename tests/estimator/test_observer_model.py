@@ -342,8 +342,10 @@ def test_what_bears_out_and_what_speaks_against_is_more_than_the_bound_itself(mo
     chance = chance_gain(2, 1)
     assert chance == pytest.approx(-2.0 * np.log(1e-4))
     below = np.nextafter(chance, 0.0)
-    assert not borne_out(monkeypatch, chance, chance)
-    assert borne_out(monkeypatch, chance, np.nextafter(chance, 99.0))
+    assert not borne_out(monkeypatch, 4.0 * chance, chance)
+    assert borne_out(monkeypatch, 4.0 * chance, np.nextafter(chance, 99.0))
+    assert not borne_out(monkeypatch, chance, chance / 4.0)
+    assert borne_out(monkeypatch, chance, np.nextafter(chance / 4.0, 99.0))
     assert not borne_out(monkeypatch, below, -TIE)
     assert borne_out(monkeypatch, below, np.nextafter(-TIE, 0.0))
 
