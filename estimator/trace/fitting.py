@@ -18,7 +18,7 @@ from estimator.gaps import observe
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.scaling import Array, Scaling
-from estimator.settings import Gain, ObserverSettings, Variant
+from estimator.settings import Device, Gain, ObserverSettings, Variant
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
@@ -115,6 +115,12 @@ def parameters_of(model: Fitted, name: str) -> dict[str, float]:
     return {p.name: given[p.name] for p in effect.parameters if p.name in given}
 
 
+def is_lost(innovation: Array, device: Device) -> bool:
+    """Whether innovations (n, axes) V are so large that the observer does not follow the motion."""
+    missed = innovation[np.isfinite(innovation).all(axis=1)] / (np.abs(device.sense_gain) * device.amplitude)
+    return not (len(missed) and np.sqrt(np.mean(missed**2)) < THRESHOLDS.scan.locked)
+
+
 def run(observer: Observer, record: Record, every: int | None = None) -> Estimates:
     """The observer over a record; lost samples have NaN innovation."""
     estimates = observe(
@@ -192,7 +198,10 @@ def _fit(problem: Problem, passes: int, about: Observer | None, again: int) -> F
         begun, spread = observer.x[coefficients].copy(), observer.coefficient_deviations
         estimates = run(observer, (problem if number else opening).record)
         previous = observer
-        if not np.all(np.isfinite(observer.x)):
+        diverged = not np.all(np.isfinite(observer.x))
+        if number == 0 and passes > 1 and about is None and not diverged and is_lost(estimates.innovation, device):
+            observer = previous = _catching(problem, current, opening.record) or observer
+        if diverged:
             if number == 0 and opening is not problem:
                 return _fit(problem, 1, None, 0)
             break
@@ -203,6 +212,16 @@ def _fit(problem: Problem, passes: int, about: Observer | None, again: int) -> F
             break
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)
     return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf, settled)
+
+
+def _catching(problem: Problem, settings: ObserverSettings, record: Record) -> Observer | None:
+    """An observer that forgets, as the bench's does, at the end of the record, if it follows the motion: it comes back
+    from where a start has led it that an effect which is not carried has upset.
+    """
+    observer = Observer(problem.device, replace(settings, gain=Gain.FADING), problem.controller)
+    begin_moving(observer, record)
+    later = run(observer, record).innovation[len(record) // 2 :]
+    return observer if np.all(np.isfinite(observer.x)) and not is_lost(later, problem.device) else None
 
 
 def _opening(problem: Problem) -> Problem:

@@ -12,9 +12,8 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.settings import Gain
-from estimator.trace.fitting import run
+from estimator.trace.fitting import is_lost, run
 from estimator.trace.free_run_model import fitted
-from estimator.trace.look import is_lost
 from estimator.trace.problem import Problem
 from estimator.trace.start import settled_from
 

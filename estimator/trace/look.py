@@ -7,14 +7,13 @@ from itertools import count
 import numpy as np
 
 from estimator.effects.search import Search
-from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import Parameters, kind, of_resonance_alone, searched_by, watch_list
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.criterion import threshold
 from estimator.trace.evidence import Evidence, evidence, likeness
-from estimator.trace.fitting import Fitted, coefficients_of
+from estimator.trace.fitting import Fitted, coefficients_of, is_lost
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.scan import Scan, scan
 
@@ -86,12 +85,6 @@ def scanned_with(model: Fitted, device: Device, settings: ObserverSettings) -> O
     if not is_lost(model.estimates.innovation, device):
         return replace(model.settings, gain=Gain.EKF)
     return replace(settings, gain=Gain.FADING, effects=coefficients_of(model.observer))
-
-
-def is_lost(innovation: Array, device: Device) -> bool:
-    """Whether innovations (n, axes) V are so large that the observer does not follow the motion."""
-    amplitude = np.abs(device.sense_gain) * device.amplitude
-    return not np.sqrt(np.nanmean((innovation / amplitude) ** 2)) < _SET.locked
 
 
 def fresh(watched: Mapping[str, Parameters], effects: Effects, span: float) -> dict[str, Parameters]:

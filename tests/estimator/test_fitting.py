@@ -250,6 +250,7 @@ def test_another_pass_follows_where_a_coefficient_leaves_the_spread_as_wide_as_t
         return SimpleNamespace(innovation=innovation, innovation_deviation=np.ones_like(innovation))
 
     monkeypatch.setattr(fitting, "run", moved)
+    monkeypatch.setattr(fitting, "is_lost", lambda innovation, device: False)
     assert fit(problem).settled is settled
     assert len(coefficients) == 1 + len(moves)
     whole = coefficients.copy()

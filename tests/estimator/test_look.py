@@ -14,7 +14,8 @@ from estimator.settings import Device, Gain, ObserverSettings
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import look
 from estimator.trace.evidence import Evidence
-from estimator.trace.look import Look, is_lost, look_at, scanned_with
+from estimator.trace.fitting import is_lost
+from estimator.trace.look import Look, look_at, scanned_with
 from estimator.trace.problem import Problem
 from tests.estimator.device import UNLIKE as DEVICE
 

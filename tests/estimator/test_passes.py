@@ -10,7 +10,7 @@ import pytest
 from estimator.effects.catalogue import effect_for
 from estimator.record import Record
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Gain, ObserverSettings, ProcessNoise, Spread, Variant
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from estimator.trace import fitting
 from estimator.trace.fitting import (
     Fitted,
@@ -71,6 +71,7 @@ def passes(monkeypatch: pytest.MonkeyPatch) -> type[Counter]:
 
     monkeypatch.setattr(fitting, "Observer", Counter)
     monkeypatch.setattr(fitting, "run", run)
+    monkeypatch.setattr(fitting, "is_lost", lambda innovation, device: False)
     monkeypatch.setattr(fitting, "begin_about", lambda one, other: setattr(one, "begun_about", other))
     monkeypatch.setattr(fitting, "begin_moving", lambda one, record: setattr(one, "begun_with", record))
     monkeypatch.setattr(fitting, "constants_of", lambda observer: {"kxx": float(len(Counter.made))})
@@ -269,3 +270,52 @@ def test_a_pass_that_goes_on_has_the_innovations_of_both(
 class _Estimates:
     def __init__(self, innovation: Array, deviation: Array) -> None:
         self.innovation, self.innovation_deviation = innovation, deviation
+
+
+@pytest.mark.parametrize(
+    ("lost", "passes_asked", "about", "gains"),
+    [
+        ({Gain.EKF}, 2, None, [Gain.EKF, Gain.FADING, Gain.EKF]),
+        ({Gain.EKF, Gain.FADING}, 2, None, [Gain.EKF, Gain.FADING, Gain.EKF]),
+        (set(), 2, None, [Gain.EKF, Gain.EKF]),
+        ({Gain.EKF}, 1, None, [Gain.EKF]),  # nothing follows
+        ({Gain.EKF}, 1, "about", [Gain.EKF]),  # somebody else has found the place
+    ],
+)
+def test_where_the_start_led_the_first_pass_away_the_second_begins_where_one_that_forgets_has_come_back(
+    monkeypatch: pytest.MonkeyPatch,
+    passes: type[Counter],
+    lost: set[Gain],
+    passes_asked: int,
+    about: Any,
+    gains: list[Gain],
+) -> None:
+    def is_lost(innovation: Array, device: Device) -> bool:
+        return passes.made[-1].settings.gain in lost
+
+    passes.moves = [0.5]
+    monkeypatch.setattr(fitting, "is_lost", is_lost)
+    fit(problem(), passes_asked, about=about)
+    assert [one.settings.gain for one in passes.made] == gains
+    assert all(len(one.begun_with) == N for one in passes.made)
+    if len(gains) == 3:
+        first, caught, second = passes.made
+        assert caught.begun_about is None
+        assert second.begun_about is (first if Gain.FADING in lost else caught)
+
+
+def test_the_motion_is_followed_if_it_is_in_the_second_half_and_the_state_is_finite(
+    monkeypatch: pytest.MonkeyPatch, passes: type[Counter]
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(fitting, "is_lost", lambda innovation, device: bool(asked.append(len(innovation))))
+    passes.moves = [0.5]
+    assert fitting._catching(problem(), SETTINGS, problem().record) is passes.made[0]
+    passes.moves = [np.nan]
+    assert fitting._catching(problem(), SETTINGS, problem().record) is None
+    assert asked == [N // 2]
+
+
+def test_an_observer_of_which_nothing_is_known_follows_nothing() -> None:
+    assert fitting.is_lost(np.full((3, 2), np.nan), DEVICE)
+    assert not fitting.is_lost(np.array([[np.nan, 0.0], [0.0, 0.0]]), DEVICE)
