@@ -142,54 +142,50 @@ def _clock() -> Answer:
     return {"verdict": f"may be a clock: drive gain of {', '.join(told)}", "words": []}
 
 
-def _cliff() -> Answer:
-    """A likelihood with its top at 1, beyond 1.25 no model: begun at 0.9 with steps of 0.4."""
+def _climbed(likelihood: Callable[[float], float], begin: float, width: float) -> tuple[float, float, int]:
+    """Where a climb of one parameter ends, its deviation, and after how many models."""
     from estimator.trace.parameters import Hill
 
-    asked: set[Any] = set()
+    asked: set[float] = set()
 
-    class Cliff(Hill):
+    class Closed(Hill):
         def __init__(self) -> None:
             self.seen = {}
 
         def at_each(self, places: Any) -> list[float]:
             asked.update(float(place[0]) for place in places)
-            return [-np.inf if place[0] > 1.25 else -(((place[0] - 1.0) / 0.02) ** 2) for place in places]
+            return [likelihood(float(place[0])) for place in places]
 
         def turned(self, place: Any) -> bool:
             return False
 
-    top, deviation = Cliff().climb(np.array([0.9]), 0, 0.4)
-    return {"verdict": f"top at {top[0]:.3f} ± {deviation:.3f} after {len(asked)} models", "words": []}
+    top, deviation = Closed().climb(np.array([begin]), 0, width)
+    return float(top[0]), deviation, len(asked)
+
+
+def _cliff() -> Answer:
+    """A likelihood with its top at 1, beyond 1.25 no model: begun at 0.9 with steps of 0.4."""
+    top, deviation, models = _climbed(
+        lambda place: -np.inf if place > 1.25 else -(((place - 1.0) / 0.02) ** 2), 0.9, 0.4
+    )
+    return {"verdict": f"top at {top:.3f} ± {deviation:.3f} after {models} models", "words": []}
 
 
 def _level() -> Answer:
     """What a level that cuts the tops gains: most at 1, nothing from 0.1 % and 0.01 % above it on, where it cuts none;
     and where a top that no model beside it finds again is a jump.
     """
-    from estimator.trace.parameters import Hill
 
-    class Level(Hill):
-        def __init__(self, edge: float) -> None:
-            self.seen, self.edge, self.asked = {}, edge, 0
+    def gain(edge: float) -> Callable[[float], float]:
+        return lambda level: 1.5e4 * float(np.exp(-12.0 * abs(level - 1.0))) if level < edge else 0.0
 
-        def at_each(self, places: Any) -> list[float]:
-            self.asked += len(places)
-            return [self.gain(float(place[0])) for place in places]
-
-        def gain(self, level: float) -> float:
-            if self.edge == 0.0:
-                return 40.0 * float(level == 1.0) - 20.0 * abs(level - 1.0)
-            return 1.5e4 * float(np.exp(-12.0 * abs(level - 1.0))) if level < self.edge else 0.0
-
-        def turned(self, place: Any) -> bool:
-            return False
-
-    words = []
-    for edge, begin in ((1.001, 0.9995), (1.0001, 0.99995), (0.0, 1.0)):
-        hill = Level(edge)
-        words.append(f"{hill.climb(np.array([begin]), 0, 0.1)[0][0]:.4f} of {hill.asked}")
-    return {"verdict": f"levels {', '.join(words)} models", "words": []}
+    found = (
+        _climbed(gain(1.001), 0.9995, 0.1),
+        _climbed(gain(1.0001), 0.99995, 0.1),
+        _climbed(lambda level: 40.0 * float(level == 1.0) - 20.0 * abs(level - 1.0), 1.0, 0.1),
+    )
+    told = ", ".join(f"{top:.4f} of {models}" for top, _, models in found)
+    return {"verdict": f"levels {told} models", "words": []}
 
 
 def _lobe() -> Answer:

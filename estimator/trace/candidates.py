@@ -45,6 +45,11 @@ def searched_by(name: str) -> Search | None:
     return None if effect is None else effect.search
 
 
+def is_line(name: str) -> bool:
+    """Whether an effect is a line, which takes up whatever any law leaves at its frequency."""
+    return searched_by(name) is Search.LINES
+
+
 def watch_list(
     record: Record, device: Device, innovation: Array, deviation: Array, asked: Collection[str] = ()
 ) -> dict[str, Parameters]:

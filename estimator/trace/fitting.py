@@ -117,8 +117,9 @@ def parameters_of(model: Fitted, name: str) -> dict[str, float]:
 
 def is_lost(innovation: Array, device: Device) -> bool:
     """Whether innovations (n, axes) V are so large that the observer does not follow the motion."""
-    missed = innovation[np.isfinite(innovation).all(axis=1)] / (np.abs(device.sense_gain) * device.amplitude)
-    return not (len(missed) and np.sqrt(np.mean(missed**2)) < THRESHOLDS.scan.locked)
+    missed = innovation / (np.abs(device.sense_gain) * device.amplitude)
+    seen = missed[~np.isnan(missed)]
+    return not (len(seen) and np.sqrt(np.mean(seen**2)) < THRESHOLDS.scan.locked)
 
 
 def run(observer: Observer, record: Record, every: int | None = None) -> Estimates:

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
-from estimator.effects.search import Search
 from estimator.errors import DivergedError
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import kind, searched_by
+from estimator.trace.candidates import is_line, kind
 from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choose, exchanged, pruned
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
 from estimator.trace.longer import gone_on, shows_later
@@ -36,12 +35,6 @@ T = TypeVar("T")
 
 MOST = _SET.most
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
-
-
-def is_line(name: str) -> bool:
-    """Whether an effect is a line, which takes up whatever any law leaves at its frequency."""
-    return searched_by(name) is Search.LINES
-
 
 RULES = Rules(MOST, Dissent.ENDS, anew=True, near=THRESHOLDS.width.refined, last=is_line, simpler=simpler_rival)
 """What came out with a wrong sign may have stood in for another that is missing: it is tried again beside that one."""

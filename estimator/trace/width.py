@@ -3,9 +3,8 @@
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 
-from estimator.effects.search import Search
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import Parameters, kind, searched_by
+from estimator.trace.candidates import Parameters, is_line, kind
 from estimator.trace.criterion import TIE, chance_gain
 from estimator.trace.evidence import Evidence, likeness
 from estimator.trace.fitting import Fitted
@@ -58,7 +57,7 @@ def hopeful(
     others = second_thoughts(look.evidence, asked)
     if not is_small(behind(), max(gains.values())):
         return screened(others, others[: _SET.batch])
-    return screened(others, ()) if _stands_far(look) or calm or searched_by(best) is Search.LINES else []
+    return screened(others, ()) if _stands_far(look) or calm or is_line(best) else []
 
 
 def _stands_far(look: Look) -> bool:

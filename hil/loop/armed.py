@@ -219,7 +219,6 @@ class ArmedBoard:
         """Arm a board again that has stopped, or raise ProtocolError; `asked`: whether this host told it to be SAFE.
         What it says to ARM.
         """
-        unsampled = time.monotonic_ns() - newest_ns >= self.account.suspicious_ns  # there was nothing to answer
         if status.state != State.SAFE:
             self._end(f"the board restarted: it is in {State(status.state).name}; check its supply")
         if status.reason in LATCHING or status.reason not in (SafeReason.WATCHDOG, SafeReason.LINK_LOST):
@@ -227,7 +226,8 @@ class ArmedBoard:
         if status.reason == SafeReason.WATCHDOG:
             stop.account = self.account.of_watchdog(status)
             unexplained = f"its watchdog tripped, yet {self.account.words}; check WATCHDOG_TICKS and its receiver"
-            if self.account.refused or unsampled:
+            unsampled_ns = time.monotonic_ns() - newest_ns  # there was nothing to answer
+            if self.account.refused or unsampled_ns >= self.account.suspicious_ns:
                 unexplained = self._unacceptable()
         elif asked:
             stop.account = self.account.of_silence(status)
