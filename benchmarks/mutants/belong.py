@@ -172,6 +172,7 @@ _KERNEL = {
         for name in (
             "test_a_late_path_finds_the_drives_of_the_intervals_before",
             "test_every_few_samples_the_state_as_it_is_then",
+            "test_a_block_ends_with_its_last_sample_and_not_with_the_last_state_that_is_kept",
             "test_what_is_not_estimated_has_no_deviation_and_stays",
             "test_a_tick_is_a_block_of_one_sample",
             "test_a_tick_answers_with_the_command_for_its_sample",
@@ -194,7 +195,8 @@ _KERNEL = {
     "foresight": "foresight",
     "gain_matrix": "gain_matrix::test_the_loop_has_the_frequencies_that_were_asked_for"
     " gain_matrix::test_holds_are_in_it_and_no_faster_than_the_host gain_matrix::test_offsets_cause_no_force",
-    "generated.step": f"{_ORACLES} scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
+    "generated.step": f"{_ORACLES} blocks::test_a_tick_is_a_block_of_one_sample"
+    " scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
     "gram": "filter_pieces",
     "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles"
     " effects::test_measurement_and_its_jacobian effects::test_a_late_sense_path_shows_what_was",

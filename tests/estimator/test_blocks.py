@@ -98,6 +98,21 @@ def test_every_few_samples_the_state_as_it_is_then(record: tuple[Array, Array], 
         np.testing.assert_allclose(deviation[-1], np.sqrt(np.diagonal(one.covariance)), rtol=1e-12)
 
 
+@pytest.mark.parametrize("general", [0, 1])
+def test_a_block_ends_with_its_last_sample_and_not_with_the_last_state_that_is_kept(
+    record: tuple[Array, Array], general: int
+) -> None:
+    ends = []
+    for every in (1, 2 * N):
+        one = Observer(TRUTH.device(), settings_of(Variant.FULL, Gain.FADING), TRUTH.controller())
+        one.arrays.settings["general"] = general
+        found = one.run(*record, every=every)
+        assert len(found.state) == (N if every == 1 else 0)
+        ends.append(one)
+    np.testing.assert_array_equal(ends[1].x, ends[0].x)
+    np.testing.assert_array_equal(ends[1].covariances, ends[0].covariances)
+
+
 def test_what_is_not_estimated_has_no_deviation_and_stays(record: tuple[Array, Array]) -> None:
     one = Observer(TRUTH.device(), settings_of(Variant.SENSE, Gain.FADING), TRUTH.controller())
     begun = one.state.copy()

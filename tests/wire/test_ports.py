@@ -226,3 +226,22 @@ def test_what_is_no_terminal_is_found_out_without_waiting_for_a_carrier(monkeypa
     monkeypatch.setattr(serial_link.os, "open", opened)
     assert not serial_link._is_terminal("/dev/ttyS0")
     assert asked == [os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK]
+
+
+def test_a_new_host_hears_nothing_that_was_meant_for_the_last(board: PtyLink) -> None:
+    """The terminal keeps what a host leaves unread; the next one, if it does not flush on opening as pyserial does,
+    would take it for its own.
+    """
+    first = open_serial(board.path)
+    first.send(b"hi")
+    assert board.receive(5.0) == b"hi"
+    board.offer(b"for the first")
+    first.close()
+    with pytest.raises(LinkClosed, match="hung up"):
+        board.receive(5.0)
+    board.await_host()
+    second = os.open(board.path, os.O_RDWR | os.O_NOCTTY)
+    board.offer(b"for the second")
+    heard = os.read(second, 100)
+    os.close(second)
+    assert heard == b"for the second"

@@ -113,7 +113,7 @@ def test_the_short_way_ends_a_run_of_repetitions():
         assert [item.tick for item in receiver.feed(rows[tick])] == [tick]
     assert receiver.feed(rows[3] + rows[4] + rows[5]) == []
     assert receiver.take_row(rows[10]) is not None
-    assert receiver.feed(rows[6]) == []
+    assert receiver.feed(rows[6] + rows[7] + rows[8]) == []
     assert receiver.take_row(rows[11]) is not None
 
 
