@@ -220,6 +220,9 @@ class Promises:
         0.05, "of a coefficient", "A spring of r⁴ that is taken for one of r² differs by 0.06 where r moves by a fifth."
     )
     never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
+    outweighed: float = _set(
+        0.5, "of a gain", "A law that stands in for another, with the other sign, gains about as much as that one."
+    )
     trifle: float = _set(
         0.02, "of the largest coefficient", "On an axis without the effect, noise and a model's small errors make less."
     )

@@ -135,6 +135,11 @@ class Reducible(Model[Fit, Look], Protocol[Fit, Look]):
     def without(self, current: Fit, name: str) -> tuple[Fit, Score]:
         """The model less an effect, and the score of the one with it over that."""
 
+    def settled(self, current: Fit, names: Sequence[str]) -> Fit:
+        """The model with the parameters of these effects where they are best beside all that it carries, where what
+        it leaves is not small.
+        """
+
 
 class Dissent(Enum):
     """What follows an objection to the best: the search ends; the next best of the round is asked; the round is made
@@ -238,8 +243,11 @@ def choose(
         progress(min(len(rounds), rules.most), rules.most)
         if taken is not None:
             beside = {name: trial for name, trial in trials.items() if name != taken}
-            steps.append(Step(taken, trials[taken], current, beside))
-            current = trials[taken].fit
+            trial = trials[taken]
+            if reducible is not None and steps:
+                trial = replace(trial, fit=reducible.settled(trial.fit, [step.name for step in steps]))
+            steps.append(Step(taken, trial, current, beside))
+            current = trial.fit
             if reducible is not None:
                 current, steps, rounds = reconsidered(reducible, current, steps, rounds, rules, barred)
         elif not again:
@@ -262,13 +270,15 @@ def reconsidered(
 ) -> tuple[Fit, list[Step[Fit]], list[Round[Look]]]:
     """What was taken before the last, each once more beside all that is carried now: one that has become superfluous
     goes for good, and one that came near it then takes its place where it is the better account by more than `TIE`;
-    whoever it was, where the step is the last to be believed.
+    whoever it was, where the step is the last to be believed.  Beside one that took a place all others are asked again.
 
     An effect that is chosen while another is missing has to draw some of that one, too (Miller, Subset Selection in
     Regression, 2002, ch. 3: Efroymson's algorithm and sequential replacement).
     """
     newest = steps[-1].name
-    for step in steps[:-1]:
+    waiting = steps[:-1]
+    while waiting:
+        step, *waiting = waiting
         less, kept = model.without(current, step.name)
         at = next(number for number, one in enumerate(rounds) if one.taken == step.name)
         others = [one for one in steps if one is not step]
@@ -290,6 +300,7 @@ def reconsidered(
         beside = {name: trial for name, trial in trials.items() if name != best} | {step.name: holder}
         current, steps = trials[best].fit, [*others, Step(best, trials[best], less, beside)]
         rounds = [*rounds[:at], exchanged(rounds[at], best), *rounds[at + 1 :]]
+        newest, waiting = best, others
     return current, steps, rounds
 
 
@@ -403,9 +414,12 @@ _Verdicts = dict[str, tuple[Outcome, str]]
 def _carried(
     model: Model[Fit, Look], current: Fit, look: Look, number: int, rules: Rules, barred: dict[str, str]
 ) -> tuple[_Verdicts, dict[str, Trial[Fit]]]:
-    """Carry the hopeful: a trial for each that has a model of the right signs; the others are barred."""
+    """Carry the hopeful: a trial for each that has a model of the right signs; the others are barred.  One of a wrong
+    sign is among the trials where it outweighs all of these: it has drawn some of another that is missing.
+    """
     verdicts: _Verdicts = {}
     trials: dict[str, Trial[Fit]] = {}
+    unlawful: dict[str, Fit] = {}
     while names := [
         name for name in model.hopeful(look, trials, verdicts.keys() - trials.keys(), number) if name not in verdicts
     ]:
@@ -417,7 +431,9 @@ def _carried(
             elif rules.signs and (wrong := unphysical(model.coefficients(found))):
                 why = f"fits only with a negative {wrong}, which would be something else"
                 verdicts[name] = Outcome.UNPHYSICAL, why
-                if not rules.anew:
+                if rules.anew:
+                    unlawful[name] = found
+                else:
                     barred[name] = why
             else:
                 verdicts[name] = Outcome.BEATEN, "another explains more for its price"
@@ -425,7 +441,18 @@ def _carried(
         if fits:
             scores = model.score(current, look, fits)
             trials |= {name: Trial(fits[name], scores[name]) for name in fits}
+    if unlawful and (most := _outweighing(model.score(current, look, unlawful), trials)):
+        name, score = most
+        trials[name] = Trial(unlawful[name], score)
+        verdicts[name] = Outcome.BEATEN, "another explains more for its price"
     return verdicts, trials
+
+
+def _outweighing(unlawful: Mapping[str, Score], trials: Mapping[str, Trial[Fit]]) -> tuple[str, Score] | None:
+    """The best of those of a wrong sign, if the best of the others gains far less."""
+    best = max(unlawful, key=lambda name: unlawful[name].standing)
+    most = max((trial.score.gain for trial in trials.values()), default=0.0)
+    return (best, unlawful[best]) if most < _SET.outweighed * unlawful[best].gain else None
 
 
 def leader(trials: Mapping[str, Trial[Fit]]) -> str:

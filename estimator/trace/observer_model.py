@@ -16,7 +16,7 @@ from estimator.trace.candidates import kind, of_resonance_alone, searched_by
 from estimator.trace.certainty import TWO_SIDED, covariance_of, interval_of
 from estimator.trace.criterion import TIE, chance_gain, schwarz
 from estimator.trace.engine import Estimate, Score, Trial, leader, unphysical
-from estimator.trace.fitting import Fitted, coefficients_of, finished, fit, foresight, leads, parameters_of
+from estimator.trace.fitting import Fitted, coefficients_of, finished, fit, foresight, leads, parameters_of, widening
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.parameters import refine_parameters
@@ -193,6 +193,18 @@ class ObserverModel:
         if name not in current.less:
             current.less[name] = self._without(current, name)
         return current.less[name]
+
+    def settled(self, current: Carrying, names: Sequence[str]) -> Carrying:
+        """A limit that was found while another effect was missing is not where it is best beside that one; what it
+        leaves there would be taken for a third.
+        """
+        if widening(current.fitted) ** 2 < 1.0 + THRESHOLDS.width.power:
+            return current
+        fitted, searched = current.fitted, dict(current.searched)
+        for name in names:
+            if name in searched and searched[name].names:
+                fitted, searched[name] = refine_parameters(self.problem, fitted, name, before=searched[name])
+        return replace(current, fitted=fitted, searched=searched, less={})
 
     def _without(self, current: Carrying, name: str) -> tuple[Carrying, Score]:
         model = current.fitted

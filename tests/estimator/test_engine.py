@@ -85,6 +85,9 @@ class Stub:
         less = tuple(other for other in current if other != name)
         return less, self._score(current, less, name)
 
+    def settled(self, current, names):
+        return current
+
 
 def rules(dissent=Dissent.ENDS, most=6, **more):
     return Rules(most, dissent, **more)
@@ -412,6 +415,37 @@ def test_what_became_superfluous_is_taken_out_and_the_rest_say_what_they_would_l
     assert list(full.gains) == ["double", "other", "truth"]
 
 
+def test_beside_one_that_took_a_place_the_others_are_asked_again():
+    """A drag is worth something beside a line and nothing beside the coupling, which comes after a spring."""
+
+    class Stand(Stub):
+        TOGETHER: ClassVar = {
+            "": 0.0,
+            "drag": 100.0,
+            "line": 90.0,
+            "coupling": 80.0,
+            "spring": 70.0,
+            "drag line": 150.0,
+            "coupling drag": 149.0,
+            "drag spring": 120.0,
+            "drag line spring": 190.0,
+            "coupling drag line": 160.0,
+            "line spring": 180.0,
+            "coupling drag spring": 300.0,
+            "coupling spring": 300.0,
+            "coupling line spring": 300.0,
+        }
+
+        def likelihood(self, carried):
+            return self.TOGETHER[" ".join(sorted(carried))]
+
+    family = Stand({name: Worth(0.0) for name in ("drag", "line", "coupling", "spring")})
+    found = choose(family, (), rules(most=3, near=0.9), reducible=family)
+    assert names(found) == ["spring", "coupling"]
+    assert found.barred == {"drag": "superfluous beside coupling"}
+    assert [one.taken for one in found.rounds] == [None, "coupling", "spring", None]
+
+
 def test_what_has_become_superfluous_leaves_its_place_while_effects_are_chosen():
     """As many as may be are two: the third of these had to be kept out, and the first with it."""
     effects = {"double": Worth(0.0), "truth": Worth(0.0), "other": Worth(0.0)}
@@ -478,12 +512,65 @@ def test_a_wrong_sign_may_be_asked_for_again_beside_what_was_taken():
             known = {"drag": Estimate(sign, sign - 0.5, sign + 0.5, True), "friction": Estimate(1.0, 0.5, 1.5, True)}
             return {name: {f"{name}_c": known[name]} for name in fit}
 
-    effects = {"drag": Worth(50.0), "friction": Worth(20.0)}
+    effects = {"drag": Worth(50.0), "friction": Worth(50.0 * THRESHOLDS.promises.outweighed)}
     assert names(choose(Bent(effects), (), rules())) == ["friction"]
     found = choose(Bent(effects), (), rules(anew=True))
     assert names(found) == ["friction", "drag"]
     assert found.barred == {}
     assert outcomes(found.rounds[0])["drag"] is Outcome.UNPHYSICAL
+    # Far ahead of all that have the right sign, it is what shows most; beside what is missing its sign is right.
+    effects["friction"] = Worth(math.nextafter(effects["friction"].gain, 0.0))
+    assert names(choose(Bent(effects), (), rules())) == ["friction"]
+    found = choose(Bent(effects), (), rules(anew=True))
+    assert names(found) == ["drag", "friction"]
+    assert outcomes(found.rounds[0]) == {"drag": Outcome.TAKEN, "friction": Outcome.BEATEN}
+    alone = choose(Bent({"drag": Worth(50.0)}), (), rules(anew=True))
+    assert names(alone) == ["drag"]
+
+
+def test_of_those_of_a_wrong_sign_the_likeliest_is_taken_and_held_to_the_rest_of_the_record():
+    wrong = {"low": -2.0, "high": -1.0}
+    effects = {"dear": Worth(90.0, price=45.0, **wrong), "drag": Worth(80.0, **wrong), "small": Worth(20.0)}
+    assert names(chosen(effects, rules(most=1, anew=True))) == ["drag"]
+    objected = effects | {"drag": Worth(80.0, objected=True, **wrong)}
+    assert names(chosen(objected, rules(most=1, anew=True))) == []
+
+
+def test_what_was_taken_settles_beside_each_that_follows():
+    """`settled` is asked of the model with the newest, about all that were taken before it, and what it answers is
+    carried on.
+    """
+
+    class Settling(Stub):
+        def __init__(self, effects):
+            super().__init__(effects)
+            self.settles = []
+
+        def settled(self, current, names):
+            self.settles.append((current, tuple(names)))
+            return (*current, "better")
+
+        def likelihood(self, carried):
+            return super().likelihood([name for name in carried if name != "better"]) + 5.0 * ("better" in carried)
+
+        def coefficients(self, fit):
+            return super().coefficients([name for name in fit if name != "better"])
+
+    family = Settling({"limit": Worth(50.0), "coupling": Worth(30.0), "third": Worth(20.0)})
+    found = choose(family, (), rules(most=3), reducible=family)
+    assert family.settles == [
+        (("limit", "coupling"), ("limit",)),
+        (("limit", "coupling", "better", "third"), ("limit", "coupling")),
+    ]
+    assert [step.trial.fit for step in found.steps] == [
+        ("limit",),
+        ("limit", "coupling", "better"),
+        ("limit", "coupling", "better", "third", "better"),
+    ]
+    assert found.fit == found.steps[-1].trial.fit
+    family.settles.clear()
+    choose(family, (), rules(most=3))
+    assert family.settles == []
 
 
 def test_the_sign_is_asked_of_all_that_a_model_carries():

@@ -1,5 +1,6 @@
 """Models of two axes in the choice: who is carried, who is improved, what taking one out loses."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -257,6 +258,30 @@ def test_taking_one_out_loses_what_the_model_without_it_lacks(fits: Any) -> None
     assert set(less.searched) == {"known", "sense_gain"}
     assert ObserverModel(PROBLEM).without(current, "drag")[0] is less  # of one pass, however often it is asked
     assert len(fits) == 1
+
+
+@pytest.mark.parametrize(("power", "asked"), [(1.04, []), (1.06, ["limit"])])
+def test_what_was_found_is_searched_for_again_beside_the_newest_where_something_is_left(
+    monkeypatch: pytest.MonkeyPatch, power: float, asked: list[str]
+) -> None:
+    """Of those that were taken before it, the ones with a parameter that was searched for, from where that was."""
+    known = Searched(("level",), np.eye(1), np.zeros((2, 1)))
+    better = replace(known, covariance=4.0 * np.eye(1))
+    done: list[str] = []
+
+    def refined(problem: Any, model: Any, name: str, *, before: Searched) -> Any:
+        assert (problem, before) == (PROBLEM, known)
+        done.append(name)
+        return fitted(model.settings.effects, model.likelihood + 10.0), better
+
+    monkeypatch.setattr(observer_model, "refine_parameters", refined)
+    monkeypatch.setattr(observer_model, "widening", lambda model: power**0.5)
+    searched = {"limit": known, "drag": NOTHING, "newest": known}
+    current = Carrying(PROBLEM, fitted({name: {} for name in searched}, 100.0), searched)
+    settled = ObserverModel(PROBLEM).settled(current, ["limit", "drag"])
+    assert done == asked
+    assert settled.fitted.likelihood == 100.0 + 10.0 * len(asked)
+    assert settled.searched == searched | dict.fromkeys(asked, better)
 
 
 def test_a_short_part_is_asked_about_each_in_place_of_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
