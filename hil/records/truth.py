@@ -47,6 +47,12 @@ class Truth(Table):
         """Columns of codes as sent, by which a truth is known to be that of a run; none in old files."""
         return tuple(name for name in _CODES if name in self.columns)
 
+    @property
+    def spacing(self) -> int:
+        """Ticks from one row to the next, as its last two have it."""
+        last = self.part(len(self) - 2, len(self)).tick if len(self) > 1 else (0, 1)
+        return int(last[1] - last[0])
+
     def beside(self, estimates: Estimates) -> Iterator[tuple[int, Estimates, "Truth"]]:
         """Both in parts of the same stretch of ticks, neither large, with the first row of the estimates' part."""
         row = 0
@@ -65,10 +71,14 @@ class Truth(Table):
 
 
 def read_truth(path: Path) -> Truth:
-    """Read a truth file. Raises InputError when it is not one, or lacks a column."""
+    """Read a truth file. Raises InputError when it is not one, lacks a column, or has no row."""
     blocks = read_blocks(path, "truth")
     missing = [name for name in _REQUIRED if name not in blocks.columns]
     missing += [key for key in ("stiffness_per_s2", "damping_per_s", "sample_rate_Hz") if key not in blocks.header]
     if missing:
         raise InputError(f"{path}: a truth file without {', '.join(missing)}; have the emulator write it again")
+    if not blocks.rows:
+        raise InputError(
+            f"{path}: a truth file without a row, cut off before its first block ended; give the whole file"
+        )
     return Truth(blocks.columns, blocks.header, blocks.complete)

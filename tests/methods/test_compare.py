@@ -141,6 +141,19 @@ def test_the_truth_of_another_run_is_refused(whole_run: Path, tmp_path: Path) ->
         hil.compare(hil.load(whole_run), truth=other, out=tmp_path / "out")
 
 
+def test_a_truth_that_ends_before_the_record_is_refused_since_nobody_knows_the_angle_after_it(
+    run: tuple[hil.Run, Path], tmp_path: Path
+) -> None:
+    made, truth = run
+    cut, kept = tmp_path / "cut.arrow", tmp_path / "kept.arrow"
+    cut.write_bytes(truth.read_bytes()[: 2 * truth.stat().st_size // 3])
+    kept.write_bytes((made.path / "capture.arrow").read_bytes())
+    for record in (made.path, kept):
+        with pytest.raises(hil.InputError, match=r"cut\.arrow: ends at .* end marker is missing, and the run at"):
+            hil.compare(record, made.bench, truth=cut, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_without_a_reference_there_are_angles_and_no_errors(whole_run: Path, tmp_path: Path) -> None:
     kept = hil.compare(hil.load(whole_run), report=False, out=tmp_path)
     assert kept.reference is None
