@@ -21,6 +21,7 @@ from hil.methods.observers import GAINS, STATES, course_of, name_of, rotation_na
 from hil.methods.own_loop import ADAPTIVE, own_runs, require_emulated
 from hil.methods.record import Given, given
 from hil.progress import Progress, Watcher
+from hil.records.atomic import require_place
 from hil.records.capture import Capture
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import MethodRow, Methods, save_methods
@@ -70,6 +71,7 @@ def compare(
     require_compiler()
     place = None if link is None else require_emulated(link)
     subject = given(capture, bench)
+    require_place(out)
     known = None if truth is None else read_truth(truth)
     remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
     found, lines = methods_on(

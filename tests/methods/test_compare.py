@@ -123,13 +123,15 @@ def test_the_command_prints_what_its_folder_holds(
         (["--trace", "--diagnosis", "x"], "leave out the other"),
         (["--diagnosis", "nowhere.json"], "nowhere.json"),
         (["--bench", "silverbox"], "two"),
+        (["--out", "/proc/self/fdinfo"], "no run folder can be made there"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
     whole_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
     bench = [] if "--bench" in options else ["--bench", str(whole_run / "bench.toml")]
-    assert execute(["compare", str(whole_run), *bench, *options, "--out", str(tmp_path / "out")]) == 2
+    place = [] if "--out" in options else ["--out", str(tmp_path / "out")]
+    assert execute(["compare", str(whole_run), *bench, *options, *place]) == 2
     errors = capsys.readouterr().err.strip().splitlines()
     assert said in errors[-1]
     assert not (tmp_path / "out").exists()
