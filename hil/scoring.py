@@ -47,7 +47,7 @@ def score(run: Path, truth_file: Path) -> Result:
     been, the truth may end early: a remark says so.
     """
     folder = RunFolder.open(run)
-    truth = read_truth(truth_file)
+    truth = truth_in(truth_file)
     if folder.estimates is None:
         raise InputError(f"{folder.estimates_path}: not there; replay the capture first")
     remarks = require_same_run(folder, truth, truth_file)
@@ -82,6 +82,14 @@ def score(run: Path, truth_file: Path) -> Result:
     )
     save_result(folder.result_path, result)
     return result
+
+
+def truth_in(file: Path) -> Truth:
+    """The truth that something is held against. Raises InputError for a file that is none, or has no row."""
+    truth = read_truth(file)
+    if not len(truth):
+        raise InputError(f"{file}: a truth without a row, cut off before its first block ended; give the whole file")
+    return truth
 
 
 def require_same_run(folder: RunFolder, truth: Truth, place: Path) -> list[str]:

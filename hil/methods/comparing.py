@@ -26,9 +26,9 @@ from hil.records.capture import Capture
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import MethodRow, Methods, save_methods
 from hil.records.runfolder import RunFolder
-from hil.records.truth import Truth, read_truth
+from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
-from hil.scoring import require_reach, require_same_run
+from hil.scoring import require_reach, require_same_run, truth_in
 from hil.tracing import called
 
 _WARM = 64  # samples, so that no method is charged for the compiler
@@ -72,7 +72,7 @@ def compare(
     place = None if link is None else require_emulated(link)
     subject = given(capture, bench)
     require_place(out)
-    known = None if truth is None else read_truth(truth)
+    known = None if truth is None else truth_in(truth)
     remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
     found, lines = methods_on(
         subject, called(capture), truth=known, link=place, diagnosis=diagnosis, remarks=remarks, progress=progress

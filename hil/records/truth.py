@@ -71,14 +71,10 @@ class Truth(Table):
 
 
 def read_truth(path: Path) -> Truth:
-    """Read a truth file. Raises InputError when it is not one, lacks a column, or has no row."""
+    """Read a truth file. Raises InputError when it is not one, or lacks a column."""
     blocks = read_blocks(path, "truth")
     missing = [name for name in _REQUIRED if name not in blocks.columns]
     missing += [key for key in ("stiffness_per_s2", "damping_per_s", "sample_rate_Hz") if key not in blocks.header]
     if missing:
         raise InputError(f"{path}: a truth file without {', '.join(missing)}; have the emulator write it again")
-    if not blocks.rows:
-        raise InputError(
-            f"{path}: a truth file without a row, cut off before its first block ended; give the whole file"
-        )
     return Truth(blocks.columns, blocks.header, blocks.complete)

@@ -362,14 +362,14 @@ def test_of_an_interrupted_run_the_truth_may_end_early_and_is_told(make_run):
 
 
 def test_a_truth_without_a_row_is_none(make_run, tmp_path):
-    _, truth_file = make_run()
+    folder, truth_file = make_run()
     with pa.ipc.open_stream(str(truth_file)) as stream:
         table = stream.read_all()
     empty = tmp_path / "empty.arrow"
     with pa.ipc.new_stream(str(empty), table.schema) as stream:
         stream.write_table(table.slice(0, 0))
-    with pytest.raises(InputError, match=r"empty\.arrow: a truth file without a row"):
-        read_truth(empty)
+    with pytest.raises(InputError, match=r"empty\.arrow: a truth without a row, cut off"):
+        score(folder, empty)
 
 
 @pytest.mark.moderate
