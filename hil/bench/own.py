@@ -104,8 +104,7 @@ class Effects(Section):
 
         known: dict[str, list[str]] = {}
         for effect in EFFECTS:
-            symbols = (one.name for one in (*effect.coefficients, *effect.parameters))
-            known[effect.name] = list(dict.fromkeys(name.partition(":")[0] for name in symbols))
+            known[effect.name] = [*(one.name for one in effect.coefficients), *(one.name for one in effect.parameters)]
         known |= {name: [*one.coefficients, *one.parameters, REST.name] for name, one in self.custom.items()}
         packaged = entry_points(group=GROUP).names
         for name, given in self.named.items():
