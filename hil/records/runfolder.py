@@ -33,7 +33,8 @@ class RunFolder:
         folder = cls(path)
         if not any(part.exists() for part in (folder.capture_path, folder.estimates_path)):
             if kind := kind_of(path):
-                shown = f"hil show {path} shows it" if kind == TRACE else f"its page is {folder.report_path}"
+                page = folder.report_path if folder.report_path.exists() else path
+                shown = f"hil show {path} shows it" if kind == TRACE else f"look at {page}"
                 raise InputError(f"{path}: no run folder but {kind}; {shown}")
             raise InputError(f"{path}: no run folder (no capture.arrow or estimates.arrow); give one made by hil run")
         return folder

@@ -140,13 +140,15 @@ def test_a_place_that_takes_no_file_is_told_with_the_remedy(hil: Hil, tmp_path: 
 @pytest.mark.parametrize(
     ("mark", "said"),
     [
-        ("comparison.json", "no run folder but a comparison; its page is seen/report.html"),
-        ("campaign.json", "no run folder but a campaign; its page is seen/report.html"),
+        ("comparison.json", "no run folder but a comparison; look at seen/report.html"),
+        ("campaign.json", "no run folder but a campaign; look at seen"),
     ],
 )
 def test_a_folder_of_another_kind_is_told_as_such(hil: Hil, tmp_path: Path, mark: str, said: str) -> None:
     (tmp_path / "seen").mkdir()
     (tmp_path / "seen" / mark).write_text("{}", encoding="utf-8")
+    if mark == "comparison.json":
+        (tmp_path / "seen" / "report.html").write_text("", encoding="utf-8")
     assert refused(hil("show", "seen")) == f"seen: {said}"
 
 
