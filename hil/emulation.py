@@ -19,6 +19,7 @@ from typing import IO, NamedTuple
 from hil import examples
 from hil.compiler import require_compiler
 from hil.errors import InputError
+from hil.wire.links import require_known
 
 _READY = "ready "
 _START_S = 120.0  # the first start on a machine compiles the plant
@@ -156,6 +157,11 @@ def served(link: str, *, truth: Path | None = None, seed: int | None = None) -> 
 
 
 def located(link: str, *, beside: Path | None = None) -> str:
-    """``link`` with the scenario of an emulated board as a path; `InputError` where there is none."""
+    """``link`` with the scenario of an emulated board as a path; `InputError` where there is none, `LinkError` for an
+    unknown kind of link.
+    """
     kind, _, place = link.partition(":")
-    return f"{kind}:{examples.find('scenario', place, beside=beside)}" if is_emulated(link) else link
+    if is_emulated(link):
+        return f"{kind}:{examples.find('scenario', place, beside=beside)}"
+    require_known(link)
+    return link

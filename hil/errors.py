@@ -47,7 +47,8 @@ class InputError(ValueError):
         super().__init__(line if len(line) <= _LONGEST else f"{line[: _LONGEST - _END]} … {line[-_END:]}")
 
 
-_NOT_OURS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EMFILE, errno.ENFILE)
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_NOT_OURS = (*_FULL, errno.EROFS, errno.EIO, errno.EFBIG, errno.EMFILE, errno.ENFILE)
 _PACKAGES = ("hil", "estimator", "device_emulator")
 
 
@@ -60,7 +61,8 @@ def told_to_user(error: BaseException) -> str | None:
     if type(error).__module__.partition(".")[0] in _PACKAGES:
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}"
+        remedy = "make room, or give another place" if error.errno in _FULL else "give a place that can be used"
+        return f"{error.filename}: {(error.strerror or 'cannot be used').lower()}; {remedy}"
     if isinstance(error, OSError) and error.errno in _NOT_OURS:  # of a write, which does not know the file's name
         return f"a file cannot be written: {os.strerror(error.errno).lower()}; make room, or give another place"
     if isinstance(error, MemoryError):

@@ -18,6 +18,7 @@ from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
+from hil.records.atomic import require_place
 from hil.records.capture import Capture, read_capture
 from hil.records.diagnosis import save_diagnosis, to_model
 from hil.replaying import require_fit
@@ -54,6 +55,7 @@ def trace_pool_files(
     if isinstance(declared, RateSensorBench):
         raise InputError(f"{bench_path}: a rate sensor; its records are traced one by one")
     bench = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench_path))
+    require_place(out)
     records = [read_capture(place) for place in captures]
     for place, record in zip(captures, records, strict=True):
         require_fit(record, bench, place)

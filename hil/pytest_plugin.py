@@ -59,15 +59,16 @@ def board(request: pytest.FixtureRequest, bench: "Bench", tmp_path: Path) -> Ite
     from hil.acceptance import BoardUnderTest, CannotDo
     from hil.emulation import is_emulated, located
     from hil.errors import InputError
+    from hil.wire.errors import LinkError
 
     config = request.config
     try:
         path = _bench_path(config)
-        link = located(_setting(config, "link") or bench.link.url or "", beside=path)
-    except InputError as error:
+        if not (given := _setting(config, "link") or bench.link.url):
+            raise InputError(f"{path}: [link] url: missing; give it there or as --hil-link")
+        link = located(given, beside=path)
+    except (InputError, LinkError) as error:
         pytest.fail(str(error), pytrace=False)
-    if not link:
-        pytest.fail(f"{path}: [link] url: missing; give it there or as --hil-link", pytrace=False)
     if request.node.get_closest_marker("hil_emulated") and not is_emulated(link):
         pytest.skip(f"{link} is not emulated here")
     may_arm = is_emulated(link) or bool(config.getoption("--hil-arm"))

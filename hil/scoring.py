@@ -18,12 +18,14 @@ from hil.records.estimates import Estimates
 from hil.records.result import Result, Score, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.summary import SD_95, parameters, reporting_mass_kg, summarise
+from hil.records.table import Table
 from hil.records.truth import Truth, read_truth
 
 Floats = npt.NDArray[np.float64]
 
 _PATTERN_STATES = ("x_m", "vx_mps", "y_m", "vy_mps")
 _SLOPE_NEEDS_RAD = 0.5
+_CUT = "cut off: its end marker is missing"
 
 
 class Window(NamedTuple):
@@ -40,22 +42,26 @@ def score(run: Path, truth_file: Path) -> Result:
 
     Scored are the instants that estimates and truth share, from the bench file's `[loop] settle_s` on.
     Filled in are `angle_error_rms_rad`, `rate_error_rms_rad_s`, the truth of each parameter, and `score`. A
-    run that was killed before it wrote result.json gets one. Raises InputError when the truth is that of another run,
-    or the two have nothing to compare.
+    run that was killed before it wrote result.json gets one. Raises InputError when the truth is that of another run or
+    ends before this one does, or the two have nothing to compare. Of a run that was interrupted, as its board may have
+    been, the truth may end early: a remark says so.
     """
     folder = RunFolder.open(run)
-    truth = read_truth(truth_file)
+    truth = truth_in(truth_file)
     if folder.estimates is None:
         raise InputError(f"{folder.estimates_path}: not there; replay the capture first")
     remarks = require_same_run(folder, truth, truth_file)
+    before = folder.result or summarise(folder)
+    last_s = folder.estimates.ends[1] / folder.estimates.tick_rate_Hz if len(folder.estimates) else 0.0
+    if last_s < folder.settle_s:
+        raise InputError(
+            f"{run}: ended after {last_s:.3g} s, before settle_s = {folder.settle_s:g} s: nothing is scored; "
+            f"see in {folder.report_path} why it ended, and run again"
+        )
     found = compare(folder.estimates, truth, folder.settle_s)
+    interrupted = not folder.estimates.complete or before.verdict == "interrupted"
+    remarks += require_reach(truth, truth_file, folder.estimates, partly=interrupted and found is not None)
     if found is None:
-        last_s = float(folder.estimates.t_s[-1]) if len(folder.estimates.t_s) else 0.0
-        if last_s < folder.settle_s:
-            raise InputError(
-                f"{run}: ended after {last_s:.3g} s, before settle_s = {folder.settle_s:g} s: nothing is scored; "
-                f"see in {folder.report_path} why it ended, and run again"
-            )
         raise InputError(
             f"{truth_file}: fewer than two instants in common with {folder.estimates_path} "
             f"after settle_s = {folder.settle_s:g} s; give the truth of this run, or a smaller settle_s"
@@ -64,18 +70,26 @@ def score(run: Path, truth_file: Path) -> Result:
     honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.settle_s)
     mass_kg = reporting_mass_kg(folder)
     effects = folder.bench.get("effects", {}).keys()
-    before = folder.result or summarise(folder)
+    kept = (remark for remark in before.remarks if remark not in remarks and _CUT not in remark)  # of another truth
     result = before.model_copy(
         update={
             "angle_error_rms_rad": found.angle.rms,
             "rate_error_rms_rad_s": found.rate.rms,
             "parameters": parameters(folder.estimates, mass_kg=mass_kg, truth=truth, effects=effects),
             "score": found.figures().model_copy(update={"nees": honesty}),
-            "remarks": (*before.remarks, *(remark for remark in remarks if remark not in before.remarks)),
+            "remarks": (*kept, *remarks),
         }
     )
     save_result(folder.result_path, result)
     return result
+
+
+def truth_in(file: Path) -> Truth:
+    """The truth that something is held against. Raises InputError for a file that is none, or has no row."""
+    truth = read_truth(file)
+    if not len(truth):
+        raise InputError(f"{file}: a truth without a row, cut off before its first block ended; give the whole file")
+    return truth
 
 
 def require_same_run(folder: RunFolder, truth: Truth, place: Path) -> list[str]:
@@ -105,6 +119,22 @@ def require_same_run(folder: RunFolder, truth: Truth, place: Path) -> list[str]:
             f"{place}: fewer than two instants in common with {folder.capture_path}; give the truth of this run"
         )
     return []
+
+
+def require_reach(truth: Truth, place: Path, record: Table, *, partly: bool = False) -> list[str]:
+    """InputError where the truth ends before the record does, as nobody would know what of a figure is missing; remarks
+    where `partly` lets it, or where it was cut and reaches to the end all the same.
+    """
+    cut = "" if truth.complete else f", {_CUT}"
+    ends, last = truth.ends[1], record.ends[1]
+    if last - ends < truth.spacing:
+        return [f"{place}: {_CUT}; it covers the whole run"] if cut else []
+    told = (
+        f"{place}: ends at {ends / record.tick_rate_Hz:.4g} s{cut}, and the run at {last / record.tick_rate_Hz:.4g} s"
+    )
+    if not partly:
+        raise InputError(f"{told}; give the whole truth of this run")
+    return [f"{told}; scored is what it covers"]
 
 
 def scored_window(estimates: Estimates, truth: Truth, settle_s: float) -> Window:

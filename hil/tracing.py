@@ -25,7 +25,7 @@ from hil.loop.run import new_folder
 from hil.parts import FRACTION, Part, moving, parts_of, sample_of
 from hil.progress import Progress, Watcher
 from hil.rate_sensor import fitting_rows, trace_rate_sensor
-from hil.records.atomic import make_run_folder, write_text
+from hil.records.atomic import make_run_folder, require_place, write_text
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
 from hil.records.diagnosis import MissingForce as WrittenForce
@@ -97,6 +97,7 @@ def trace(
         return _trace_envelope(capture, bench, out, fraction=fraction, report=report, force=force, progress=progress)
     require_compiler()
     workers()  # no number of them is told before minutes are spent
+    require_place(out)
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)

@@ -54,7 +54,7 @@ class Loop(Section):
         if self.settle_s >= self.duration_s:
             raise ValueError(
                 f"settle_s: {self.settle_s:g} s leaves nothing to score of duration_s = {self.duration_s:g} s; "
-                "run for longer, or lower it"
+                "run for longer, or lower it in a bench file of your own (hil init --like)"
             )
         if self.mode == "gain" and self.block % self.estimate_every and self.estimate_every % self.block:
             raise ValueError(

@@ -1,5 +1,6 @@
 """The table [effects]: those of the catalogue and of packages by name, and [effects.custom], declared here."""
 
+from importlib.metadata import entry_points
 from typing import Annotated, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
@@ -8,6 +9,10 @@ from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.errors import ModelError
 from hil.bench.section import Positive, Section, as_tuple
 from hil.bench.toml import toml_key, toml_value
+from hil.strict_toml import suggestion
+
+GROUP = "hil.effects"
+"""Entry points of packages that bring effects."""
 
 Tried = Annotated[
     tuple[float, ...],
@@ -89,6 +94,27 @@ class Effects(Section):
     def named(self) -> dict[str, dict[str, float]]:
         """Those that are declared elsewhere, by name, with initial values in SI per unit mass."""
         return dict(self.__pydantic_extra__ or {})
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> Self:
+        if not self.named:
+            return self
+        from estimator.custom.law import REST
+        from estimator.effects.catalogue import EFFECTS  # and SymPy, which loads for a third of a second
+
+        known: dict[str, list[str]] = {}
+        for effect in EFFECTS:
+            known[effect.name] = [*(one.name for one in effect.coefficients), *(one.name for one in effect.parameters)]
+        known |= {name: [*one.coefficients, *one.parameters, REST.name] for name, one in self.custom.items()}
+        packaged = entry_points(group=GROUP).names
+        for name, given in self.named.items():
+            kind, section = name.partition(":")[0], f"[effects.{toml_key(name)}]"
+            if kind not in known and kind not in packaged:
+                raise ValueError(f"{section}: no such effect; {suggestion(kind, [*known, *sorted(packaged)])}")
+            for symbol in given:
+                if kind in known and symbol not in known[kind]:  # of a package's effect its law is yet to be loaded
+                    raise ValueError(f"{section} {symbol}: no such coefficient; {suggestion(symbol, known[kind])}")
+        return self
 
     @model_validator(mode="after")
     def _laws_are_sound(self) -> Self:

@@ -42,7 +42,7 @@ def execute(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except Exception as error:
-        if (sentence := _sentence(error)) is None:
+        if (sentence := _sentence(error, arguments)) is None:
             raise
         _say(sentence)
         return 2
@@ -51,13 +51,17 @@ def execute(arguments: list[str]) -> int:
     return int(code or 0)
 
 
-def _sentence(error: Exception) -> str | None:
+def _sentence(error: Exception, arguments: list[str]) -> str | None:
     """What a user has to know about ``error``, or None when the fault is ours and the traceback is due."""
     import typer
 
     usage: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
     if isinstance(error, usage):
-        return f"{error.format_message()} (see hil --help)"
+        from hil.cli.app import app
+
+        verb = next((one.name for one in app.registered_commands if [one.name] == arguments[:1]), None)
+        said = error.format_message().replace("Value error, ", "")  # pydantic's, before what typer says
+        return f"{said} (see {f'hil {verb}' if verb else 'hil'} --help)"
     return told_to_user(error)
 
 

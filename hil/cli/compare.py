@@ -31,7 +31,7 @@ Traced = Annotated[
     ),
 ]
 Trace = Annotated[bool, typer.Option("--trace", help="Trace the record first, and do so with what is found.")]
-_WIDTH = 200  # the table is not cut where nobody says how wide the terminal is
+_WIDTH = 400  # the table is not cut where nobody says how wide the terminal is
 
 
 def compare(

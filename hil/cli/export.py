@@ -50,14 +50,14 @@ def export(
     """
     from hil.cli.files import fresh, run_folder
     from hil.cli.show import print_json, say
-    from hil.interchange.exporter import FORMATS
     from hil.interchange.exporter import export as write
+    from hil.interchange.exporter import format_for
 
     place = run_folder(capture).resolve()
-    ending = "" if out is None else out.suffix.removeprefix(".")
-    to = to or next((known for known in FORMATS if known == ending), "csv")
+    to = to or "csv" if out is None else format_for(out, to)
     named = "".join(f"-{one}" for one in what or ())
-    target = fresh(out or Path(f"{place.name if place.is_dir() else place.stem}{named}.{to}"), replace=replace)
+    out = out or Path(f"{place.name if place.is_dir() else place.stem}{named}.{to}")
+    target = fresh(out, replace=replace, source=place)
     rows = write(place, target, to, what or ())
     if json:
         print_json({"file": str(target), "rows": sum(rows.values()), "tables": rows})

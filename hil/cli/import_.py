@@ -49,7 +49,8 @@ def import_(
     from hil.examples import find
     from hil.interchange.importer import import_record
 
-    target = fresh(out or Path(csv.name.removesuffix(".gz").removesuffix(".csv") + ".arrow"), replace=replace)
+    out = out or Path(csv.name.removesuffix(".gz").removesuffix(".csv") + ".arrow")
+    target = fresh(out, replace=replace, source=csv)
     map_file = None if map_name is None else find("map", map_name)
     capture = import_record(csv, target, map_file=map_file, hold=hold, nonuniform=nonuniform)
     if json:

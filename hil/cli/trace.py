@@ -214,7 +214,7 @@ def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> s
     from hil.emulation import is_emulated, located
     from hil.errors import InputError
 
-    if (place := link or declared.link.url) is None:
+    if (place := declared.link.url if link is None else link) is None:
         raise InputError(f"{path}: [link] url: missing; give it there or as --link")
     url = located(place, beside=path)
     if not is_emulated(url):

@@ -25,6 +25,22 @@ _WRITERS: Mapping[str, Callable[[Sequence[Exported], Path], None]] = {
 }
 
 
+def format_for(target: Path, to: str | None) -> str:
+    """The format asked for, by default the one that the name of `target` ends with. Raises InputError where the name
+    says none, or another one.
+    """
+    ending = target.suffix.removeprefix(".").lower()
+    if to is None:
+        if ending not in FORMATS:
+            raise InputError(f"{target}: its name ends with no format; known are {', '.join(FORMATS)}, or give --to")
+        return ending
+    if ending in FORMATS and to in FORMATS and ending != to:
+        raise InputError(
+            f"--to {to}: {target} is named as {ending}; name it {target.with_suffix(f'.{to}')}, or leave out --to"
+        )
+    return to
+
+
 def export(place: Path, target: Path, to: str, what: Sequence[str] = ()) -> dict[str, int]:
     """Write what is named of the run folder or record file at `place` to `target`, whole or not at all; returns the
     rows of each table.

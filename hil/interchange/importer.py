@@ -82,6 +82,8 @@ def _read_plain(source: Path) -> _Record:
         return _read_parquet(source)
     if is_matlab(source):
         raise InputError(f"{source}: a MATLAB file; give a --map that says which variable is which channel")
+    if source.suffix == ".parquet":
+        raise InputError(f"{source}: no Parquet file, whatever its name says; export it anew, or name it as what it is")
     header = read_header(source)
     if (mark := delimiter_meant(header, ",")) is not None:
         shown = "\\t" if mark == "\t" else mark

@@ -8,6 +8,7 @@ from hil import examples
 from hil.bench import Bench, load_bench, override
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
+from hil.records.kind import owner_of
 
 
 class Asked(NamedTuple):
@@ -47,12 +48,14 @@ def asked(
     given = {key: value for key, value in loop.items() if value is not None}
     control = {"enabled": False} if open_loop else {}
     declared = override(declared, {"loop": given, "controller": control}, f"{source} with the options given")
-    if (place := link or declared.link.url) is None:
+    if (place := declared.link.url if link is None else link) is None:
         raise InputError(f"{source}: [link] url: missing; give it there or as --link")
     url = located(place, beside=path)
     file = None if truth is None else Path(truth)
     if file is not None and not is_emulated(url):
         raise InputError(f"--truth: {url} is not started here; give --truth to its hil emulate")
+    if file is not None and (owner := owner_of(file)) and file.exists():
+        raise InputError(f"--truth: {file}: is {owner}, and is not written over; give another name")
     if file is not None and file.exists() and not (replace and file.is_file()):
         raise InputError(f"--truth: {file}: exists already; give another name, or --replace")
     return Asked(declared, url, file)

@@ -230,12 +230,13 @@ def export(
     innovation or force, of mat and mcap several; by default the capture, of mat and mcap all there is.
     """
     from hil.interchange.exporter import export as write
+    from hil.interchange.exporter import format_for
 
     file = Path(target)
     if file.exists():
         raise InputError(f"{file}: exists already; give another name, or remove it")
     place = record.path if isinstance(record, Run | Trace) else named(record)
-    write(place, file, to or file.suffix.removeprefix("."), (what,) if isinstance(what, str) else what)
+    write(place, file, format_for(file, to), (what,) if isinstance(what, str) else what)
     return file
 
 

@@ -21,12 +21,14 @@ from hil.methods.observers import GAINS, STATES, course_of, name_of, rotation_na
 from hil.methods.own_loop import ADAPTIVE, own_runs, require_emulated
 from hil.methods.record import Given, given
 from hil.progress import Progress, Watcher
+from hil.records.atomic import require_place
+from hil.records.capture import Capture
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import MethodRow, Methods, save_methods
 from hil.records.runfolder import RunFolder
-from hil.records.truth import Truth, read_truth
+from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
-from hil.scoring import require_same_run
+from hil.scoring import require_reach, require_same_run, truth_in
 from hil.tracing import called
 
 _WARM = 64  # samples, so that no method is charged for the compiler
@@ -69,8 +71,9 @@ def compare(
     require_compiler()
     place = None if link is None else require_emulated(link)
     subject = given(capture, bench)
-    known = None if truth is None else read_truth(truth)
-    remarks = [] if known is None or truth is None else _same(capture, known, truth)
+    require_place(out)
+    known = None if truth is None else truth_in(truth)
+    remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
     found, lines = methods_on(
         subject, called(capture), truth=known, link=place, diagnosis=diagnosis, remarks=remarks, progress=progress
     )
@@ -195,8 +198,12 @@ def effects_of(diagnosis: Diagnosis) -> dict[str, Mapping[str, float]]:
     return {one.name: {symbol: value for symbol, (value, _) in one.coefficients.items()} for one in found}
 
 
-def _same(capture: Path, truth: Truth, place: Path) -> list[str]:
-    """Remarks where it cannot be told whether the truth is that of the record; InputError where it is not."""
-    if capture.name != "capture.arrow":
-        return [f"{place}: whether it is the truth of {capture} cannot be told"]
-    return require_same_run(RunFolder(capture.parent), truth, place)
+def _same(capture: Path, captured: Capture, truth: Truth, place: Path) -> list[str]:
+    """Remarks where it cannot be told whether the truth is that of the record; InputError where it is not, or ends
+    before the record does.
+    """
+    if capture.name == "capture.arrow":
+        told = require_same_run(RunFolder(capture.parent), truth, place)
+    else:
+        told = [f"{place}: whether it is the truth of {capture} cannot be told"]
+    return told + require_reach(truth, place, captured)

@@ -87,6 +87,15 @@ def require_name(name: str) -> None:
         raise InputError(f"--name: {error}") from None
 
 
+def require_place(out: Path) -> None:
+    """InputError where no run folder can be made below `out`; for what takes long before it makes one."""
+    there = next(place for place in (out.absolute(), *out.absolute().parents) if place.exists())
+    try:
+        Path(tempfile.mkdtemp(prefix=".", dir=there)).rmdir()
+    except OSError as error:
+        raise _no_folder(out, error) from None
+
+
 def make_run_folder(out: Path, name: str) -> Path:
     """A new folder `<time>-<name>` below `out`; a name that is taken gets a number. Raises InputError."""
     require_name(name)
@@ -98,9 +107,13 @@ def make_run_folder(out: Path, name: str) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise InputError(f"{out}: no run folder can be made there ({error.strerror}); give another --out") from None
+            raise _no_folder(out, error) from None
         return folder
     raise InputError(f"{out}: a thousand runs in one second; give another --name")
+
+
+def _no_folder(out: Path, error: OSError) -> InputError:
+    return InputError(f"{out}: no run folder can be made there ({error.strerror}); give another --out")
 
 
 def _umask() -> int:

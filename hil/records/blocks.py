@@ -215,8 +215,7 @@ def scan_blocks(path: Path, kind: str | None) -> Scan:
         blocks, complete, damage = passage.blocks()
         sealed = opening.heads is not None
         if sealed and not blocks and not damage:
-            kind = kind or "record"
-            raise InputError(f"{path}: no {kind} record: cut inside its header; give a {kind} file")
+            raise InputError(f"{path}: no {_called(kind)}: cut inside its header; give a {kind or 'record'} file")
     return Scan(
         path, opening.header, opening.dtypes, tuple(blocks), complete, sealed, damage, len(opening.data)
     )  # fmt: skip
@@ -240,9 +239,8 @@ def read_opening(path: Path, file: BufferedReader, kind: str | None) -> Opening:
     try:
         schema = pa.ipc.read_schema(pa.py_buffer(data))
     except (pa.ArrowException, OSError, ValueError):
-        wanted = kind or "record"
         raise InputError(
-            f"{path}: no {wanted} record: not an Arrow stream, or cut inside its header; give a {wanted} file"
+            f"{path}: no {_called(kind)}: not an Arrow stream, or cut inside its header; give a {kind or 'record'} file"
         ) from None
     header = _header(path, kind, schema)
     seal = header.get("checksum")
@@ -403,6 +401,10 @@ def opened(path: Path, kind: str) -> Iterator[BufferedReader]:
     except OSError as error:
         reason = (error.strerror or "unreadable").lower()
         raise InputError(f"{path}: cannot be read ({reason}); give an existing {kind} file") from None
+
+
+def _called(kind: str | None) -> str:
+    return f"{kind} record" if kind else "record"
 
 
 def _opening(file: BufferedReader, size: int) -> bytes:

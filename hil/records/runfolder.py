@@ -11,6 +11,7 @@ from hil.records.clock import ClockRecord, read_clock
 from hil.records.covariance import Covariance, read_covariance
 from hil.records.estimates import Estimates, read_estimates
 from hil.records.innovation import Innovation, read_innovation
+from hil.records.kind import TRACE, kind_of
 from hil.records.timing import Timing, read_timing
 
 if TYPE_CHECKING:
@@ -31,6 +32,10 @@ class RunFolder:
         """The run at `path`. Raises InputError when that is no folder with a record in it."""
         folder = cls(path)
         if not any(part.exists() for part in (folder.capture_path, folder.estimates_path)):
+            if kind := kind_of(path):
+                page = folder.report_path if folder.report_path.exists() else path
+                shown = f"hil show {path} shows it" if kind == TRACE else f"look at {page}"
+                raise InputError(f"{path}: no run folder but {kind}; {shown}")
             raise InputError(f"{path}: no run folder (no capture.arrow or estimates.arrow); give one made by hil run")
         return folder
 

@@ -47,6 +47,12 @@ class Truth(Table):
         """Columns of codes as sent, by which a truth is known to be that of a run; none in old files."""
         return tuple(name for name in _CODES if name in self.columns)
 
+    @property
+    def spacing(self) -> int:
+        """Ticks from one row to the next, as its last two have it."""
+        last = self.part(len(self) - 2, len(self)).tick if len(self) > 1 else (0, 1)
+        return int(last[1] - last[0])
+
     def beside(self, estimates: Estimates) -> Iterator[tuple[int, Estimates, "Truth"]]:
         """Both in parts of the same stretch of ticks, neither large, with the first row of the estimates' part."""
         row = 0

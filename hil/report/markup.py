@@ -11,6 +11,8 @@ from hil.report.verdict import Headline
 Row = Sequence[str]
 _LONG = 30
 """Letters from which on a cell is a sentence."""
+_MANY = 8
+"""Columns that the width of the text has room for."""
 _TYPED = ("hil ", "sudo ", "xdg-open ")
 
 
@@ -73,8 +75,9 @@ def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int]
         for index, cell in enumerate(head)
     )
     body = "".join(f"<tr>{_cells(row, kinds)}</tr>" for row in rows)
+    broad = " broad" if len(head) > _MANY else ""
     return (
-        f'<div class="wide" tabindex="0"><table><caption>{escape(caption)}</caption>'
+        f'<div class="wide{broad}" tabindex="0"><table><caption>{escape(caption)}</caption>'
         f"<thead><tr>{heading}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 

@@ -26,6 +26,10 @@ HEAD = (
 )  # fmt: skip
 _COLOURS: dict[MethodKind, str] = {"observer": FIRST, "traced": FIRST, "prior art": SECOND, "bound": INK}
 _WINDOWS = 160
+_LABEL_IN = 0.125
+"""From one label to the next: the height of a line."""
+_AROUND_IN = 0.6
+"""What a figure has above and below its axes."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,8 @@ def draw(found: Methods, lines: Sequence[Line]) -> Drawing | None:
     """The angle's error of every method, rms over short windows, on a logarithmic scale."""
     if not lines:
         return None
-    figure = new_figure(4.2)
+    height_in = max(4.2, _AROUND_IN + _LABEL_IN * (len(lines) + 1))
+    figure = new_figure(height_in)
     ax = figure.subplots()
     bound = next((row.angle_error_rms_rad for row in found.rows if row.kind == "bound"), None)
     ends: list[tuple[float, str, str]] = []
@@ -158,10 +163,16 @@ def draw(found: Methods, lines: Sequence[Line]) -> Drawing | None:
     ax.set_xlim(start, stop)
     ax.axvspan(start, found.window_s[0], color=MUTED, alpha=0.10, linewidth=0)
     low, high = np.log10(ax.get_ylim())
-    for place, (_, name, colour) in zip(_apart(sorted(ends), 0.045 * (high - low)), sorted(ends), strict=True):
+    ends.sort()
+    shares = [(end - low) / (high - low) for end, _, _ in ends]
+    for share, place, (_, name, colour) in zip(
+        shares, _apart(shares, _LABEL_IN / (height_in - _AROUND_IN)), ends, strict=True
+    ):
         ax.annotate(
-            name, (1.0, 10.0**place), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points",
+            name, (1.0, share), xycoords="axes fraction", xytext=(1.03, place), textcoords="axes fraction",
             color=colour, fontsize=7, va="center", annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 1, "shrinkB": 0,
+                        "relpos": (0.0, 0.5)},
         )  # fmt: skip
     ax.set_xlabel("time / s")
     ax.set_ylabel("angle error / rad")
@@ -182,12 +193,20 @@ def _levels(line: Line) -> tuple[Floats, Floats]:
     return t[seen], np.sqrt(square[seen])
 
 
-def _apart(ends: list[tuple[float, str, str]], least: float) -> list[float]:
-    """Places for labels, ascending and that far apart at least."""
-    places: list[float] = []
-    for value, _, _ in ends:
-        places.append(max(value, places[-1] + least) if places else value)
-    return places
+def _apart(wanted: Sequence[float], least: float) -> list[float]:
+    """Places from 0 to 1 for labels that are wanted at ascending places: that far apart at least, and with the least
+    squares of how far they are moved.
+    """
+    groups: list[tuple[float, int]] = []  # mean place of labels that touch, less the room of those below; their number
+    for number, place in enumerate(wanted):
+        mean, size = place - number * least, 1
+        while groups and groups[-1][0] > mean:
+            before, count = groups.pop()
+            mean, size = (before * count + mean * size) / (count + size), count + size
+        groups.append((mean, size))
+    highest = 1.0 - (len(wanted) - 1) * least
+    means = [min(max(mean, 0.0), highest) for mean, size in groups for _ in range(size)]
+    return [mean + number * least for number, mean in enumerate(means)]
 
 
 def _shown(value: float | None, unit: str) -> str:

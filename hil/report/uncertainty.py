@@ -33,15 +33,15 @@ def section(material: Material) -> str:
     rows = [
         (
             row.source + (" (assumed)" if row.assumed else ""),
+            size,
             magnitude(row.value) if row.unit == "1" else quantity(row.value, row.unit),
             row.sensitivity,
-            size,
         )
         for row, size in zip(result.uncertainty, sizes, strict=True)
     ]
-    rows.append(("expanded, k = 2", "", "twice the root of the sum of squares", expanded))
-    head = ("source", "standard uncertainty", "how it reaches the angle", "contribution")
-    return paragraph(said) + table("What the angle's uncertainty is made of", head, rows, (1, 3))
+    rows.append(("expanded, k = 2", expanded, "", "twice the root of the sum of squares"))
+    head = ("source", "contribution", "standard uncertainty", "how it reaches the angle")  # what a phone shows first
+    return paragraph(said) + table("What the angle's uncertainty is made of", head, rows, (1, 2))
 
 
 def _both(angle_rad: float) -> str:

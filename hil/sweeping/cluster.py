@@ -32,6 +32,13 @@ class _Lost(Exception):
     """The scheduler is gone."""
 
 
+def require_address(scheduler: str) -> None:
+    """InputError for what no scheduler can have as its address, be there runs left to make or not."""
+    host, _, port = scheduler.rpartition(":")
+    if not host.rpartition("://")[2] or not port.isdecimal():
+        raise InputError(f"--scheduler: {scheduler}: no address; give it as tcp://HOST:8786")
+
+
 def carry_out_all(tasks: Callable[[], Iterator[Task]], program: str, scheduler: str, say: Say) -> Iterator[Done]:
     """Each as it is done; `tasks` gives those that have no row yet, whenever it is asked; `program`: what has
     to make them.

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from hil.errors import InputError
 from hil.records.atomic import replacing, write_text
+from hil.records.kind import CAMPAIGN, kind_of
 from hil.sweeping.tasks import Done, Row, Tasks
 
 if TYPE_CHECKING:
@@ -45,9 +46,14 @@ class Kept:
     @classmethod
     @contextmanager
     def opened(cls, folder: Path, plan: Tasks, program: str) -> Iterator[Self]:
-        """Make the folder, or go on in it.  Raises InputError where another campaign, another program or another
-        process is at home."""
-        folder.mkdir(parents=True, exist_ok=True)
+        """Make the folder, or go on in it.  Raises InputError where a run, another campaign, another program or
+        another process is at home, or no folder can be made."""
+        if (kind := kind_of(folder)) not in ("", CAMPAIGN):
+            raise InputError(f"{folder}: {kind} is there, and its report would be replaced; give another --out")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder}: no folder can be made there ({error.strerror}); give another --out") from None
         with (folder / "lock").open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

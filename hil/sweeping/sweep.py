@@ -40,6 +40,8 @@ def sweep(
     """
     if workers is not None and workers < 1:
         raise InputError(f"--workers: {workers}; give a whole number from 1 on")
+    if scheduler is not None:
+        cluster.require_address(scheduler)
     began = time.monotonic()
     made = 0
     with Kept.opened(folder, plan, plan.program) as kept:

@@ -31,15 +31,22 @@ def open_link(url: str) -> Link:
         LinkError: unknown scheme or option, or the link cannot be opened; one line that names the link and
             the remedy.
     """
-    scheme, colon, rest = url.partition(":")
+    scheme, _, rest = url.partition(":")
+    require_known(url)
+    if scheme == "pty":
+        raise LinkError(f"link {url!r}: starts a board of its own, and none was started; give the link that it serves")
     opener = _OPENERS.get(scheme)
-    installed = {} if opener is not None else _installed()
-    if colon and rest:
-        if opener is not None:
-            return opener(rest)
-        if scheme in installed:
-            return _loaded(installed[scheme])(rest)
-    raise _unknown(url, [f"{name}:…" for name in (*_OPENERS, *sorted(installed))])
+    return opener(rest) if opener is not None else _loaded(_installed()[scheme])(rest)
+
+
+def require_known(url: str) -> None:
+    """LinkError for a link of an unknown kind; nothing is opened."""
+    scheme, _, rest = url.partition(":")
+    if rest and scheme in (*_OPENERS, "pty"):
+        return
+    installed = _installed()
+    if not rest or scheme not in installed:
+        raise _unknown(url, [f"{name}:…" for name in (*_OPENERS, "pty", *sorted(installed))])
 
 
 def _installed() -> dict[str, "EntryPoint"]:

@@ -68,4 +68,11 @@ def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(hil.InputError, match="no scheduler answers there; start one with `dask scheduler`"):
         hil.sweep(RUNS, out=tmp_path / "a", scheduler=address)
     with pytest.raises(hil.InputError, match="give it as tcp://HOST:8786"):
-        hil.sweep(RUNS, out=tmp_path / "a", scheduler="nonsense://x")
+        hil.sweep(RUNS, out=tmp_path / "a", scheduler="nonsense://x:1")
+
+
+@pytest.mark.parametrize("address", ["foo", "", ":8786", "tcp://", "tcp://:8786", "tcp://host", "nonsense://x"])
+def test_what_is_no_address_is_told_before_anything_is_made(tmp_path: Path, address: str) -> None:
+    with pytest.raises(hil.InputError, match="no address; give it as tcp://HOST:8786"):
+        hil.sweep(RUNS, out=tmp_path / "a", scheduler=address)
+    assert not any(tmp_path.iterdir())

@@ -38,6 +38,22 @@ def whole(tmp_path: Path) -> dict[str, bytes]:
     return bytes_in(tmp_path / "whole")
 
 
+@pytest.mark.parametrize("mark", ["result.json", "estimates.arrow", "diagnosis.json", "comparison.json"])
+def test_no_campaign_is_made_where_a_run_is(tmp_path: Path, mark: str) -> None:
+    for name in (mark, "report.html"):
+        (tmp_path / name).write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match=r"is there, and its report would be replaced; give another --out"):
+        fill(tmp_path, [0])
+    assert {file.name for file in tmp_path.iterdir()} == {mark, "report.html"}
+
+
+def test_where_no_folder_can_be_made_is_told_with_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    for place in ("file", "file/below"):
+        with pytest.raises(InputError, match=rf"{place}: no folder can be made there \(.+\); give another --out"):
+            fill(tmp_path / place, [0])
+
+
 @pytest.mark.moderate
 def test_results_are_three_files_with_all_rows_in_order(tmp_path: Path, whole: dict[str, bytes]) -> None:
     assert list(whole) == [f"results/file=0000{k}/rows.parquet" for k in range(3)]

@@ -11,7 +11,7 @@ from hil.errors import InputError
 from hil.examples import find
 
 CUBIC = Addition("cubic_stiffness", "found in ride", {"k3x": (9.97e12, "± 2e10 1/(m²·s²)"), "k3y": (3e12, "")})
-LINE = Addition("interference:2", "", {"ax:2": (1e-9, "m"), "ω": (311.0, "rad/s")})
+LINE = Addition("interference:2", "", {"lcx": (1e-9, "m"), "omega": (311.0, "rad/s")})
 GAIN = Addition("sense_gain", "found in ride", {"gy": (-0.01, "")})
 
 
@@ -51,7 +51,7 @@ def test_more_can_be_added_to_what_is_there(tmp_path: Path) -> None:
     add_effects(first, second, [CUBIC, LINE])
     effects = load_bench(second).effects.named
     assert set(effects) == {"sense_gain", "cubic_stiffness", "interference:2"}
-    assert effects["interference:2"] == {"ax:2": 1e-9, "ω": 311.0}
+    assert effects["interference:2"] == {"lcx": 1e-9, "omega": 311.0}
     with pytest.raises(InputError, match=r"\[effects.sense_gain\] is declared already"):
         add_effects(second, tmp_path / "third.bench.toml", [GAIN])
     assert not (tmp_path / "third.bench.toml").exists()

@@ -104,7 +104,8 @@ def test_offset_deviation_comes_from_the_data_sheet_unless_overridden(tmp_path: 
         ),
         (
             "[loop]\nsettle_s = 30",
-            "[loop] settle_s: 30 s leaves nothing to score of duration_s = 30 s; run for longer, or lower it",
+            "[loop] settle_s: 30 s leaves nothing to score of duration_s = 30 s; run for longer, or lower it "
+            "in a bench file of your own (hil init --like)",
         ),
         ("[controller]\nenabled = 1", "[controller] enabled: expected true or false, not 1"),
         ("[link]\nwatchdog_s = 1e-4", "[link] watchdog_s: shorter than two samples (0.0005 s)"),

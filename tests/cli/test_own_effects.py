@@ -133,6 +133,41 @@ def test_a_broken_package_is_one_line_that_names_it(install: Install, kind: str)
         device_of(bench(mine={}))
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[effects.cubic_stifness]", r"[effects.cubic_stifness]: no such effect; did you mean cubic_stiffness?"),
+        ("[effects.septik]", r"[effects.septik]: no such effect; did you mean septic?"),
+        ("[effects.cubic_coupling]", r"[effects.cubic_coupling]: no such effect; did you mean "),
+        (
+            "[effects.cubic_stiffness]\nk3xx = 1e12",
+            r"[effects.cubic_stiffness] k3xx: no such coefficient; did you mean k3x?",
+        ),
+        ("[effects.septic]\nk5 = 1.0", r"[effects.septic] k5: no such coefficient; known: k7, v_rest"),
+        (
+            '[effects."interference:2"]\nomgea = 1.0',
+            r'[effects."interference:2"] omgea: no such coefficient; did you mean omega?',
+        ),
+        ('[effects."interference:2"]\nomega = 1.0', ""),
+        ("[effects.septic]\nk7 = 1.0", ""),
+    ],
+)
+def test_a_misspelt_effect_is_told_when_the_bench_file_is_read(tmp_path: Path, text: str, says: str) -> None:
+    file = tmp_path / "odd.bench.toml"
+    septic = '[effects.custom.septic]\nforce_x = "-k7 * x**7"\ncoefficients.k7.unit = "1/(m^6 s^2)"\n'
+    file.write_text(f"{find('bench', 's-slow').read_text(encoding='utf-8')}\n{septic}\n{text}\n", encoding="utf-8")
+    if not says:
+        assert load_bench(file).effects.named
+        return
+    with pytest.raises(InputError) as error:
+        load_bench(file)
+    assert str(error.value).startswith(f"{file}: {says}")
+
+
+def test_an_effect_of_a_package_is_known_by_its_name(example: Path) -> None:
+    assert bench(cubic_coupling={"c31": 1e12}).effects.named
+
+
 @pytest.mark.moderate
 def test_a_package_may_say_it_in_sympy(install: Install) -> None:
     source = (

@@ -123,13 +123,15 @@ def test_the_command_prints_what_its_folder_holds(
         (["--trace", "--diagnosis", "x"], "leave out the other"),
         (["--diagnosis", "nowhere.json"], "nowhere.json"),
         (["--bench", "silverbox"], "two"),
+        (["--out", "/proc/self/fdinfo"], "no run folder can be made there"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
     whole_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
     bench = [] if "--bench" in options else ["--bench", str(whole_run / "bench.toml")]
-    assert execute(["compare", str(whole_run), *bench, *options, "--out", str(tmp_path / "out")]) == 2
+    place = [] if "--out" in options else ["--out", str(tmp_path / "out")]
+    assert execute(["compare", str(whole_run), *bench, *options, *place]) == 2
     errors = capsys.readouterr().err.strip().splitlines()
     assert said in errors[-1]
     assert not (tmp_path / "out").exists()
@@ -139,6 +141,19 @@ def test_the_truth_of_another_run_is_refused(whole_run: Path, tmp_path: Path) ->
     other = write_run(tmp_path / "other", Options(seconds=1.0))
     with pytest.raises(hil.InputError, match="another run"):
         hil.compare(hil.load(whole_run), truth=other, out=tmp_path / "out")
+
+
+def test_a_truth_that_ends_before_the_record_is_refused_since_nobody_knows_the_angle_after_it(
+    run: tuple[hil.Run, Path], tmp_path: Path
+) -> None:
+    made, truth = run
+    cut, kept = tmp_path / "cut.arrow", tmp_path / "kept.arrow"
+    cut.write_bytes(truth.read_bytes()[: 2 * truth.stat().st_size // 3])
+    kept.write_bytes((made.path / "capture.arrow").read_bytes())
+    for record in (made.path, kept):
+        with pytest.raises(hil.InputError, match=r"cut\.arrow: ends at .* end marker is missing, and the run at"):
+            hil.compare(record, made.bench, truth=cut, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_without_a_reference_there_are_angles_and_no_errors(whole_run: Path, tmp_path: Path) -> None:

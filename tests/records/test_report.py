@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -16,8 +17,12 @@ from hil.numbers import quantity
 from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
 from hil.records.result import TOO_SLOW, Parameter, Part, load_result, save_result
+from hil.records.runfolder import RunFolder
 from hil.report import write_report
+from hil.report.figures import pattern
 from hil.report.figures.spectrum import amplitude_density
+from hil.report.material import Material
+from hil.report.theme import drawing_style
 from hil.scoring import score
 from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import answer
@@ -308,6 +313,16 @@ def test_words_from_outside_cannot_become_markup(undrawn, make_run):
     checked(page)
     assert evil not in page
     assert "&lt;/script&gt;" in page
+
+
+@pytest.mark.moderate
+def test_the_pattern_of_a_mass_that_rests_is_a_point_and_drawn_without_a_warning(make_run):
+    folder, _ = make_run()
+    material = Material(RunFolder.open(folder))
+    resting = dict.fromkeys(("x_m", "vx_mps", "y_m", "vy_mps"), np.zeros(800))
+    material.estimates = replace(material.estimates, columns={**material.estimates.columns, **resting})
+    with drawing_style():
+        assert pattern.draw(material) is not None
 
 
 @pytest.mark.long

@@ -309,6 +309,69 @@ def test_an_old_truth_without_codes_is_taken_with_a_remark(make_run, tmp_path):
     assert remarks == ("whether the truth is that of this run cannot be told: the truth has no codes to compare",)
 
 
+def cut(truth_file, share):
+    """The truth up to that share of its bytes, or without so many of its last ones."""
+    data = truth_file.read_bytes()
+    kept = truth_file.with_name("cut.arrow")
+    kept.write_bytes(data[: int(share * len(data)) if share > 0 else share])
+    return kept
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize(("share", "end"), [(2 / 3, r"1\.2\d*"), (0.2, r"0\.24\d+")])
+def test_a_truth_that_ends_before_the_run_is_refused_wherever_it_was_cut(make_run, share, end):
+    folder, truth = make_run()
+    before = (folder / "result.json").read_bytes()
+    complaint = (
+        rf"cut\.arrow: ends at {end} s, cut off: its end marker is missing, and the run at 1\.998 s; give the whole"
+    )
+    with pytest.raises(InputError, match=complaint):
+        score(folder, cut(truth, share))
+    assert (folder / "result.json").read_bytes() == before
+
+
+@pytest.mark.moderate
+def test_a_truth_that_was_ended_early_is_refused_too(make_run, tmp_path):
+    folder, truth_file = make_run()
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        table = stream.read_all()
+    short = tmp_path / "short.arrow"
+    with pa.ipc.new_stream(str(short), table.schema) as stream:
+        stream.write_table(table.slice(0, 7990))
+    with pytest.raises(InputError, match=r"short\.arrow: ends at 1\.997 s, and the run at 1\.998 s"):
+        score(folder, short)
+
+
+@pytest.mark.moderate
+def test_a_truth_without_its_end_covers_the_run_and_is_told_until_a_whole_one_is_given(make_run):
+    folder, truth = make_run(every=2300)  # a plain stream loses its last block so; the last estimate is before it
+    told = score(folder, cut(truth, -20))
+    assert told.score.rows == 3
+    (remark,) = told.remarks
+    assert remark.endswith("cut.arrow: cut off: its end marker is missing; it covers the whole run")
+    assert score(folder, truth).remarks == ()
+
+
+@pytest.mark.moderate
+def test_of_an_interrupted_run_the_truth_may_end_early_and_is_told(make_run):
+    folder, truth = make_run(interrupted=True, result=False)
+    result = score(folder, cut(truth, 2 / 3))
+    assert 250 < result.score.rows < 400
+    (remark,) = result.remarks
+    assert remark.endswith("and the run at 1.998 s; scored is what it covers")
+
+
+def test_a_truth_without_a_row_is_none(make_run, tmp_path):
+    folder, truth_file = make_run()
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        table = stream.read_all()
+    empty = tmp_path / "empty.arrow"
+    with pa.ipc.new_stream(str(empty), table.schema) as stream:
+        stream.write_table(table.slice(0, 0))
+    with pytest.raises(InputError, match=r"empty\.arrow: a truth without a row, cut off"):
+        score(folder, empty)
+
+
 @pytest.mark.moderate
 def test_parts_make_no_difference(make_run, monkeypatch):
     folder, truth = make_run(virtual_rotation_rad_s=5.0, angle_drift=0.02)

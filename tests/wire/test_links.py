@@ -256,8 +256,12 @@ def test_a_port_has_one_user(board):
         ("serial:/dev/null", "serial:/dev/null: not a serial port; name a terminal device"),
         (f"serial:{__file__}", "not a serial port; name a terminal device"),
         ("serial:/tmp", "serial:/tmp: not a serial port; name a terminal device"),
-        ("serial:", "link 'serial:': unknown kind of link; known are serial:…, can:…, udp:…, inproc:…"),
-        ("smoke:signals", "link 'smoke:signals': unknown kind of link; known are serial:…, can:…, udp:…, inproc:…"),
+        ("serial:", "link 'serial:': unknown kind of link; known are serial:…, can:…, udp:…, inproc:…, pty:…"),
+        (
+            "smoke:signals",
+            "link 'smoke:signals': unknown kind of link; known are serial:…, can:…, udp:…, inproc:…, pty:…",
+        ),
+        ("pty:s-slow", "link 'pty:s-slow': starts a board of its own, and none was started"),
         ("/dev/ttyUSB0", "link '/dev/ttyUSB0': unknown kind of link"),
         ("serial:/dev/ttyUSB0?baud=fast", "bad option; expected serial:PATH or serial:PATH"),
         ("serial:/dev/ttyUSB0?baud=0", "bad option; expected serial:PATH or serial:PATH"),
@@ -354,7 +358,7 @@ class TestLinksOfOtherPackages:
 
     def test_is_named_where_a_scheme_is_unknown(self, install):
         install("carrier", "tests.wire.test_links:link_of_a_package.open")
-        with pytest.raises(LinkError, match="known are serial:…, can:…, udp:…, inproc:…, carrier:…"):
+        with pytest.raises(LinkError, match="known are serial:…, can:…, udp:…, inproc:…, pty:…, carrier:…"):
             open_link("smoke:signal")
         with pytest.raises(LinkError, match="unknown kind"):
             open_link("carrier:")

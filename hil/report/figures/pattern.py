@@ -87,8 +87,9 @@ def _draw_plane(ax: "Axes", paths: list[Floats], t_s: Floats, reach: float, pref
         x, y = 1.1 * (tip if tip[1] >= 0 else -tip)
         ax.annotate(f"{t:.3g} s", (x, y), color=colour, ha="center", va="center", fontsize=8)
     ax.set_aspect("equal")
-    ax.set_xlim(-1.25 * reach, 1.25 * reach)
-    ax.set_ylim(-1.25 * reach, 1.25 * reach)
+    half = 1.25 * reach or 1.0  # of a mass that rests there is a point
+    ax.set_xlim(-half, half)
+    ax.set_ylim(-half, half)
     ax.locator_params(nbins=5)
     ax.set_xlabel(f"x / {prefix}m")
     ax.set_ylabel(f"y / {prefix}m")
