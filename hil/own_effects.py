@@ -18,12 +18,11 @@ from estimator.custom.declaration import UNNAMED
 from estimator.errors import ModelError
 from estimator.settings import Device
 from hil.bench import Bench
+from hil.bench.own import GROUP
 from hil.errors import InputError, printable
 
 if TYPE_CHECKING:
     from estimator.effects.declaration import Effect
-
-GROUP = "hil.effects"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from hil.bench.device import Device
 from hil.bench.loop import Controller, Limits, Link, Loop
 from hil.bench.observer import Observer
-from hil.bench.own import Effects
+from hil.bench.own import Effects, require_known
 from hil.bench.plausible import implausible
 from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import Section, check_matrix
@@ -76,12 +76,18 @@ class Bench(Section):
 
     def with_(self, **sections: Mapping[str, Any]) -> "Bench":
         """A bench with some keys replaced, by section: `bench.with_(loop={"duration_s": 5.0})`, checked as a whole
-        again.  Raises InputError with the key, and what was expected.
+        again.  Tables within a section are merged key by key, everything else is replaced.
+
+        Raises InputError with the key, and what was expected; also for an effect that there is not.
         """
         table = self.model_dump()
         if unknown := set(sections) - set(table):
             raise InputError(f"{unknown.pop()}: no section of a bench; there are {', '.join(table)}")
-        return override(self, sections, f"{self.device.name or 'bench'} with changes")
+        source = f"{self.device.name or 'bench'} with changes"
+        changed = override(self, sections, source)
+        if "effects" in sections:
+            require_known(changed.effects, self.device.axes, source)
+        return changed
 
     @property
     def target_stiffness_per_s2(self) -> float:
@@ -126,8 +132,14 @@ def load_any_bench(path: Path) -> Bench | RateSensorBench:
 
 
 def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str) -> Bench:
-    """``bench`` with some keys replaced, checked as a whole again; ``source`` names them in an error."""
-    table = bench.model_dump()
-    for section, keys in changes.items():
-        table[section].update(keys)
-    return parse_table(table, Bench, source)
+    """``bench`` with some keys replaced, those of tables within its sections too, checked as a whole again; ``source``
+    names them in an error.
+    """
+    return parse_table(_merged(bench.model_dump(), changes), Bench, source)
+
+
+def _merged(table: Any, changes: Any) -> Any:
+    """`table` with `changes` in it, table by table; what is no table on both sides is replaced."""
+    if not isinstance(table, Mapping) or not isinstance(changes, Mapping):
+        return changes
+    return {**table, **{key: _merged(table.get(key), value) for key, value in changes.items()}}

@@ -1,5 +1,6 @@
 """The table [effects]: those of the catalogue and of packages by name, and [effects.custom], declared here."""
 
+from importlib.metadata import entry_points
 from typing import Annotated, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
@@ -8,6 +9,11 @@ from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.errors import ModelError
 from hil.bench.section import Positive, Section, as_tuple
 from hil.bench.toml import toml_key, toml_value
+from hil.errors import InputError
+from hil.strict_toml import suggestion
+
+GROUP = "hil.effects"
+"""Entry points by which packages bring effects."""
 
 Tried = Annotated[
     tuple[float, ...],
@@ -98,6 +104,30 @@ class Effects(Section):
             except ModelError as error:
                 raise ValueError(f"[effects.custom.{name[:40]}] {error}") from None
         return self
+
+
+def require_known(effects: Effects, axes: int, source: str) -> None:
+    """InputError, `source` before it, for a named effect that there is not on that many axes, or a coefficient that it
+    has not; what a package brings is known by its name alone until it is loaded.
+    """
+    from estimator.effects.catalogue import EFFECTS  # takes as long to load as all of a bench file's rules
+
+    there = {one.name: found for one in EFFECTS if (found := one.on(axes)) is not None}
+    elsewhere = {*effects.custom, *entry_points(group=GROUP).names}
+    for name, given in effects.named.items():
+        kind = name.partition(":")[0]
+        if kind in elsewhere:
+            continue
+        if kind not in there:
+            two = any(kind == one.name for one in EFFECTS)
+            told = "needs two axes; leave it out" if two else f"no such effect; {suggestion(kind, sorted(there))}"
+            raise InputError(f"{source}: [effects.{name}]: {told}")
+        effect = there[kind]
+        known = [*(c.name for c in effect.coefficients), *(p.name for p in effect.parameters)]
+        if strange := [key for key in given if key not in known]:
+            raise InputError(
+                f"{source}: [effects.{name}] {strange[0]}: no such coefficient; {suggestion(strange[0], known)}"
+            )
 
 
 def own_table(name: str, own: OwnEffect) -> list[str]:
