@@ -80,7 +80,7 @@ def named_trace(place: Path | str, folder: Path = RUNS) -> Path:
 
 def _by_time(folder: Path) -> list[Path]:
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; runs are kept in runs/ where hil is called, or give --out")
+        raise InputError(f"{folder}: no such folder; runs are kept in runs/ where hil is called; name the folder")
     parts = ("result.json", "diagnosis.json", "capture.arrow", "estimates.arrow")
     found = [place for place in folder.iterdir() if any((place / part).exists() for part in parts)]
     return sorted(found, key=lambda place: (place.name[:_STAMP], place.stat().st_mtime_ns))

@@ -73,7 +73,7 @@ def test_real_link_is_not_armed_without_consent(hil: Hil, tmp_path: Path) -> Non
 
 def test_truth_is_for_boards_started_here(hil: Hil) -> None:
     line = refused(hil("run", "s-slow", "--link", "serial:/dev/absent", "--arm", "--truth", "t.arrow"))
-    assert line == "--truth: serial:/dev/absent is not started here; give --truth to its hil emulate"
+    assert line == "--truth: serial:/dev/absent is not started here; give it to its hil emulate"
 
 
 def test_scenario_of_a_link_has_to_exist(hil: Hil) -> None:
