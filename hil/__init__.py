@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from hil.library.loading import load, load_trace
     from hil.library.series import Series
     from hil.library.tracing import Trace
-    from hil.library.verbs import compare, diff, export, load_bench, replay, run, score, sweep, trace
-    from hil.library.verbs import open_live as open  # noqa: A004  # for who writes hil.open
+    from hil.library.verbs import compare, diff, export, load_bench, open_live, replay, run, score, sweep, trace
     from hil.loop.run import Interrupted
     from hil.records.methods import MethodRow, Methods
     from hil.wire.errors import WireError
+
+    open = open_live
 
 __all__ = [
     "Bench",

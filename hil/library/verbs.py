@@ -25,6 +25,7 @@ from hil.library.asked import asked, require_consent
 from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
 from hil.library.live import Live
+from hil.library.loading import load_trace
 from hil.library.places import bench_file, folder_of, path_of, require
 from hil.library.series import Series
 from hil.library.tracing import Trace
@@ -94,7 +95,6 @@ def run(
     return _run_at(done.folder)
 
 
-@said_of_arguments()
 def open_live(
     bench: Bench | Path | str,
     *,
@@ -114,10 +114,11 @@ def open_live(
     nothing is connected before the first block is asked for.
     """
     given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
-    require("note", note, str | None, "a text")
-    request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
-    require_consent(request, given=arm)
-    return Live(request, path_of("out", out), open_loop=open_loop, note=note, progress=_watcher(progress))
+    with said_of_arguments():  # no decorator: the package gives this another name, for which its type has to be plain
+        require("note", note, str | None, "a text")
+        request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+        require_consent(request, given=arm)
+        return Live(request, path_of("out", out), open_loop=open_loop, note=note, progress=_watcher(progress))
 
 
 @said_of_arguments()
@@ -198,7 +199,7 @@ def compare(
     *,
     truth: Path | str | None = None,
     link: str | None = None,
-    trace: Trace | None = None,
+    trace: Trace | Path | str | None = None,
     name: str | None = None,
     hold: Hold = "zoh",
     nonuniform: bool = False,
@@ -220,11 +221,12 @@ def compare(
     if isinstance(declared, RateSensorBench):
         raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
     declared = declared.with_(loop={"name": name or f"{declared.loop.name}-compare"})
+    found = None if trace is None else load_trace(trace).diagnosis
     with _captured(record, hold, nonuniform) as capture:
         done = compare_record(
             capture, declared, path_of("out", out),
             truth=None if truth is None else path_of("truth", truth), link=link,
-            diagnosis=None if trace is None else trace.diagnosis, report=report, progress=_watcher(progress),
+            diagnosis=found, report=report, progress=_watcher(progress),
         )  # fmt: skip
     return done.methods
 

@@ -144,6 +144,7 @@ def test_what_is_no_record_path_or_bench_is_refused(tmp_path: Path) -> None:
     for name, value in (("truth", 5), ("wire_log", 5), ("note", 5), ("link", 5), ("out", 5), ("progress", 5)):
         line = refusal(lambda name=name, value=value: hil.run(bench, **{"link": "inproc:s-slow", name: value}))
         assert line.startswith(f"{name}: expected")
+    assert refusal(lambda: hil.compare(ARRAYS, bench, trace=5)).startswith("trace: expected")  # type: ignore[arg-type]
     for name, value in (("fraction", "a"), ("also", 5), ("also", [5])):
         line = refusal(lambda name=name, value=value: hil.trace(ARRAYS, bench, **{name: value}))
         assert line.startswith(f"{name}: expected")
