@@ -16,6 +16,7 @@ def said_of_arguments() -> Iterator[None]:
     """What a user can mend and is raised inside becomes an InputError that speaks of arguments: `out=` for `--out`.
 
     Around a call, or as a decorator.  A WireError stays one, and what is no user's fault stays as it is.
+    The verbs of the command line call the same functions: `typed` keeps the options for them.
     """
     try:
         yield
@@ -24,7 +25,7 @@ def said_of_arguments() -> Iterator[None]:
     except Exception as error:
         if (told := told_to_user(error)) is None:
             raise
-        raise InputError(_OPTION.sub(_argument, told)) from None
+        raise InputError(_OPTION.sub(_argument, told), typed=told) from None
 
 
 def _argument(found: re.Match[str]) -> str:

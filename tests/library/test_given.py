@@ -10,7 +10,7 @@ import pytest
 
 import hil
 from estimator.errors import ModelError
-from hil.errors import InputError
+from hil.errors import InputError, told_to_user
 from hil.library.arrays import columns_of, write_capture
 from hil.library.series import Series
 from hil.library.words import said_of_arguments
@@ -190,6 +190,7 @@ def test_options_are_said_as_arguments(line: str, said: str) -> None:
     with pytest.raises(InputError) as told, said_of_arguments():
         raise InputError(line)
     assert str(told.value) == said
+    assert told_to_user(told.value) == line  # which the command line prints, as its verbs call the same functions
 
 
 def test_what_a_user_can_mend_is_an_input_error_and_a_link_stays_one() -> None:
