@@ -39,12 +39,14 @@ class InputError(ValueError):
 
     The message is one line that names the place and the remedy, e.g.
     ``ride.csv:17: column vy_V: 'abc' is not a number; correct or remove the row``.
-    The command line prints it as it is and exits with 2.
+    The command line prints it and exits with 2.  Where the message speaks of a function's arguments, `typed` is the
+    same with the options of the command line, which prints that.
     """
 
-    def __init__(self, message: str) -> None:
+    def __init__(self, message: str, *, typed: str | None = None) -> None:
         line = printable(" ".join(message.split()))
         super().__init__(line if len(line) <= _LONGEST else f"{line[: _LONGEST - _END]} … {line[-_END:]}")
+        self.typed = str(self) if typed is None else typed
 
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -58,6 +60,8 @@ def told_to_user(error: BaseException) -> str | None:
     Known by the package of its class: an emulator's errors come through an entry point, and nothing here may import
     them.
     """
+    if isinstance(error, InputError):
+        return error.typed
     if type(error).__module__.partition(".")[0] in _PACKAGES:
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:

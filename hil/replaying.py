@@ -37,7 +37,8 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     """Run the observer over the record at `capture`; a new run folder below `out` keeps a copy of it.
 
     Settings that changed while the loop ran (`changes.jsonl` beside the record) change at the same samples.
-    Raises InputError when record and bench file do not belong together.
+    Raises InputError when record and bench file do not belong together, and for a record that the observer cannot take;
+    nothing is left then.
     """
     if backend != "numpy":
         require_compiler()
@@ -59,7 +60,11 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
             shutil.copyfile(capture, part)
         for change in changes:
             note_change(folder, change.tick, change.settings)
-        _estimate(record, bench, observer, changes, folder, progress)
+        try:
+            _estimate(record, bench, observer, changes, folder, progress)
+        except ModelError as error:  # of the record itself: a step too long for the flow
+            shutil.rmtree(folder)
+            raise InputError(f"{capture}: {error}") from None
     stopped = "" if record.complete else "the record was interrupted"
     old = () if record.sealed else ("the record is from before there were checksums: a changed bit would not show",)
     conclude(folder, bench, {"stopped": stopped, "refused": old}, link=None, note=None, progress=progress)

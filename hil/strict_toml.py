@@ -61,13 +61,25 @@ def table_of(raw: bytes, source: str) -> dict[str, Any]:
 
 
 def parse_table(table: Mapping[str, Any], model: type[Model], source: str) -> Model:
-    """``table`` checked against ``model``; ``source`` is the name that stands before each error."""
+    """``table`` checked against ``model``; ``source`` is the name that stands before each error.
+
+    Numbers and arrays of NumPy, which a program may have put there, are taken as Python's.
+    """
     try:
-        return model.model_validate(table)
+        return model.model_validate(_plain(table))
     except ValidationError as error:
         raise InputError(f"{source}: {one_line(error, model)}") from None
     except RecursionError:
         raise InputError(f"{source}: nested too deeply; write it flat") from None
+
+
+def _plain(value: Any) -> Any:
+    """`value` with NumPy's scalars and arrays as numbers and lists; known by what both have, as TOML needs no NumPy."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(map(_plain, value))
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:

@@ -76,7 +76,9 @@ class Bench(Section):
 
     def with_(self, **sections: Mapping[str, Any]) -> "Bench":
         """A bench with some keys replaced, by section: `bench.with_(loop={"duration_s": 5.0})`, checked as a whole
-        again.  Raises InputError with the key, and what was expected.
+        again.  Tables within a section are merged key by key, everything else is replaced.
+
+        Raises InputError with the key, and what was expected; also for an effect that there is not.
         """
         table = self.model_dump()
         if unknown := set(sections) - set(table):
@@ -126,8 +128,14 @@ def load_any_bench(path: Path) -> Bench | RateSensorBench:
 
 
 def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str) -> Bench:
-    """``bench`` with some keys replaced, checked as a whole again; ``source`` names them in an error."""
-    table = bench.model_dump()
-    for section, keys in changes.items():
-        table[section].update(keys)
-    return parse_table(table, Bench, source)
+    """``bench`` with some keys replaced, those of tables within its sections too, checked as a whole again; ``source``
+    names them in an error.
+    """
+    return parse_table(_merged(bench.model_dump(), changes), Bench, source)
+
+
+def _merged(table: Any, changes: Any) -> Any:
+    """`table` with `changes` in it, table by table; what is no table on both sides is replaced."""
+    if not isinstance(table, Mapping) or not isinstance(changes, Mapping):
+        return changes
+    return {**table, **{key: _merged(table.get(key), value) for key, value in changes.items()}}

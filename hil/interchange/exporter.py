@@ -49,16 +49,16 @@ def export(place: Path, target: Path, to: str, what: Sequence[str] = ()) -> dict
     all that was recorded and estimated.  Raises InputError for a format, a table or a file that cannot be used.
     """
     if to not in FORMATS:
-        raise InputError(f"--to {to}: not a known format; known are {', '.join(FORMATS)}")
+        raise InputError(f"--to: {to} is no known format; known are {', '.join(FORMATS)}")
     names: list[What] = []
     for name in what:
         known = [one for one in WHAT if one == name]
         if not known:
-            raise InputError(f"--what {name}: not known; known are {', '.join(WHAT)}")
+            raise InputError(f"--what: {name} is not known; known are {', '.join(WHAT)}")
         names += known
     if to in ONE_TABLE:
         if len(names) > 1:
-            raise InputError(f"--to {to}: holds one table, not {len(names)}; export one by one, or to mat or mcap")
+            raise InputError(f"--to: {to} holds one table, not {len(names)}; export one by one, or to mat or mcap")
         if not names and place.is_dir():
             names = ["capture"]
     tables = tables_of(place, names)

@@ -15,7 +15,7 @@ from hil.interchange.matlab import is_matlab, read_vectors
 from hil.interchange.parquet import is_parquet, read_parquet
 from hil.interchange.preparation import prepared
 from hil.interchange.table import Table, read_columns, read_header
-from hil.interchange.uniformity import first_not_increasing, spacing
+from hil.interchange.uniformity import first_not_increasing, odd_step, spacing
 from hil.records.capture import Capture, Hold, import_layout, read_capture
 
 
@@ -160,9 +160,8 @@ def _time_base(source: Path, record: _Record, nonuniform: bool) -> tuple[float, 
         )
     rate_Hz, off = spacing(t_s)
     if off is not None and not nonuniform:
-        usual = float(np.median(np.diff(t_s)))
         raise InputError(
-            f"{source}:{record.lines[off]}: column t_s: step of {t_s[off] - t_s[off - 1]:.6g} s where "
-            f"{usual:.6g} s is usual; give --nonuniform if the record is meant so"
+            f"{source}:{record.lines[off]}: column t_s: {odd_step(t_s, off)}; "
+            "give --nonuniform if the record is meant so"
         )
     return rate_Hz, off is None

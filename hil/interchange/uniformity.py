@@ -23,6 +23,11 @@ def first_not_increasing(t_s: npt.NDArray[np.float64]) -> int | None:
     return int(faults[0]) + 1 if faults.size else None
 
 
+def odd_step(t_s: npt.NDArray[np.float64], row: int) -> str:
+    """The step to a row off the grid beside the usual one, in words."""
+    return f"step of {t_s[row] - t_s[row - 1]:.6g} s where {float(np.median(np.diff(t_s))):.6g} s is usual"
+
+
 def spacing(t_s: npt.NDArray[np.float64]) -> Spacing:
     """Fit an even grid to increasing time stamps (n ≥ 2).
 

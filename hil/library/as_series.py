@@ -27,6 +27,8 @@ def of_capture(capture: Capture, run: str) -> Series:
 def of_estimates(estimates: Estimates, run: str) -> Series:
     """States, standard deviations, and of two axes the angle with all that belongs to it."""
     columns = {name: values for name, values in estimates.columns.items() if name != "tick"}
+    if "valid" in columns:
+        columns["valid"] = estimates.valid  # true or false, as the file has it in bytes, which would be places of rows
     return Series(estimates.t_s, columns, {name: estimates.unit(name) for name in columns}, {"run": run})
 
 

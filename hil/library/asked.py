@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil import examples
 from hil.bench import Bench, load_bench, override
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
+from hil.library.places import bench_file, path_of, require
 from hil.records.kind import owner_of
 
 
@@ -33,31 +33,33 @@ def asked(
     link: str | None,
     open_loop: bool,
     truth: Path | str | None,
-    replace: bool = False,
+    replace: bool | None = None,
 ) -> Asked:
     """Put together what is asked; `loop` has keys of [loop], None where the bench file's stays; `replace` lets the
-    truth be a file that exists.
+    truth be a file that exists, None where nobody can ask for that.
 
     Raises InputError that names the place.
     """
     if isinstance(bench, Bench):
         path, declared, source = None, bench, bench.device.name
     else:
-        path = examples.find("bench", str(bench))
+        path = bench_file("bench", bench)
         declared, source = load_bench(path), str(path)
     given = {key: value for key, value in loop.items() if value is not None}
     control = {"enabled": False} if open_loop else {}
     declared = override(declared, {"loop": given, "controller": control}, f"{source} with the options given")
     if (place := declared.link.url if link is None else link) is None:
         raise InputError(f"{source}: [link] url: missing; give it there or as --link")
+    require("link", place, str, "a text such as serial:/dev/ttyACM0")
     url = located(place, beside=path)
-    file = None if truth is None else Path(truth)
+    file = None if truth is None else path_of("truth", truth)
     if file is not None and not is_emulated(url):
-        raise InputError(f"--truth: {url} is not started here; give --truth to its hil emulate")
+        raise InputError(f"--truth: {url} is not started here; give it to its hil emulate")
     if file is not None and (owner := owner_of(file)) and file.exists():
         raise InputError(f"--truth: {file}: is {owner}, and is not written over; give another name")
     if file is not None and file.exists() and not (replace and file.is_file()):
-        raise InputError(f"--truth: {file}: exists already; give another name, or --replace")
+        remedy = "remove it" if replace is None else "--replace"
+        raise InputError(f"--truth: {file}: exists already; give another name, or {remedy}")
     return Asked(declared, url, file)
 
 

@@ -4,6 +4,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hil.errors import InputError
 from hil.sweeping.plan import Plan
 
 if TYPE_CHECKING:
@@ -52,9 +53,12 @@ class Sweep:
         return self.dependence_of(self._plan.campaign.report.figure)
 
     def dependence_of(self, figure: str) -> "Dependence | None":
-        """The same of another column of numbers."""
+        """The same of another column of numbers.  Raises InputError where there is none of that name."""
+        from hil.strict_toml import suggestion
         from hil.sweeping.dependence import dependence
 
+        if figure not in self.table.column_names:
+            raise InputError(f"{figure}: no such column; {suggestion(figure, self.table.column_names)}")
         return dependence(self._plan, self.table, figure)
 
     def report(self) -> Path:

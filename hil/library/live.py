@@ -23,6 +23,7 @@ from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates,
 from hil.library.asked import Asked
 from hil.library.finished_run import Run
 from hil.library.series import Series
+from hil.library.words import said_of_arguments
 from hil.progress import Watcher
 from hil.records.blocks import Columns, GrowingFile, rows_of
 from hil.records.capture import Capture
@@ -181,16 +182,17 @@ class _Following:
 
         bench, url, truth = self._asked
         try:
-            run(
-                bench,
-                url,
-                self._out,
-                open_loop=self._open_loop,
-                truth=truth,
-                note=self._note,
-                begun=self._begun,
-                progress=self._progress,
-            )
+            with said_of_arguments():
+                run(
+                    bench,
+                    url,
+                    self._out,
+                    open_loop=self._open_loop,
+                    truth=truth,
+                    note=self._note,
+                    begun=self._begun,
+                    progress=self._progress,
+                )
         except Interrupted:  # asked for
             pass
         except BaseException as error:  # noqa: BLE001 - of a thread, and raised where the blocks are asked for

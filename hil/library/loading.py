@@ -4,24 +4,29 @@ from pathlib import Path
 
 from hil.errors import InputError
 from hil.library.finished_run import Run
+from hil.library.places import folder_of, path_of
 from hil.library.tracing import Trace
-from hil.records.listing import named, named_trace
+from hil.library.words import said_of_arguments
+from hil.records.listing import named_trace
 from hil.records.runfolder import RunFolder
 
 
-def load(run: Path | str) -> Run:
+@said_of_arguments()
+def load(run: Run | Path | str) -> Run:
     """The run in a folder; `last` is the newest in runs/.  Raises InputError where there is none, or a trace."""
-    folder = named(run)
+    folder = folder_of("run", run, "a Run or the path of its folder")
     if (folder / "diagnosis.json").exists():
         raise InputError(f"{folder}: a trace, no run; hil.load_trace opens it")
     return Run(RunFolder.open(folder))
 
 
-def load_trace(trace: Path | str) -> Trace:
+@said_of_arguments()
+def load_trace(trace: Trace | Path | str) -> Trace:
     """The trace in a folder; `last` is the newest in runs/.  Raises InputError where there is none, or a run."""
     from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which a run does without
 
-    folder = named_trace(trace)
+    given = trace.path if isinstance(trace, Trace) else trace
+    folder = named_trace(path_of("trace", given, "a Trace or the path of its folder"))
     if not (folder / "diagnosis.json").exists():
         if RunFolder(folder).capture_path.exists():
             raise InputError(f"{folder}: a run, no trace; hil.load opens it, hil.trace traces it")

@@ -30,7 +30,7 @@ class Series:
     """
 
     t_s: Floats
-    columns: Mapping[str, npt.NDArray[Any]]
+    _columns: Mapping[str, npt.NDArray[Any]]
     units: Mapping[str, str]
     header: Mapping[str, str] = field(default_factory=dict)
 
@@ -38,41 +38,46 @@ class Series:
         return int(self.t_s.size)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.columns)
+        return iter(self._columns)
 
     def __contains__(self, name: object) -> bool:
-        return name in self.columns
+        return name in self._columns
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
         """The column called `name`, (n,). Raises InputError with the names there are."""
-        if name not in self.columns:
-            raise InputError(f"{name}: no such column; there are {', '.join(self.columns)}")
-        return self.columns[name]
+        if name not in self._columns:
+            raise InputError(f"{name}: no such column; there are {', '.join(self._columns)}")
+        return self._columns[name]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         values = np.asarray(self.values, dtype=dtype)
         return values.copy() if copy else values
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns, in their order; `series[name]` is the array of one."""
+        return tuple(self._columns)
+
+    @property
     def values(self) -> npt.NDArray[Any]:
         """The first column, which is the quantity itself, (n,)."""
-        return next(iter(self.columns.values()))
+        return next(iter(self._columns.values()))
 
     @property
     def unit(self) -> str:
         """Unit of `values`."""
-        return self.units[next(iter(self.columns))]
+        return self.units[next(iter(self._columns))]
 
     def since(self, t_s: float) -> "Series":
         """The part from that bench time on."""
         first = int(np.searchsorted(self.t_s, t_s))
-        return Series(self.t_s[first:], {n: v[first:] for n, v in self.columns.items()}, self.units, self.header)
+        return Series(self.t_s[first:], {n: v[first:] for n, v in self._columns.items()}, self.units, self.header)
 
     def to_arrow(self) -> "pyarrow.Table":
         """A table with t_s and the columns; units in the metadata of each field, the header in that of the table."""
         import pyarrow as pa
 
-        arrays = {"t_s": self.t_s, **self.columns}
+        arrays = {"t_s": self.t_s, **self._columns}
         units = {"t_s": "s", **self.units}
         fields = [pa.field(n, pa.array(v[:0]).type, metadata={"unit": units[n]}) for n, v in arrays.items()]
         return pa.table(list(arrays.values()), schema=pa.schema(fields, metadata=dict(self.header)))
@@ -83,9 +88,9 @@ class Series:
             import pandas as pd
         except ImportError:
             raise InputError("to_pandas: pandas is not installed; pip install pandas, or use to_arrow") from None
-        return pd.DataFrame(dict(self.columns), index=pd.Index(self.t_s, name="t_s"))
+        return pd.DataFrame(dict(self._columns), index=pd.Index(self.t_s, name="t_s"))
 
     def __repr__(self) -> str:
-        named = ", ".join(f"{name} [{self.units[name]}]" if self.units[name] else name for name in self.columns)
+        named = ", ".join(f"{name} [{self.units[name]}]" if self.units[name] else name for name in self._columns)
         span = f"{self.t_s[0]:g} … {self.t_s[-1]:g} s" if len(self) else "empty"
         return f"<Series {span}, {len(self)} rows: {named}>"

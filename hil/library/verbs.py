@@ -7,10 +7,11 @@ one line that names the place and the remedy.
 
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy.typing as npt
 
@@ -19,15 +20,19 @@ from hil.bench import load_bench as bench_at
 from hil.comparison import Comparison
 from hil.errors import InputError, printable
 from hil.examples import find
-from hil.library.arrays import write_capture
+from hil.library.arrays import CALLED, Table, columns_of, write_capture
 from hil.library.asked import asked, require_consent
 from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
 from hil.library.live import Live
+from hil.library.loading import load_trace
+from hil.library.places import bench_file, folder_of, path_of, require
+from hil.library.series import Series
 from hil.library.tracing import Trace
+from hil.library.words import said_of_arguments
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
-from hil.records.listing import RUNS, named
+from hil.records.listing import RUNS
 from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder, bench_of_record
 from hil.strict_toml import parse_table
@@ -37,7 +42,7 @@ if TYPE_CHECKING:
     from hil.sweeping.campaign import Campaign
 
 AnyBench = Bench | RateSensorBench | Path | str
-Record = Run | Path | str | Mapping[str, npt.ArrayLike]
+Record = Run | Path | str | Mapping[str, npt.ArrayLike] | Table
 
 
 def alarms_only(progress: Progress) -> None:
@@ -46,11 +51,13 @@ def alarms_only(progress: Progress) -> None:
         print(printable(f"hil: UNSAFE: {progress.alarm}"), file=sys.stderr, flush=True)
 
 
+@said_of_arguments()
 def load_bench(name: Path | str) -> Bench:
     """The bench file at a path, or the example of that name."""
-    return bench_at(find("bench", str(name)))
+    return bench_at(bench_file("name", name, "the path of a bench file or the name of an example"))
 
 
+@said_of_arguments()
 def run(
     bench: Bench | Path | str,
     *,
@@ -78,11 +85,12 @@ def run(
     from hil.loop.run import run as run_loop
 
     given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
+    require("note", note, str | None, "a text")
     request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
     require_consent(request, given=arm)
     done = run_loop(
-        request.bench, request.url, Path(out), open_loop=open_loop, truth=request.truth, note=note,
-        log=None if wire_log is None else Path(wire_log), progress=progress,
+        request.bench, request.url, path_of("out", out), open_loop=open_loop, truth=request.truth, note=note,
+        log=None if wire_log is None else path_of("wire_log", wire_log), progress=_watcher(progress),
     )  # fmt: skip
     return _run_at(done.folder)
 
@@ -106,11 +114,14 @@ def open_live(
     nothing is connected before the first block is asked for.
     """
     given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
-    request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
-    require_consent(request, given=arm)
-    return Live(request, Path(out), open_loop=open_loop, note=note, progress=progress)
+    with said_of_arguments():  # no decorator: the package gives this another name, for which its type has to be plain
+        require("note", note, str | None, "a text")
+        request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+        require_consent(request, given=arm)
+        return Live(request, path_of("out", out), open_loop=open_loop, note=note, progress=_watcher(progress))
 
 
+@said_of_arguments()
 def replay(
     record: Record,
     bench: Bench | Path | str | None = None,
@@ -118,11 +129,12 @@ def replay(
     name: str | None = None,
     backend: "Backend | None" = None,
     hold: Hold = "zoh",
+    nonuniform: bool = False,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
 ) -> Run:
     """Run the observer of a bench over a record; a new run below `out`.  bench: default that of a run.  hold: what the
-    drive of arrays does between samples.
+    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.
     """
     from hil.replaying import replay as replay_record
 
@@ -130,10 +142,12 @@ def replay(
     if isinstance(declared, RateSensorBench):
         raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
     declared = declared.with_(loop={"name": name or f"{declared.loop.name}-replay"})
-    with _captured(record, hold) as capture:
-        return _run_at(replay_record(capture, declared, Path(out), backend=backend, progress=progress).folder)
+    with _captured(record, hold, nonuniform) as capture:
+        done = replay_record(capture, declared, path_of("out", out), backend=backend, progress=_watcher(progress))
+    return _run_at(done.folder)
 
 
+@said_of_arguments()
 def trace(
     record: Record,
     bench: AnyBench | None = None,
@@ -141,48 +155,54 @@ def trace(
     fraction: float | None = None,
     name: str | None = None,
     hold: Hold = "zoh",
+    nonuniform: bool = False,
     report: bool = True,
     force: bool | None = None,
-    also: Sequence[str] = (),
+    also: str | Sequence[str] = (),
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
 ) -> Trace:
     """Find the effect that the model lacks on a record; the answer is kept below `out`.
 
     bench: default that of a run.  fraction: share of the record that is fitted, the rest only judges.  hold: what the
-    drive of arrays does between samples.  force: whether the missing force is estimated without a name, by default
-    where something is left and a page is drawn.  also: effects to try that a trace tries on request only.
+    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.  force: whether the
+    missing force is estimated without a name, by default where something is left and a page is drawn.  also: effects
+    to try that a trace tries on request only, a name or several.
     """
     from hil.tracing import trace as trace_record
     from hil.tracing import trace_file
 
+    require("fraction", fraction, Real | None, "a number")
+    asked_for, place, watcher = _names("also", also), path_of("out", out), _watcher(progress)
     declared = _bench_for(record, bench)
-    with _captured(record, hold) as capture:
+    with _captured(record, hold, nonuniform) as capture:
         if isinstance(declared, RateSensorBench):
             if not isinstance(bench, str | Path):
                 raise InputError(f"{declared.device.name}: a rate sensor; give the path of its bench file")
             done = trace_file(
-                capture, find("bench", str(bench)), Path(out),
-                name=name, fraction=fraction, report=report, force=force, also=also, progress=progress,
+                capture, bench_file("bench", bench), place,
+                name=name, fraction=fraction, report=report, force=force, also=asked_for, progress=watcher,
             )  # fmt: skip
         else:
             declared = declared.with_(loop={"name": name or f"{declared.loop.name}-trace"})
             done = trace_record(
-                capture, declared, Path(out), fraction=fraction, report=report, force=force, also=also,
-                progress=progress,
+                capture, declared, place, fraction=fraction, report=report, force=force, also=asked_for,
+                progress=watcher,
             )  # fmt: skip
     return Trace(done.folder, done.diagnosis)
 
 
+@said_of_arguments()
 def compare(
     record: Record,
     bench: Bench | Path | str | None = None,
     *,
     truth: Path | str | None = None,
     link: str | None = None,
-    trace: Trace | None = None,
+    trace: Trace | Path | str | None = None,
     name: str | None = None,
     hold: Hold = "zoh",
+    nonuniform: bool = False,
     report: bool = True,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
@@ -192,7 +212,8 @@ def compare(
 
     bench: default that of a run.  truth: what the emulated board of the record wrote; without it the record's rate
     channel is the reference.  link: an emulated board for the methods that close the loop themselves.  trace: of the
-    record, whose effect the 13 states carry.  hold: what the drive of arrays does between samples.
+    record, whose effect the 13 states carry.  hold: what the drive of arrays does between samples.  nonuniform: whether
+    the time of arrays may be uneven.
     """
     from hil.methods.comparing import compare as compare_record
 
@@ -200,27 +221,30 @@ def compare(
     if isinstance(declared, RateSensorBench):
         raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
     declared = declared.with_(loop={"name": name or f"{declared.loop.name}-compare"})
-    with _captured(record, hold) as capture:
+    found = None if trace is None else load_trace(trace).diagnosis
+    with _captured(record, hold, nonuniform) as capture:
         done = compare_record(
-            capture, declared, Path(out),
-            truth=None if truth is None else Path(truth), link=link,
-            diagnosis=None if trace is None else trace.diagnosis, report=report, progress=progress,
+            capture, declared, path_of("out", out),
+            truth=None if truth is None else path_of("truth", truth), link=link,
+            diagnosis=found, report=report, progress=_watcher(progress),
         )  # fmt: skip
     return done.methods
 
 
+@said_of_arguments()
 def score(run: Run | Path | str, truth: Path | str) -> Run:
     """Compare a run with the truth that its emulated board wrote; figures are in `.result` then, and on the page."""
     from hil.report import write_report
     from hil.scoring import score as compare
 
-    place = run.path if isinstance(run, Run) else named(run)
-    compare(place, Path(truth))
+    place, file = folder_of("run", run, "a Run or the path of its folder"), path_of("truth", truth)
+    compare(place, file)
     if RunFolder(place).report_path.exists():
-        write_report(place, Path(truth))
+        write_report(place, file)
     return _run_at(place)
 
 
+@said_of_arguments()
 def export(
     record: Run | Trace | Path | str, target: Path | str, *, to: str | None = None, what: str | Sequence[str] = ()
 ) -> Path:
@@ -232,14 +256,14 @@ def export(
     from hil.interchange.exporter import export as write
     from hil.interchange.exporter import format_for
 
-    file = Path(target)
+    file, place = path_of("target", target), folder_of("record", record)
     if file.exists():
         raise InputError(f"{file}: exists already; give another name, or remove it")
-    place = record.path if isinstance(record, Run | Trace) else named(record)
-    write(place, file, format_for(file, to), (what,) if isinstance(what, str) else what)
+    write(place, file, format_for(file, to), _names("what", what))
     return file
 
 
+@said_of_arguments()
 def sweep(
     campaign: "Campaign | Mapping[str, object] | Path | str",
     *,
@@ -263,21 +287,22 @@ def sweep(
     else:
         known = campaign if isinstance(campaign, Campaign) else parse_table(campaign, Campaign, "the campaign")
         plan = plan_of(known, known.name)
-    folder = RUNS / plan.campaign.name if out is None else Path(out)
-    done = carry_out(plan, folder, workers=workers, scheduler=scheduler, progress=progress)
+    folder = RUNS / plan.campaign.name if out is None else path_of("out", out)
+    require("workers", workers, Integral | None, "a whole number")
+    done = carry_out(plan, folder, workers=workers, scheduler=scheduler, progress=_watcher(progress))
     if done.made:
         (folder / "report.html").unlink(missing_ok=True)
     return Sweep(plan, folder)
 
 
+@said_of_arguments()
 def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison:
     """Two runs, or two traces, side by side: figures with the difference b − a and its uncertainty (95 %), and the keys
     of the bench files that differ.
     """
     from hil.comparison import compare
 
-    first, second = (one.path if isinstance(one, Run | Trace) else named(one) for one in (a, b))
-    return compare(first, second)
+    return compare(folder_of("a", a), folder_of("b", b))
 
 
 def _run_at(folder: Path | None) -> Run:
@@ -289,22 +314,46 @@ def _bench_for(record: Record, bench: AnyBench | None) -> Bench | RateSensorBenc
     if isinstance(bench, Bench | RateSensorBench):
         return bench
     if bench is not None:
-        return load_any_bench(find("bench", str(bench)))
+        return load_any_bench(bench_file("bench", bench))
     if isinstance(record, Run):
         return record.bench
-    if isinstance(record, str | Path) and (own := bench_of_record(named(record))) is not None:
+    if isinstance(record, str | Path) and (own := bench_of_record(folder_of("record", record))) is not None:
         return load_any_bench(own)
     raise InputError("no bench: give the bench file that declares the device of this record")
 
 
 @contextmanager
-def _captured(record: Record, hold: Hold) -> Iterator[Path]:
-    """The capture of a record; of arrays one that lasts as long as it is needed."""
-    if isinstance(record, Mapping):
-        with tempfile.TemporaryDirectory() as place:
-            capture = Path(place) / "arrays.arrow"
-            write_capture(record, capture, hold=hold)
-            yield capture
+def _captured(record: Record, hold: Hold, nonuniform: bool) -> Iterator[Path]:
+    """The capture of a record; of arrays one that lasts as long as it is needed, and that no error names."""
+    holds = get_args(Hold)
+    if hold not in holds:
+        raise InputError(f"hold: expected {', '.join(holds[:-1])} or {holds[-1]}, not {hold!r}")
+    if (columns := columns_of(record)) is None:
+        wanted = "a Run, the path of a run folder or of a capture, or arrays by name"
+        place_of = folder_of("record", record, wanted)
+        yield place_of / "capture.arrow" if place_of.is_dir() else place_of
         return
-    place_of = record.path if isinstance(record, Run) else named(record)
-    yield place_of / "capture.arrow" if place_of.is_dir() else place_of
+    with tempfile.TemporaryDirectory() as place:
+        capture = Path(place) / "arrays.arrow"
+        own: Any = record.header.get("hold", hold) if isinstance(record, Series) else hold
+        write_capture(columns, capture, hold=own, nonuniform=nonuniform)
+        try:
+            yield capture
+        except InputError as error:
+            raise InputError(str(error).replace(str(capture), CALLED)) from None
+
+
+def _names(argument: str, given: str | Sequence[str]) -> Sequence[str]:
+    """One name or several, as a sequence.  Raises InputError for anything else."""
+    if isinstance(given, str):
+        return (given,)
+    require(argument, given, Sequence, "a name or a list of names")
+    for one in given:
+        require(argument, one, str, "names")
+    return given
+
+
+def _watcher(progress: Watcher) -> Watcher:
+    """`progress`, before anything begins that would break off at its first report."""
+    require("progress", progress, Callable, "a function that takes a hil.progress.Progress")
+    return progress

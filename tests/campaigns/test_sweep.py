@@ -148,6 +148,8 @@ def test_the_report_opens_alone_and_has_each_worst_run_with_its_command(swept: h
     assert values == sorted(values, reverse=True)
     assert values[0] == max(swept.table["angle_error_rms_rad"].to_pylist())
     assert swept.dependence is not None
+    with pytest.raises(hil.InputError, match="no such column; did you mean angle_error_rms_rad"):
+        swept.dependence_of("angle_error_rms")
     swept.report().unlink()
 
 

@@ -93,7 +93,7 @@ def test_a_link_of_no_kind_is_told_before_anything_else(hil: Hil, tmp_path: Path
 
 def test_truth_is_for_boards_started_here(hil: Hil) -> None:
     line = refused(hil("run", "s-slow", "--link", "serial:/dev/absent", "--arm", "--truth", "t.arrow"))
-    assert line == "--truth: serial:/dev/absent is not started here; give --truth to its hil emulate"
+    assert line == "--truth: serial:/dev/absent is not started here; give it to its hil emulate"
 
 
 def test_scenario_of_a_link_has_to_exist(hil: Hil) -> None:

@@ -91,7 +91,7 @@ def test_a_run_as_arrays(opened: hil.Run) -> None:
     assert np.array_equal(opened.angle.values, kept.estimates["angle_rad"])
     assert (opened.angle.unit, opened.rate.unit) == ("rad", "rad/s")
     assert np.array_equal(opened.rate["sd_rate_rad_s"], kept.estimates.sd("rate_rad_s"))
-    assert list(opened.angle.columns) == ["angle_rad", "angle_u_rad", "valid"]
+    assert opened.angle.columns == ("angle_rad", "angle_u_rad", "valid")
     assert len(opened.capture) == 1.5 * RATE
     assert np.allclose(opened.capture["vy_V"], kept.capture.sense_V[:, 1])
     assert opened.capture.units["ux_mps2"] == "m/s²"
@@ -102,6 +102,15 @@ def test_a_run_as_arrays(opened: hil.Run) -> None:
     assert late.values[-1] == opened.angle.values[-1]
     assert np.asarray(late).shape == late.t_s.shape
     assert opened.report().stat().st_size > 10_000
+
+
+def test_flags_choose_rows(opened: hil.Run) -> None:
+    """Bytes in their place would be the numbers of rows, 0 and 1."""
+    for series in (opened.angle, opened.estimates):
+        assert series["valid"].dtype == bool
+    valid = opened.angle["valid"]
+    assert opened.angle.values[valid].size == np.count_nonzero(valid)
+    assert opened.angle.to_pandas()["valid"].dtype == bool
 
 
 def test_tables_keep_units_and_values(opened: hil.Run) -> None:
@@ -122,7 +131,7 @@ def test_a_replay_of_a_run_by_its_own_bench_is_the_same(run: hil.Run, tmp_path: 
 
 @pytest.mark.long
 def test_arrays_without_a_file_are_replayed_as_the_record_is(run: hil.Run, tmp_path: Path) -> None:
-    arrays = {"t_s": run.capture.t_s, **run.capture.columns}
+    arrays = {"t_s": run.capture.t_s, **{name: run.capture[name] for name in run.capture.columns}}
     from_arrays = hil.replay(arrays, run.bench, out=tmp_path)
     assert np.allclose(from_arrays.rate.values, run.rate.values, atol=1e-6)
 

@@ -179,7 +179,7 @@ def test_refusals_leave_nothing(folder, tmp_path):
     target = tmp_path / "out" / "ride"
     for to, what, words in (
         ("arrow", (), "known are csv, parquet, mat, mcap"),
-        ("mat", ("angel",), "--what angel: not known"),
+        ("mat", ("angel",), "--what: angel is not known"),
         ("csv", ("angle", "rate"), "holds one table, not 2"),
         ("csv", ("force",), "no force to export"),
     ):
