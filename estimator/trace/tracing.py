@@ -30,7 +30,7 @@ from estimator.trace.free_run import trace_free_run
 from estimator.trace.judgement import leftover
 from estimator.trace.look import bounds
 from estimator.trace.nameless import Contest
-from estimator.trace.probability import stated
+from estimator.trace.probability import NOTHING, stated
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.selection import Selection, exactly, instead, select, without
 from estimator.trace.separation import Advice, separations
@@ -154,6 +154,11 @@ def _judged(
             continue
         against = promises.broken(claim) if named else ()
         share = claim.residual.share if named and not claim.residual.nothing_above else None
+        if not against and not left and (doubtful := _rather_nothing(named, selection, why, claim.contest)):
+            name, probability = doubtful
+            why[name] = f"{gained(selection.gain[name])}; it is more probably nothing ({probability:.0%}) than there"
+            selection = without(part, selection, (name,))
+            continue
         if not against and not left:
             reasons = _reasons(named, selection, before.held_out, after.held_out, why)
             if conflict := promises.constants(claim):
@@ -263,6 +268,17 @@ def _without_weak(
         least = min(weak, key=lambda name: selection.gain.get(name, 0.0))
         (unlawful if promises.wrong_sign(least, given[least]) else nothing)[least] = weak[least]
         selection = without(part, selection, (least,))
+
+
+def _rather_nothing(
+    named: Effects, selection: Selection, why: Mapping[str, str], contest: Contest | None
+) -> tuple[str, float] | None:
+    """The effect that is the most probably nothing, and how probably, where that is more than all that it may be."""
+    against = {kind(name) for name in why} - {kind(name) for name in named}
+    told = stated(selection.accounts, {name: name for name in named}, against, contest, is_open=False)
+    nothing = {str(one.effect): one.probabilities.get(NOTHING, 0.0) for one in told}
+    most = max(nothing, key=lambda name: nothing[name], default=None)
+    return (most, nothing[most]) if most is not None and nothing[most] > 1.0 - nothing[most] else None
 
 
 def _of_something_else(unlawful: Iterable[str]) -> str:

@@ -12,9 +12,11 @@ from estimator.errors import DivergedError
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.thresholds import THRESHOLDS
 from estimator.trace import claims, free_run, tracing
 from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
 from estimator.trace.nameless import Contest
+from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Departure, Errors, Vote
 from tests.estimator.device import NOMINAL as DEVICE
@@ -39,6 +41,7 @@ class Selected:
     samples: int = 600
     rivals: dict = field(default_factory=dict)
     alike: dict = field(default_factory=dict)
+    accounts: dict = field(default_factory=dict)
     rounds: tuple = (SimpleNamespace(look=SimpleNamespace(evidence={})),)
 
     @property
@@ -50,7 +53,7 @@ class Selected:
 def judged(monkeypatch):
     """The verdict of a selection, where the residual is as given for each set of effects, with what is left."""
 
-    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, exact=None, **claimed):
+    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, exact=None, accounts=None, **claimed):
         left, asked = left or {}, []
 
         def exactly(part, selection):
@@ -107,7 +110,8 @@ def judged(monkeypatch):
             return left.get(key(selection), ())
 
         monkeypatch.setattr(tracing, "leftover", leftover)
-        return tracing._judged(PROBLEM, Selected(coefficients, gain, rivals=rivals or {}), seen, SPLIT)
+        selected = Selected(coefficients, gain, rivals=rivals or {}, accounts=accounts or {})
+        return tracing._judged(PROBLEM, selected, seen, SPLIT)
 
     return run
 
@@ -200,6 +204,25 @@ def test_one_that_may_be_nothing_goes_and_the_rest_is_judged_anew(judged):
     )
     assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"drive_gain"})
     assert "may as well be nothing" in found.why["nonreciprocal_stiffness"]
+
+
+@pytest.mark.parametrize(("ahead", "named"), [(-0.1, {"drive_gain"}), (0.1, {"drive_gain", "drag"})])
+def test_one_that_is_more_probably_nothing_than_there_is_not_named(judged, ahead, named):
+    """Of one other account; the prior odds are those of the page on probabilities."""
+    prior = THRESHOLDS.prior
+    even = 2.0 * math.log(prior.nothing / prior.effect)
+    found = judged(
+        {"drag": {"dqx": SURE}, "drive_gain": {"hx": SURE}},
+        {"drag": 40.0, "drive_gain": 500.0},
+        {("drag", "drive_gain"): errors(3.0, 1.0), ("drive_gain",): errors(3.0, 1.0)},
+        accounts={
+            "drag": (Account("nothing", even + ahead), Account("drag", 0.0)),
+            "drive_gain": (Account("nothing", 500.0), Account("drive_gain", 0.0)),
+        },
+    )
+    assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, named)
+    told = found.why.get("drag", "")
+    assert ("more probably nothing (51%) than there" in told) == ("drag" not in named)
 
 
 def test_one_with_which_the_observer_diverges_goes_and_the_rest_is_judged_anew(judged):
