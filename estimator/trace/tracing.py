@@ -274,6 +274,8 @@ def _rather_nothing(
     named: Effects, selection: Selection, why: Mapping[str, str], contest: Contest | None
 ) -> tuple[str, float] | None:
     """The effect that is the most probably nothing, and how probably, where that is more than all that it may be."""
+    if not named:
+        return None
     against = {kind(name) for name in why} - {kind(name) for name in named}
     told = stated(selection.accounts, {name: name for name in named}, against, contest, is_open=False)
     nothing = {str(one.effect): one.probabilities.get(NOTHING, 0.0) for one in told}

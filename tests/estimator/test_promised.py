@@ -225,6 +225,11 @@ def test_one_that_is_more_probably_nothing_than_there_is_not_named(judged, ahead
     assert ("more probably nothing (51%) than there" in told) == ("drag" not in named)
 
 
+def test_where_nothing_is_named_it_may_well_be_nothing(judged):
+    found = judged({}, {}, {(): errors(1.0, 1.0)}, accounts={None: (Account("nothing", 0.0), Account("drag", 9.0))})
+    assert (found.verdict, found.named, found.why) == (Verdict.ADEQUATE, {}, {})
+
+
 def test_one_with_which_the_observer_diverges_goes_and_the_rest_is_judged_anew(judged):
     """The least of them first: which one it is nobody knows."""
     found = judged(
