@@ -243,11 +243,11 @@ def choose(
         progress(min(len(rounds), rules.most), rules.most)
         if taken is not None:
             beside = {name: trial for name, trial in trials.items() if name != taken}
-            trial = trials[taken]
+            fit = trials[taken].fit
             if reducible is not None and steps:
-                trial = replace(trial, fit=reducible.settled(trial.fit, [step.name for step in steps]))
-            steps.append(Step(taken, trial, current, beside))
-            current = trial.fit
+                fit = reducible.settled(fit, [step.name for step in steps])
+            steps.append(Step(taken, replace(trials[taken], fit=fit), current, beside))
+            current = fit
             if reducible is not None:
                 current, steps, rounds = reconsidered(reducible, current, steps, rounds, rules, barred)
         elif not again:
@@ -330,7 +330,7 @@ def _near(
 
 def exchanged(one: Round[Look], best: str) -> Round[Look]:
     """The round as if `best`, which was carried in it, had been taken, and the one that was had been beaten."""
-    why = {best: (Outcome.TAKEN, ""), one.taken: (Outcome.BEATEN, "another explains more for its price")}
+    why = {best: (Outcome.TAKEN, ""), one.taken: _BEATEN}
     tried = (
         replace(each, outcome=why[each.name][0], reason=why[each.name][1]) if each.name in why else each
         for each in one.tried
@@ -409,6 +409,7 @@ def gained(gain: float) -> str:
 
 
 _Verdicts = dict[str, tuple[Outcome, str]]
+_BEATEN = (Outcome.BEATEN, "another explains more for its price")
 
 
 def _carried(
@@ -436,7 +437,7 @@ def _carried(
                 else:
                     barred[name] = why
             else:
-                verdicts[name] = Outcome.BEATEN, "another explains more for its price"
+                verdicts[name] = _BEATEN
                 fits[name] = found
         if fits:
             scores = model.score(current, look, fits)
@@ -444,7 +445,7 @@ def _carried(
     if unlawful and (most := _outweighing(model.score(current, look, unlawful), trials)):
         name, score = most
         trials[name] = Trial(unlawful[name], score)
-        verdicts[name] = Outcome.BEATEN, "another explains more for its price"
+        verdicts[name] = _BEATEN
     return verdicts, trials
 
 

@@ -16,7 +16,7 @@ from estimator.trace.fitting import Fitted, coefficients_of, fit, is_as_predicte
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
 from estimator.trace.observer_model import Carrying, ObserverModel
-from estimator.trace.parameters import refine_parameters
+from estimator.trace.parameters import refine_in_turn, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.rivals import Rival, rivals
 from estimator.trace.searched import NOTHING
@@ -89,10 +89,7 @@ def _over(problem: Problem, found: Carrying) -> Carrying:
     passes as those that it is compared with, for one about what the beginning told has less of its start in it.
     """
     fitted = fit(problem.under(found.fitted.settings))
-    searched = dict(found.searched)
-    for name, known in searched.items():
-        if math.isfinite(fitted.likelihood):
-            fitted, searched[name] = refine_parameters(problem, fitted, name, before=known)
+    fitted, searched = refine_in_turn(problem, fitted, found.searched, found.searched)
     return Carrying(problem, fitted, searched)
 
 

@@ -19,7 +19,7 @@ from estimator.trace.engine import Estimate, Score, Trial, leader, unphysical
 from estimator.trace.fitting import Fitted, coefficients_of, finished, fit, foresight, leads, parameters_of, widening
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
-from estimator.trace.parameters import refine_parameters
+from estimator.trace.parameters import refine_in_turn, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.same_number import same_numbers, surer
 from estimator.trace.screening import spoken_for
@@ -200,10 +200,8 @@ class ObserverModel:
         """
         if widening(current.fitted) ** 2 < 1.0 + THRESHOLDS.width.power:
             return current
-        fitted, searched = current.fitted, dict(current.searched)
-        for name in names:
-            if name in searched and searched[name].names:
-                fitted, searched[name] = refine_parameters(self.problem, fitted, name, before=searched[name])
+        found = [name for name in names if name in current.searched and current.searched[name].names]
+        fitted, searched = refine_in_turn(self.problem, current.fitted, current.searched, found)
         return replace(current, fitted=fitted, searched=searched, less={})
 
     def _without(self, current: Carrying, name: str) -> tuple[Carrying, Score]:

@@ -5,7 +5,7 @@ Each parameter climbs by itself; several are then moved together, since a resona
 together.  Close to its top twice the log-likelihood is L − Δᵀ C⁻¹ Δ, with C the covariance of the parameters.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -55,6 +55,19 @@ def refine_parameters(
     if worse and turned_into(problem, name, parameters_of(found, name)) is None:
         return model, _unknown(name, names, problem)
     return found, searched
+
+
+def refine_in_turn(
+    problem: Problem, model: Fitted, searched: Mapping[str, Searched], names: Iterable[str]
+) -> tuple[Fitted, dict[str, Searched]]:
+    """`model` with the parameters of these effects improved, one effect after another, each from where it was found:
+    what they should be depends on the record and on what else is carried.
+    """
+    found = dict(searched)
+    for name in names:
+        if np.isfinite(model.likelihood):
+            model, found[name] = refine_parameters(problem, model, name, before=found[name])
+    return model, found
 
 
 def _one_number(

@@ -21,7 +21,7 @@ from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
 from estimator.trace.longer import gone_on, shows_later
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
-from estimator.trace.parameters import refine_parameters
+from estimator.trace.parameters import refine_in_turn, refine_parameters
 from estimator.trace.prediction_error import by_prediction_error
 from estimator.trace.probability import Account
 from estimator.trace.problem import Effects, Problem
@@ -114,8 +114,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
         before = last = with_effects()
     explains = widening(last) ** 2 < THRESHOLDS.parameters.explains
     if not chosen.more and explains and (whole or len(chosen.gains) > 1):
-        for name in chosen.gains:  # what a parameter should be depends on the record and on what else is carried
-            last, searched[name] = refine_parameters(problem, last, name, before=searched[name])
+        last, searched = refine_in_turn(problem, last, searched, chosen.gains)
     return Selection(
         effects=effects_of(last, searched),
         rounds=chosen.rounds,

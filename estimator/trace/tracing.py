@@ -276,8 +276,7 @@ def _rather_nothing(
     """The effect that is the most probably nothing, and how probably, where that is more than all that it may be."""
     if not named:
         return None
-    against = {kind(name) for name in why} - {kind(name) for name in named}
-    told = stated(selection.accounts, {name: name for name in named}, against, contest, is_open=False)
+    told = _accounted({name: name for name in named}, selection, why, contest, is_open=False)
     nothing = {str(one.effect): one.probabilities.get(NOTHING, 0.0) for one in told}
     most = max(nothing, key=lambda name: nothing[name], default=None)
     return (most, nothing[most]) if most is not None and nothing[most] > 1.0 - nothing[most] else None
@@ -289,9 +288,16 @@ def _of_something_else(unlawful: Iterable[str]) -> str:
 
 
 def _probabilities(found: _Judged) -> tuple[Classes, ...]:
-    named = {name: _short(name, found.named) for name in found.named}
-    against = {kind(name) for name in found.why} - {kind(name) for name in named}
-    return stated(found.selection.accounts, named, against, found.contest, is_open=found.is_open)
+    called = {name: _short(name, found.named) for name in found.named}
+    return _accounted(called, found.selection, found.why, found.contest, is_open=found.is_open)
+
+
+def _accounted(
+    called: Mapping[str, str], selection: Selection, why: Mapping[str, str], contest: Contest | None, *, is_open: bool
+) -> tuple[Classes, ...]:
+    """How probable each account is of what is named, by how it is called; why: of what is not, for what reason."""
+    against = {kind(name) for name in why} - {kind(name) for name in called}
+    return stated(selection.accounts, called, against, contest, is_open=is_open)
 
 
 def _in_part(named: Effects, claim: promises.Claim) -> str:

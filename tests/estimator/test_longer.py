@@ -10,7 +10,7 @@ import pytest
 
 from estimator.record import Record
 from estimator.settings import ObserverSettings
-from estimator.trace import fitting, longer
+from estimator.trace import fitting, longer, parameters
 from estimator.trace.engine import Chosen, Dissent, Estimate, Outcome, Round, Rules, Score, Step, Trial, Tried
 from estimator.trace.fitting import fit
 from estimator.trace.longer import gone_on, shows_later
@@ -60,6 +60,7 @@ class Bench:
         self.further = ()
         monkeypatch.setattr(longer, "fit", self.fit)
         monkeypatch.setattr(longer, "refine_parameters", self.refine)
+        monkeypatch.setattr(parameters, "refine_parameters", self.refine)
         monkeypatch.setattr(longer, "choose", self.choose)
         monkeypatch.setattr(longer, "rivals", lambda step: dict.fromkeys(self.near.get(step.name, ())))
         monkeypatch.setattr(longer, "coefficients_of", lambda effects: {name: {} for name in effects})

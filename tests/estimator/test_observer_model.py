@@ -9,7 +9,7 @@ import pytest
 
 from estimator.record import Record
 from estimator.settings import ObserverSettings
-from estimator.trace import observer_model
+from estimator.trace import observer_model, parameters
 from estimator.trace.criterion import TIE, chance_gain
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.observer_model import Carrying, ObserverModel, numbers
@@ -274,7 +274,7 @@ def test_what_was_found_is_searched_for_again_beside_the_newest_where_something_
         done.append(name)
         return fitted(model.settings.effects, model.likelihood + 10.0), better
 
-    monkeypatch.setattr(observer_model, "refine_parameters", refined)
+    monkeypatch.setattr(parameters, "refine_parameters", refined)
     monkeypatch.setattr(observer_model, "widening", lambda model: power**0.5)
     searched = {"limit": known, "drag": NOTHING, "newest": known}
     current = Carrying(PROBLEM, fitted({name: {} for name in searched}, 100.0), searched)

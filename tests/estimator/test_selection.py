@@ -12,7 +12,7 @@ from estimator.effects import catalogue
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.settings import ObserverSettings
-from estimator.trace import selection
+from estimator.trace import parameters, selection
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Dissent, Outcome, Round, Score, Tried
 from estimator.trace.probability import Account
@@ -119,6 +119,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
             selection, "pruned", lambda family, chosen: SimpleNamespace(**(vars(chosen) | {"fit": made.last}))
         )
         monkeypatch.setattr(selection, "refine_parameters", made.refine)
+        monkeypatch.setattr(parameters, "refine_parameters", made.refine)
         monkeypatch.setattr(selection, "widening", lambda model: widened)
         monkeypatch.setattr(selection, "coefficients_of", lambda observer: {name: {} for name in observer.effects})
         monkeypatch.setattr(selection, "effects_of", lambda model, searched: {n: {} for n in model.observer.effects})
@@ -293,6 +294,7 @@ class Exchange:
         self.lead = lead
         monkeypatch.setattr(selection, "fit", self.fit)
         monkeypatch.setattr(selection, "refine_parameters", self.refine)
+        monkeypatch.setattr(parameters, "refine_parameters", self.refine)
         monkeypatch.setattr(selection, "effects_of", lambda model, searched: dict.fromkeys(model.observer.effects))
         likeness = {"drive_delay": {"sense_delay": 1.0, "drive_delay:2": 0.9, "sense_low_pass": 0.99}}
         tried = [

@@ -199,14 +199,23 @@ def test_a_run_that_ended_before_it_settled_is_told_as_such(make_run):
     assert (folder / "result.json").read_bytes() == before
 
 
+def table_in(truth_file):
+    with pa.ipc.open_stream(str(truth_file)) as stream:
+        return stream.read_all()
+
+
+def written(file, table):
+    """A plain stream of Arrow, without blocks, at `file`, which it returns."""
+    with pa.ipc.new_stream(str(file), table.schema) as stream:
+        stream.write_table(table)
+    return file
+
+
 @pytest.mark.moderate
 def test_a_truth_of_every_tenth_sample_is_enough(make_run, tmp_path):
     folder, truth_file = make_run()
-    with pa.ipc.open_stream(str(truth_file)) as stream:
-        table = stream.read_all()
-    sparse = tmp_path / "sparse.arrow"
-    with pa.ipc.new_stream(str(sparse), table.schema) as stream:
-        stream.write_table(table.take(list(range(0, table.num_rows, 25))))
+    table = table_in(truth_file)
+    sparse = written(tmp_path / "sparse.arrow", table.take(list(range(0, table.num_rows, 25))))
     assert score(folder, sparse).score.rows == 120  # every 25th and every 10th sample meet every 50
 
 
@@ -221,8 +230,7 @@ def test_a_truth_of_every_tenth_sample_is_enough(make_run, tmp_path):
 )
 def test_a_truth_that_does_not_fit_is_refused_and_changes_nothing(make_run, tmp_path, change, complaint):
     folder, truth_file = make_run()
-    with pa.ipc.open_stream(str(truth_file)) as stream:
-        table = stream.read_all()
+    table = table_in(truth_file)
     about = json.loads(table.schema.metadata[b"gyrohil"])
     columns = {name: table[name] for name in table.column_names}
     for name, values in change.items():
@@ -232,9 +240,7 @@ def test_a_truth_that_does_not_fit_is_refused_and_changes_nothing(make_run, tmp_
         else:
             columns[name] = pa.array(values)
     changed = pa.table(columns).replace_schema_metadata({b"gyrohil": json.dumps(about)})
-    other = tmp_path / "other.arrow"
-    with pa.ipc.new_stream(str(other), changed.schema) as stream:
-        stream.write_table(changed)
+    other = written(tmp_path / "other.arrow", changed)
     before = (folder / "result.json").read_bytes()
     with pytest.raises(InputError, match=complaint):
         score(folder, other)
@@ -258,15 +264,13 @@ def test_a_capture_is_no_truth(make_run):
 @pytest.mark.moderate
 def test_rotation_back_and_forth_is_added_up(make_run, tmp_path):
     folder, truth_file = make_run()
-    with pa.ipc.open_stream(str(truth_file)) as stream:
-        table = stream.read_all()
+    table = table_in(truth_file)
     swing = 0.5 * np.cos(2 * np.pi * table["tick"].to_numpy() / 4000)
     index = table.column_names.index("angle_rad")
-    other = tmp_path / "swing.arrow"
-    with pa.ipc.new_stream(str(other), table.schema) as stream:
-        stream.write_table(
-            table.set_column(index, "angle_rad", pa.array(swing)).replace_schema_metadata(table.schema.metadata)
-        )
+    other = written(
+        tmp_path / "swing.arrow",
+        table.set_column(index, "angle_rad", pa.array(swing)).replace_schema_metadata(table.schema.metadata),
+    )
     assert score(folder, other).score.turns == pytest.approx(3 * 1.0 / (2 * np.pi), rel=1e-3)
 
 
@@ -283,14 +287,11 @@ def test_the_truth_of_another_run_is_refused(make_run, tmp_path):
 @pytest.mark.moderate
 def test_one_changed_code_is_another_run(make_run, tmp_path):
     folder, truth_file = make_run()
-    with pa.ipc.open_stream(str(truth_file)) as stream:
-        table = stream.read_all()
+    table = table_in(truth_file)
     drive = table["uy_code"].to_numpy().copy()
     drive[5432] += 1
-    other = tmp_path / "other.arrow"
     changed = table.set_column(table.column_names.index("uy_code"), "uy_code", pa.array(drive))
-    with pa.ipc.new_stream(str(other), changed.schema) as stream:
-        stream.write_table(changed)
+    other = written(tmp_path / "other.arrow", changed)
     with pytest.raises(InputError, match="of another run: at tick 5432 its uy_code"):
         score(folder, other)
 
@@ -298,12 +299,9 @@ def test_one_changed_code_is_another_run(make_run, tmp_path):
 @pytest.mark.moderate
 def test_an_old_truth_without_codes_is_taken_with_a_remark(make_run, tmp_path):
     folder, truth_file = make_run()
-    with pa.ipc.open_stream(str(truth_file)) as stream:
-        table = stream.read_all()
-    old = tmp_path / "old.arrow"
+    table = table_in(truth_file)
     table = table.drop_columns([name for name in table.column_names if name.endswith("_code")])
-    with pa.ipc.new_stream(str(old), table.schema) as stream:
-        stream.write_table(table)
+    old = written(tmp_path / "old.arrow", table)
     for _ in range(2):
         remarks = score(folder, old).remarks
     assert remarks == ("whether the truth is that of this run cannot be told: the truth has no codes to compare",)
@@ -333,11 +331,7 @@ def test_a_truth_that_ends_before_the_run_is_refused_wherever_it_was_cut(make_ru
 @pytest.mark.moderate
 def test_a_truth_that_was_ended_early_is_refused_too(make_run, tmp_path):
     folder, truth_file = make_run()
-    with pa.ipc.open_stream(str(truth_file)) as stream:
-        table = stream.read_all()
-    short = tmp_path / "short.arrow"
-    with pa.ipc.new_stream(str(short), table.schema) as stream:
-        stream.write_table(table.slice(0, 7990))
+    short = written(tmp_path / "short.arrow", table_in(truth_file).slice(0, 7990))
     with pytest.raises(InputError, match=r"short\.arrow: ends at 1\.997 s, and the run at 1\.998 s"):
         score(folder, short)
 
@@ -363,11 +357,7 @@ def test_of_an_interrupted_run_the_truth_may_end_early_and_is_told(make_run):
 
 def test_a_truth_without_a_row_is_none(make_run, tmp_path):
     folder, truth_file = make_run()
-    with pa.ipc.open_stream(str(truth_file)) as stream:
-        table = stream.read_all()
-    empty = tmp_path / "empty.arrow"
-    with pa.ipc.new_stream(str(empty), table.schema) as stream:
-        stream.write_table(table.slice(0, 0))
+    empty = written(tmp_path / "empty.arrow", table_in(truth_file).slice(0, 0))
     with pytest.raises(InputError, match=r"empty\.arrow: a truth without a row, cut off"):
         score(folder, empty)
 
