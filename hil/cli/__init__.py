@@ -6,19 +6,18 @@ the top, so that ``hil --help`` answers at once.
 
 import atexit
 import os
-import signal
 import sys
-from types import FrameType
 from typing import Any
 
 from hil.errors import printable, told_to_user
+from hil.interruption import take_signals
 
 INTERRUPTED = 130
 
 
 def main() -> None:
     """Entry point of ``hil``; SIGTERM is taken like Ctrl-C: a board is told to go SAFE in both cases."""
-    signal.signal(signal.SIGTERM, _as_ctrl_c)
+    take_signals()
     # Before NumPy is loaded.  Work is shared out in larger pieces (`estimator.side_by_side`), and threads of its own in
     # each product of matrices only wait for those.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -69,7 +68,3 @@ def _say(sentence: str) -> None:
     """One line on standard error, red where that is a terminal."""
     line = "hil: " + printable(" ".join(sentence.split()))
     print(f"\033[31m{line}\033[0m" if sys.stderr.isatty() else line, file=sys.stderr)
-
-
-def _as_ctrl_c(_signal: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt

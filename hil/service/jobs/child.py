@@ -18,6 +18,7 @@ from types import FrameType
 from typing import Any
 
 from hil.errors import told_to_user
+from hil.interruption import interrupt
 from hil.progress import Progress
 from hil.records.atomic import write_text
 from hil.records.occupied import occupied
@@ -109,9 +110,12 @@ def main(place: Path) -> None:
     os._exit(0)  # what a library leaves running has nothing to say any more
 
 
-def _interrupt(_signal: int, _frame: FrameType | None) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # once: what follows ends well undisturbed
-    raise KeyboardInterrupt
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    try:
+        interrupt(number, frame)
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # once: what follows ends well undisturbed
+        raise
 
 
 if __name__ == "__main__":
