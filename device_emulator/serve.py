@@ -130,9 +130,15 @@ class Server:
                 return False
 
     def _pass_time(self) -> None:
-        """Bring a board that closes the loop itself to the present before it hears what is said now."""
+        """Bring a board that streams nothing, or that closes the loop itself, to the present before it hears what is
+        said now: what it answers holds at the present tick.
+        """
         board = self._board
-        if self._origin is not None and board.streaming and board.registers.gain_mode:
+        if self._origin is None:
+            return
+        if not board.streaming:
+            self._catch_up()
+        elif board.registers.gain_mode:
             self._say(self._source.pass_time(int((time.monotonic() - self._origin) * self._rate_Hz)))
 
     def _say(self, data: bytes) -> None:

@@ -1,8 +1,9 @@
 """The observer in SI: built from what the data sheet declares, run over blocks or sample by sample."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.carried_angle import CarriedAngle
 from estimator.dither import dither_start
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import OF_THE_WAY, OWN, Source, can_be_specialised
@@ -151,6 +153,7 @@ class Observer:
             from estimator.stationary import stationary_table
 
             self._table = stationary_table(self)
+        self._carried_angle: CarriedAngle | None = None  # while the motion is found anew
         self._step: ModuleType | None = None
         self._has_step = False
 
@@ -389,9 +392,13 @@ class Observer:
     @property
     def covariance(self) -> Array:
         """Covariance the estimates have under this gain, over [states, active constants], SI."""
-        actual = self._c if self._record["two_covariances"][0] else self._p
         scale = self.factors[self.estimated_index]
-        return np.asarray(actual * np.outer(scale, scale))
+        return np.asarray(self._actual * np.outer(scale, scale))
+
+    @property
+    def _actual(self) -> Array:
+        """The same, scaled; lent."""
+        return self._c if self._record["two_covariances"][0] else self._p
 
     @property
     def coefficient_units(self) -> dict[str, str]:
@@ -556,6 +563,7 @@ class Observer:
         queue = self._memory["queue"].copy()
         for mine, its in ((self.x, other.x), (self._p, other._p), (self._c, other._c), (self._memory, other._memory)):
             mine[:] = its
+        self._carried_angle = copy(other._carried_angle)
         if not commands:
             self._memory["queue"] = queue
 
@@ -594,12 +602,14 @@ class Observer:
                 self._record, self._intensity, self._prior, self._spread, self._start, self.x, self._p, self._c,
                 self._memory, float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
             )  # fmt: skip
-            return int(self._codes[0]), int(self._codes[1])
-        block.tick(
-            self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
-            self.x, self._p, self._c, self._memory,
-            float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
-        )  # fmt: skip
+        else:
+            block.tick(
+                self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
+                self.x, self._p, self._c, self._memory,
+                float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
+            )  # fmt: skip
+        if self._carried_angle is not None:
+            self._follow(self._rows)
         return int(self._codes[0]), int(self._codes[1])
 
     def expected_drive(self) -> tuple[float, float]:
@@ -615,46 +625,62 @@ class Observer:
             self._memory["queue"][0, latency] = self._memory["queue"][0, latency - 1]
 
     def lose_phase(self, missing: int) -> None:
-        """Go on after a gap of `missing` samples without drive: constants are kept, the motion is found anew."""
-        constants = slice(self.states, None)
-        kept = [covariance[constants, constants].copy() for covariance in (self._p, self._c)]
+        """Go on after a gap of `missing` samples without drive: constants are kept, the motion is found anew, and the
+        angle is carried on by the rate until it is.
+        """
+        kept = self._of_constants()
         self._memory["queue"] = 0.0
         self.run(np.full((missing, 2), math.nan), np.zeros((missing, 2)), every=max(missing, 1))
-        self._lose_motion(kept)
+        self.lose_motion(kept)
 
     def unsettle(self, spread: Array) -> None:
         """The motion is less certain than the filter knows by the covariance `spread` (states, states) of positions and
         velocities, SI: a drive acted that nobody knows.  Infinite: it is found anew.
         """
         if not np.all(np.isfinite(spread)):
-            self._lose_motion([covariance[self.states :, self.states :].copy() for covariance in (self._p, self._c)])
+            self.lose_motion()
             return
         scale = self.factors[: self.states]
         for covariance in (self._p, self._c):
             covariance[: self.states, : self.states] += spread / np.outer(scale, scale)
 
-    def _lose_motion(self, kept: list[Array]) -> None:
-        """Begin with the motion anew; `kept` is what stays of the two covariances, that of the constants."""
+    def lose_motion(self, kept: Sequence[Array] | None = None) -> None:
+        """Begin with the motion anew, and carry the angle on by the rate until it is found; `kept` is what stays of the
+        two covariances, that of the constants, by default as it is.
+        """
+        kept = self._of_constants() if kept is None else kept
         for covariance, block_of_constants in zip((self._p, self._c), kept, strict=True):
             covariance[:] = 0.0
             covariance[self.states :, self.states :] = block_of_constants
             covariance[: self.states, : self.states] = np.diag(self._motion_spread)
-        self._lose_angle()
+        self._carry_angle()
 
-    def _lose_angle(self) -> None:
-        """The pattern angle is as unknown as the motion is; what forces turned it by is known as before."""
-        if self.device.axes == 2:
-            gradient = self._memory["gradient"][0]
-            self._memory["angle_cross"][0, : self.states] = -self._motion_spread * gradient
-            self._memory["angle_variance"][0] += float(self._motion_spread @ gradient**2)
+    def _of_constants(self) -> list[Array]:
+        """That of the constants in both covariances."""
+        return [covariance[self.states :, self.states :].copy() for covariance in (self._p, self._c)]
+
+    def _carry_angle(self) -> None:
+        """Go on with the angle by the rate alone until the motion is found. In open loop it always does."""
+        if self.device.axes == 2 and self._memory["started"][0] and not self._record["open_loop"][0]:
+            rate, gain = int(self._record["rate_row"][0]), float(self._record["angular_gain"][0])
+            self._carried_angle = CarriedAngle(self._memory, self.states, rate, 1.0 / gain)
+
+    def _portion(self) -> int:
+        """Samples that the next call of a kernel may have: a cycle, while the angle is carried on."""
+        return _PORTION if self._carried_angle is None else math.ceil(2.0 * math.pi / self.h)
+
+    def _follow(self, rows: NDArray[np.void]) -> None:
+        """The newest output rows had an angle that is carried on."""
+        assert self._carried_angle is not None
+        if len(rows) and self._carried_angle.follow(self._memory, rows, self._actual):
+            self._carried_angle = None
 
     def reading(self) -> tuple[list[float], list[float]]:
         """Newest state vector and its standard deviations, SI, in the order of `model.names`; 0 for what is not
         estimated.
         """
-        actual = self._c if self._record["two_covariances"][0] else self._p
         deviation = np.zeros(len(self.x))
-        deviation[self.estimated_index] = np.sqrt(np.diagonal(actual))
+        deviation[self.estimated_index] = np.sqrt(np.diagonal(self._actual))
         return (self.x * self.factors).tolist(), (deviation * np.abs(self.factors)).tolist()
 
     def scaled(
@@ -715,7 +741,7 @@ class Observer:
         self.allow_steps(longest, u.shape[2] - 1)
         held = truth is None and u.shape[2] == 1 and longest <= LONGEST_STEP
         step_of_its_own = self._own_step() if held else None
-        for rows_of, states_of, stride in _portions(n, every):
+        for rows_of, states_of, stride in _portions(n, every, self._portion):
             stop_if_abandoned()
             if step_of_its_own is not None:
                 step_of_its_own.observe_block(
@@ -723,13 +749,15 @@ class Observer:
                     self.x, self._p, self._c, self._memory, z[rows_of], u[rows_of], h[rows_of], warmth[rows_of],
                     rows[rows_of], states[states_of], deviations[states_of], stride,
                 )  # fmt: skip
-                continue
-            block.observe_block(
-                self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
-                self.x, self._p, self._c, self._memory,
-                z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of],
-                rows[rows_of], states[states_of], deviations[states_of], stride,
-            )  # fmt: skip
+            else:
+                block.observe_block(
+                    self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
+                    self.x, self._p, self._c, self._memory,
+                    z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of],
+                    rows[rows_of], states[states_of], deviations[states_of], stride,
+                )  # fmt: skip
+            if self._carried_angle is not None:
+                self._follow(rows[rows_of])
         self._record["order"] = order
         return Estimates(
             names=self.names,
@@ -749,16 +777,17 @@ class Observer:
         )
 
 
-def _portions(n: int, every: int) -> Iterator[tuple[slice, slice, int]]:
+def _portions(n: int, every: int, portion: Callable[[], int]) -> Iterator[tuple[slice, slice, int]]:
     """n samples in portions, so that whoever presses Ctrl-C waits for one of them and not for the record: its samples,
     its rows of the state, which is kept at every `every`-th, and the stride that does that within the portion.
+    `portion` is asked before each how many samples it may have; it has whole strides, or lies within one.
     """
-    stretch = max(_PORTION // every, 1) * every
-    size = min(stretch, _PORTION)
-    for first in range(0, n, stretch):
-        last = min(first + stretch, n)
-        for begin in range(first, last, size):
-            end = min(begin + size, last)
-            rows = slice(begin // every, end // every)
-            stride = min(every, end - begin) if rows.stop > rows.start else end - begin + 1
-            yield slice(begin, end), rows, stride
+    begin = 0
+    while begin < n:
+        most = portion()
+        stretch = most // every * every if begin % every == 0 and most >= every else every - begin % every
+        end = min(begin + min(most, stretch), n)
+        rows = slice(begin // every, end // every)
+        stride = min(every, end - begin) if rows.stop > rows.start else end - begin + 1
+        yield slice(begin, end), rows, stride
+        begin = end

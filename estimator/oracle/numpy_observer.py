@@ -100,10 +100,8 @@ class NumpyObserver(Observer):
             angles[0], np.sqrt(angle_variance) / self.device.angular_gain, *angles[1:],
         )  # fmt: skip
 
-    def _lose_angle(self) -> None:
-        if self.device.axes == 2:
-            self._angle_cross[: self.states] = -self._motion_spread * self._gradient
-            self._angle_variance += float(self._motion_spread @ self._gradient**2)
+    def _carry_angle(self) -> None:
+        """Not done: the angles of a run are computed behind it."""
 
     # -- one sample --------------------------------------------------------------------------------------------------
 

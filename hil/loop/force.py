@@ -8,7 +8,7 @@ a moment of rest in between, in which the answer gets away.
 import math
 import select
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from estimator.observer import Observer
 from hil.bench import Bench
@@ -76,7 +76,7 @@ class ForceLoop(Loop):
         for row in rows:
             tick = row[0]
             if tick != self._next and self._next is not None:
-                self._bridge(tick)
+                self._bridge(tick, row[3:5])
             if self._waiting and self._may_close(tick - first):
                 self._waiting = False
                 observer.enable_control(True)
@@ -150,14 +150,15 @@ class ForceLoop(Loop):
         if self._opening is not None:
             self._look((row,))
 
-    def _predict(self, missing: int) -> None:
-        """With the drive the board was last told to apply."""
+    def _predict(self, missing: int, drive: Sequence[int]) -> bool:
+        """With the drive the board was last told to apply; of a single interval the samples that follow decide."""
         if missing == 1:
             self._hindsight.gap(*self._echo)
         for _ in range(missing):
             ux, uy = self._observer.expected_drive()
             self._observer.tick(math.nan, math.nan, ux, uy)
             self._observer.withdraw()
+        return missing == 1 or [round(code) for code in self._observer.expected_drive()] == list(drive)
 
     def _forget(self) -> None:
         self._hindsight.forget()

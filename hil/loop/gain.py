@@ -9,7 +9,7 @@ capture and bridges it by what the board must have done.
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -106,7 +106,7 @@ class GainLoop(Loop):
         assert isinstance(sense, Sense)
         codes, received_ns = sense.codes, self._endpoint.received_ns
         stale = self._stale(block.tick)
-        self._bridge(block.tick)
+        self._bridge(block.tick, codes[0, 2:].tolist())
         if not stale:  # else of matrices that are forgotten
             self._require_sent(sense.matrix_id)
         if self._waiting and self._may_close(block.tick - first):
@@ -224,11 +224,12 @@ class GainLoop(Loop):
         mean = float(flat @ flat) / (len(flat) * self._noise_V**2)
         self._judge(mean, min(len(innovation) / RESIDUAL_SAMPLES, 1.0), since)
 
-    def _predict(self, missing: int) -> None:
-        """By what the board must have driven."""
+    def _predict(self, missing: int, drive: Sequence[int]) -> bool:
+        """By what the board must have driven; it drove, or did not, as it does at the sample at hand."""
         assert self._next is not None
         drives = self._foresight.foresee(self._next, missing) * self._scale[2:]
         self._observer.run(np.full((missing, 2), math.nan), drives, every=missing)
+        return bool(np.any(drives[-1])) == any(drive)
 
     def _said(self) -> list[Message]:
         said = [*self._news, *self._endpoint.said()]

@@ -161,8 +161,8 @@ class Loop(ABC):
         """Wait for samples, `_slice_s` at most, and answer them; how many ticks of the run are done, 0 if none came."""
 
     @abstractmethod
-    def _predict(self, missing: int) -> None:
-        """Predict over a short gap before the sample at hand."""
+    def _predict(self, missing: int, drive: Sequence[int]) -> bool:
+        """Predict over a short gap before the sample at hand; whether `drive`, which acted last, was to be expected."""
 
     @abstractmethod
     def _said(self) -> list[Message]:
@@ -186,8 +186,12 @@ class Loop(ABC):
         """
         return since >= self._acquired and self.opening.judged and not self.wrong
 
-    def _bridge(self, tick: int) -> None:
-        """See to the samples that are missing before that of `tick`."""
+    def _bridge(self, tick: int, drive: Sequence[int]) -> None:
+        """See to the samples that are missing before that of `tick`, which tells that `drive` acted last.
+
+        The board goes by its model where it did what it was told. It did not where it stopped meanwhile, or holds
+        another drive than it was sent: then nobody knows how it moved.
+        """
         missing = 0 if self._next is None else tick - self._next
         if missing < 0:
             raise ProtocolError(
@@ -195,16 +199,21 @@ class Loop(ABC):
             )
         if missing > self._long_gap:
             self._require_possible(tick, missing)
+        # Whatever tick the board gave when it was armed again: it stood in SAFE between these two rows.
+        through_stop = missing > 0 and self._pause is not None and tick > self._pause.safe
         stopped = self._paused(tick)
         self.counters.lost += missing
         self.counters.stopped += stopped
-        if missing > self._long_gap or stopped:
+        if missing > self._long_gap or through_stop:
             self._forget()
             self._observer.lose_phase(missing)
-            self._guarded = self.counters.samples + self.counters.lost + RESIDUAL_SAMPLES
-            self._residual = 1.0
-        elif missing:
-            self._predict(missing)
+        elif not missing or self._predict(missing, drive):
+            return
+        else:
+            self._forget()
+            self._observer.lose_motion()
+        self._guarded = self.counters.samples + self.counters.lost + RESIDUAL_SAMPLES
+        self._residual = 1.0
 
     def _paused(self, tick: int) -> int:
         """How many of the samples that are missing before that of `tick` are so because the board was SAFE.

@@ -152,9 +152,16 @@ def test_paced_through_watchdog_hang_up_and_a_second_host(start: Callable[..., P
     status = await_status(endpoint, State.SAFE)  # we have fallen silent
     assert (status.reason, status.watchdog_trips) == (SafeReason.WATCHDOG, 1)
     time.sleep(0.3)  # while the mass swings on for 150 ticks at least
-    client.arm(endpoint, PATIENCE_S)
+    armed = client.arm(endpoint, PATIENCE_S)
     first = endpoint.receive_rows(PATIENCE_S)[0][0]
     assert first > status.tick + 150
+    assert first == armed.tick + 1
+    for nap_s in (0.011, 0.015, 0.019):  # less than it takes until it looks at the time by itself
+        client.make_safe(endpoint, SafeReason.LINK_LOST, PATIENCE_S)  # which does not latch
+        time.sleep(nap_s)
+        endpoint.receive_rows(0.0)  # what came before
+        armed = client.arm(endpoint, PATIENCE_S)
+        assert endpoint.receive_rows(PATIENCE_S)[0][0] == armed.tick + 1
     endpoint.close()
 
     second = process.connect()

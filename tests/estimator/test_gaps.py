@@ -178,5 +178,6 @@ def test_the_oracle_is_unsettled_alike(record: Record) -> None:
         observe(kind(TRUTH.device(), settings, TRUTH.controller()), record.sense[rows], record.drive[rows], gaps)
         for kind in (Observer, NumpyObserver)
     )
-    for name in ("deviation", "innovation_deviation", "angle_deviation"):
-        np.testing.assert_allclose(getattr(found, name)[440:], getattr(expected, name)[440:], rtol=1e-4)
+    # Behind the second the oracle's angle has no deviation of its own (`tests/estimator/test_carried_angle.py`).
+    for name, end in (("deviation", 600), ("innovation_deviation", 600), ("angle_deviation", 521)):
+        np.testing.assert_allclose(getattr(found, name)[440:end], getattr(expected, name)[440:end], rtol=1e-4)

@@ -82,13 +82,14 @@ def paced(
     chunk: int = 4096,
     watchdog_s: float = 0.02,
     rearm: int = 3,
+    link: type[HandPaced] = HandPaced,
 ) -> tuple[RunFolder, dict[str, int], dict[str, int]]:
     """A second of S-slow against a board that does not wait: the run, the host's counters, the board's.
 
     Whatever happened on the way, the angle is right afterwards and the observer knows how well it does.
     """
     truth = tmp_path / "truth.arrow"
-    link = HandPaced(
+    line = link(
         board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED, truth),
         lost=lost,
         unheard=unheard,
@@ -97,7 +98,7 @@ def paced(
     )
     link_section = {"watchdog_s": watchdog_s, "timeout_s": 0.5}
     declared = gyro.bench(1.0, "paced", link=link_section, limits={"rearm": rearm})
-    run, counters = close_loop(link, declared, tmp_path / "run")
+    run, counters = close_loop(line, declared, tmp_path / "run")
     assert np.abs(angle_errors(run, truth, SETTLED_S)).max() < ANGLE_RAD
     assert innovation_ratio(run) < 1.2
     seen = vars(counters).copy()
@@ -187,6 +188,43 @@ def test_a_host_stopped_for_longer_arms_the_board_again(tmp_path: Path) -> None:
     assert driven[-1] == 1499 + WATCHDOG_TICKS
     assert first > driven[-1]
     assert capture.drive[capture.tick > 2000].any()
+
+
+class Slow(HandPaced):
+    """In SAFE its board counts no ticks until it has been armed: those that have passed come behind its answer."""
+
+    _owed = 0
+
+    def _tick(self) -> None:
+        if self.board.streaming:
+            super()._tick()
+        else:
+            self._owed += 1
+
+    def send(self, data: bytes) -> None:
+        super().send(data)
+        if self.board.streaming and self._owed:
+            self.board.coast(self._owed)
+            self._owed = 0
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize("ticks", [100, 150, 300, 600])
+def test_whatever_tick_it_was_armed_at_the_stop_is_no_gap_in_a_driven_run(tmp_path: Path, ticks: int) -> None:
+    """A board that says ARMED of the tick at which it stopped: the rows that are missing then had no drive."""
+    run, host, _ = paced(tmp_path, stops={1500: ticks}, link=Slow)
+    ((_, missing),) = gaps(run)
+    assert host["rearmed"] == 1
+    assert missing >= ticks - WATCHDOG_TICKS - 1
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize("lost", [range(1450, 1460), range(1440, 1500)])
+def test_a_gap_over_which_the_board_held_another_drive_than_it_was_sent(tmp_path: Path, lost: range) -> None:
+    """The answers to the last rows before it were lost as well."""
+    _, host, device = paced(tmp_path, lost=lost, unheard=range(lost.start - 6, lost.start))
+    assert host["lost"] == len(lost)
+    assert device["lost_seq"] == 6
 
 
 @pytest.mark.moderate
