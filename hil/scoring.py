@@ -20,6 +20,7 @@ from hil.records.runfolder import RunFolder
 from hil.records.summary import SD_95, parameters, reporting_mass_kg, summarise
 from hil.records.table import Table
 from hil.records.truth import Truth, read_truth
+from hil.verdict import judge_again
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,8 +42,9 @@ def score(run: Path, truth_file: Path) -> Result:
     """Compare the run in folder `run` with `truth_file`, write the figures into its result.json, return them.
 
     Scored are the instants that estimates and truth share, from the bench file's `[loop] settle_s` on.
-    Filled in are `angle_error_rms_rad`, `rate_error_rms_rad_s`, the truth of each parameter, and `score`. A
-    run that was killed before it wrote result.json gets one. Raises InputError when the truth is that of another run or
+    Filled in are `angle_error_rms_rad`, `rate_error_rms_rad_s`, the truth of each parameter, and `score`; the verdict's
+    part on the angle is judged once more, now that its error is known. A run that was killed before it wrote
+    result.json gets one. Raises InputError when the truth is that of another run or
     ends before this one does, or the two have nothing to compare. Of a run that was interrupted, as its board may have
     been, the truth may end early: a remark says so.
     """
@@ -68,6 +70,9 @@ def score(run: Path, truth_file: Path) -> Result:
         )
     covariance = folder.covariance
     honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.settle_s)
+    figures = found.figures().model_copy(update={"nees": honesty})
+    if truth.ends[1] < folder.estimates.ends[1]:
+        figures = figures.model_copy(update={"angle_error_end_rad": None})
     mass_kg = reporting_mass_kg(folder)
     effects = folder.bench.get("effects", {}).keys()
     kept = (remark for remark in before.remarks if remark not in remarks and _CUT not in remark)  # of another truth
@@ -76,10 +81,11 @@ def score(run: Path, truth_file: Path) -> Result:
             "angle_error_rms_rad": found.angle.rms,
             "rate_error_rms_rad_s": found.rate.rms,
             "parameters": parameters(folder.estimates, mass_kg=mass_kg, truth=truth, effects=effects),
-            "score": found.figures().model_copy(update={"nees": honesty}),
+            "score": figures,
             "remarks": (*kept, *remarks),
         }
     )
+    result = judge_again(folder, result)
     save_result(folder.result_path, result)
     return result
 
@@ -150,7 +156,7 @@ class Running:
     def __init__(self, *, zeroed: bool = False) -> None:
         self._zeroed = zeroed
         self._first: float | None = None
-        self._squares, self._largest, self._count = 0.0, 0.0, 0
+        self._squares, self._largest, self._last, self._count = 0.0, 0.0, 0.0, 0
 
     def add(self, values: Floats | None) -> Floats | None:
         """Take the next part; returns it, counted from the first value where that is asked for."""
@@ -162,6 +168,7 @@ class Running:
         self._count += values.size
         self._squares += float(np.sum(counted**2))
         self._largest = float(np.fmax(self._largest, np.abs(counted).max()))
+        self._last = float(np.abs(counted[-1]))
         return counted
 
     @property
@@ -173,6 +180,11 @@ class Running:
     def largest(self) -> float | None:
         """Largest magnitude, likewise."""
         return self._largest if self.rms is not None else None
+
+    @property
+    def last(self) -> float | None:
+        """The last magnitude, likewise."""
+        return self._last if self.rms is not None else None
 
 
 class Slope:
@@ -246,6 +258,7 @@ class Comparison:
             turns=self._turned / (2 * np.pi),
             angle_per_rotation=None if slope is None else 1.0 + slope,
             angle_error_max_rad=self.angle.largest,
+            angle_error_end_rad=self.angle.last,
             rate_error_max_rad_s=self.rate.largest,
             pattern_angle_error_rms_rad=self._pattern.rms,
             angle_estimation_error_rms_rad=self._estimation.rms,

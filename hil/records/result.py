@@ -202,6 +202,10 @@ class Score(_Model):
         default=None, description="Slope of the reported angle over the true angle; null below half a radian"
     )
     angle_error_max_rad: NonNegative | None = None
+    angle_error_end_rad: NonNegative | None = Field(
+        default=None,
+        description="At the last scored instant, to be held against `angle_u_rad`; null where a truth ends early",
+    )
     rate_error_max_rad_s: NonNegative | None = None
     pattern_angle_error_rms_rad: NonNegative | None = Field(
         default=None,

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from hil.bench import Bench
+from hil.bench import Bench, load_bench
 from hil.records.result import Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
@@ -51,10 +51,7 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
         "model": judge_model(folder, result, bench, ended_early=ended_early),
         "angle": judge_angle(folder, result, bench),
     }
-    if parts["machine"].against:
-        for name, doubt in _DOUBTS.items():
-            if parts[name].against:
-                parts[name] = parts[name].model_copy(update={"reason": f"{parts[name].reason}; {doubt}"})
+    parts = _doubted(parts)
     told = [part.reason for part in parts.values() if part.against]
     # What concerns the board's safety comes before everything else.
     at = int(parts["safety"].against)
@@ -62,6 +59,36 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     remarks = (*stops_survived(outcome), *refused, *mishaps(result, outcome.get("counters", {})))
     verdict = _verdict(parts, ended_early)
     return Judgement(verdict, parts, tuple(reasons), remarks, _next(verdict, parts, folder, result))
+
+
+def judge_again(folder: RunFolder, result: Result) -> Result:
+    """The result of a run that was judged, its angle once more, beside the truth that it has been scored by."""
+    before = result.parts.get("angle")
+    if before is None:
+        return result
+    parts = _doubted({**result.parts, "angle": judge_angle(folder, result, load_bench(folder.bench_path))})
+    others = [reason for reason in result.reasons if reason != before.reason]
+    told = [parts["angle"].reason] if parts["angle"].against else []
+    verdict = _verdict(parts, result.verdict == "interrupted")
+    return result.model_copy(
+        update={
+            "parts": parts,
+            "reasons": (*others, *told),
+            "verdict": verdict,
+            "next": _next(verdict, parts, folder, result),
+        }
+    )
+
+
+def _doubted(parts: Mapping[Any, Part]) -> dict[Any, Part]:
+    """The parts, those that failed beside the machine's with what that leaves in doubt."""
+    doubted = dict(parts)
+    if "machine" not in parts or not parts["machine"].against:
+        return doubted
+    for name, doubt in _DOUBTS.items():
+        if parts[name].against and not parts[name].reason.endswith(doubt):
+            doubted[name] = parts[name].model_copy(update={"reason": f"{parts[name].reason}; {doubt}"})
+    return doubted
 
 
 def _verdict(parts: Mapping[str, Part], ended_early: bool) -> RunVerdict:

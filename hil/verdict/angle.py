@@ -12,6 +12,8 @@ _OPEN_LOOP = (
     "no angle is reported: in open loop the pattern turns by itself; run with the control law on, or in open loop with "
     '[observer] variant = "sense", which integrates the rate'
 )
+_BEYOND = 2.0
+"""Expanded uncertainties, four standard ones: an honest angle is off by more in one run of 16 000."""
 _FROM_ELSEWHERE = "no angle is reported: an imported record without control is judged by its model"
 
 
@@ -19,7 +21,8 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
     """Share of the scored window at which energy and quadrature were outside their limits, and the expanded uncertainty
     at its end.
 
-    A gyro that was run and reports no angle, or one of which nobody knows what it is worth, has failed in that part.
+    A gyro that was run and reports no angle, or one of which nobody knows what it is worth, has failed in that part; so
+    has one whose angle is off by more than it says, where the truth was told.
     """
     estimates, limits = folder.estimates, bench.limits
     if estimates is None or "energy_ratio" not in estimates:
@@ -45,6 +48,12 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
                 f"{percent(limits.invalid_fraction, 2)}"
             )
     u = result.angle_u_rad
+    error = None if result.score is None else result.score.angle_error_end_rad
+    if u is not None and error is not None and error > _BEYOND * u:
+        reasons.append(
+            f"the truth contradicts the angle: at the end it is off by {_angle(error)}, "
+            f"and uncertain by {_angle(u)} (k = 2)"
+        )
     if u is not None and u > limits.angle_rad:
         largest = result.uncertainty[0]
         reasons.append(

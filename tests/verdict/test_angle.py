@@ -10,7 +10,7 @@ from hil.bench import Bench
 from hil.numbers import quantity
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
-from hil.records.result import Contribution, Part, Result
+from hil.records.result import Contribution, Part, Result, Score
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
 from hil.verdict.budget import remedy
@@ -25,11 +25,17 @@ def bench(**limits: float) -> Bench:
     return gyro.bench(10.0, loop={"settle_s": SETTLE_S}, limits=declared)
 
 
-def judged(found: Estimates | None, u: float | None = 0.09, capture: Capture | None = None, **limits: float) -> Part:
+def judged(
+    found: Estimates | None,
+    u: float | None = 0.09,
+    capture: Capture | None = None,
+    score: Score | None = None,
+    **limits: float,
+) -> Part:
     folder = RunFolder(Path("nowhere"))
     vars(folder).update(estimates=found, capture=capture)
     rows = () if u is None else (LARGEST,)
-    result = Result(run="r", seconds=10.0, samples=101, complete=True, angle_u_rad=u, uncertainty=rows)
+    result = Result(run="r", seconds=10.0, samples=101, complete=True, angle_u_rad=u, uncertainty=rows, score=score)
     return judge_angle(folder, result, bench(**limits))
 
 
@@ -44,6 +50,15 @@ def odd(usual: float, value: float, rows: int) -> np.ndarray:
 def test_an_angle_within_its_limits_is_good_and_says_how_uncertain() -> None:
     part = judged(estimates())
     assert (part.outcome, part.reason, part.next) == ("good", "uncertain by 90\u00a0mrad (k = 2) at the end", None)
+
+
+@pytest.mark.parametrize(("off", "outcome"), [(0.019, "good"), (0.021, "failed"), (None, "good")])
+def test_a_truth_that_contradicts_the_angle_fails_it(off: float | None, outcome: str) -> None:
+    """From two expanded uncertainties on, which are four standard ones."""
+    score = Score(window_s=(4.0, 10.0), rows=61, turns=1.0, angle_error_end_rad=off)
+    part = judged(estimates(), 0.0100, score=score)
+    assert part.outcome == outcome
+    assert ("the truth contradicts the angle: at the end it is off by 21\u00a0mrad" in part.reason) == (off == 0.021)
 
 
 @pytest.mark.parametrize("u", [0.101, 3.0])

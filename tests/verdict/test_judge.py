@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hil import verdict
+from hil import examples, verdict
 from hil.records.result import Angle, Answers, Part, Result
 from hil.records.runfolder import RunFolder
 from hil.verdict import Judgement
@@ -118,3 +118,44 @@ def test_why_it_ended_is_said_once_and_after_what_concerns_safety(judged: Any, p
     other = judged(stopped="stopped on request", **said).reasons
     first = (BAD[part].reason, "stopped on request") if part == "safety" else ("stopped on request", BAD[part].reason)
     assert other == (*first, "± 310 mrad")
+
+
+@pytest.fixture
+def again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """`again(result, angle)`: the result judged once more, its angle then as given."""
+    (tmp_path / "bench.toml").write_text(examples.find("bench", "s-slow").read_text(encoding="utf-8"), encoding="utf-8")
+
+    def judge(result: Result, angle: Part) -> Result:
+        monkeypatch.setattr(verdict, "judge_angle", lambda *_: angle)
+        return verdict.judge_again(RunFolder(tmp_path), result)
+
+    return judge
+
+
+def result_of(verdict_word: Any, reasons: tuple[str, ...] = (), **parts: Part) -> Result:
+    given: Any = {"verdict": verdict_word, "reasons": reasons, "parts": GOOD | parts}
+    return Result(run="r", seconds=1.0, samples=9, complete=True, **given)
+
+
+def test_a_truth_that_contradicts_the_angle_fails_a_good_run_and_the_right_one_clears_it(again: Any) -> None:
+    failed = again(result_of("good"), BAD["angle"])
+    assert (failed.verdict, failed.reasons, failed.parts["angle"]) == ("failed", ("± 310 mrad",), BAD["angle"])
+    cleared = again(failed, GOOD["angle"])
+    assert (cleared.verdict, cleared.reasons, cleared.parts) == ("good", (), GOOD)
+    assert cleared.next.startswith("hil export ")
+
+
+def test_judged_once_more_the_other_parts_stay_what_they_are(again: Any) -> None:
+    machine = BAD["machine"]
+    found = again(result_of("failed", (machine.reason,), machine=machine), BAD["angle"])
+    assert found.reasons == (machine.reason, found.parts["angle"].reason)
+    assert found.parts["angle"].reason.startswith("± 310 mrad; answers were missing")
+    assert again(found, BAD["angle"]).reasons == found.reasons
+    unsafe = again(result_of("unsafe", (UNSAFE.reason,), safety=UNSAFE), BAD["angle"])
+    assert (unsafe.verdict, unsafe.reasons[0]) == ("unsafe", UNSAFE.reason)
+    assert again(result_of("interrupted", ("stopped",)), GOOD["angle"]).verdict == "interrupted"
+
+
+def test_a_run_that_was_not_judged_is_not_judged_again(again: Any) -> None:
+    bare = Result(run="r", seconds=1.0, samples=9, complete=True)
+    assert again(bare, BAD["angle"]) == bare
