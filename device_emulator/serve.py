@@ -123,8 +123,6 @@ class Server:
             self._pass_time()
             self._say(self._source.exchange(link.receive(0.0)))
             if (board.streaming, board.registers.lockstep) != before:
-                if self._origin is not None and board.streaming:
-                    self._catch_up()
                 return True
             if left <= 0.0:
                 return False
