@@ -737,6 +737,27 @@ class Rules:
         heard = hear(host, lambda heard: bool(rows_of(heard)))
         assert rows_of(heard)[0][0] == stood + 1
 
+    @pytest.mark.parametrize("nap_s", [0.0, 0.013, 0.017, QUIET_S])
+    def test_on_wall_time_the_first_row_is_the_tick_after_that_of_armed(self, host, nap_s):
+        """Ticks go on in every state; so STATUS in answer to ARM tells how many passed in SAFE."""
+        if Capabilities.PACED not in Capabilities(client.connect(host, PATIENCE_S).capabilities):
+            pytest.skip("this board has lockstep only")
+        client.write_register(host, "CLOCK_MODE", ClockMode.PACED, PATIENCE_S)
+        try:
+            for _ in range(2):  # before the first ARM no tick passes
+                client.arm(host, PATIENCE_S)
+                hear(host, lambda heard: bool(rows_of(heard)))
+                stopped = client.make_safe(host, SafeReason.LINK_LOST, PATIENCE_S)
+                time.sleep(nap_s)
+                host.poll(0.0)
+                armed = client.arm(host, PATIENCE_S)
+                first = rows_of(hear(host, lambda heard: bool(rows_of(heard))))[0]
+                assert armed.tick > stopped.tick or nap_s < QUIET_S
+                assert first[:3] == (armed.tick + 1, 0, 0)
+                client.make_safe(host, SafeReason.LINK_LOST, PATIENCE_S)
+        finally:
+            client.write_register(host, "CLOCK_MODE", ClockMode.LOCKSTEP, PATIENCE_S)
+
     def test_codes_lie_within_their_converters(self, host):
         """Sense codes are signed and have the range that the bits say; drive codes ± the highest."""
         identity, _ = self.lockstep(host)
