@@ -109,3 +109,20 @@ def test_a_long_gap_keeps_the_constants_and_finds_the_motion_anew(record: Record
     again = observer.run(record.sense[:300], np.zeros((300, 2)))  # the first 400 samples were without control
     error = again.state[-1, :4] - record.motion[299]
     assert np.max(np.abs(error) / again.deviation[-1, :4]) < 5.0
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize("effects", [{}, {"cubic_stiffness": {}}])
+@pytest.mark.parametrize("own_step", [True, False])
+def test_codes_are_volts_of_their_own_channel(
+    record: Record, effects: dict[str, dict[str, float]], own_step: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two channels of unlike gain: the codes of a tick tell what their volts do in a block."""
+    monkeypatch.setattr("estimator.kernel.steps.wanted", lambda: own_step)
+    device = TRUTH.device(sense_gain=(TRUTH.sense_gain, 0.6 * TRUTH.sense_gain))
+    ticked, run = (Observer(device, replace(SETTINGS, effects=effects), TRUTH.controller()) for _ in range(2))
+    sense, drive = record.sense[:50], record.drive[:50]
+    for volts, force in zip(sense / TRUTH.sense_quantum, drive / TRUTH.force_quantum, strict=True):
+        ticked.tick(*volts, *force)
+    found = run.run(sense, drive)
+    np.testing.assert_allclose(ticked.state, found.state[-1], rtol=1e-9)
