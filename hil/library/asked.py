@@ -8,7 +8,7 @@ from hil.bench import Bench, load_bench, override
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.library.places import bench_file, path_of, require
-from hil.records.kind import owner_of
+from hil.records.kind import require_nobodys
 
 
 class Asked(NamedTuple):
@@ -55,11 +55,11 @@ def asked(
     file = None if truth is None else path_of("truth", truth)
     if file is not None and not is_emulated(url):
         raise InputError(f"--truth: {url} is not started here; give it to its hil emulate")
-    if file is not None and (owner := owner_of(file)) and file.exists():
-        raise InputError(f"--truth: {file}: is {owner}, and is not written over; give another name")
-    if file is not None and file.exists() and not (replace and file.is_file()):
-        remedy = "remove it" if replace is None else "--replace"
-        raise InputError(f"--truth: {file}: exists already; give another name, or {remedy}")
+    if file is not None:
+        require_nobodys(file, "--truth: ")
+        if file.exists() and not (replace and file.is_file()):
+            remedy = "remove it" if replace is None else "--replace"
+            raise InputError(f"--truth: {file}: exists already; give another name, or {remedy}")
     return Asked(declared, url, file)
 
 

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from hil.errors import InputError
+
 TRACE, CAMPAIGN = "a trace", "a campaign"
 _MARKS = {
     "diagnosis.json": TRACE,
@@ -19,8 +21,10 @@ def kind_of(folder: Path) -> str:
     return next((kind for mark, kind in _MARKS.items() if (folder / mark).exists()), "")
 
 
-def owner_of(file: Path) -> str:
-    """What an existing file is part of, in words, where a folder of this bench cannot do without it; else ""."""
-    file = file.resolve()
-    kind = kind_of(file.parent) if file.name in _OWN else ""
-    return kind and f"part of {kind}, {file.parent.name}"
+def require_nobodys(file: Path, place: str = "") -> None:
+    """InputError for an existing file that a folder of this bench cannot do without; `place` in front of its name."""
+    file_here = file.resolve()
+    kind = kind_of(file_here.parent) if file_here.name in _OWN else ""
+    if kind and file.exists():
+        owner = f"part of {kind}, {file_here.parent.name}"
+        raise InputError(f"{place}{file}: is {owner}, and is not written over; give another name")

@@ -32,21 +32,21 @@ def open_link(url: str) -> Link:
             the remedy.
     """
     scheme, _, rest = url.partition(":")
-    require_known(url)
+    brought = require_known(url)
     if scheme == "pty":
         raise LinkError(f"link {url!r}: starts a board of its own, and none was started; give the link that it serves")
-    opener = _OPENERS.get(scheme)
-    return opener(rest) if opener is not None else _loaded(_installed()[scheme])(rest)
+    return (_OPENERS[scheme] if brought is None else _loaded(brought))(rest)
 
 
-def require_known(url: str) -> None:
-    """LinkError for a link of an unknown kind; nothing is opened."""
+def require_known(url: str) -> "EntryPoint | None":
+    """LinkError for a link of an unknown kind; nothing is opened. What brings a kind that another package does."""
     scheme, _, rest = url.partition(":")
     if rest and scheme in (*_OPENERS, "pty"):
-        return
+        return None
     installed = _installed()
     if not rest or scheme not in installed:
         raise _unknown(url, [f"{name}:…" for name in (*_OPENERS, "pty", *sorted(installed))])
+    return installed[scheme]
 
 
 def _installed() -> dict[str, "EntryPoint"]:
