@@ -164,6 +164,7 @@ _FOLLOWED = (
     "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
     " scan_pieces::test_both_kernels_follow_alike_through_uneven_steps_and_warmth"
 )
+_GENERAL = "observer::test_the_general_kernel_does_what_one_of_its_own_does"
 _KERNEL = {
     "angle": "control_pieces",
     "angle_error": "control_pieces filter_pieces blocks::test_estimates_are_the_oracles",
@@ -180,10 +181,11 @@ _KERNEL = {
             "test_warmth_reaches_the_effects_that_move_with_it",
             "test_from_its_reference_on_an_angle_is_counted_from_a_value_that_is_exact",
         )
-    ),
-    "controller": "control_pieces filter_pieces",
+    )
+    + " observer::test_queue_tells_what_the_board_will_have_applied",
+    "controller": f"control_pieces filter_pieces {_GENERAL}",
     "experiment": "scan_pieces::test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for",
-    "flow": "flow_pieces hysteresis::test_a_way_slides_it_as_its_equation_says_and_back"
+    "flow": f"flow_pieces {_GENERAL} hysteresis::test_a_way_slides_it_as_its_equation_says_and_back"
     " hysteresis::test_against_the_motion_a_slip_moves_as_the_mass_does"
     " hysteresis::test_along_the_motion_a_slip_is_that_of_its_equation"
     " play::test_the_force_along_a_cycle_encloses_the_closed_form_and_that_of_the_foot_alone_would_drive"
@@ -195,7 +197,7 @@ _KERNEL = {
     "foresight": "foresight",
     "gain_matrix": "gain_matrix::test_the_loop_has_the_frequencies_that_were_asked_for"
     " gain_matrix::test_holds_are_in_it_and_no_faster_than_the_host gain_matrix::test_offsets_cause_no_force",
-    "generated.step": f"{_ORACLES} blocks::test_a_tick_is_a_block_of_one_sample"
+    "generated.step": f"{_ORACLES} observer::test_codes_are_volts_of_their_own_channel blocks::test_a_tick_is_a_block_of_one_sample"
     " scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
     "gram": "filter_pieces",
     "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles"

@@ -83,7 +83,10 @@ def test_single_axis_has_no_angle() -> None:
             assert not np.any(getattr(found, field.name))
 
 
-def test_queue_tells_what_the_board_will_have_applied() -> None:
+@pytest.mark.moderate
+@pytest.mark.parametrize("own_step", [True, False])
+def test_queue_tells_what_the_board_will_have_applied(own_step: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("estimator.kernel.steps.wanted", lambda: own_step)
     truth = replace(TRUTH, latency=3)
     observer = observer_of(truth, SETTINGS, dither=0.3)
     sent = [observer.tick(100.0 * i, -50.0 * i, 0.0, 0.0) for i in range(8)]
@@ -126,3 +129,33 @@ def test_codes_are_volts_of_their_own_channel(
         ticked.tick(*volts, *force)
     found = run.run(sense, drive)
     np.testing.assert_allclose(ticked.state, found.state[-1], rtol=1e-9)
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"base_vibration": {"omega": 300.0, "bcx": 0.4, "bsy": -0.3}},
+        {"cubic_stiffness": {"k3x": 1e13}, "drag": {}},
+    ],
+)
+def test_the_general_kernel_does_what_one_of_its_own_does(
+    record: Record, effects: dict[str, dict[str, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """States, what is said of them, and the forces asked for against a line whose phase goes on until they act."""
+    told = []
+    for own_step in (True, False):
+        monkeypatch.setattr("estimator.kernel.steps.wanted", lambda own=own_step: own)
+        observer = Observer(TRUTH.device(), replace(SETTINGS, effects=effects), TRUTH.controller())
+        codes = [
+            observer.tick(*volts, *force)
+            for volts, force in zip(
+                record.sense[:600] / TRUTH.sense_quantum, record.drive[:600] / TRUTH.force_quantum, strict=True
+            )
+        ]
+        told.append((np.array(codes, float), *map(np.array, observer.reading())))
+    (codes, state, deviation), (expected_codes, expected_state, expected_deviation) = told
+    assert len(np.unique(codes[:, 0])) > 100
+    np.testing.assert_allclose(codes, expected_codes, rtol=0.0, atol=1.0)  # rounded to codes
+    np.testing.assert_allclose(state, expected_state, rtol=1e-6, atol=1e-12 * np.abs(state).max())
+    np.testing.assert_allclose(deviation, expected_deviation, rtol=1e-6)

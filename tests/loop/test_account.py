@@ -199,3 +199,11 @@ def test_an_intact_frame_that_contradicts_itself_is_not_damage_and_covers_no_sil
     assert kept.of_watchdog(STOPPED) == kept.of_silence(STOPPED) == ""
     kept.begin(ARMED)
     assert kept.refused == 0
+
+
+def test_lost_and_damaged_frames_are_added_up(ends: tuple[Endpoint, Far]) -> None:
+    host, far = ends
+    kept = account(host)
+    lose(host, far, 2)
+    damage(host, far)
+    assert kept.of_silence(STOPPED).startswith("3 frames to the host and 0 to the board")

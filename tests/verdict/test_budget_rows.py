@@ -12,6 +12,7 @@ import pytest
 
 from estimator.completeness.information import Coefficient, Information
 from hil.bench import Bench
+from hil.numbers import quantity
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution
 from hil.verdict.budget import Budget, budget, remedy
@@ -210,3 +211,11 @@ def test_each_row_has_a_remedy_of_its_own() -> None:
         if source not in ("drive gain", "sense gain ratio", "clock"):
             told = remedy(row(source, "s" if "delay" in source else "1"), declared)
             assert told.endswith(f"[device.calibration] {key}")
+
+
+def test_a_row_says_how_it_comes_about_in_figures() -> None:
+    """The damping of both axes, in two figures."""
+    quarter = math.hypot(DXX, DYY) / 4.0
+    told = made({"drive_misalignment_u": 1e-3})["drive misalignment"].sensitivity
+    assert f"a quarter of the damping, {quantity(quarter, 'rad/s', 2)} of both" in told
+    assert quantity(quarter, "rad/s", 2) != quantity(quarter, "rad/s", 4)

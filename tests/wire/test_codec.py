@@ -141,6 +141,7 @@ def test_sense_goes_through_the_same_door():
         ("[messages.ARM]", "[messages.LEG]", r"messages differ from spec.toml: \['ARM', 'LEG'\]"),
         ('name = "of_seq"', 'name = "of_sequence"', "Nack has fields .*; spec.toml gives NACK .*of_sequence"),
         ("WATCHDOG = 4", "WATCHDOG = 7", r"enumerations differ from spec.toml: \['SafeReason'\]"),
+        ("[enums.LoopMode]", "[enums.LoopKind]", r"enumerations differ from spec.toml: \['LoopKind', 'LoopMode'\]"),
     ],
 )
 def test_names_and_spec_cannot_drift_apart(old, new, words):
