@@ -197,7 +197,8 @@ _KERNEL = {
     "foresight": "foresight",
     "gain_matrix": "gain_matrix::test_the_loop_has_the_frequencies_that_were_asked_for"
     " gain_matrix::test_holds_are_in_it_and_no_faster_than_the_host gain_matrix::test_offsets_cause_no_force",
-    "generated.step": f"{_ORACLES} observer::test_codes_are_volts_of_their_own_channel blocks::test_a_tick_is_a_block_of_one_sample"
+    "generated.step": f"{_ORACLES} observer::test_codes_are_volts_of_their_own_channel"
+    " blocks::test_a_tick_is_a_block_of_one_sample"
     " scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
     "gram": "filter_pieces",
     "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles"
