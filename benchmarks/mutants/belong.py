@@ -164,7 +164,7 @@ _FOLLOWED = (
     "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
     " scan_pieces::test_both_kernels_follow_alike_through_uneven_steps_and_warmth"
 )
-_GENERAL = "observer::test_the_general_kernel_does_what_one_of_its_own_does"
+_LINE = "observer::test_a_line_is_compensated_in_the_middle_of_the_interval_its_force_acts_on"
 _KERNEL = {
     "angle": "control_pieces",
     "angle_error": "control_pieces filter_pieces blocks::test_estimates_are_the_oracles",
@@ -183,9 +183,10 @@ _KERNEL = {
         )
     )
     + " observer::test_queue_tells_what_the_board_will_have_applied",
-    "controller": f"control_pieces filter_pieces {_GENERAL}",
+    "controller": f"control_pieces filter_pieces {_LINE}",
     "experiment": "scan_pieces::test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for",
-    "flow": f"flow_pieces {_GENERAL} hysteresis::test_a_way_slides_it_as_its_equation_says_and_back"
+    "flow": "flow_pieces blocks::test_warmth_reaches_the_effects_that_move_with_it"
+    " hysteresis::test_a_way_slides_it_as_its_equation_says_and_back"
     " hysteresis::test_against_the_motion_a_slip_moves_as_the_mass_does"
     " hysteresis::test_along_the_motion_a_slip_is_that_of_its_equation"
     " play::test_the_force_along_a_cycle_encloses_the_closed_form_and_that_of_the_foot_alone_would_drive"
@@ -212,7 +213,7 @@ _KERNEL = {
     " scan_pieces::test_what_followed_effects_show_is_taken_off_with_its_sign"
     " scan_pieces::test_a_turn_is_the_gradient_along_what_is_followed"
     " scan_pieces::test_a_pattern_that_is_none_has_no_gradient"
-    " scan_pieces::test_recalling_pulls_along_what_is_followed angle_sensitivity",
+    " scan_pieces::test_recalling_pulls_along_what_is_followed",
     "scan_plain": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less",
     "sensing": "sensing::test_a_channel_shows_the_equation_at_any_one_state"
     " sensing::test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_differences",
@@ -229,7 +230,8 @@ _KERNEL = {
     ),
     "simulation": "signal_pieces::test_a_free_run_keeps_the_time_of_forces_and_of_what_is_sensed"
     " simulation::test_a_driven_single_axis_with_effects_runs_as_an_independent_integrator_says"
-    " simulation::test_derivatives_are_those_of_differences",
+    " simulation::test_derivatives_are_those_of_differences"
+    " simulation::test_a_channel_of_velocity_or_acceleration_shows_that",
     "stationary": "control_pieces::test_the_ideal_orbit_is_held_by_the_holding_force"
     " control_pieces::test_gains_are_gathered_at_the_nearest_angle_and_phase"
     " blocks::test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit",

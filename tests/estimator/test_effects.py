@@ -568,7 +568,7 @@ def test_a_high_pass_is_the_filter_behind_the_mass(axes: int, corners: tuple[flo
 
 
 @pytest.mark.moderate
-@pytest.mark.parametrize("leaks", [(0.01, 0.3), (12.0, 5.0)])
+@pytest.mark.parametrize("leaks", [(0.01, 0.3), (12.0, 5.0), (1e-5, 1e-3)])
 def test_a_drive_integrated_with_a_leak_is_that_of_an_integrator(leaks: tuple[float, float]) -> None:
     """Each axis' drive with the leak of each sense path, of a drive that varies within the interval."""
     scale = Observer(device(), ObserverSettings()).scaling.omega0

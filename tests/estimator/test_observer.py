@@ -132,30 +132,13 @@ def test_codes_are_volts_of_their_own_channel(
 
 
 @pytest.mark.moderate
-@pytest.mark.parametrize(
-    "effects",
-    [
-        {"base_vibration": {"omega": 300.0, "bcx": 0.4, "bsy": -0.3}},
-        {"cubic_stiffness": {"k3x": 1e13}, "drag": {}},
-    ],
-)
-def test_the_general_kernel_does_what_one_of_its_own_does(
-    record: Record, effects: dict[str, dict[str, float]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """States, what is said of them, and the forces asked for against a line whose phase goes on until they act."""
-    told = []
-    for own_step in (True, False):
-        monkeypatch.setattr("estimator.kernel.steps.wanted", lambda own=own_step: own)
-        observer = Observer(TRUTH.device(), replace(SETTINGS, effects=effects), TRUTH.controller())
-        codes = [
-            observer.tick(*volts, *force)
-            for volts, force in zip(
-                record.sense[:600] / TRUTH.sense_quantum, record.drive[:600] / TRUTH.force_quantum, strict=True
-            )
-        ]
-        told.append((np.array(codes, float), *map(np.array, observer.reading())))
-    (codes, state, deviation), (expected_codes, expected_state, expected_deviation) = told
-    assert len(np.unique(codes[:, 0])) > 100
-    np.testing.assert_allclose(codes, expected_codes, rtol=0.0, atol=1.0)  # rounded to codes
-    np.testing.assert_allclose(state, expected_state, rtol=1e-6, atol=1e-12 * np.abs(state).max())
-    np.testing.assert_allclose(deviation, expected_deviation, rtol=1e-6)
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_a_line_is_compensated_in_the_middle_of_the_interval_its_force_acts_on(latency: int) -> None:
+    omega, (cx, sx, cy, sy) = 900.0, (0.4, -0.2, -0.3, 0.25)
+    asked = []
+    for effects in ({}, {"base_vibration": {"omega": omega, "bcx": cx, "bsx": sx, "bcy": cy, "bsy": sy}}):
+        observer = Observer(TRUTH.device(), replace(SETTINGS, effects=effects), TRUTH.controller(latency=latency))
+        asked.append(np.array(observer.tick(100.0, 50.0, 0.0, 0.0)) * TRUTH.force_quantum)
+    phase = omega * (1.0 + latency + 0.5) / TRUTH.sample_rate  # the first sample is one interval on
+    line = np.array([cx, cy]) * np.cos(phase) + np.array([sx, sy]) * np.sin(phase)
+    np.testing.assert_allclose(asked[1] - asked[0], -line, atol=6e-3)  # half an interval more or less is 0.03

@@ -3,6 +3,7 @@ the loop that an experiment is made of, beside SciPy and an observer of its own.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,10 +65,9 @@ def record() -> tuple[Array, Array]:
     return sense, drive
 
 
-def made(settings: ObserverSettings, watched: int = 0, open_loop: bool = False) -> Observer:
-    return Observer(
-        TRUTH.device(), replace(settings, open_loop=open_loop), TRUTH.controller(), watched=watched
-    )  # fmt: skip
+def made(settings: ObserverSettings, watched: int = 0, open_loop: bool = False, angular_gain: float = 1.0) -> Observer:
+    device = TRUTH.device(angular_gain=angular_gain)
+    return Observer(device, replace(settings, open_loop=open_loop), TRUTH.controller(), watched=watched)
 
 
 def scanned(
@@ -81,8 +81,9 @@ def scanned(
     instants: int = N,
     step: Array | None = None,
     warmth: Array | None = None,
+    angular_gain: float = 1.0,
 ) -> tuple[Observer, np.ndarray, Signatures]:
-    one = made(replace(settings, effects=watched), len(watched), open_loop)
+    one = made(replace(settings, effects=watched), len(watched), open_loop, angular_gain)
     if settings.gain is Gain.EKF and quick:
         one.carry_both()
     count = len(one.names) - 13
@@ -383,7 +384,8 @@ def test_both_kernels_follow_alike_through_uneven_steps_and_warmth(record: tuple
     random = np.random.default_rng(9)
     step, warmth = random.uniform(0.8, 1.2, N) / TRUTH.sample_rate, 20.0 + random.uniform(0.0, 5.0, N)
     settings = replace(SETTINGS, gain=Gain.FADING)
-    ways = [scanned(settings, watched, record, quick=quick, step=step, warmth=warmth) for quick in (False, True)]
+    given: dict[str, Any] = {"step": step, "warmth": warmth, "angular_gain": 0.8}
+    ways = [scanned(settings, watched, record, quick=quick, **given) for quick in (False, True)]
     (general, rows, one), (plain, others, other) = ways
     size = np.linalg.norm(one.equations, axis=0)
     assert np.all(size > 1e-3)

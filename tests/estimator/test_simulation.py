@@ -1,5 +1,7 @@
 """Free runs beside an independent integrator, their derivatives beside differences, and fits beside the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -8,7 +10,7 @@ from estimator.errors import ModelError
 from estimator.hold import drive_polynomials
 from estimator.observer import Observer
 from estimator.refinement import refine
-from estimator.settings import Device, ObserverSettings, Spread
+from estimator.settings import Device, ObserverSettings, Sensed, Spread
 from estimator.simulation import simulate
 
 RATE = 600.0
@@ -67,6 +69,24 @@ def test_a_driven_single_axis_with_effects_runs_as_an_independent_integrator_say
     expected = 2.0 * integrated(field, (0.02, -3.0), steps)[:, 0] + 0.01
     sensed = simulate(observer, state, polynomials, step=steps).sensed[:, 0]
     assert np.max(np.abs(sensed - expected)) < 3e-6 * np.max(np.abs(expected))
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize(("sensed", "order"), [(Sensed.VELOCITY, 1), (Sensed.ACCELERATION, 2)])
+def test_a_channel_of_velocity_or_acceleration_shows_that(sensed, order):
+    observer = Observer(replace(SINGLE, sensed=(sensed,)), ObserverSettings())
+    state = with_values(observer, x=0.02, vx=-3.0, phi_x=0.01)
+    drive = noise_drive(60, 1, 1e4)
+
+    def field(m, t, s):
+        return [s[1], drive[m, 0] - 40.0 * s[1] - 1.9e5 * s[0]]
+
+    steps = np.full(60, 1.0 / RATE)
+    moved = integrated(field, (0.02, -3.0), steps)
+    shown = np.column_stack([moved, [field(m, 0.0, s)[1] for m, s in enumerate(moved)]])[:, order]
+    shown *= SINGLE.stiffness[0] ** (-0.5 * order)  # the gain is that of a vibration at the resonance
+    found = simulate(observer, state, drive).sensed[:, 0]
+    assert np.max(np.abs(found - 2.0 * shown - 0.01)) < 1e-5 * np.max(np.abs(shown))
 
 
 def test_a_rotating_two_axis_gyro_runs_as_an_independent_integrator_says():

@@ -201,9 +201,13 @@ def test_an_intact_frame_that_contradicts_itself_is_not_damage_and_covers_no_sil
     assert kept.refused == 0
 
 
-def test_lost_and_damaged_frames_are_added_up(ends: tuple[Endpoint, Far]) -> None:
+@pytest.mark.parametrize("frames", [1, 2])
+def test_lost_and_damaged_frames_are_added_up(ends: tuple[Endpoint, Far], frames: int) -> None:
     host, far = ends
     kept = account(host)
-    lose(host, far, 2)
+    lose(host, far, frames)
     damage(host, far)
-    assert kept.of_silence(STOPPED).startswith("3 frames to the host and 0 to the board")
+    words = f"{frames + 1} frames to the host and {{}} to the board"
+    assert kept.of_silence(STOPPED).startswith(words.format(0))
+    missed = STOPPED._replace(lost_seq=ARMED.lost_seq + frames + 1)
+    assert kept.of_silence(missed).startswith(words.format(frames + 1))
