@@ -185,6 +185,21 @@ def test_what_nobody_declared_is_a_row_too() -> None:
     assert "undeclared effects" not in without
 
 
+def test_a_constant_of_which_the_scan_watched_one_axis_only_has_its_closed_form() -> None:
+    watched = information()
+    coefficients = (
+        watched.coefficients[0],
+        *(Coefficient("drive_misalignment", name, "1", 0.05) for name in ("mx", "my")),
+    )
+    half = Information(coefficients, np.zeros((3, 3)), np.zeros(3), np.array([0.0, 1.0]), watched.sensitivity)
+    declared = bench({"drive_gain_u": 0.01, "drive_misalignment_u": 0.01})
+    found, closed = (
+        {row.source: row for row in budget(estimates(), declared, given).uncertainty} for given in (half, None)
+    )
+    assert found["drive gain"] == closed["drive gain"]
+    assert "the record leaves" in found["drive misalignment"].sensitivity
+
+
 # ---------------------------------------------------------------------------------------------- the remedy (how-to.md)
 
 
