@@ -608,8 +608,7 @@ class Observer:
                 self.x, self._p, self._c, self._memory,
                 float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
             )  # fmt: skip
-        if self._carried_angle is not None:
-            self._follow(self._rows)
+        self._follow(self._rows)
         return int(self._codes[0]), int(self._codes[1])
 
     def expected_drive(self) -> tuple[float, float]:
@@ -670,9 +669,8 @@ class Observer:
         return _PORTION if self._carried_angle is None else math.ceil(2.0 * math.pi / self.h)
 
     def _follow(self, rows: NDArray[np.void]) -> None:
-        """The newest output rows had an angle that is carried on."""
-        assert self._carried_angle is not None
-        if len(rows) and self._carried_angle.follow(self._memory, rows, self._actual):
+        """See to the newest output rows where the angle is carried on."""
+        if self._carried_angle is not None and self._carried_angle.follow(self._memory, rows, self._actual):
             self._carried_angle = None
 
     def reading(self) -> tuple[list[float], list[float]]:
@@ -756,8 +754,7 @@ class Observer:
                     z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of],
                     rows[rows_of], states[states_of], deviations[states_of], stride,
                 )  # fmt: skip
-            if self._carried_angle is not None:
-                self._follow(rows[rows_of])
+            self._follow(rows[rows_of])
         self._record["order"] = order
         return Estimates(
             names=self.names,

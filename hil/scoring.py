@@ -44,9 +44,9 @@ def score(run: Path, truth_file: Path) -> Result:
     Scored are the instants that estimates and truth share, from the bench file's `[loop] settle_s` on.
     Filled in are `angle_error_rms_rad`, `rate_error_rms_rad_s`, the truth of each parameter, and `score`; the verdict's
     part on the angle is judged once more, now that its error is known. A run that was killed before it wrote
-    result.json gets one. Raises InputError when the truth is that of another run or
-    ends before this one does, or the two have nothing to compare. Of a run that was interrupted, as its board may have
-    been, the truth may end early: a remark says so.
+    result.json gets one. Raises InputError when the truth is that of another run or ends before this one does, or the
+    two have nothing to compare. Of a run that was interrupted, as its board may have been, the truth may end early: a
+    remark says so.
     """
     folder = RunFolder.open(run)
     truth = truth_in(truth_file)
@@ -71,7 +71,7 @@ def score(run: Path, truth_file: Path) -> Result:
     covariance = folder.covariance
     honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.settle_s)
     figures = found.figures().model_copy(update={"nees": honesty})
-    if truth.ends[1] < folder.estimates.ends[1]:
+    if not _reaches(truth, folder.estimates):
         figures = figures.model_copy(update={"angle_error_end_rad": None})
     mass_kg = reporting_mass_kg(folder)
     effects = folder.bench.get("effects", {}).keys()
@@ -133,7 +133,7 @@ def require_reach(truth: Truth, place: Path, record: Table, *, partly: bool = Fa
     """
     cut = "" if truth.complete else f", {_CUT}"
     ends, last = truth.ends[1], record.ends[1]
-    if last - ends < truth.spacing:
+    if _reaches(truth, record):
         return [f"{place}: {_CUT}; it covers the whole run"] if cut else []
     told = (
         f"{place}: ends at {ends / record.tick_rate_Hz:.4g} s{cut}, and the run at {last / record.tick_rate_Hz:.4g} s"
@@ -141,6 +141,11 @@ def require_reach(truth: Truth, place: Path, record: Table, *, partly: bool = Fa
     if not partly:
         raise InputError(f"{told}; give the whole truth of this run")
     return [f"{told}; scored is what it covers"]
+
+
+def _reaches(truth: Truth, record: Table) -> bool:
+    """Whether the truth goes to the end of the record, but for less than it leaves out between two rows."""
+    return bool(record.ends[1] - truth.ends[1] < truth.spacing)
 
 
 def scored_window(estimates: Estimates, truth: Truth, settle_s: float) -> Window:

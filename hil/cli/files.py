@@ -44,13 +44,13 @@ def fresh(target: Path, *, replace: bool = False, source: Path | None = None) ->
 
     Never overwritten is what a run or a trace is made of, nor `source`, from which the file is made.
     """
-    from hil.records.kind import require_nobodys
+    from hil.records.kind import require_unowned
 
     if not target.exists():
         return target
     if source is not None and source.exists() and target.samefile(source):
         raise InputError(f"{target}: is what is read; give another name")
-    require_nobodys(target)
+    require_unowned(target)
     if not (replace and target.is_file()):
         remedy = "give another name" if target.is_dir() else "give another name, or --replace"
         raise InputError(f"{target}: exists already; {remedy}")

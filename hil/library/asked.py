@@ -8,7 +8,7 @@ from hil.bench import Bench, load_bench, override
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.library.places import bench_file, path_of, require
-from hil.records.kind import require_nobodys
+from hil.records.kind import require_unowned
 
 
 class Asked(NamedTuple):
@@ -56,7 +56,7 @@ def asked(
     if file is not None and not is_emulated(url):
         raise InputError(f"--truth: {url} is not started here; give it to its hil emulate")
     if file is not None:
-        require_nobodys(file, "--truth: ")
+        require_unowned(file, "--truth: ")
         if file.exists() and not (replace and file.is_file()):
             remedy = "remove it" if replace is None else "--replace"
             raise InputError(f"--truth: {file}: exists already; give another name, or {remedy}")

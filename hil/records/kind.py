@@ -21,7 +21,7 @@ def kind_of(folder: Path) -> str:
     return next((kind for mark, kind in _MARKS.items() if (folder / mark).exists()), "")
 
 
-def require_nobodys(file: Path, place: str = "") -> None:
+def require_unowned(file: Path, place: str = "") -> None:
     """InputError for an existing file that a folder of this bench cannot do without; `place` in front of its name."""
     file_here = file.resolve()
     kind = kind_of(file_here.parent) if file_here.name in _OWN else ""

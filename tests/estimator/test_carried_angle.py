@@ -29,7 +29,7 @@ def record() -> Record:
     return close_loop(observer_of(TRUTH, SETTINGS, dither=DITHER), TRUTH, SAMPLES, rate)
 
 
-def through_a_gap(record: Record, begin: int, length: int, *, tick: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def through_a_gap(record: Record, begin: int, length: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of the angle (n,) since the sample before a gap, from behind it on, and its deviation by the observer.
 
     Over the gap no sample is seen, and a drive is taken for the one that acted which has nothing to do with it.

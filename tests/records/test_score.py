@@ -216,7 +216,9 @@ def test_a_truth_of_every_tenth_sample_is_enough(make_run, tmp_path):
     folder, truth_file = make_run()
     table = table_in(truth_file)
     sparse = written(tmp_path / "sparse.arrow", table.take(list(range(0, table.num_rows, 25))))
-    assert score(folder, sparse).score.rows == 120  # every 25th and every 10th sample meet every 50
+    figures = score(folder, sparse).score
+    assert figures.rows == 120  # every 25th and every 10th sample meet every 50
+    assert figures.angle_error_end_rad is not None
 
 
 @pytest.mark.moderate
