@@ -428,7 +428,7 @@ class Observer:
     @property
     def coefficient_deviations(self) -> Array:
         """Standard deviations (k,) of the effects' coefficients as they are now, scaled."""
-        return np.asarray(np.sqrt(np.diagonal(self._p)[self._first_coefficient :]))
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self._p)[self._first_coefficient :], 0.0)))
 
     @property
     def _first_coefficient(self) -> int:
@@ -756,13 +756,15 @@ class Observer:
                 )  # fmt: skip
             self._follow(rows[rows_of])
         self._record["order"] = order
+        with np.errstate(invalid="ignore"):  # below zero, no variance of anything: the filter has diverged
+            innovation_deviation = np.sqrt(rows["s"][:, :axes]) * np.abs(self.volts)
         return Estimates(
             names=self.names,
             index=np.arange(every - 1, n, every),
             state=states * self.factors,
             deviation=deviations * np.abs(self.factors),
             innovation=rows["nu"][:, :axes] * self.volts,
-            innovation_deviation=np.sqrt(rows["s"][:, :axes]) * np.abs(self.volts),
+            innovation_deviation=innovation_deviation,
             angle=rows["angle"],
             angle_deviation=np.sqrt(np.maximum(rows["angle_variance"], 0.0)),
             angle_forced=rows["angle_forced"],

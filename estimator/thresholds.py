@@ -165,6 +165,8 @@ class Choice:
     borne_out: float = _set(
         0.25, "of its share of the gain", "Flicker and missing codes lose there; a cause that is not linear gains less."
     )
+    ways: int = _set(2, "other ways", "Each costs as much as the choice itself, behind its first round.")
+    as_near: float = _set(0.9, "of the first gain", "Who stands in for one of two at once gains about as much.")
     rivals: int = _set(30, "candidates", "Among so many one that later ones may have made superfluous was chosen.")
     shadowed: float = _set(0.9, "likeness to what was taken", "From there on nothing is said to be left for it.")
 
@@ -219,6 +221,7 @@ class Promises:
     constant: float = _set(
         0.05, "of a coefficient", "A spring of r⁴ that is taken for one of r² differs by 0.06 where r moves by a fifth."
     )
+    laws: int = _set(2, "laws of one characteristic", "A third is a term of a series, which matches any curve.")
     never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
     outweighed: float = _set(
         0.5, "of a gain", "A law that stands in for another, with the other sign, gains about as much as that one."

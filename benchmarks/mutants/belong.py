@@ -97,6 +97,7 @@ _TRACE = {
     "screening": "screening",
     "searched": "same_number certainty",
     "selection": "selection",
+    "ways": "ways",
     "separation": "separation",
     "sidebands": "sidebands",
     "start": "start fitting closed_forms",

@@ -44,7 +44,7 @@ class Score:
 @dataclass(frozen=True)
 class Estimate:
     """A coefficient with its 95 % interval, SI; positive: whether it is declared to be; shape: whether it says how the
-    effect is and not how large.
+    effect is and not how large; gain: whether it is relative to a declared gain, which has the other sign below −1.
     """
 
     value: float
@@ -52,6 +52,13 @@ class Estimate:
     high: float
     positive: bool = False
     shape: bool = False
+    gain: bool = False
+
+    @property
+    def is_polarity(self) -> bool:
+        """Whether a relative gain is of the other sign beyond doubt, and of about the size that is declared."""
+        most = THRESHOLDS.promises.polarity
+        return self.gain and self.high < -1.0 and 1.0 / most <= -1.0 - self.value <= most
 
 
 class Outcome(Enum):
@@ -135,9 +142,9 @@ class Reducible(Model[Fit, Look], Protocol[Fit, Look]):
     def without(self, current: Fit, name: str) -> tuple[Fit, Score]:
         """The model less an effect, and the score of the one with it over that."""
 
-    def settled(self, current: Fit, names: Sequence[str]) -> Fit:
-        """The model with the parameters of these effects where they are best beside all that it carries, where what
-        it leaves is not small.
+    def settled(self, current: Fit, names: Sequence[str], newest: str) -> Fit:
+        """The model with the parameters of these effects where they are best beside `newest` and all that it carries,
+        where what it leaves is not small.
         """
 
 
@@ -206,7 +213,8 @@ class Chosen(Generic[Fit, Look]):
 
     steps: in the order in which they were taken; rounds: every one, the last with what is seen behind the last step;
     barred: who was excluded for good, and why; more: there are as many as may be, and others still promise something;
-    gains: what each that is kept gained, after pruning what taking it out loses; fit: the model with those.
+    gains: what each that is kept gained, after pruning what taking it out loses; fit: the model with those; first: the
+    step that was made first, as it was made.
     """
 
     steps: tuple[Step[Fit], ...]
@@ -215,6 +223,7 @@ class Chosen(Generic[Fit, Look]):
     more: bool
     gains: Mapping[str, float]
     fit: Fit
+    first: Step[Fit] | None = None
 
 
 def choose(
@@ -223,15 +232,19 @@ def choose(
     rules: Rules,
     progress: Callable[[int, int], None] = lambda done, most: None,
     reducible: Reducible[Fit, Look] | None = None,
+    begun: tuple[Step[Fit], Round[Look]] | None = None,
 ) -> Chosen[Fit, Look]:
     """Add effects to `start`, as many as are worth their price and `rules` allow; progress: rounds done, at most;
-    reducible: the family, where what was taken is reconsidered.
+    reducible: the family, where what was taken is reconsidered; begun: a first step that is made anyhow, and its round.
     """
     steps: list[Step[Fit]] = []
     rounds: list[Round[Look]] = []
     barred: dict[str, str] = {}
-    current = start
-    progress(0, rules.most)
+    current, first = start, None
+    if begun is not None:
+        first, rounds = begun[0], [begun[1]]
+        current, steps, rounds = _taken(reducible, first, steps, rounds, rules, barred)
+    progress(len(rounds), rules.most)
     while True:
         look = model.promise(current, barred)
         if len(steps) == rules.most or not model.hopeful(look, {}, (), len(steps)):
@@ -242,14 +255,9 @@ def choose(
         rounds.append(Round(look, _tried(model, trials, verdicts), taken))
         progress(min(len(rounds), rules.most), rules.most)
         if taken is not None:
-            beside = {name: trial for name, trial in trials.items() if name != taken}
-            fit = trials[taken].fit
-            if reducible is not None and steps:
-                fit = reducible.settled(fit, [step.name for step in steps])
-            steps.append(Step(taken, replace(trials[taken], fit=fit), current, beside))
-            current = fit
-            if reducible is not None:
-                current, steps, rounds = reconsidered(reducible, current, steps, rounds, rules, barred)
+            step = Step(taken, trials[taken], current, {name: trial for name, trial in trials.items() if name != taken})
+            first = first or step
+            current, steps, rounds = _taken(reducible, step, steps, rounds, rules, barred)
         elif not again:
             break
     more = len(steps) == rules.most and bool(model.hopeful(rounds[-1].look, {}, (), len(steps)))
@@ -257,7 +265,23 @@ def choose(
         steps, rounds = _cut(model, steps, rounds)
         current = steps[-1].trial.fit if steps else start
     gains = {step.name: step.trial.score.gain for step in steps}
-    return Chosen(tuple(steps), tuple(rounds), barred, more, gains, current)
+    return Chosen(tuple(steps), tuple(rounds), barred, more, gains, current, first)
+
+
+def _taken(
+    reducible: Reducible[Fit, Look] | None,
+    step: Step[Fit],
+    steps: list[Step[Fit]],
+    rounds: list[Round[Look]],
+    rules: Rules,
+    barred: dict[str, str],
+) -> tuple[Fit, list[Step[Fit]], list[Round[Look]]]:
+    """What is carried, the steps and the rounds with a step more; what was taken before it is reconsidered."""
+    if reducible is None:
+        return step.trial.fit, [*steps, step], rounds
+    fit = reducible.settled(step.trial.fit, [one.name for one in steps], step.name)
+    steps = [*steps, replace(step, trial=replace(step.trial, fit=fit))]
+    return reconsidered(reducible, fit, steps, rounds, rules, barred)
 
 
 def reconsidered(
@@ -339,16 +363,19 @@ def exchanged(one: Round[Look], best: str) -> Round[Look]:
 
 
 def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None:
-    """Name of a coefficient that came out negative beyond doubt though it is declared positive, and is no trifle
+    """In words, a coefficient that came out negative beyond doubt though it is declared positive, and is no trifle
     beside the largest of its effect that is there beyond doubt: where one axis has an effect and the other none, chance
-    makes one of those.
+    makes one of those.  Or a gain of the other sign that is none of a channel the other way round: a device that is
+    driven by less than nothing.
     """
     for effect in coefficients.values():
         there = [estimate.value for estimate in effect.values() if estimate.positive and estimate.low > 0.0]
         largest = max(there, default=0.0)
         for name, estimate in effect.items():
             if estimate.positive and estimate.high < 0.0 and -estimate.value > _SET.trifle * largest:
-                return name
+                return f"a negative {name}"
+            if estimate.gain and estimate.high < -1.0 and not estimate.is_polarity:
+                return f"{name} = {estimate.value:.3g}, a gain of the other sign"
     return None
 
 
@@ -430,7 +457,7 @@ def _carried(
                 verdicts[name] = Outcome.IMPOSSIBLE, found
                 barred[name] = found
             elif rules.signs and (wrong := unphysical(model.coefficients(found))):
-                why = f"fits only with a negative {wrong}, which would be something else"
+                why = f"fits only with {wrong}, which would be something else"
                 verdicts[name] = Outcome.UNPHYSICAL, why
                 if rules.anew:
                     unlawful[name] = found

@@ -199,7 +199,7 @@ def _fit(problem: Problem, passes: int, about: Observer | None, again: int) -> F
         begun, spread = observer.x[coefficients].copy(), observer.coefficient_deviations
         estimates = run(observer, (problem if number else opening).record)
         previous = observer
-        diverged = not np.all(np.isfinite(observer.x))
+        diverged = _has_diverged(observer, estimates)
         if number == 0 and passes > 1 and about is None and not diverged and is_lost(estimates.innovation, device):
             observer = previous = _catching(problem, current, opening.record) or observer
         if diverged:
@@ -212,7 +212,12 @@ def _fit(problem: Problem, passes: int, about: Observer | None, again: int) -> F
         if number + 1 >= passes and settled:
             break
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)
-    return Fitted(current, observer, estimates, likelihood if np.isfinite(observer.x).all() else -np.inf, settled)
+    return Fitted(current, observer, estimates, -np.inf if diverged else likelihood, settled)
+
+
+def _has_diverged(observer: Observer, estimates: Estimates) -> bool:
+    """Whether a state is no number any more, or what should be a variance of an innovation none."""
+    return not (np.all(np.isfinite(observer.x)) and np.all(np.isfinite(estimates.innovation_deviation)))
 
 
 def _catching(problem: Problem, settings: ObserverSettings, record: Record) -> Observer | None:
@@ -221,8 +226,9 @@ def _catching(problem: Problem, settings: ObserverSettings, record: Record) -> O
     """
     observer = Observer(problem.device, replace(settings, gain=Gain.FADING), problem.controller)
     begin_moving(observer, record)
-    later = run(observer, record).innovation[len(record) // 2 :]
-    return observer if np.all(np.isfinite(observer.x)) and not is_lost(later, problem.device) else None
+    estimates = run(observer, record)
+    later = estimates.innovation[len(record) // 2 :]
+    return None if _has_diverged(observer, estimates) or is_lost(later, problem.device) else observer
 
 
 def _opening(problem: Problem) -> Problem:

@@ -173,7 +173,7 @@ def judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
         conflict = promises.constants(claim)
         verdict = verdict_of(errors.before, errors.after, errors.floor, ())
         return Verdict.UNEXPLAINED if conflict else verdict, conflict
-    against = promises.broken(claim)
+    against = (*promises.broken(claim), *promises.one_curve(claim.effects))
     if not against:
         return Verdict.EXPLAINED, ()
     return Verdict.PARTLY if promises.holds_in_part(claim) else Verdict.UNEXPLAINED, against

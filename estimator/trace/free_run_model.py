@@ -134,7 +134,7 @@ def estimates_of(observer: Observer, fit: Refined) -> Mapping[str, Mapping[str, 
     """The coefficients of all that a free run carries, with their intervals."""
     return {
         effect.name: {
-            c.name: Estimate(fit.value(c.name), *fit.interval(c.name), c.positive, c.is_shape)
+            c.name: Estimate(fit.value(c.name), *fit.interval(c.name), c.positive, c.is_shape, effect.gain)
             for c in effect.coefficients
         }
         for _, effect in observer.effects

@@ -19,7 +19,7 @@ from estimator.trace.engine import Estimate, Score, Trial, leader, unphysical
 from estimator.trace.fitting import Fitted, coefficients_of, finished, fit, foresight, leads, parameters_of, widening
 from estimator.trace.look import Look, look_at
 from estimator.trace.nested import turned_into
-from estimator.trace.parameters import refine_in_turn, refine_parameters
+from estimator.trace.parameters import refine_apart, refine_in_turn, refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.same_number import same_numbers, surer
 from estimator.trace.screening import spoken_for
@@ -194,14 +194,18 @@ class ObserverModel:
             current.less[name] = self._without(current, name)
         return current.less[name]
 
-    def settled(self, current: Carrying, names: Sequence[str]) -> Carrying:
+    def settled(self, current: Carrying, names: Sequence[str], newest: str) -> Carrying:
         """A limit that was found while another effect was missing is not where it is best beside that one; what it
-        leaves there would be taken for a third.
+        leaves there would be taken for a third.  A corner that no coefficient tells, since that stands for the phase of
+        what is still missing, is looked for by itself.
         """
         if widening(current.fitted) ** 2 < 1.0 + THRESHOLDS.width.power:
             return current
         found = [name for name in names if name in current.searched and current.searched[name].names]
         fitted, searched = refine_in_turn(self.problem, current.fitted, current.searched, found)
+        for name in (*names, newest):
+            if name not in found and not searched.get(name, NOTHING).names:
+                fitted, searched[name] = refine_apart(self.problem, fitted, name)
         return replace(current, fitted=fitted, searched=searched, less={})
 
     def _without(self, current: Carrying, name: str) -> tuple[Carrying, Score]:
@@ -242,7 +246,9 @@ def estimates_of(model: Fitted, searched: Mapping[str, Searched]) -> Mapping[str
         own = {}
         for c, off in zip(effect.coefficients, half.tolist(), strict=True):
             symbol = c.name.partition(":")[0]
-            own[symbol] = Estimate(given[symbol], given[symbol] - off, given[symbol] + off, c.positive)
+            own[symbol] = Estimate(
+                given[symbol], given[symbol] - off, given[symbol] + off, c.positive, gain=effect.gain
+            )
         for symbol, parameter in surer(model.observer.device, model, name, found_by).items():
             low, high = interval_of(parameter, given[parameter], model, found_by)
             own[symbol] = replace(own[symbol], value=given[parameter], low=low, high=high)

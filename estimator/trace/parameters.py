@@ -70,6 +70,25 @@ def refine_in_turn(
     return model, found
 
 
+def refine_apart(problem: Problem, model: Fitted, name: str) -> tuple[Fitted, Searched]:
+    """`model` with those parameters of an effect that are one number with a coefficient moved to the top by themselves.
+
+    A coefficient may stand for something else besides, which is still missing: of a high-pass beside a path that is
+    late, both turn the phase, and what blocks constants tells the corner.  As long as the two do not agree, the
+    parameter is no account of the coefficient, and counts as not searched for.  A corner slower than the record is a
+    drift, which anything may be.
+    """
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+    names = tuple(same_numbers(effect))
+    if not names or not np.isfinite(model.likelihood):
+        return model, NOTHING
+    found, searched = _refined(problem, model, name, names, None, -np.inf)
+    given = found.settings.effects[name]
+    if not found.likelihood > model.likelihood or any(given[which] * problem.span < 1.0 for which in names):
+        return model, NOTHING
+    return found, searched if agree(problem, found, name, searched) else NOTHING
+
+
 def _one_number(
     problem: Problem, model: Fitted, name: str, before: Searched | None, to_beat: float
 ) -> tuple[Fitted, Searched]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from scipy.stats import f as f_distribution
 
+from estimator.effects.characteristic import Characteristic, characteristic
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
 from estimator.trace.certainty import TWO_SIDED
@@ -273,6 +274,21 @@ def apart(claim: Claim) -> tuple[str, ...]:
     )
 
 
+def one_curve(effects: Iterable[str]) -> tuple[str, ...]:
+    """A curve that takes more than `promises.laws` laws is known, and not what made it: a sentence for each."""
+    laws: dict[Characteristic, list[str]] = {}
+    for name in effects:
+        effect = declared(name)
+        if effect is not None and (of := characteristic(effect)) is not None:
+            laws.setdefault(of, []).append(name)
+    return tuple(
+        f"{' and '.join(_plain(kind(name)) for name in names)} are laws of one curve, {of.value}: so many make "
+        "any curve, and something acts like them"
+        for of, names in laws.items()
+        if len(names) > _SET.laws
+    )
+
+
 def outdone(claim: Claim) -> tuple[str, ...]:
     """Where something stood there for sure, a name that does as well as a force without one is good for a part: less
     only if the force is ahead by as much as tells two accounts apart.
@@ -342,35 +358,18 @@ def acts_like(names: Iterable[str]) -> str:
 
 def wrong_sign(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
     """Why an effect with these coefficients is none of its name, None where it may be."""
-    if symbol := unphysical({name: coefficients}):
-        return f"{_plain(name)} fits only with a negative {symbol}, which would be something else"
-    if _is_gain(name):
-        for symbol, estimate in coefficients.items():
-            if estimate.high < -1.0 and not _is_polarity(estimate):
-                return f"{_plain(name)} fits only with {symbol} = {estimate.value:.3g}: a gain of the other sign"
+    if wrong := unphysical({name: coefficients}):
+        return f"{_plain(name)} fits only with {wrong}, which would be something else"
     return None
 
 
 def turned(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
     """What is said of an effect whose gain is that of a channel the other way round, None where none is."""
-    if not _is_gain(name):
-        return None
-    axes = [symbol[-1] for symbol, estimate in coefficients.items() if _is_polarity(estimate)]
+    axes = [symbol[-1] for symbol, estimate in coefficients.items() if estimate.is_polarity]
     if not axes:
         return None
     both = " and ".join(axes)
     return f"{_plain(name)} of {both} is a polarity: {both} {'are' if axes[1:] else 'is'} driven or sensed reversed"
-
-
-def _is_gain(name: str) -> bool:
-    effect = declared(name)
-    return effect is not None and effect.gain
-
-
-def _is_polarity(gain: Estimate) -> bool:
-    """Whether a relative gain is of the other sign beyond doubt, and of about the size that is declared."""
-    size = -1.0 - gain.value
-    return gain.high < -1.0 and 1.0 / _SET.polarity <= size <= _SET.polarity
 
 
 def may_be_nothing(name: str, coefficients: Mapping[str, Estimate]) -> str | None:

@@ -28,6 +28,7 @@ from estimator.trace.problem import Effects, Problem
 from estimator.trace.rivals import Rival, accounts, in_the_end, left_out, rivals, simpler_rival
 from estimator.trace.same_number import effects_of
 from estimator.trace.searched import Searched
+from estimator.trace.ways import best_way
 
 _SET = THRESHOLDS.choice
 
@@ -81,7 +82,7 @@ def select(problem: Problem, progress: Progress) -> Selection:
         raise DivergedError
     family = ObserverModel(compared, progress)
     rounds_done = partial(progress, "effects")
-    found = choose(family, start, RULES, rounds_done, reducible=family)
+    found = best_way(family, choose(family, start, RULES, rounds_done, reducible=family), RULES, rounds_done)
     chosen = pruned(family, found)
     more = problem.part(slice(0, _SET.confirmed))
     long = len(problem.record) >= _SET.worth_more * len(compared.record)

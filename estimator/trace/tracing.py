@@ -165,8 +165,9 @@ def _judged(
                 backwards = runs_backwards(claim.constants)
                 conflict = (*conflict, backwards) if backwards else conflict
                 return _in_conflict(problem, selection, after, split, why, (*conflict, *reasons), progress)
-            if named and elses:
-                told = (_in_part(named, claim), _of_something_else(elses), *reasons)
+            doubts = (*((_of_something_else(elses),) if elses else ()), *promises.one_curve(named))
+            if named and doubts:
+                told = (_in_part(named, claim), *doubts, *reasons)
                 return _Judged(Verdict.PARTLY, named, selection, after, why, told, share, claim.contest, is_open=True)
             verdict = Verdict.EXPLAINED if named else Verdict.ADEQUATE
             unsure = promises.undetermined(claim) if set(named) in exact else ()

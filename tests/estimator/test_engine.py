@@ -85,7 +85,7 @@ class Stub:
         less = tuple(other for other in current if other != name)
         return less, self._score(current, less, name)
 
-    def settled(self, current, names):
+    def settled(self, current, names, newest):
         return current
 
 
@@ -537,8 +537,8 @@ def test_of_those_of_a_wrong_sign_the_likeliest_is_taken_and_held_to_the_rest_of
 
 
 def test_what_was_taken_settles_beside_each_that_follows():
-    """`settled` is asked of the model with the newest, about all that were taken before it, and what it answers is
-    carried on.
+    """`settled` is asked of the model with the newest, about all that were taken before it and the newest, and what it
+    answers is carried on.
     """
 
     class Settling(Stub):
@@ -546,8 +546,8 @@ def test_what_was_taken_settles_beside_each_that_follows():
             super().__init__(effects)
             self.settles = []
 
-        def settled(self, current, names):
-            self.settles.append((current, tuple(names)))
+        def settled(self, current, names, newest):
+            self.settles.append((current, tuple(names), newest))
             return (*current, "better")
 
         def likelihood(self, carried):
@@ -559,13 +559,14 @@ def test_what_was_taken_settles_beside_each_that_follows():
     family = Settling({"limit": Worth(50.0), "coupling": Worth(30.0), "third": Worth(20.0)})
     found = choose(family, (), rules(most=3), reducible=family)
     assert family.settles == [
-        (("limit", "coupling"), ("limit",)),
-        (("limit", "coupling", "better", "third"), ("limit", "coupling")),
+        (("limit",), (), "limit"),
+        (("limit", "better", "coupling"), ("limit",), "coupling"),
+        (("limit", "better", "coupling", "better", "third"), ("limit", "coupling"), "third"),
     ]
     assert [step.trial.fit for step in found.steps] == [
-        ("limit",),
-        ("limit", "coupling", "better"),
-        ("limit", "coupling", "better", "third", "better"),
+        ("limit", "better"),
+        ("limit", "better", "coupling", "better"),
+        ("limit", "better", "coupling", "better", "third", "better"),
     ]
     assert found.fit == found.steps[-1].trial.fit
     family.settles.clear()
@@ -575,16 +576,16 @@ def test_what_was_taken_settles_beside_each_that_follows():
 
 def test_the_sign_is_asked_of_all_that_a_model_carries():
     right, wrong = Estimate(1.0, 0.5, 1.5, True), Estimate(-1.0, -1.5, -0.5, True)
-    assert unphysical({"old": {"fx": wrong}, "new": {"k3x": right}}) == "fx"
+    assert unphysical({"old": {"fx": wrong}, "new": {"k3x": right}}) == "a negative fx"
     assert unphysical({"old": {"fx": right}, "new": {"k3x": right}}) is None
 
 
-@pytest.mark.parametrize(("size", "wrong"), [(0.019, None), (0.021, "fy")])
+@pytest.mark.parametrize(("size", "wrong"), [(0.019, None), (0.021, "a negative fy")])
 def test_a_trifle_of_the_wrong_sign_is_chance_on_an_axis_that_has_none(size, wrong):
     """Two hundredths of the coefficient of the other axis; not of one whose sign is free."""
     fy = Estimate(-5.0 * size, -6.0 * size, -4.0 * size, True)
     assert unphysical({"friction": {"fx": Estimate(5.0, 4.0, 6.0, True), "fy": fy}}) == wrong
-    assert unphysical({"friction": {"fx": Estimate(5.0, 4.0, 6.0), "fy": fy}}) == "fy"
+    assert unphysical({"friction": {"fx": Estimate(5.0, 4.0, 6.0), "fy": fy}}) == "a negative fy"
 
 
 def test_who_has_no_model_is_barred_with_its_reason():
@@ -718,12 +719,24 @@ def test_negative_beyond_doubt_is_below_zero_and_no_trifle() -> None:
         return unphysical({"drag": {"dqx": own, "dqy": Estimate(other, low, 9.0, positive=True)}})
 
     assert wrong(-1.0, 0.0) is None
-    assert wrong(-1.0, -1e-300) == "dqx"
+    assert wrong(-1.0, -1e-300) == "a negative dqx"
     assert wrong(-0.02, -0.01, other=1.0) is None
-    assert wrong(-math.nextafter(0.02, 1.0), -0.01, other=1.0) == "dqx"
-    assert wrong(-0.02, -0.01, other=1.0, low=0.0) == "dqx"  # what may be nothing makes nothing small
+    assert wrong(-math.nextafter(0.02, 1.0), -0.01, other=1.0) == "a negative dqx"
+    assert wrong(-0.02, -0.01, other=1.0, low=0.0) == "a negative dqx"  # what may be nothing makes nothing small
     unsigned = Estimate(-1.0, -2.0, -0.5)
     assert unphysical({"drag": {"dqx": unsigned}}) is None
+
+
+def test_a_drive_that_pushes_less_than_nothing_is_none_but_for_one_the_other_way_round() -> None:
+    """An observer that has lost the motion turns its drive off; nobody's drive is."""
+
+    def wrong(value: float, high: float, *, gain: bool = True) -> str | None:
+        return unphysical({"drive_gain": {"hx": Estimate(value, -9.0, high, gain=gain)}})
+
+    assert wrong(-1.01, -1.001) == "hx = -1.01, a gain of the other sign"
+    assert wrong(-1.01, -1.0) is None
+    assert wrong(-1.01, -1.001, gain=False) is None
+    assert wrong(-2.0, -1.9) is None
 
 
 def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:

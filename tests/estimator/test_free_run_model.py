@@ -39,6 +39,7 @@ def found(free: tuple[str, ...], residual: Array, **values: float) -> Refined:
 def effect(name: str, *symbols: str) -> tuple[int, Any]:
     return 0, SimpleNamespace(
         name=name,
+        gain=name == "friction",
         coefficients=[SimpleNamespace(name=symbol, positive=symbol == "fx", is_shape=False) for symbol in symbols],
     )
 
@@ -225,6 +226,7 @@ def test_coefficients_are_told_with_their_intervals() -> None:
     drag = said["drag"]["dqx"]
     assert (drag.value, drag.low, drag.high) == pytest.approx((2.0, 2.0 - 0.196, 2.0 + 0.196), abs=1e-4)
     assert [said[name][symbol].positive for name, symbol in (("drag", "dqx"), ("friction", "fx"))] == [False, True]
+    assert [said[name][symbol].gain for name, symbol in (("drag", "dqx"), ("friction", "fx"))] == [False, True]
 
 
 # -- rows and starts --------------------------------------------------------------------------------------------------

@@ -278,10 +278,31 @@ def test_what_was_found_is_searched_for_again_beside_the_newest_where_something_
     monkeypatch.setattr(observer_model, "widening", lambda model: power**0.5)
     searched = {"limit": known, "drag": NOTHING, "newest": known}
     current = Carrying(PROBLEM, fitted({name: {} for name in searched}, 100.0), searched)
-    settled = ObserverModel(PROBLEM).settled(current, ["limit", "drag"])
+    settled = ObserverModel(PROBLEM).settled(current, ["limit", "drag"], "newest")
     assert done == asked
     assert settled.fitted.likelihood == 100.0 + 10.0 * len(asked)
     assert settled.searched == searched | dict.fromkeys(asked, better)
+
+
+@pytest.mark.parametrize("taken", [[], ["before"]])
+@pytest.mark.parametrize("power", [1.04, 1.06])
+def test_a_corner_that_no_coefficient_tells_is_looked_for_by_itself_where_something_is_left(
+    monkeypatch: pytest.MonkeyPatch, power: float, taken: list[str]
+) -> None:
+    """The newest too: beside nobody, its size may stand for the phase of whoever is still missing."""
+    known = Searched(("leak_x", "leak_y"), np.eye(2), np.zeros((4, 2)))
+
+    def apart(problem: Any, model: Any, name: str) -> Any:
+        return fitted(model.settings.effects, model.likelihood + 10.0), known if name == "before" else NOTHING
+
+    monkeypatch.setattr(observer_model, "refine_apart", apart)
+    monkeypatch.setattr(observer_model, "widening", lambda model: power**0.5)
+    names = [*taken, "newest"]
+    current = Carrying(PROBLEM, fitted({name: {} for name in names}, 100.0), {"newest": NOTHING})
+    settled = ObserverModel(PROBLEM).settled(current, taken, "newest")
+    again = names if power > 1.05 else []
+    assert settled.fitted.likelihood == 100.0 + 10.0 * len(again)
+    assert settled.searched == {"newest": NOTHING} | dict.fromkeys([name for name in taken if again], known)
 
 
 def test_a_short_part_is_asked_about_each_in_place_of_the_best(monkeypatch: pytest.MonkeyPatch) -> None:

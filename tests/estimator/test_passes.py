@@ -131,6 +131,24 @@ def test_a_pass_that_diverges_is_the_last_and_has_no_likelihood(
     assert found.settings.initial["kxx"] == float(made - 1) or made == 1
 
 
+@pytest.mark.parametrize("deviation", [np.nan, np.inf])
+def test_what_should_be_a_variance_and_is_none_is_no_likelihood_either(
+    passes: type[Counter], monkeypatch: pytest.MonkeyPatch, deviation: float
+) -> None:
+    """Samples without a deviation count for nothing in a likelihood: who loses its covariance would be the best."""
+    passes.moves = [0.5]
+    ran = fitting.run
+
+    def run(observer: Counter, record: Record, every: int | None = None) -> Any:
+        estimates: Any = ran(observer, record, every)  # type: ignore[arg-type]
+        estimates.innovation_deviation[7, 1] = deviation
+        return estimates
+
+    monkeypatch.setattr(fitting, "run", run)
+    assert fit(problem()).likelihood == -np.inf
+    assert fitting._catching(problem(), SETTINGS, problem().record) is None
+
+
 def test_a_first_pass_over_a_part_that_diverges_is_made_over_all(
     passes: type[Counter], monkeypatch: pytest.MonkeyPatch
 ) -> None:

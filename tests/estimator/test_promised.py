@@ -270,6 +270,30 @@ def test_what_friction_that_drives_would_explain_is_left(judged):
     assert judged(wrong, {"drag": 861.0}, {(): errors(1.0, 1.0)}).verdict is Verdict.ADEQUATE
 
 
+def test_three_laws_of_one_curve_act_like_what_made_it(judged):
+    """Each is sure of itself and nothing is left; so would any curve be matched."""
+    names = ("sense_cubic", "sense_clipping", "sense_quadratic")
+    given, gains = {name: {"c": SURE} for name in names}, dict.fromkeys(names, 500.0)
+    found = judged(given, gains, {names: errors(1.5, 1.0)})
+    assert (found.verdict, set(found.named), found.is_open) == (Verdict.PARTLY, set(names), True)
+    assert "are laws of one curve, what a channel reads of the displacement" in found.reasons[1]
+    two = judged(
+        {name: given[name] for name in names[:2]},
+        {name: gains[name] for name in names[:2]},
+        {names[:2]: errors(1.5, 1.0)},
+    )
+    assert two.verdict is Verdict.EXPLAINED
+
+
+def test_a_free_run_does_not_call_a_series_its_cause_either():
+    springs = ("cubic_stiffness", "quadratic_stiffness", "quintic_stiffness")
+    claims_of = [Claim(errors(9.0, 1.0), {name: {"c": SURE} for name in names}) for names in (springs, springs[:2])]
+    (verdict, against), (of_two, none) = (free_run.judged(claim) for claim in claims_of)
+    assert (verdict, len(against)) == (Verdict.PARTLY, 1)
+    assert "the force of the spring" in against[0]
+    assert (of_two, none) == (Verdict.EXPLAINED, ())
+
+
 def test_what_is_not_the_same_throughout_acts_so_or_goes_where_it_is_the_lesser(judged):
     """A drive delay, and a line whose size is another in each part of the record: the drive's slew."""
     residuals = {("drive_delay", "interference"): errors(1.04, 1.007), ("drive_delay",): errors(1.04, 1.02)}

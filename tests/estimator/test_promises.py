@@ -42,8 +42,8 @@ def test_what_holds_has_nothing_against_it() -> None:
         ("at_floor", {"residual": Errors(3.0, 1.11, 1.0, 1e5, gain=900.0)}),
         ("at_floor", {"residual": Errors(1.0324, 1.0303, 1.0, 1e6, 1e6, gain=60.0)}),
         ("signs", {"effects": {"dry_friction": {"fx": Estimate(-2.0, -3.0, -1.0, positive=True)}}}),
-        ("signs", {"effects": {"drive_gain": {"hx": Estimate(-1.3, -1.4, -1.2)}}}),
-        ("signs", {"effects": {"sense_gain": {"gy": Estimate(-45.0, -46.0, -44.0)}}}),
+        ("signs", {"effects": {"drive_gain": {"hx": Estimate(-1.3, -1.4, -1.2, gain=True)}}}),
+        ("signs", {"effects": {"sense_gain": {"gy": Estimate(-45.0, -46.0, -44.0, gain=True)}}}),
         ("beyond_zero", {"effects": {"dry_friction": {"fx": Estimate(0.5, -0.1, 1.1, positive=True)}}}),
         ("beyond_zero", {"effects": {"drag": {"dqx": Estimate(0.5, math.nan, math.nan)}}}),
         ("constants", {"constants": (Constant("kxx", 1.22, 1.21, 1.23, declared=1.0, deviation=0.05),)}),
@@ -79,8 +79,10 @@ def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: 
         {"residual": Errors(1.0324, 1.0303, 1.0, 1e3, 1e3, gain=60.0)},  # or is as much as chance makes
         {"residual": Errors(1.0324, 1.0303, 1.0, 1e6, 1e6, gain=60.0), "effects": {}},  # nothing is named
         {"effects": {"dry_friction": {"fx": Estimate(-0.1, -0.3, 0.1, positive=True), "fy": SURE}}},
-        {"effects": {"drive_gain": {"hx": Estimate(-0.95, -0.99, -0.91)}}},
-        {"effects": {"drive_gain": {"hx": Estimate(-2.03, -2.1, -1.96), "hy": SURE}}},  # a channel the other way round
+        {"effects": {"drive_gain": {"hx": Estimate(-0.95, -0.99, -0.91, gain=True)}}},
+        {
+            "effects": {"drive_gain": {"hx": Estimate(-2.03, -2.1, -1.96, gain=True), "hy": SURE}}
+        },  # a channel the other way round
         {"effects": {"drag": {"dqx": Estimate(-0.05, -0.06, -0.04)}}},  # not declared positive
         {"constants": (Constant("kxx", 1.19, 1.18, 1.20, declared=1.0, deviation=0.05),)},
         {"constants": (Constant("kxx", 1.3, 1.1, 1.5, declared=1.0, deviation=0.05),)},  # may as well lie within
@@ -212,15 +214,17 @@ def test_the_dominant_effects_are_named() -> None:
 
 
 def test_a_channel_the_other_way_round_is_said_to_be_a_polarity() -> None:
-    flipped, usual = Estimate(-1.98, -2.0, -1.96), Estimate(0.03, 0.02, 0.04)
+    flipped, usual = Estimate(-1.98, -2.0, -1.96, gain=True), Estimate(0.03, 0.02, 0.04, gain=True)
     said = promises.turned("drive_gain", {"hx": flipped, "hy": flipped})
     assert said == "drive gain of x and y is a polarity: x and y are driven or sensed reversed"
     said = promises.turned("sense_gain", {"gy": flipped})
     assert said == "sense gain of y is a polarity: y is driven or sensed reversed"
     assert promises.turned("drive_gain", {"hx": usual, "hy": usual}) is None
-    assert promises.turned("drive_gain", {"hx": Estimate(-2.0, -3.1, -0.9), "hy": usual}) is None  # not beyond doubt
-    assert promises.turned("drive_gain", {"hx": Estimate(-4.0, -4.1, -3.9), "hy": usual}) is None
-    assert promises.turned("cubic_stiffness", {"k3x": flipped}) is None
+    assert (
+        promises.turned("drive_gain", {"hx": Estimate(-2.0, -3.1, -0.9, gain=True), "hy": usual}) is None
+    )  # not beyond doubt
+    assert promises.turned("drive_gain", {"hx": Estimate(-4.0, -4.1, -3.9, gain=True), "hy": usual}) is None
+    assert promises.turned("cubic_stiffness", {"k3x": replace(flipped, gain=False)}) is None
 
 
 def test_a_conflict_with_what_is_declared_says_how_far_and_a_small_damping_is_none() -> None:
@@ -363,12 +367,13 @@ def test_a_twentieth_of_a_coefficient_and_chance_are_no_departure(size: float, c
 def test_a_polarity_is_a_gain_of_the_other_sign_and_of_half_to_twice_its_size(
     value: float, high: float, *, polarity: bool
 ) -> None:
-    given = {"hx": Estimate(value, value - 0.1, high), "hy": Estimate(0.1, 0.0, 0.2)}
+    given = {"hx": Estimate(value, value - 0.1, high, gain=True), "hy": Estimate(0.1, 0.0, 0.2, gain=True)}
     said = promises.turned("drive_gain", given)
     assert said == ("drive gain of x is a polarity: x is driven or sensed reversed" if polarity else None)
     assert (promises.wrong_sign("drive_gain", given) is None) is (polarity or high == -1.0)
-    assert promises.turned("drag", given) is None
-    both = promises.turned("sense_gain", {"hx": Estimate(-2.0, -2.1, -1.9), "hy": Estimate(-2.0, -2.1, -1.9)})
+    assert promises.turned("drag", {"dqx": Estimate(-2.0, -2.1, -1.9)}) is None
+    reversed_too = Estimate(-2.0, -2.1, -1.9, gain=True)
+    both = promises.turned("sense_gain", {"hx": reversed_too, "hy": reversed_too})
     assert both == "sense gain of x and y is a polarity: x and y are driven or sensed reversed"
 
 

@@ -9,7 +9,8 @@ import pytest
 
 from estimator.effects.catalogue import effect_for
 from estimator.settings import ObserverSettings
-from estimator.trace import observer_model, same_number
+from estimator.trace import observer_model, parameters, same_number
+from estimator.trace.parameters import refine_apart
 from estimator.trace.problem import Problem
 from estimator.trace.same_number import agree, effects_of, in_step, same_numbers, surer
 from estimator.trace.searched import NOTHING, Searched
@@ -202,3 +203,34 @@ def test_of_an_effect_without_parameters_nothing_was_searched_for() -> None:
 
 def test_a_search_came_to_the_top_only_where_that_is_said_of_it() -> None:
     assert not Searched((), np.zeros((0, 0)), np.zeros((0, 0))).at_top
+
+
+@pytest.mark.parametrize(
+    ("reached", "hpx", "span", "taken", "told"),
+    [
+        (11.0, 3.1, 9.0, True, True),
+        (11.0, -8.0, 9.0, True, False),  # its size has the phase of something else in it, and no account of the corner
+        (10.0, 3.1, 9.0, False, False),  # no likelier than where it began
+        (-np.inf, 3.1, 9.0, False, False),
+        (11.0, 3.1, 0.51, True, True),
+        (11.0, 3.1, 0.49, False, False),  # a leak of 2 per second turns by less than one in that time
+    ],
+)
+def test_a_corner_goes_to_its_top_whatever_the_size_says(
+    monkeypatch: pytest.MonkeyPatch, reached: float, hpx: float, span: float, taken: bool, told: bool
+) -> None:
+    begun, found, top = at(-5.0, 2.0, (30.0, 20.0), 10.0), at(hpx, 2.0, (3.0, 2.0), reached), searched(0.1, 0.1)
+
+    def refined(problem: Any, model: Any, name: str, names: tuple[str, ...], before: None, to_beat: float) -> Any:
+        assert (model, name, names, before, to_beat) == (begun, NAME, ("leak_x", "leak_y"), None, -np.inf)
+        return found, top
+
+    monkeypatch.setattr(parameters, "_refined", refined)
+    asked: Any = Problem(SimpleNamespace(step=np.full(3, span / 3)), DEVICE, ObserverSettings())  # type: ignore[arg-type]
+    assert refine_apart(asked, begun, NAME) == (found if taken else begun, top if told else NOTHING)
+
+
+@pytest.mark.parametrize(("name", "likelihood"), [("drive_gain", 10.0), (NAME, -np.inf)])
+def test_nothing_is_looked_for_without_a_corner_or_a_model(name: str, likelihood: float) -> None:
+    begun = at(3.0, 2.0, (3.0, 2.0), likelihood)
+    assert refine_apart(PROBLEM, begun, name) == (begun, NOTHING)

@@ -78,6 +78,11 @@ class Bench:
             steps=steps, rounds=rounds, more=self.more, fit=carrying, gains=dict.fromkeys(self.kept, 500.0)
         )
 
+    def best_way(self, family: Any, chosen: Any, rules: Any, progress: Callable[[int, int], None]) -> Any:
+        assert (family, rules) == (self.family, self.rules)
+        self.asked_again = chosen
+        return SimpleNamespace(**vars(chosen))
+
     def gone_on(self, family: Any, chosen: Any, rules: Any, progress: Callable[[int, int], None]) -> Any:
         progress(1, rules.most)
         samples = len(family.problem.record)
@@ -115,6 +120,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Bench, Any]]:
         monkeypatch.setattr(selection, "shows_later", lambda more, model: later and made.asked(more, model))
         monkeypatch.setattr(selection, "fit", made.fit)
         monkeypatch.setattr(selection, "choose", made.choose)
+        monkeypatch.setattr(selection, "best_way", made.best_way)
         monkeypatch.setattr(
             selection, "pruned", lambda family, chosen: SimpleNamespace(**(vars(chosen) | {"fit": made.last}))
         )

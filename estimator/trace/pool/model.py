@@ -156,7 +156,7 @@ def estimates_of(fit: PooledRun, covariate: str | None) -> dict[str, dict[str, E
     """Coefficients of each effect, where the covariate is at its mean, and each slope in the covariate's unit."""
     found = {
         effect.name: {
-            c.name: Estimate(one.value, one.low, one.high, c.positive, c.is_shape)
+            c.name: Estimate(one.value, one.low, one.high, c.positive, c.is_shape, effect.gain)
             for c in effect.coefficients
             if not c.own
             for one in [fit.estimate(c.name)]
