@@ -97,8 +97,7 @@ def test_a_trace_says_what_it_found(watched: Watched, source: Path) -> None:
     shutil.copytree(source, watched.runs / source.name)
     row = ended(watched, AskedTrace(kind="trace", run=source.name))
     assert (row["state"], row["error"]) == ("done", None)
-    found = hil.load(watched.runs / row["result"]["run"])
-    assert isinstance(found, hil.Trace)
+    found = hil.load_trace(watched.runs / row["result"]["run"])
     assert row["result"]["verdict"] == found.verdict
 
 
