@@ -169,8 +169,8 @@ class ForceLoop(Loop):
     def _said(self) -> list[Message]:
         return self._endpoint.said()
 
-    def _heed(self, said: list[Message]) -> None:
-        super()._heed(said)
+    def _heed(self, said: list[Message], newest_ns: int) -> None:
+        super()._heed(said, newest_ns)
         if self._board.running is not None:
             self._shown.runs(self._board.running)
 

@@ -274,19 +274,19 @@ class Loop(ABC):
         if now_ns - max(self._answered_ns, self._listened_ns) > self._suspicious_ns + 1e9 * self._slice_s:
             self._answered(now_ns)
         self._listened_ns = now_ns
-        self._heed(self._said())
+        self._heed(self._said(), self._answered_ns)
         self.between()
 
     def _see_to_it(self) -> None:
         """Now and then while samples come: the record, the time, and what the board says beside them."""
         self._require_recorder()
         if said := self._said():
-            self._heed(said)
+            self._heed(said, time.monotonic_ns())  # whoever stood still since the last sample, it was not the board
 
-    def _heed(self, said: list[Message]) -> None:
+    def _heed(self, said: list[Message], newest_ns: int) -> None:
         self._require_recorder()
         self._require_time()
-        if pause := self._board.attend(said, self._answered_ns):
+        if pause := self._board.attend(said, newest_ns):
             self.counters.rearmed += 1
             self._pause = pause
             self._answered_ns = time.monotonic_ns()

@@ -1,15 +1,24 @@
 """Lockstep: a run is what its seed makes it, however it reached the board and whatever stood still meanwhile."""
 
+import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.observer import Observer
 from hil.bench import Bench, override
+from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.loop.preflight import configure
 from hil.loop.run import run
+from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
-from tests.loop import gyro
+from hil.wire import client
+from hil.wire.endpoint import Endpoint
+from hil.wire.messages import SafeReason
+from tests.loop import closed, gyro
 from tests.loop.closed import close_loop, waiting
 from tests.loop.processes import Host, alive, children, stopped, until
 
@@ -108,3 +117,35 @@ def test_all_ends_when_the_host_is_killed(tmp_path: Path) -> None:
         until(lambda: not any(map(alive, others)))
         assert len(host.capture) > 0
         assert not host.capture.complete
+
+
+@pytest.mark.parametrize("mode", [{}, {"mode": "gain", "block": 20, "estimate_every": 20}], ids=["force", "gain"])
+def test_a_host_that_stands_still_behind_its_last_answer_is_no_silence_of_the_board(
+    tmp_path: Path, mode: dict[str, Any]
+) -> None:
+    """A board in lockstep has nothing to say until it is answered; what came just before says that it is there."""
+    bench = gyro.bench(0.2, loop={"clock": "lockstep", **mode}, link={"timeout_s": 0.1})
+    endpoint = Endpoint(closed.waiting(gyro.scenario(tmp_path / "board.toml")))
+    identity = client.connect(endpoint)
+    observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+    registers = configure(endpoint, identity, bench)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    stalls = [0.3]
+    with record_here(folder, closed.run_layouts(observer, bench, identity)) as recording:
+        loop = closed.make_loop(endpoint, identity, bench, observer, recording.tracks, registers)
+        said = loop._said
+
+        def slowly() -> Any:
+            found = said()
+            if found and stalls:  # the machine takes the processor away
+                time.sleep(stalls.pop())
+            return found
+
+        loop._said = slowly  # type: ignore[method-assign]
+        loop.arm()
+        loop.run(round(0.2 * identity.tick_rate_Hz), lambda _: None, 100)
+        loop.finish(SafeReason.HOST_REQUEST)
+    endpoint.close()
+    assert not stalls
+    assert (loop.counters.rearmed, loop.counters.lost) == (0, 0)
