@@ -97,12 +97,12 @@ _TRACE = {
     "screening": "screening",
     "searched": "same_number certainty",
     "selection": "selection",
-    "ways": "ways",
     "separation": "separation",
     "sidebands": "sidebands",
     "start": "start fitting closed_forms",
     "symmetries": "symmetries",
     "tracing": "promised answer",
+    "ways": "ways",
     "width": "width",
 }
 _SHARED = {

@@ -165,7 +165,7 @@ def _judged(
                 backwards = runs_backwards(claim.constants)
                 conflict = (*conflict, backwards) if backwards else conflict
                 return _in_conflict(problem, selection, after, split, why, (*conflict, *reasons), progress)
-            doubts = (*((_of_something_else(elses),) if elses else ()), *promises.one_curve(named))
+            doubts = (*_of_something_else(elses), *promises.one_curve(named))
             if named and doubts:
                 told = (_in_part(named, claim), *doubts, *reasons)
                 return _Judged(Verdict.PARTLY, named, selection, after, why, told, share, claim.contest, is_open=True)
@@ -283,9 +283,10 @@ def _rather_nothing(
     return (most, nothing[most]) if most is not None and nothing[most] > 1.0 - nothing[most] else None
 
 
-def _of_something_else(unlawful: Iterable[str]) -> str:
+def _of_something_else(unlawful: Iterable[str]) -> tuple[str, ...]:
+    """What is said of the effects that came out with the wrong sign, a sentence for all of them."""
     names = " and ".join(kind(name).replace("_", " ") for name in unlawful)
-    return f"what {names} of the other sign would explain is left: it is something else's"
+    return (f"what {names} of the other sign would explain is left: it is something else's",) if names else ()
 
 
 def _probabilities(found: _Judged) -> tuple[Classes, ...]:

@@ -5,7 +5,8 @@ delay of the path stands in for a low-pass beside a cross-coupling, and what it 
 model that was chosen leaves more than an explained record may, the choice is made again from who came near the first.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import islice
 
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import kind
@@ -28,24 +29,24 @@ def best_way(
     that leaves nothing ends the search.
     """
     first, best = chosen.first, chosen
-    if first is None:
+    if first is None or is_as_predicted(chosen.fit.fitted):
         return chosen
-    for name in _others(family, first, rules):
-        if is_as_predicted(best.fit.fitted):
-            break
+    for name in islice(_others(family, first, rules), _SET.ways):
         beside = {one: trial for one, trial in first.beside.items() if one != name} | {first.name: first.trial}
         step = Step(name, first.beside[name], first.before, beside)
         begun = step, exchanged(chosen.rounds[0], name)
         way = choose(family, first.before, rules, progress, reducible=family, begun=begun)
-        if _standing(family, way) > _standing(family, best) + TIE:
+        if _standing(way) > _standing(best) + TIE:
             best = way
+            if is_as_predicted(best.fit.fitted):
+                break
     return best
 
 
-def _others(family: ObserverModel, first: Step[Carrying], rules: Rules) -> list[str]:
+def _others(family: ObserverModel, first: Step[Carrying], rules: Rules) -> Iterator[str]:
     """Who came near the first, of each other kind the best; no line, which takes up whatever any law leaves."""
     enough = _SET.as_near * first.trial.score.gain
-    kinds, names = {kind(first.name)}, []
+    kinds = {kind(first.name)}
     for name in ranked(first.beside):
         trial = first.beside[name]
         if kind(name) in kinds or rules.last(name) or not trial.score.gain > enough:
@@ -53,10 +54,9 @@ def _others(family: ObserverModel, first: Step[Carrying], rules: Rules) -> list[
         if unphysical(family.coefficients(trial.fit)) or family.objection(first.before, name, trial) is not None:
             continue
         kinds.add(kind(name))
-        names.append(name)
-    return names[: _SET.ways]
+        yield name
 
 
-def _standing(family: ObserverModel, chosen: Chosen[Carrying, Look]) -> float:
+def _standing(chosen: Chosen[Carrying, Look]) -> float:
     """Its likelihood less the prices of what it takes."""
     return chosen.fit.fitted.likelihood - sum(step.trial.score.price for step in chosen.steps)

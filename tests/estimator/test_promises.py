@@ -80,9 +80,8 @@ def test_each_promise_that_is_broken_is_told_by_its_own_guard(guard: str, part: 
         {"residual": Errors(1.0324, 1.0303, 1.0, 1e6, 1e6, gain=60.0), "effects": {}},  # nothing is named
         {"effects": {"dry_friction": {"fx": Estimate(-0.1, -0.3, 0.1, positive=True), "fy": SURE}}},
         {"effects": {"drive_gain": {"hx": Estimate(-0.95, -0.99, -0.91, gain=True)}}},
-        {
-            "effects": {"drive_gain": {"hx": Estimate(-2.03, -2.1, -1.96, gain=True), "hy": SURE}}
-        },  # a channel the other way round
+        # a channel the other way round
+        {"effects": {"drive_gain": {"hx": Estimate(-2.03, -2.1, -1.96, gain=True), "hy": SURE}}},
         {"effects": {"drag": {"dqx": Estimate(-0.05, -0.06, -0.04)}}},  # not declared positive
         {"constants": (Constant("kxx", 1.19, 1.18, 1.20, declared=1.0, deviation=0.05),)},
         {"constants": (Constant("kxx", 1.3, 1.1, 1.5, declared=1.0, deviation=0.05),)},  # may as well lie within
@@ -220,9 +219,8 @@ def test_a_channel_the_other_way_round_is_said_to_be_a_polarity() -> None:
     said = promises.turned("sense_gain", {"gy": flipped})
     assert said == "sense gain of y is a polarity: y is driven or sensed reversed"
     assert promises.turned("drive_gain", {"hx": usual, "hy": usual}) is None
-    assert (
-        promises.turned("drive_gain", {"hx": Estimate(-2.0, -3.1, -0.9, gain=True), "hy": usual}) is None
-    )  # not beyond doubt
+    not_beyond_doubt = Estimate(-2.0, -3.1, -0.9, gain=True)
+    assert promises.turned("drive_gain", {"hx": not_beyond_doubt, "hy": usual}) is None
     assert promises.turned("drive_gain", {"hx": Estimate(-4.0, -4.1, -3.9, gain=True), "hy": usual}) is None
     assert promises.turned("cubic_stiffness", {"k3x": replace(flipped, gain=False)}) is None
 

@@ -35,6 +35,7 @@ class Family:
         self.kind = type("Carried", (Carried,), {"likelihoods": {frozenset(): 0.0, **by_set}})
         self.objected, self.wrong = objected, wrong
         self.begun: list[str] = []
+        self.asked: list[str] = []
 
     def promise(self, current: Any, barred: Any) -> list[str]:
         likelihoods = self.kind.likelihoods  # type: ignore[attr-defined]
@@ -59,6 +60,7 @@ class Family:
         return {n: {"c": Estimate(-1.0, -2.0, -0.5, n == self.wrong)} for n in fit}
 
     def objection(self, current: Any, name: str, trial: Any) -> str | None:
+        self.asked.append(name)
         return "no" if name == self.objected else None
 
     def without(self, current: Any, name: str) -> Any:
@@ -96,6 +98,7 @@ def test_one_that_leaves_nothing_or_takes_nobody_is_not_asked_again() -> None:
     family = Family({**LED_ASTRAY, "delay dead_band": 1000.0, "low_pass coupling": 2000.0})
     assert found(family) == ("delay", "dead_band")
     assert family.begun == ["delay"]
+    assert family.asked == ["delay", "dead_band"]  # nobody else is asked how the rest is predicted
     assert found(Family({"delay": 5.0})) == ()
 
 
