@@ -71,7 +71,7 @@ class ArmedBoard:
     Attributes:
         safety: what there is to say of the board's stops.
         account: what the host knows of its own silences.
-        newest: tick of the last row, for the loop to set where it is cheap; None before the first.
+        newest: tick of the last row, for the loop to set before it asks for anything; None before the first.
         running: tick at which the board said RUNNING; None since ARM.
         waiting: told now and then for how many seconds a board has been waited for.
         answered: told the STATUS by which the board answers the last SAFE, as soon as it is there.
@@ -129,7 +129,7 @@ class ArmedBoard:
         asked, self._safe_sent = self._safe_sent, False
         stop = self._note(status, "host" if asked and status.reason == SafeReason.LINK_LOST else "board")
         try:
-            armed = self._recover(status, stop, newest_ns, asked=asked)
+            armed = self._recover(status, stop, asked=asked)
         except WireError:  # whatever the board says, for this host the stop has latched
             self.safety.latched = self.safety.latched or stop.reason
             raise
@@ -215,7 +215,7 @@ class ArmedBoard:
             self.waiting(silent_s)
         return None
 
-    def _recover(self, status: Status, stop: Stop, newest_ns: int, *, asked: bool) -> Status:
+    def _recover(self, status: Status, stop: Stop, *, asked: bool) -> Status:
         """Arm a board again that has stopped, or raise ProtocolError; `asked`: whether this host told it to be SAFE.
         What it says to ARM.
         """
@@ -226,8 +226,7 @@ class ArmedBoard:
         if status.reason == SafeReason.WATCHDOG:
             stop.account = self.account.of_watchdog(status)
             unexplained = f"its watchdog tripped, yet {self.account.words}; check WATCHDOG_TICKS and its receiver"
-            unsampled_ns = time.monotonic_ns() - newest_ns  # there was nothing to answer
-            if self.account.refused or unsampled_ns >= self.account.suspicious_ns:
+            if self.account.refused or self._unsampled(stop):
                 unexplained = self._unacceptable()
         elif asked:
             stop.account = self.account.of_silence(status)
@@ -249,6 +248,12 @@ class ArmedBoard:
         stop.armed_again = True
         self.safety.rearmed += 1
         return armed
+
+    def _unsampled(self, stop: Stop) -> bool:
+        """Whether the board sent nothing to answer for most of its watchdog, by its own ticks: one that lags behind the
+        time catches up in no time. Where it only gets no drive, the last row is a block old at most, and a watchdog
+        three blocks long."""
+        return self.newest is None or stop.tick - self.newest >= 0.5 * self._registers["WATCHDOG_TICKS"]
 
     def _unacceptable(self) -> str:
         """Why a board that answers was told to stop."""

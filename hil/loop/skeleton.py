@@ -286,6 +286,7 @@ class Loop(ABC):
     def _heed(self, said: list[Message], newest_ns: int) -> None:
         self._require_recorder()
         self._require_time()
+        self._board.newest = self.newest
         if pause := self._board.attend(said, newest_ns):
             self.counters.rearmed += 1
             self._pause = pause

@@ -389,6 +389,14 @@ class Still(Board):
         return super().say_row(tick, vx, vy, ux, uy) if tick < self.at else b""
 
 
+class StillAndLate(Still):
+    """Falls behind the time before it streams nothing any more, and catches up."""
+
+    def each_tick(self) -> None:
+        if self.tick == self.at - 20:
+            time.sleep(0.48)
+
+
 class Stubborn(Board):
     """Keeps a register at a value of its own, and says so or claims the other."""
 

@@ -57,6 +57,7 @@ class Armed:
         link = {"timeout_s": TIMEOUT_S, "watchdog_s": WATCHDOG / 400.0}
         bench = gyro.unhurried_bench(1.0, clock, link=link, limits={"rearm": REARM} | limits)
         self.board = ArmedBoard(host, Board().identity, bench, DriveForce, WRITTEN)
+        self.board.newest = TICK - 1
         far.answer = self._answer
 
     def _answer(self, message: Message) -> list[Message]:
@@ -277,6 +278,17 @@ def test_one_that_it_does_not_account_for_ends_the_run(armed: Armed) -> None:
     assert "its watchdog tripped, yet this host was never late" in armed.ends(TRIPPED)
     safety = armed.board.safety
     assert (safety.rearmed, safety.latched, safety.stops[0].armed_again) == (0, "WATCHDOG", False)
+
+
+@pytest.mark.parametrize(("without", "starved"), [(WATCHDOG // 2 - 1, False), (WATCHDOG // 2, True), (None, True)])
+def test_a_watchdog_that_trips_for_want_of_samples_is_known_by_the_ticks(
+    armed: Armed, without: int | None, starved: bool
+) -> None:
+    """Of the board, whose watchdog counts them, whatever time this host saw pass."""
+    armed.board.newest = None if without is None else TICK - without
+    words = armed.ends(TRIPPED)
+    assert ("sends no acceptable sample" in words) == starved
+    assert ("never late" in words) == (not starved)
 
 
 def test_what_accounted_for_one_stop_does_not_for_the_next(armed: Armed) -> None:

@@ -216,6 +216,14 @@ def test_a_watchdog_that_trips_for_want_of_samples_is_no_fault_of_it(tmp_path: P
     assert board.arms == 1
 
 
+def test_nor_is_it_where_the_board_runs_through_it_at_once(tmp_path: Path) -> None:
+    """By its ticks a board that catches up with the time is without a drive for 0.5 s; by this host's clock 0.1 s."""
+    with served(misbehaving.StillAndLate(AT)) as board:
+        reason = ended(go(board, bench(60.0), tmp_path))
+    assert "the board went to SAFE: it answers, but sends no acceptable sample (nothing was lost on the way)" in reason
+    assert board.arms == 1
+
+
 def test_a_register_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
     for honest in (True, False):
         for dry in (True, False):
