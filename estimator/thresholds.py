@@ -235,6 +235,14 @@ class Promises:
 
 
 @dataclass(frozen=True)
+class Certainty:
+    """When a filter's estimates, and how sure it is of them, are those of the likelihood."""
+
+    off: float = _set(0.25, "standard deviations", "An interval that is off by so little still holds 94 of 95 %.")
+    surer: float = _set(1.1, "× as sure", "An interval that is a tenth too narrow still holds 92 of 95 %.")
+
+
+@dataclass(frozen=True)
 class Judgement:
     """Whether what is left is of a size that matters."""
 
@@ -443,6 +451,7 @@ class Thresholds:
     choice: Choice = field(default_factory=Choice)
     parameters: ParameterSearch = field(default_factory=ParameterSearch)
     promises: Promises = field(default_factory=Promises)
+    certainty: Certainty = field(default_factory=Certainty)
     judgement: Judgement = field(default_factory=Judgement)
     nameless: NamelessForce = field(default_factory=NamelessForce)
     prior: Prior = field(default_factory=Prior)

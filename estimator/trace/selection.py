@@ -146,9 +146,14 @@ def without(problem: Problem, selection: Selection, names: Collection[str]) -> S
     return replace(selection, effects=effects_of(after, selection.searched), after=after, gain=kept)
 
 
-def exactly(problem: Problem, selection: Selection) -> Selection:
-    """What was selected on the record of `problem`, its constants and coefficients by `by_prediction_error`."""
-    after = by_prediction_error(problem, selection.after)
+def exactly(problem: Problem, selection: Selection, progress: Progress, *, unless_right: bool = False) -> Selection:
+    """What was selected on the record of `problem`, its constants and coefficients by `by_prediction_error`; with
+    `unless_right`, `selection` itself where those of the filter are as good.
+    """
+    told = partial(progress, "constants")
+    after = by_prediction_error(problem, selection.after, unless_right=unless_right, told=told)
+    if after is selection.after:
+        return selection
     return replace(selection, effects=effects_of(after, selection.searched), after=after)
 
 

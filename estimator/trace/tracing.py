@@ -125,8 +125,8 @@ def _judged(
 
     An effect that a guard of its own speaks against is taken out and the rest fitted anew; where that is its sign, what
     it explained is something else's, and the rest no more than a part.  Where something is left, so are those that
-    explain little beside the largest.  Where a constant is not what the device may have, constants and coefficients
-    are first fitted by the likelihood itself.
+    explain little beside the largest.  Where a constant is not what the device may have, or the filter is surer than the
+    record is, constants and coefficients are first fitted by the likelihood itself.
     """
     part, known = problem.part(slice(0, split)), problem.effects
     why: dict[str, str] = {}
@@ -147,11 +147,11 @@ def _judged(
             continue
         claim = claim_of(problem, selection, before, after, split)
         left = _left(part, selection)
-        if not left and promises.in_conflict(claim) and set(named) not in exact:
-            progress("constants", 0, 1)
+        if not left and set(named) not in exact and ((conflict := promises.in_conflict(claim)) or named):
             exact.append(set(named))
-            selection = exactly(part, selection)
-            continue
+            filtered, selection = selection, exactly(part, selection, progress, unless_right=not conflict)
+            if selection is not filtered:
+                continue
         against = promises.broken(claim) if named else ()
         share = claim.residual.share if named and not claim.residual.nothing_above else None
         if not against and not left and (doubtful := _rather_nothing(named, selection, why, claim.contest)):
@@ -161,10 +161,10 @@ def _judged(
             continue
         if not against and not left:
             reasons = _reasons(named, selection, before.held_out, after.held_out, why)
-            if conflict := promises.constants(claim):
+            if words := promises.constants(claim):
                 backwards = runs_backwards(claim.constants)
-                conflict = (*conflict, backwards) if backwards else conflict
-                return _in_conflict(problem, selection, after, split, why, (*conflict, *reasons), progress)
+                words = (*words, backwards) if backwards else words
+                return _in_conflict(problem, selection, after, split, why, (*words, *reasons), progress)
             doubts = (*_of_something_else(elses), *promises.one_curve(named))
             if named and doubts:
                 told = (_in_part(named, claim), *doubts, *reasons)
