@@ -64,6 +64,7 @@ DAMPING_ASYMMETRIC = Effect(
     undone=Undone.CANCEL,
     look_alikes={"quadratic_stiffness": "moves at other frequencies"},
     signs=EVEN,
+    kin=Kin.EVEN,
 )
 
 DRAG = Effect(
@@ -109,6 +110,7 @@ DRY_FRICTION_ASYMMETRIC = Effect(
     look_alikes={"constant_force": "standing still"},
     signs=EVEN,
     search=Search.SPEEDS,
+    kin=Kin.EVEN,
 )
 
 STRIBECK_FRICTION = Effect(

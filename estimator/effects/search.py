@@ -52,3 +52,4 @@ class Kin(Enum):
 
     DAMPING = "laws of a damping that depends on the amplitude and not on the direction"
     STIFFNESS = "laws of a spring whose stiffness depends on the amplitude"
+    EVEN = "laws of even order, of which a vibration shows a shift and its second harmonic"

@@ -3,7 +3,7 @@
 import sympy as sp
 
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
-from estimator.effects.search import EVEN, LINEAR, ODD, Search, Sign
+from estimator.effects.search import EVEN, LINEAR, ODD, Kin, Search, Sign
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate, ux, uy, vx, vy, x, y
 from estimator.model.oscillator import b, d, k
 
@@ -86,6 +86,7 @@ SENSE_QUADRATIC = Effect(
     undone=Undone.MAP,
     look_alikes={"quadratic_stiffness": "amplitude steps"},
     signs=EVEN,
+    kin=Kin.EVEN,
 )
 
 SENSE_CUBIC = Effect(

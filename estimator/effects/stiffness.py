@@ -48,6 +48,7 @@ QUADRATIC_STIFFNESS = Effect(
     undone=Undone.CANCEL,
     look_alikes={"sense_quadratic": "moves with the bias, not with the drive"},
     signs=EVEN,
+    kin=Kin.EVEN,
 )
 
 NONRECIPROCAL_STIFFNESS = Effect(

@@ -1,9 +1,11 @@
-"""Effects that a scan cannot choose between: laws of damping, which near a resonance differ by one number only.
+"""Effects that a scan cannot choose between: laws of damping, which near a resonance differ by one number only, of a
+spring, and of even order.
 
 Dry friction takes from each cycle in proportion to the amplitude, linear damping to its square, drag to its cube, the
 cubic laws to its fourth power (Nayfeh & Mook 1979, ch. 3).  Where the linear damping is estimated beside them, what
 falls with the amplitude is one of the last with the other sign, or friction; how much each promises to first order says
-little, since friction is far from linear in how slow the mass is where it turns over.
+little, since friction is far from linear in how slow the mass is where it turns over.  Of a law of even order, in the
+channel, the spring or the damping, a vibration shows a shift and its second harmonic.
 """
 
 from collections.abc import Collection, Iterable

@@ -16,6 +16,7 @@ from estimator.trace.look import Look
 from estimator.trace.nested import simpler_than
 from estimator.trace.observer_model import Carrying, numbers, told
 from estimator.trace.probability import NOTHING, Account, nearest
+from estimator.trace.scan import PARTS
 from estimator.trace.searched import NOTHING as NOT_SEARCHED
 from estimator.trace.searched import Searched
 
@@ -138,7 +139,10 @@ def _numbers(look: Look, name: str) -> int:
 
 
 def dispersion(model: Fitted, other: Fitted) -> float:
-    """By how much a difference of the two likelihoods is less sure than white innovations would make it."""
+    """By how much a difference of the two likelihoods is less sure than white innovations would make it, behind the
+    first part of the record: what the start of either pass tells hangs on how it was linearised, and is no noise.
+    """
     with np.errstate(invalid="ignore"):
         one, two = (fitted.estimates.innovation / fitted.estimates.innovation_deviation for fitted in (model, other))
-    return dispersed(one, two)
+    first = math.ceil(len(one) / PARTS)
+    return dispersed(one[first:], two[first:])

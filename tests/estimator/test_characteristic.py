@@ -1,9 +1,13 @@
 """Laws of one characteristic, against the equations that the page of effects prints."""
 
 import pytest
+import sympy as sp
 
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.characteristic import Characteristic, characteristic
+from estimator.effects.declaration import Source
+from estimator.effects.search import Kin
+from estimator.model.gyro import vx, vy, x, y
 from estimator.trace.engine import Estimate
 from estimator.trace.promises import one_curve
 
@@ -26,6 +30,20 @@ LAWS = {
 @pytest.mark.parametrize("which", Characteristic)
 def test_the_laws_of_a_characteristic_are_those_that_depend_on_the_same_axis_now(which: Characteristic) -> None:
     assert {effect.name for effect in EFFECTS if characteristic(effect) is which} == LAWS[which]
+
+
+def test_even_laws_are_those_that_do_not_change_with_the_sign_of_the_motion() -> None:
+    """Of a vibration they show a shift and its second harmonic, each of which another one draws as well."""
+    even = set()
+    for effect in EFFECTS:
+        directions = [signal.symbol for signal in effect.signals if signal.source is Source.DIRECTION]
+        motion = [x, y, vx, vy, *directions]
+        laws = [*effect.sense, *effect.force]
+        turned = [sp.sympify(law).subs({one: -one for one in motion}, simultaneous=True) for law in laws]
+        moves = any(sp.sympify(law).free_symbols & set(motion) for law in laws)
+        if moves and all(sp.simplify(new - law) == 0 for new, law in zip(turned, laws, strict=True)):
+            even.add(effect.name)
+    assert {effect.name for effect in EFFECTS if effect.kin is Kin.EVEN} == even
 
 
 def test_three_laws_of_one_characteristic_are_terms_of_a_series() -> None:

@@ -161,6 +161,37 @@ def test_intervals_of_an_axis_at_rest_hold_the_truth_where_those_of_the_filter_d
     assert misses["filter"] > 4
 
 
+def test_a_filter_whose_estimates_are_those_of_the_likelihood_is_left_as_it_is() -> None:
+    problem = Problem(record(5, 0.02), DECLARED, SETTINGS)
+    model = fit(problem)
+    told: list[tuple[int, int]] = []
+    assert by_prediction_error(problem, model, unless_right=True, told=lambda *seen: told.append(seen)) is model
+    assert told[-1] == (3, 3)  # one pass for each damping
+    exact = by_prediction_error(problem, model)
+    for name in ("dxx", "dyy", "dxy"):
+        (by_filter, its), (by_likelihood, sure) = value(model, name), value(exact, name)
+        assert by_filter == pytest.approx(by_likelihood, abs=0.25 * sure)
+        assert its == pytest.approx(sure, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("off", "as_sure", "right"),
+    [(0.1, 1.0, True), (-0.1, 1.0, True), (0.5, 1.0, False), (-0.5, 1.0, False), (0.0, 0.8, False), (0.0, 1.25, True)],
+)
+def test_one_that_is_off_or_surer_is_not(off: float, as_sure: float, right: bool) -> None:
+    """In standard deviations, and in multiples of them: one that is less sure than it might be does no harm."""
+    problem = Problem(record(5, 0.02), DECLARED, SETTINGS)
+    model = by_prediction_error(problem, fit(problem))
+    observer, sure = model.observer, value(model, "dyy")[1]
+    row = observer.estimated.index("dyy")
+    observer.x[observer.names.index("dyy")] += off * sure / observer.factors[observer.names.index("dyy")]
+    names = ["dxx", "dyy", "dxy"]
+    rows = [observer.estimated.index(name) for name in names]
+    observer.assume(names, observer.covariance[np.ix_(rows, rows)] * as_sure**2)
+    assert np.sqrt(observer.covariance[row, row]) == pytest.approx(as_sure * sure)
+    assert (by_prediction_error(problem, model, unless_right=True) is model) == right
+
+
 def test_what_is_held_keeps_its_value_and_what_is_assumed_is_known_so_well() -> None:
     fading = replace(SETTINGS, gain=Gain.FADING, initial={"dyy": 13.0})
     fading = replace(fading, process_noise=replace(fading.process_noise, damping=0.1))

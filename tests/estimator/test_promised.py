@@ -18,7 +18,7 @@ from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
 from estimator.trace.nameless import Contest
 from estimator.trace.probability import Account
 from estimator.trace.problem import Problem
-from estimator.trace.promises import Claim, Constant, Departure, Errors, Vote
+from estimator.trace.promises import Claim, Constant, Departure, Errors, Vote, in_conflict
 from tests.estimator.device import NOMINAL as DEVICE
 
 SURE, NOTHING = Estimate(0.05, 0.04, 0.06), Estimate(-1.9, -7.0, 3.0)
@@ -53,17 +53,26 @@ class Selected:
 def judged(monkeypatch):
     """The verdict of a selection, where the residual is as given for each set of effects, with what is left."""
 
-    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, exact=None, accounts=None, **claimed):
+    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, exact=None, likelier=None, accounts=None, **claimed):
+        """exact, likelier: constants, and coefficients by symbol, as the likelihood has them."""
         left, asked = left or {}, []
 
-        def exactly(part, selection):
-            """Constants as the likelihood itself has them: `exact`, where given."""
+        def exactly(part, selection, progress, *, unless_right):
+            """As the likelihood has it, which is asked in any case where a constant is in conflict."""
             assert len(part.record) == SPLIT
             assert key(selection) not in asked
             asked.append(key(selection))
-            if exact is not None:
-                claimed["constants"] = exact
-            return selection
+            progress("constants", 0, 1)
+            constants = IMPOSSIBLE.get(key(selection), claimed.get("constants", ()))
+            assert unless_right != in_conflict(Claim(errors(1.0, 1.0), {}, constants=constants))
+            if exact is None:
+                return selection
+            claimed["constants"] = exact
+            as_likely = {
+                name: {symbol: (likelier or {}).get(symbol, one) for symbol, one in given.items()}
+                for name, given in selection.coefficients.items()
+            }
+            return replace(selection, coefficients=as_likely)
 
         def key(selection):
             return tuple(selection.coefficients)
@@ -337,6 +346,15 @@ def test_a_constant_of_which_only_the_filter_is_sure_is_in_no_conflict(judged):
     given = {"drive_gain": {"hx": SURE}}, {"drive_gain": 500.0}, {("drive_gain",): errors(3.0, 1.0)}
     found = judged(*given, constants=(FAR,), exact=(UNSURE,))
     assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"drive_gain"})
+
+
+def test_what_only_the_filter_was_sure_of_is_judged_anew(judged):
+    """A gain of 5 ± 1 % by the filter, and by the likelihood one that may be nothing."""
+    selected = {"drag": {"dqx": SURE}, "drive_gain": {"hx": SURE}}
+    residuals = {("drag", "drive_gain"): errors(3.0, 1.0), ("drag",): errors(3.0, 1.0)}
+    found = judged(selected, {"drag": 900.0, "drive_gain": 500.0}, residuals, exact=(), likelier={"hx": NOTHING})
+    assert (found.verdict, set(found.named)) == (Verdict.EXPLAINED, {"drag"})
+    assert "may as well be nothing" in found.why["drive_gain"]
 
 
 def test_what_the_record_does_not_determine_is_told_where_the_likelihood_itself_was_asked(judged):

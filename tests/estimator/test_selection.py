@@ -372,7 +372,10 @@ def test_a_rival_that_the_observer_loses_is_not_searched(monkeypatch: pytest.Mon
     assert found.searched["drive_delay"] == "how surely"
 
 
-def test_what_is_fitted_by_the_likelihood_itself_is_the_model_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("unless_right", [True, False])
+def test_what_is_fitted_by_the_likelihood_itself_is_the_model_behind(
+    monkeypatch: pytest.MonkeyPatch, unless_right: bool
+) -> None:
     made, asked = SimpleNamespace(name="exact"), problem(COMPARED)
     none: Any = {}
     before = selection.Selection(
@@ -380,8 +383,11 @@ def test_what_is_fitted_by_the_likelihood_itself_is_the_model_behind(monkeypatch
         before=none, after=none, gain={"drag": 500.0}, searched={"drag": NOTHING}, patchwork=False,
     )  # fmt: skip
 
-    def exact(given: Problem, model: Any) -> Any:
-        assert (given, model) == (asked, before.after)
+    told: list[Any] = []
+
+    def exact(given: Problem, model: Any, **how: Any) -> Any:
+        assert (given, model, how.pop("unless_right")) == (asked, before.after, unless_right)
+        how.pop("told")(3, 7)
         return made
 
     def effects_of(model: Any, searched: Any) -> Any:
@@ -390,9 +396,12 @@ def test_what_is_fitted_by_the_likelihood_itself_is_the_model_behind(monkeypatch
 
     monkeypatch.setattr(selection, "by_prediction_error", exact)
     monkeypatch.setattr(selection, "effects_of", effects_of)
-    found = selection.exactly(asked, before)
+    found = selection.exactly(asked, before, lambda *seen: told.append(seen), unless_right=unless_right)
+    assert told == [("constants", 3, 7)]
     assert (found.after, found.effects) == (made, {"drag": {"dqx": 2.0}})
     assert found == replace(before, after=made, effects=found.effects)
+    made = before.after
+    assert selection.exactly(asked, before, lambda *_: None, unless_right=unless_right) is before
 
 
 def test_a_line_is_the_last_to_be_believed() -> None:
