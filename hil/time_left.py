@@ -11,6 +11,7 @@ _FOLLOWS = {
     "refinement": (0.0, 0.0),
     "parameters": (0.8, 0.3),
     "other kinds": (0.0, 0.3),
+    "constants": (0.0, 0.1),
     "before and after": (0.0, 0.1),
     "experiments": (0.0, 0.1),
 }

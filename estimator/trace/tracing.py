@@ -125,8 +125,8 @@ def _judged(
 
     An effect that a guard of its own speaks against is taken out and the rest fitted anew; where that is its sign, what
     it explained is something else's, and the rest no more than a part.  Where something is left, so are those that
-    explain little beside the largest.  Where a constant is not what the device may have, or the filter is surer than the
-    record is, constants and coefficients are first fitted by the likelihood itself.
+    explain little beside the largest.  Where a constant is not what the device may have, or the filter is surer than
+    the record, constants and coefficients are first fitted by the likelihood itself.
     """
     part, known = problem.part(slice(0, split)), problem.effects
     why: dict[str, str] = {}

@@ -53,7 +53,10 @@ class Selected:
 def judged(monkeypatch):
     """The verdict of a selection, where the residual is as given for each set of effects, with what is left."""
 
-    def run(coefficients, gain, residuals, left=None, diverging=(), rivals=None, exact=None, likelier=None, accounts=None, **claimed):
+    def run(
+        coefficients, gain, residuals, left=None, diverging=(), rivals=None, exact=None, likelier=None, accounts=None,
+        **claimed,
+    ):  # fmt: skip
         """exact, likelier: constants, and coefficients by symbol, as the likelihood has them."""
         left, asked = left or {}, []
 
