@@ -29,8 +29,6 @@ from estimator.trace.problem import Problem
 from estimator.trace.start import begin_moving
 
 _SET = THRESHOLDS.certainty
-_BLIND = 1e-9  # of the largest singular value: below it the record says nothing of a direction
-
 
 def by_prediction_error(
     problem: Problem,
@@ -137,11 +135,11 @@ def _is_top(slopes: Array, residual: Array) -> bool:
     to be sure of, have their least where it is, nearly, and tell no less.
     """
     _, sizes, directions = np.linalg.svd(slopes, full_matrices=False)
-    seen = sizes > _BLIND * sizes[0]
+    seen = sizes > THRESHOLDS.scan.blind * sizes[0]
     spread = directions[seen].T / sizes[seen]
     sure = np.sqrt(np.sum(spread**2, axis=1))
-    away = lstsq(slopes, -residual, cond=_BLIND)[0]
-    return bool(np.all(sure < _SET.surer) and np.all(np.abs(away) <= _SET.off * np.maximum(sure, _BLIND)))
+    away = lstsq(slopes, -residual, cond=THRESHOLDS.scan.blind)[0]
+    return bool(np.all(sure < _SET.surer) and np.all(np.abs(away) <= _SET.off * sure))
 
 
 def _sought(observer: Observer, given: Mapping[str, Declared]) -> list[str]:

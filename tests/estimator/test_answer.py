@@ -178,6 +178,7 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(tracing, "examine", examine)
         monkeypatch.setattr(tracing, "claim_of", claim)
         monkeypatch.setattr(tracing, "leftover", lambda of, record, resonance: left(of) if callable(left) else left)
+        monkeypatch.setattr(tracing, "exactly", lambda part, selected, progress, unless_right: selected)
         monkeypatch.setattr(tracing, "bounds", bounds)
         monkeypatch.setattr(tracing, "AngleReader", Reader)
         monkeypatch.setattr(tracing, "separations", separations)
