@@ -16,6 +16,12 @@ _ADDED = "better.bench.toml"
 _ANOTHER = "OTHER.arrow"
 """Stands for a record that is yet to be made."""
 
+_ARRAYS = "ARRAYS.arrow"
+"""Stands for arrays that were given from memory, which are in no file."""
+
+PASSING = "gyrohil-arrays-"
+"""How the folder is called in which such arrays are while they are traced or compared."""
+
 _SEVERAL = re.compile(r"\d+ records: ")
 
 
@@ -66,7 +72,7 @@ def after_comparison(folder: Path, methods: Methods, *, record: Path | None = No
 def _place(folder: Path, name: str, record: Path | None) -> Path:
     """A run's folder, or the file of another record."""
     if record is not None:
-        return run_of(record)
+        return Path(_ARRAYS) if record.parent.name.startswith(PASSING) else run_of(record)
     run = folder.parent / name
     return run if run.is_dir() else Path(f"{name}.arrow")
 

@@ -30,6 +30,7 @@ from hil.library.places import bench_file, folder_of, path_of, require
 from hil.library.series import Series
 from hil.library.tracing import Trace
 from hil.library.words import said_of_arguments
+from hil.next_step import PASSING
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
 from hil.records.listing import RUNS
@@ -333,7 +334,7 @@ def _captured(record: Record, hold: Hold, nonuniform: bool) -> Iterator[Path]:
         place_of = folder_of("record", record, wanted)
         yield place_of / "capture.arrow" if place_of.is_dir() else place_of
         return
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory(prefix=PASSING) as place:
         capture = Path(place) / "arrays.arrow"
         own: Any = record.header.get("hold", hold) if isinstance(record, Series) else hold
         write_capture(columns, capture, hold=own, nonuniform=nonuniform)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hil.next_step import after_comparison, after_trace
+from hil.next_step import PASSING, after_comparison, after_trace
 from hil.records.diagnosis import Coefficient, Confusable, Diagnosis, FormTerm, MissingForce
 from hil.records.methods import MethodRow, Methods
 from tests.cli.diagnoses import explained
@@ -89,6 +89,15 @@ def test_what_was_added_is_tried_on_the_board_or_on_the_record(folder: Path) -> 
     assert after_trace(folder, found("explained"), added) == "hil run better.bench.toml"
     told = after_trace(folder, found("explained"), added, record=Path("ride.arrow"))
     assert told == "hil replay ride.arrow --bench better.bench.toml"
+
+
+def test_arrays_from_memory_are_in_no_file_that_lasts(folder: Path) -> None:
+    """What `hil.trace` and `hil.compare` write of them to work on is gone when they are done."""
+    passing = folder.parent / f"{PASSING}x1y2" / "arrays.arrow"
+    told = after_trace(folder, found("explained", record="arrays"), record=passing)
+    assert told == "hil trace ARRAYS.arrow --bench runs/trace/bench.toml --add better.bench.toml"
+    told = after_comparison(folder, Methods(record="arrays", bench="b", seconds=3.0, window_s=(1.0, 3.0), rows=()), record=passing)
+    assert told == "hil trace ARRAYS.arrow --bench runs/trace/bench.toml"
 
 
 @pytest.mark.parametrize("device", ["axes = 0", 'axes = 1\n[device.sense]\nsenses = "envelope"'])
