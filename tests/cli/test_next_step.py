@@ -96,8 +96,8 @@ def test_arrays_from_memory_are_in_no_file_that_lasts(folder: Path) -> None:
     passing = folder.parent / f"{PASSING}x1y2" / "arrays.arrow"
     told = after_trace(folder, found("explained", record="arrays"), record=passing)
     assert told == "hil trace ARRAYS.arrow --bench runs/trace/bench.toml --add better.bench.toml"
-    told = after_comparison(folder, Methods(record="arrays", bench="b", seconds=3.0, window_s=(1.0, 3.0), rows=()), record=passing)
-    assert told == "hil trace ARRAYS.arrow --bench runs/trace/bench.toml"
+    methods = Methods(record="arrays", bench="b", seconds=3.0, window_s=(1.0, 3.0), rows=())
+    assert after_comparison(folder, methods, record=passing) == "hil trace ARRAYS.arrow --bench runs/trace/bench.toml"
 
 
 @pytest.mark.parametrize("device", ["axes = 0", 'axes = 1\n[device.sense]\nsenses = "envelope"'])
