@@ -166,7 +166,8 @@ class Rules:
     share of a gain from which on one that was beaten is asked again (`reconsidered`), None where nobody is; last: what
     is believed only if nothing else accounts for it, so that beside what was found later all are asked again; simpler:
     of those that were carried in a round, a simpler effect that the best is for all that the record tells, which is
-    taken instead, None where there is none.
+    taken instead, None where there is none; nested: of those that a look promises something of, the effect that another
+    is at an end of its range, where it may go beside those taken later.
     """
 
     most: int
@@ -176,6 +177,7 @@ class Rules:
     near: float | None = None
     last: Callable[[str], bool] = lambda name: False
     simpler: Callable[[str, Mapping[str, Trial[Any]]], str | None] = lambda best, trials: None
+    nested: Callable[[str, Any], str | None] = lambda name, look: None
 
 
 @dataclass(frozen=True)
@@ -337,12 +339,16 @@ def _near(
     known: Collection[str],
     rules: Rules,
 ) -> dict[str, Trial[Fit]]:
-    """Beside `less`, those that came near a step when it was taken, or all where it is the last to be believed, as far
-    as there is a model of the right signs; holder: the step beside `less`, whose place it is.
+    """Beside `less`, those that came near a step when it was taken, or all where it is the last to be believed, and what
+    it may have turned into, as far as there is a model of the right signs; holder: the step beside `less`, whose place
+    it is.
     """
     share = math.inf if rules.near is None else 0.0 if rules.last(step.name) else rules.near
     enough = share * step.trial.score.gain
     names = [name for name, one in step.beside.items() if one.score.gain > enough and name not in known]
+    simpler = rules.nested(step.name, look)
+    if simpler is not None and simpler not in (*names, *known):
+        names.append(simpler)
     fits = {
         name: found
         for name, found in (model.fit(less, look, names, {step.name: holder}) if names else {}).items()

@@ -4,6 +4,8 @@ A long record shows the smallest of imperfections: what counts is not whether th
 noise, but whether what stands above it is of a size that matters.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.stats import norm
 
@@ -14,17 +16,20 @@ from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted
-from estimator.trace.selection import MOST, Selection
+
+if TYPE_CHECKING:
+    from estimator.trace.selection import Selection
 
 _SET = THRESHOLDS.judgement
 
 
-def leftover(selection: Selection, record: Record, resonance_hz: float) -> tuple[str, ...]:
+def leftover(selection: "Selection", record: Record, resonance_hz: float) -> tuple[str, ...]:
     """Reasons, in words, why the residual of the fitted part is not explained; none when it is."""
     if not np.isfinite(selection.after.likelihood):
         return ("the observer does not converge on this record",)
-    patchwork = f"it takes more than {MOST} effects to bring the residual down: they are not its cause"
-    is_patchwork = selection.patchwork and len(selection.gain) >= MOST  # fewer may do, and are asked by themselves
+    most = THRESHOLDS.choice.most
+    patchwork = f"it takes more than {most} effects to bring the residual down: they are not its cause"
+    is_patchwork = selection.patchwork and len(selection.gain) >= most  # fewer may do, and are asked by themselves
     return (*((patchwork,) if is_patchwork else ()), *unexplained(selection.after, record, resonance_hz))
 
 

@@ -9,6 +9,7 @@ from estimator.effects.search import Search
 from estimator.trace.candidates import at_resonance, declared, searched_by
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Trial
+from estimator.trace.look import Look
 from estimator.trace.problem import Problem
 
 _THRESHOLDS = (Search.LIMITS, Search.BANDS)
@@ -18,6 +19,12 @@ def simpler_than(name: str) -> str:
     """What the effect `name` is at an end of its range; "" where it stays one of its own."""
     effect = declared(name)
     return "" if effect is None else effect.simpler
+
+
+def simpler_in(name: str, look: Look) -> str | None:
+    """The same where it is watched, as `estimator.trace.engine.Rules.nested` of the bench's observer."""
+    simpler = simpler_than(name)
+    return simpler if simpler in look.watched else None
 
 
 def simpler_by_standing(best: str, trials: Mapping[str, Trial[Any]]) -> str | None:

@@ -20,6 +20,7 @@ from estimator.trace.engine import Chosen, Dissent, Estimate, Round, Rules, choo
 from estimator.trace.fitting import Fitted, coefficients_of, fit, widening
 from estimator.trace.longer import gone_on, shows_later
 from estimator.trace.look import Look
+from estimator.trace.nested import simpler_in
 from estimator.trace.observer_model import Carrying, ObserverModel, estimates_of
 from estimator.trace.parameters import refine_in_turn, refine_parameters
 from estimator.trace.prediction_error import by_prediction_error
@@ -37,7 +38,10 @@ T = TypeVar("T")
 MOST = _SET.most
 """Effects that are named at most: with more the model is a patchwork, and none of them the cause."""
 
-RULES = Rules(MOST, Dissent.ENDS, anew=True, near=THRESHOLDS.width.refined, last=is_line, simpler=simpler_rival)
+RULES = Rules(
+    MOST, Dissent.ENDS, anew=True, near=THRESHOLDS.width.refined, last=is_line, simpler=simpler_rival,
+    nested=simpler_in,
+)  # fmt: skip
 """What came out with a wrong sign may have stood in for another that is missing: it is tried again beside that one."""
 
 

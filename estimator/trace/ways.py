@@ -8,11 +8,13 @@ model that was chosen leaves more than an explained record may, the choice is ma
 from collections.abc import Callable, Iterator
 from itertools import islice
 
+import numpy as np
+
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import kind
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Chosen, Rules, Step, choose, exchanged, ranked, unphysical
-from estimator.trace.fitting import is_as_predicted
+from estimator.trace.judgement import unexplained
 from estimator.trace.look import Look
 from estimator.trace.observer_model import Carrying, ObserverModel
 
@@ -29,7 +31,7 @@ def best_way(
     that leaves nothing ends the search.
     """
     first, best = chosen.first, chosen
-    if first is None or is_as_predicted(chosen.fit.fitted):
+    if first is None or not _leaves(chosen.fit):
         return chosen
     for name in islice(_others(family, first, rules), _SET.ways):
         beside = {one: trial for one, trial in first.beside.items() if one != name} | {first.name: first.trial}
@@ -38,9 +40,18 @@ def best_way(
         way = choose(family, first.before, rules, progress, reducible=family, begun=begun)
         if _standing(way) > _standing(best) + TIE:
             best = way
-            if is_as_predicted(best.fit.fitted):
+            if not _leaves(best.fit):
                 break
     return best
+
+
+def _leaves(carrying: Carrying) -> bool:
+    """Whether a model leaves more than an explained record may: what is predicted of the innovations hides much where
+    the noise is declared larger than it is.
+    """
+    problem = carrying.problem
+    resonance_hz = float(np.sqrt(problem.device.target)) / (2.0 * np.pi)
+    return bool(unexplained(carrying.fitted, problem.record, resonance_hz))
 
 
 def _others(family: ObserverModel, first: Step[Carrying], rules: Rules) -> Iterator[str]:

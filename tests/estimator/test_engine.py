@@ -767,6 +767,38 @@ def test_who_came_near_a_step_had_more_than_that_share_of_its_gain() -> None:
     assert _near(family, "less", "look", step, holder, (), replace(rules, near=None)) == {}
 
 
+def test_what_a_step_may_have_turned_into_is_asked_whatever_it_gained() -> None:
+    """A saturation whose limit went to nothing is a drive of another gain, which may have had the wrong sign when the
+    saturation was taken, or have gained too little.
+    """
+
+    class Family:
+        def fit(self, less: str, look: str, names: list[str], tried: object) -> dict[str, tuple[str, ...]]:
+            assert len(set(names)) == len(names)
+            return {name: (name,) for name in names}
+
+        def coefficients(self, fit: tuple[str, ...]) -> dict[str, dict[str, Estimate]]:
+            return {}
+
+        def score(self, less: str, look: str, fits: dict[str, tuple[str, ...]]) -> dict[str, Score]:
+            return {name: Score(1.0, 2.0, 3.0, 4.0) for name in fits}
+
+    def gain(name: str, look: str) -> str | None:
+        assert (name, look) == ("saturation", "look")
+        return "gain"
+
+    family: Any = Family()
+    rules = Rules(3, Dissent.ENDS, near=0.9, nested=gain)
+    for gained, beside in ((None, {}), (1.0, {"gain": 1.0}), (95.0, {"gain": 95.0, "other": 95.0})):
+        trials = {name: Trial(name, Score(0.0, own, 0.0, 0.0)) for name, own in beside.items()}
+        step: Any = Step("saturation", Trial("fit", Score(0.0, 100.0, 0.0, 0.0)), "before", trials)
+        asked = {"gain"} | ({"other"} if gained == 95.0 else set())
+        assert set(_near(family, "less", "look", step, step.trial, (), rules)) == asked
+        assert set(_near(family, "less", "look", step, step.trial, {"gain"}, rules)) == asked - {"gain"}
+    nothing = replace(rules, nested=lambda name, look: None)
+    assert _near(family, "less", "look", replace(step, beside={}), step.trial, (), nothing) == {}
+
+
 def test_of_a_step_that_is_the_last_to_be_believed_whoever_gained_is_asked_again() -> None:
     class Family:
         def fit(self, less: str, look: str, names: list[str], tried: object) -> dict[str, tuple[str, ...]]:

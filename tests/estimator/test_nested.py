@@ -1,6 +1,7 @@
 """A threshold that every drive passes, or none, is no threshold."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from estimator.scaling import Array
 from estimator.trace import nested
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Score, Trial
-from estimator.trace.nested import simpler_by_standing, turned_into, with_simpler
+from estimator.trace.nested import simpler_by_standing, simpler_in, turned_into, with_simpler
 from estimator.trace.problem import Problem
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS, record
 
@@ -111,3 +112,10 @@ def test_where_nothing_drives_no_threshold_is_passed_and_a_dead_band_holds_all()
     still.record.drive[:] = 0.0
     assert turned_into(still, "drive_saturation", {"limit": CODE}) == "drive gain"
     assert turned_into(still, "drive_dead_band", {"band": CODE}) == "no effect at all"
+
+
+def test_what_another_is_at_the_end_of_its_range_counts_where_it_is_watched() -> None:
+    look: Any = SimpleNamespace(watched={"drive_gain": {}, "sense_delay": {}})
+    assert simpler_in("drive_saturation:2", look) == "drive_gain"
+    assert simpler_in("quintic_stiffness", look) is None
+    assert simpler_in("drag", look) is None

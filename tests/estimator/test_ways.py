@@ -1,5 +1,6 @@
 """Other ways to begin a choice, on stub models whose likelihoods are written down for each set of effects."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,12 +15,15 @@ from estimator.trace.ways import best_way
 
 RULES = Rules(3, Dissent.ENDS, last=lambda name: name.startswith("line"))
 PRICE = 10.0
+RECORD = SimpleNamespace()
+"""Of a device at 200 Hz."""
 
 
 class Carried(tuple[str, ...]):
     """What is carried; its model has a likelihood, and leaves nothing from 1,000 on."""
 
     likelihoods: Mapping[frozenset[str], float]
+    problem = SimpleNamespace(record=RECORD, device=SimpleNamespace(target=(2.0 * math.pi * 200.0) ** 2))
 
     @property
     def fitted(self) -> Any:
@@ -74,8 +78,13 @@ class Family:
 
 
 @pytest.fixture(autouse=True)
-def as_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ways, "is_as_predicted", lambda model: model.likelihood >= 1000.0)
+def unexplained(monkeypatch: pytest.MonkeyPatch) -> None:
+    def left(model: Any, record: Any, resonance_hz: float) -> tuple[str, ...]:
+        assert record is RECORD
+        assert resonance_hz == pytest.approx(200.0)
+        return () if model.likelihood >= 1000.0 else ("something is left",)
+
+    monkeypatch.setattr(ways, "unexplained", left)
 
 
 def found(family: Family, rules: Rules = RULES) -> tuple[str, ...]:
