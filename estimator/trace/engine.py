@@ -339,9 +339,9 @@ def _near(
     known: Collection[str],
     rules: Rules,
 ) -> dict[str, Trial[Fit]]:
-    """Beside `less`, those that came near a step when it was taken, or all where it is the last to be believed, and what
-    it may have turned into, as far as there is a model of the right signs; holder: the step beside `less`, whose place
-    it is.
+    """Beside `less`, those that came near a step when it was taken, or all where it is the last to be believed, and
+    what it may have turned into, as far as there is a model of the right signs; holder: the step beside `less`, whose
+    place it is.
     """
     share = math.inf if rules.near is None else 0.0 if rules.last(step.name) else rules.near
     enough = share * step.trial.score.gain
