@@ -63,15 +63,22 @@ def _departures(problem: Problem, selection: Selection, names: Iterable[str]) ->
 
 
 def residual_of(before: Fit, after: Fit, samples: float) -> Errors:
-    """Innovations of the part held out in multiples of the floor, per axis the lower of the two that were seen: a model
-    that raises all of the spectrum does not raise its own measure.
+    """Innovations of the part held out in multiples of the floor (`on_one_floor`)."""
+    was, left = on_one_floor(before, after)
+    return Errors(was.ratio, left.ratio, 1.0, samples)
+
+
+def on_one_floor(before: Fit, after: Fit) -> tuple[Fit, Fit]:
+    """Both over the same floor, per axis the lower of the two that were seen: a model that raises all of the spectrum
+    does not raise its own measure, and what an effect had put into the floor counts as a part of the residual.
     """
     floor = np.minimum(before.noise_floor, after.noise_floor)
-    was, left = (
-        float(np.sqrt(np.mean((np.array(fit.innovation_rms) / np.maximum(floor, np.finfo(float).tiny)) ** 2)))
-        for fit in (before, after)
-    )
-    return Errors(was, left, 1.0, samples)
+
+    def over(fit: Fit) -> Fit:
+        multiples = np.array(fit.innovation_rms) / np.maximum(floor, np.finfo(float).tiny)
+        return replace(fit, noise_floor=tuple(floor.tolist()), ratio=float(np.sqrt(np.mean(multiples**2))))
+
+    return over(before), over(after)
 
 
 def constants_of(problem: Problem, model: Fitted) -> tuple[Constant, ...]:

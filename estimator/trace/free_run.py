@@ -22,7 +22,7 @@ from estimator.simulation import simulate
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
-from estimator.trace.claims import residual_of
+from estimator.trace.claims import on_one_floor, residual_of
 from estimator.trace.determined import declared, undetermined
 from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
@@ -52,6 +52,8 @@ def trace_free_run(
     carried = {**problem.effects, **{name: _coefficients(name, found, device) for name in found.effects}}
     before = _examined(problem, found.before, split)
     after = _examined(problem.carrying(carried), found.after, split) if found.effects else before
+    was, fitted = on_one_floor(before.fitted, after.fitted)
+    was_held_out, held_out = on_one_floor(before.held_out, after.held_out)
     verdict, against = judged(replace(claim, observed=residual_of(before.held_out, after.held_out, later.sense.size)))
     named = found.effects if verdict in (Verdict.EXPLAINED, Verdict.PARTLY) else ()
     if not named:
@@ -69,10 +71,10 @@ def trace_free_run(
         ),
         rejected=tuple(Rejected(name, reason) for name, reason in (why | dict(found.rejected)).items()),
         findings=before.findings,
-        before=replace(before.fitted, simulation_rmse=_rmse(found.before)),
-        after=replace(after.fitted, simulation_rmse=_rmse(found.after)),
-        held_out_before=replace(before.held_out, simulation_rmse=errors.before),
-        held_out_after=replace(after.held_out, simulation_rmse=errors.after),
+        before=replace(was, simulation_rmse=_rmse(found.before)),
+        after=replace(fitted, simulation_rmse=_rmse(found.after)),
+        held_out_before=replace(was_held_out, simulation_rmse=errors.before),
+        held_out_after=replace(held_out, simulation_rmse=errors.after),
         residual_before=before.residual,
         residual_after=after.residual,
         split=split,

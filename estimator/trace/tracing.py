@@ -17,7 +17,7 @@ from estimator.trace import promises
 from estimator.trace.angle import AngleReader
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval_of
-from estimator.trace.claims import claim_of
+from estimator.trace.claims import claim_of, on_one_floor
 from estimator.trace.conflict import reconciled, runs_backwards
 from estimator.trace.criterion import TIE, threshold
 from estimator.trace.engine import gained, last_carried, leaves_the_rest, why_not
@@ -61,6 +61,8 @@ def trace(
     found = _judged(problem, selection, before, split, progress)
     progress("before and after", 2, 2)
     named, after = found.named, found.after
+    was, fitted = on_one_floor(before.fitted, after.fitted)
+    was_held_out, held_out = on_one_floor(before.held_out, after.held_out)
     watched = selection.rounds[-1].look.watched
     reader = AngleReader(problem.part(slice(0, min(split, THRESHOLDS.scoring.read))))
     largest, (alike, effects) = together(
@@ -76,10 +78,10 @@ def trace(
         confusable=_with_equivalents(alike, named, found.selection, device, settings),
         rejected=_rejected(named, selection, found.why, largest, device),
         findings=before.findings,
-        before=before.fitted,
-        after=after.fitted,
-        held_out_before=before.held_out,
-        held_out_after=after.held_out,
+        before=was,
+        after=fitted,
+        held_out_before=was_held_out,
+        held_out_after=held_out,
         residual_before=before.residual,
         residual_after=after.residual,
         split=split,
@@ -160,7 +162,7 @@ def _judged(
             selection = without(part, selection, (name,))
             continue
         if not against and not left:
-            reasons = _reasons(named, selection, before.held_out, after.held_out, why)
+            reasons = _reasons(named, selection, *on_one_floor(before.held_out, after.held_out), why)
             if words := promises.constants(claim):
                 backwards = runs_backwards(claim.constants)
                 words = (*words, backwards) if backwards else words

@@ -147,7 +147,8 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def examine(problem: Problem, split: int) -> Any:
             carried = len(problem.effects) - 1.0
-            fits = [Fit((1.0, 1.0), (1.0, 1.0), 3.0 - carried + more, 0.5) for more in (0.0, 0.5)]
+            ratios = [3.0 - carried + more for more in (0.0, 0.5)]
+            fits = [Fit((ratio, ratio), (1.0, 1.0), ratio, 0.5) for ratio in ratios]
             finding = Finding("line", f"{carried:g} carried", 1.0, 9.0)
             return SimpleNamespace(fitted=fits[0], held_out=fits[1], findings=(finding,), residual=("of", carried))
 

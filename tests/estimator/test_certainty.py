@@ -170,7 +170,7 @@ def test_the_gain_of_a_claim_is_that_of_the_part_held_out(monkeypatch):
     """Of a model that fits its own part better by far and the rest worse, Σ(ν₀² − ν₁²) of the rest alone."""
     for name in ("constants_of", "_rate", "_levels", "_votes", "contest", "_departures"):
         monkeypatch.setattr(claims, name, lambda *args: ())
-    fit = SimpleNamespace(innovation_rms=(1.0, 1.0), noise_floor=(1.0, 1.0))
+    fit = claims.Fit((1.0, 1.0), (1.0, 1.0), 1.0, 0.5)
     was, now = (
         SimpleNamespace(
             held_out=fit,
@@ -200,12 +200,25 @@ def test_a_departure_is_in_the_coefficients_own_size(monkeypatch):
 
 
 def test_the_residual_is_in_multiples_of_the_lower_floor():
-    before = SimpleNamespace(innovation_rms=(6.0, 2.0), noise_floor=(2.0, 1.0))
-    after = SimpleNamespace(innovation_rms=(3.0, 2.0), noise_floor=(1.0, 2.0))
+    before = claims.Fit((6.0, 2.0), (2.0, 1.0), np.sqrt((9.0 + 4.0) / 2.0), 0.25, simulation_rmse=7.0)
+    after = claims.Fit((3.0, 2.0), (1.0, 2.0), np.sqrt((9.0 + 1.0) / 2.0), 0.5)
     errors = claims.residual_of(before, after, 10.0)
     assert errors.before == pytest.approx(np.sqrt((36.0 + 4.0) / 2.0))
     assert errors.after == pytest.approx(np.sqrt((9.0 + 4.0) / 2.0))
     assert errors.floor == 1.0
+    was, left = claims.on_one_floor(before, after)
+    assert (was.ratio, left.ratio) == (errors.before, errors.after)
+    assert was.noise_floor == left.noise_floor == (1.0, 1.0)
+    assert (was.innovation_rms, was.whiteness_p, was.simulation_rmse) == ((6.0, 2.0), 0.25, 7.0)
+    assert (left.innovation_rms, left.whiteness_p) == ((3.0, 2.0), 0.5)
+
+
+def test_an_innovation_that_fell_is_told_so_where_the_floor_fell_with_it():
+    """A feedthrough of a noisy drive is most of the floor that is seen without it: a stranger's record, in µV."""
+    before = claims.Fit((50.0, 37.24), (50.8, 36.77), 0.9994, 0.5)
+    after = claims.Fit((45.3, 37.23), (45.4, 36.75), 1.0064, 0.5)
+    was, left = claims.on_one_floor(before, after)
+    assert was.ratio > 1.05 > left.ratio > 1.0
 
 
 def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
