@@ -179,7 +179,8 @@ def _of_thresholds(record: Record, device: Device) -> dict[Search, Values]:
 
 
 def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
-    """Frequencies at which the residual follows the drive more than around them, with the damping seen there.
+    """Frequencies at which the residual follows the drive more than around them, with the damping seen there; and the
+    one at which most of it does, since a mode that rings for longer than a segment follows the drive of those before.
 
     Not the resonance: what follows the drive there is the gyro itself, as where a gain is off, and a mode beside it
     would imitate that.  Where the drive is of the resonance alone, no peak shows: one frequency stands for all.
@@ -191,27 +192,37 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
     length = _segment(record)
     filled = np.nan_to_num(whitened)
     coherence: Array = np.zeros(length // 2 + 1)
+    following: Array = np.zeros_like(coherence)
     frequency, responses = np.zeros_like(coherence), []
     for axis in range(drive.shape[1]):
         frequency, across = csd(drive[:, axis], filled[:, axis], sample_rate, nperseg=length)
         _, of_drive = welch(drive[:, axis], sample_rate, nperseg=length)
         _, of_residual = welch(filled[:, axis], sample_rate, nperseg=length)
         coherence = coherence + np.abs(across) ** 2 / np.maximum(of_drive * of_residual, np.finfo(float).tiny)
+        following = following + np.abs(across) ** 2 / np.maximum(of_drive, np.finfo(float).tiny)
         responses.append(across / np.maximum(of_drive, np.finfo(float).tiny))
     values: list[tuple[str, tuple[float, ...]]] = []
     if of_resonance_alone(record, device):
         elsewhere = _SET.mode_elsewhere * float(np.sqrt(device.target))
         return [("1", (elsewhere, _SET.damped_elsewhere))] if elsewhere < np.pi * sample_rate else []
-    inner = coherence[1:-1]
-    peaks = 1 + np.flatnonzero((inner > coherence[:-2]) & (inner >= coherence[2:]))
-    peaks = peaks[~at_resonance(record, device, 2.0 * np.pi * frequency[peaks])]
-    for label, peak in enumerate(sorted(peaks, key=lambda k: -coherence[k])[: _SET.modes], start=1):
+    elsewhere_too = ~at_resonance(record, device, 2.0 * np.pi * frequency)
+    peaks = [k for k in _peaks(coherence) if elsewhere_too[k]][: _SET.modes]
+    loudest = [k for k in _peaks(following) if elsewhere_too[k]][:1]
+    peaks += [k for k in loudest if all(abs(k - other) > _SET.beside_peak for other in peaks)]
+    for label, peak in enumerate(peaks, start=1):
         near = slice(max(peak - _SET.beside_peak, 1), peak + _SET.beside_peak + 1)
         seen = resonance(2.0 * np.pi * frequency[near], [response[near] for response in responses])
         supposed = [(2.0 * np.pi * float(frequency[peak]), _SET.damping_ratio)]
         for which, (omega, zeta) in enumerate(supposed if seen is None else [seen, *supposed], start=1):
             values.append((f"{label}{which}", (omega, zeta)))
     return values
+
+
+def _peaks(series: Array) -> list[int]:
+    """Where it is larger than on either side, the largest first."""
+    inner = series[1:-1]
+    peaks = 1 + np.flatnonzero((inner > series[:-2]) & (inner >= series[2:]))
+    return sorted(peaks.tolist(), key=lambda k: -series[k])
 
 
 def _segment(record: Record) -> int:

@@ -173,6 +173,8 @@ def _refined(
     start = np.array([given[which] for which in names])
     alone = names == ("omega",)
     width = np.full(1, _SET.first_turn / problem.span) if alone else _SET.first_share * start
+    if {"omega", "zeta"} <= set(names):  # a mode is as wide as its damping makes it
+        width[names.index("omega")] = min(_SET.first_share, given["zeta"]) * given["omega"]
     if before is not None and before.names:
         known = np.sqrt(np.diagonal(before.covariance))
         width = np.where(known > 0.0, np.minimum(width, _SET.fine * known), width)

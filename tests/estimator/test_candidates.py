@@ -52,6 +52,21 @@ def test_what_follows_the_drive_at_the_resonance_is_the_gyro_and_no_other_mode(a
 
 
 @pytest.mark.moderate
+def test_a_mode_that_rings_for_longer_than_a_segment_is_seen_beside_what_follows_the_drive_at_once() -> None:
+    """It follows the drive of segments before, so that there is less coherence at its peak than anywhere else."""
+    rng = np.random.default_rng(6)
+    n, rate, omega, zeta = 60_000, DEVICE.sample_rate, 1.8 * OMEGA0, 1e-4
+    drive = rng.standard_normal((n, 2))
+    mode = cont2discrete(([1.0], [1.0, 2.0 * zeta * omega, omega**2]), 1.0 / rate)
+    ringing = lfilter(mode[0].ravel(), mode[1], drive, axis=0) * omega**2
+    innovation = 3.0 * drive + ringing + 0.1 * rng.standard_normal((n, 2))
+    excited = Record(np.zeros((n, 2)), drive[:, :, None], np.full(n, 1.0 / rate))
+    watched = watch_list(excited, DEVICE, innovation, np.ones_like(innovation))
+    modes = [given["omega"] for name, given in watched.items() if kind(name) == "parasitic_mode"]
+    assert any(abs(one / omega - 1.0) < 0.01 for one in modes)
+
+
+@pytest.mark.moderate
 def test_what_no_record_can_tell_is_never_a_candidate() -> None:
     hidden = {"clock_rate", "unequal_masses", "drive_polarity", "sense_polarity"}
     assert {effect.name for effect in EFFECTS if effect.declared_only} == hidden

@@ -240,7 +240,7 @@ def test_a_claim_is_of_all_that_may_speak_against_it(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(claims, "contest", noting("contest", "contest"))
     monkeypatch.setattr(claims, "sidebands", noting("sidebands", ("s",)))
     monkeypatch.setattr(claims, "log_likelihood", lambda innovation, deviation: float(np.sum(innovation * deviation)))
-    fit = SimpleNamespace(innovation_rms=(2.0, 2.0), noise_floor=(1.0, 1.0))
+    fit = claims.Fit((2.0, 2.0), (1.0, 1.0), 2.0, 0.5)
     before, after = (
         SimpleNamespace(
             held_out=fit, innovations=name,

@@ -145,7 +145,7 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def examine(problem: Problem, split: int) -> Any:
             asked.append(problem)
-            fit = Fit((1.0,), (1.0,), float(len(problem.effects)), 0.5)
+            fit = Fit((float(len(problem.effects)),), (1.0,), float(len(problem.effects)), 0.5)
             finding = Finding("line", f"{len(problem.effects)} carried", 1.0, 9.0)
             return SimpleNamespace(
                 fitted=fit, held_out=replace(fit, whiteness_p=0.1), findings=(finding,), residual=len(problem.effects)
