@@ -49,6 +49,7 @@ class AngleReader:
         Each principal axis of their covariance by itself; the moves added as squares.
         """
         scale = np.sqrt(np.diagonal(covariance))
+        scale = np.where(scale > 0.0, scale, 1.0)  # one that is known exactly moves nothing
         sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
         shifts = TWO_SIDED * np.sqrt(np.maximum(sizes, 0.0))[:, None] * axes.T * scale
         asked = [effects, *(_shifted(effects, name, shift) for shift in shifts)]

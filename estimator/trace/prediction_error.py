@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from estimator.model.declaration import Quantity
 from estimator.observer import Estimates, Observer
-from estimator.refinement import Declared, covariance_of, least_values, worth_of
+from estimator.refinement import Declared, covariance_of, least_values, scales, worth_of
 from estimator.scaling import Array
 from estimator.settings import Gain, ObserverSettings
 from estimator.side_by_side import side_by_side
@@ -46,7 +46,7 @@ def by_prediction_error(
     are known of.
     """
     observer = model.observer
-    given = declared(Observer(problem.device, replace(problem.settings, gain=Gain.EKF, effects={}), problem.controller))
+    given = _known_beforehand(problem, observer)
     names = _sought(observer, given)
     rows = [observer.estimated.index(name) for name in names]
     covariance = observer.covariance[np.ix_(rows, rows)]
@@ -69,11 +69,11 @@ def by_prediction_error(
     _, first = held_at(begin)
     seen = np.isfinite(first.innovation)
     weight = 1.0 / first.innovation_deviation[seen]
-    constants = [given[name] for name in names if name in given]
-    known = np.zeros((len(constants), len(names)))
-    sure = np.array([one.deviation for one in constants])
-    np.fill_diagonal(known, unit[: len(constants)] / sure)
-    level = np.array([one.value for one in constants]) / sure
+    told_of = [(column, given[name]) for column, name in enumerate(names) if name in given]
+    known = np.zeros((len(told_of), len(names)))
+    for row, (column, one) in enumerate(told_of):
+        known[row, column] = unit[column] / one.deviation
+    level = np.array([one.value / one.deviation for _, one in told_of])
 
     def over_noise(estimates: Estimates) -> Array:
         left: Array = estimates.innovation[seen] * weight
@@ -122,11 +122,13 @@ def by_prediction_error(
         max_nfev=10,
         bounds=(least, np.inf),
     )
-    information = np.zeros(len(names))
-    information[: len(constants)] = (worth * np.diagonal(known)) ** 2
+    information = worth**2 * np.sum(known**2, axis=0)
     fitted, estimates = held_at(found.x)
     spread = covariance_of(found.jac[: weight.size], over_noise(estimates), information, worth)
-    fitted.assume(names, spread * np.outer(unit, unit))
+    # Of directions that neither the record nor the bench file tells, the filter is as sure as it began.
+    _, sizes, directions = np.linalg.svd(found.jac, full_matrices=False)
+    blind = directions[sizes <= THRESHOLDS.scan.blind * sizes[0]]
+    fitted.assume(names, (spread + blind.T @ blind) * np.outer(unit, unit))
     return replace(model, settings=fitted.settings, observer=fitted, estimates=estimates)
 
 
@@ -140,6 +142,16 @@ def _is_top(slopes: Array, residual: Array) -> bool:
     sure = np.sqrt(np.sum(spread**2, axis=1))
     away = lstsq(slopes, -residual, cond=THRESHOLDS.scan.blind)[0]
     return bool(np.all(sure < _SET.surer) and np.all(np.abs(away) <= _SET.off * sure))
+
+
+def _known_beforehand(problem: Problem, observer: Observer) -> dict[str, Declared]:
+    """What is declared of the constants; and of what wanes, of which a few samples tell, what the filter begins with."""
+    plain = replace(problem.settings, gain=Gain.EKF, effects={})
+    spread = scales(observer)
+    waning = [c.name for _, effect in observer.effects for c in effect.coefficients if c.wanes]
+    return declared(Observer(problem.device, plain, problem.controller)) | {
+        name: Declared(0.0, float(spread[observer.names.index(name)])) for name in waning
+    }
 
 
 def _sought(observer: Observer, given: Mapping[str, Declared]) -> list[str]:

@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 
 from estimator.observer import Observer
 from estimator.record import Record
+from estimator.refinement import scales
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.fitting import Fitted, fit, run
 from estimator.trace.prediction_error import by_prediction_error
@@ -130,6 +131,27 @@ def test_a_coefficient_counts_by_itself_and_a_constant_that_is_known_exactly_sta
     assert 0.0 < sure < 1e-3
     assert value(found, "dxx") == value(model, "dxx")
     assert found.settings.effects["drive_gain"]["hx"] == pytest.approx(gain)
+
+
+def test_of_what_the_record_does_not_tell_the_filter_is_as_sure_as_it_was() -> None:
+    """The gain of a drive that is never used: not known exactly, as no slope at all might say."""
+    settings = replace(SETTINGS, effects={"drive_gain": {}})
+    problem = Problem(record(7, 0.0), DECLARED, settings)
+    model = fit(problem)
+    found = by_prediction_error(problem, model)
+    assert value(found, "hy")[1] == pytest.approx(value(model, "hy")[1], rel=1e-6)
+    assert value(found, "hx")[1] > 0.0
+
+
+def test_what_wanes_is_known_as_well_as_the_filter_begins_with() -> None:
+    """How a low-pass begins, a few samples tell: of a slow one many, of a fast one none."""
+    settings = replace(SETTINGS, effects={"sense_low_pass": {"tlx": 1e-6, "tly": 1e-6}})
+    problem = Problem(record(7, 0.02), DECLARED, settings)
+    model = fit(problem)
+    spread = scales(model.observer)
+    found = by_prediction_error(problem, model)
+    for name in ("olx", "oly"):
+        assert 0.0 < value(found, name)[1] <= 1.01 * spread[model.observer.names.index(name)]
 
 
 def test_what_is_declared_counts_as_much_more_as_the_innovations_are_larger() -> None:
