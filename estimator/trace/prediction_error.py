@@ -145,7 +145,7 @@ def _is_top(slopes: Array, residual: Array) -> bool:
 
 
 def _known_beforehand(problem: Problem, observer: Observer) -> dict[str, Declared]:
-    """What is declared of the constants; and of what wanes, of which a few samples tell, what the filter begins with."""
+    """What is declared of the constants; of what wanes, of which a few samples tell, what a filter begins with."""
     plain = replace(problem.settings, gain=Gain.EKF, effects={})
     spread = scales(observer)
     waning = [c.name for _, effect in observer.effects for c in effect.coefficients if c.wanes]
