@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import lstsq, solve_triangular
+from scipy.linalg import lstsq
 from scipy.optimize import least_squares
 
 from estimator.model.declaration import Quantity
@@ -45,91 +45,107 @@ def by_prediction_error(
     found, and falls as the filter says: that takes a quarter of the time.  told: of passes that are done, of those that
     are known of.
     """
-    observer = model.observer
-    given = _known_beforehand(problem, observer)
-    names = _sought(observer, given)
-    rows = [observer.estimated.index(name) for name in names]
-    covariance = observer.covariance[np.ix_(rows, rows)]
-    unit = np.sqrt(np.diagonal(covariance))
-    # A hundredth of what noise tells, in directions that it tells apart, also where some are known together only.
-    correlation = covariance / np.outer(unit, unit) + 1e-9 * np.eye(len(names))  # of which one may hang on the others
-    steps = 0.01 * np.linalg.cholesky(correlation)
-
-    def held_at(unknown: Array) -> tuple[Observer, Estimates]:
-        values = dict(zip(names, (unknown * unit).tolist(), strict=True))
-        trial = Observer(problem.device, _at(model.settings, observer, values), problem.controller)
-        trial.hold(names)
-        begin_moving(trial, problem.record)
-        return trial, run(trial, problem.record)
-
-    begin, least = (
-        values[[observer.names.index(name) for name in names]] / unit
-        for values in (observer.state, least_values(observer))
-    )
-    _, first = held_at(begin)
-    seen = np.isfinite(first.innovation)
-    weight = 1.0 / first.innovation_deviation[seen]
-    told_of = [(column, given[name]) for column, name in enumerate(names) if name in given]
-    known = np.zeros((len(told_of), len(names)))
-    for row, (column, one) in enumerate(told_of):
-        known[row, column] = unit[column] / one.deviation
-    level = np.array([one.value / one.deviation for _, one in told_of])
-
-    def over_noise(estimates: Estimates) -> Array:
-        left: Array = estimates.innovation[seen] * weight
-        # Where the filter diverges, the search is told to come back.
-        return np.clip(np.nan_to_num(left, nan=1e6), -1e6, 1e6)
-
-    def weighted(unknown: Array) -> Array:
-        return over_noise(held_at(unknown)[1])
-
-    passes = [0]
-
-    def jacobian(unknown: Array, here: Array) -> Array:
-        before = passes[0]
-        passes[0] += len(names)
-        moved = side_by_side(
-            [partial(weighted, one) for one in unknown + steps.T], lambda done: told(before + done, passes[0])
-        )
-        along = np.stack(moved, axis=1) - here[:, None]
-        return np.asarray(solve_triangular(steps, along.T, lower=True, trans="T").T)
-
-    residual = over_noise(first)
-    slopes = jacobian(begin, residual)
-    if unless_right and _is_top(np.concatenate([slopes, known]), np.concatenate([residual, known @ begin - level])):
+    held = _Held(problem, model, told)
+    begin, known = held.begin, held.known
+    residual, slopes = held.residual(begin), held.slopes(begin)
+    if unless_right and _is_top(np.concatenate([slopes, known]), np.concatenate([residual, held.beside(begin)])):
         return model
     worth = max(worth_of(residual), 1.0)
-    at = [begin, residual]
-
-    def rows_of(unknown: Array) -> Array:
-        at[:] = [unknown, residual if np.array_equal(unknown, begin) else weighted(unknown)]
-        return np.concatenate([at[1], worth * (known @ unknown - level)])
-
-    def slopes_of(unknown: Array) -> Array:
-        if np.array_equal(unknown, begin):
-            return np.concatenate([slopes, worth * known])
-        here = at[1] if np.array_equal(unknown, at[0]) else weighted(unknown)
-        return np.concatenate([jacobian(unknown, here), worth * known])
-
     found = least_squares(
-        rows_of,
+        lambda values: np.concatenate([held.residual(values), worth * held.beside(values)]),
         begin,
-        jac=slopes_of,
+        jac=lambda values: np.concatenate([held.slopes(values), worth * known]),
         x_scale="jac",
-        ftol=0.1 / weight.size,  # of a sum of squares that is about as large as there are samples
+        ftol=0.1 / residual.size,  # of a sum of squares that is about as large as there are samples
         xtol=None,
         gtol=None,
         max_nfev=10,
-        bounds=(least, np.inf),
+        bounds=(held.least, np.inf),
     )
     information = worth**2 * np.sum(known**2, axis=0)
-    fitted, estimates = held_at(found.x)
-    spread = covariance_of(found.jac[: weight.size], over_noise(estimates), information, worth)
+    spread = covariance_of(found.jac[: residual.size], held.residual(found.x), information, worth)
     # Of directions that neither the record nor the bench file tells, the filter is as sure as it began.
     _, sizes, directions = np.linalg.svd(found.jac, full_matrices=False)
     blind = directions[sizes <= THRESHOLDS.scan.blind * sizes[0]]
-    fitted.assume(names, (spread + blind.T @ blind) * np.outer(unit, unit))
+    fitted, estimates = held.run(found.x)
+    fitted.assume(held.names, (spread + blind.T @ blind) * np.outer(held.unit, held.unit))
     return replace(model, settings=fitted.settings, observer=fitted, estimates=estimates)
+
+
+class _Held:
+    """A model over its record with constants and coefficients held at values (k,), in units of how sure its filter is.
+
+    names, unit (k,): of what is held, and that in SI; begin: what the filter came to; least: the smallest values that
+    they may have; known (m, k): what is known of them beforehand, a row each, over how surely.
+    """
+
+    def __init__(self, problem: Problem, model: Fitted, told: Callable[[int, int], None]) -> None:
+        observer = model.observer
+        given = _known_beforehand(problem, observer)
+        self.names = _sought(observer, given)
+        rows = [observer.estimated.index(name) for name in self.names]
+        covariance = observer.covariance[np.ix_(rows, rows)]
+        self.unit = np.sqrt(np.diagonal(covariance))
+        # A hundredth of what noise tells, in directions that it tells apart: some are known together only, and one may
+        # hang on the others, which rounding makes less than nothing.
+        sizes, directions = np.linalg.eigh(covariance / np.outer(self.unit, self.unit))
+        self._steps = 0.01 * directions * np.sqrt(np.maximum(sizes, 1e-9))
+        self.begin, self.least = (
+            values[[observer.names.index(name) for name in self.names]] / self.unit
+            for values in (observer.state, least_values(observer))
+        )
+        columns = [column for column, name in enumerate(self.names) if name in given]
+        self.known = np.zeros((len(columns), len(self.names)))
+        self._level = np.zeros(len(columns))
+        for row, column in enumerate(columns):
+            one = given[self.names[column]]
+            self.known[row, column], self._level[row] = self.unit[column] / one.deviation, one.value / one.deviation
+        self._problem, self._model, self._told, self._passes = problem, model, told, 0
+        _, first = self.run(self.begin)
+        self._seen = np.isfinite(first.innovation)
+        self._weight = 1.0 / first.innovation_deviation[self._seen]
+        self._last = self.begin, self._over_noise(first)
+        self._slopes = np.full_like(self.begin, np.nan), self._last[1]  # of nowhere yet
+
+    def run(self, values: Array) -> tuple[Observer, Estimates]:
+        """The observer behind the record, and what it estimated."""
+        problem, model = self._problem, self._model
+        named = dict(zip(self.names, (values * self.unit).tolist(), strict=True))
+        observer = Observer(problem.device, _at(model.settings, model.observer, named), problem.controller)
+        observer.hold(self.names)
+        begin_moving(observer, problem.record)
+        return observer, run(observer, problem.record)
+
+    def residual(self, values: Array) -> Array:
+        """Its innovations (n,) over what was predicted of them where the filter left off, those of lost samples out."""
+        if not np.array_equal(values, self._last[0]):
+            self._last = values.copy(), self._weighted(values)
+        return self._last[1]
+
+    def slopes(self, values: Array) -> Array:
+        """Their derivatives (n, k)."""
+        if not np.array_equal(values, self._slopes[0]):
+            here, before = self.residual(values), self._passes
+            self._passes += len(self.names)
+            moved = side_by_side(
+                [partial(self._weighted, one) for one in values + self._steps.T],
+                lambda done: self._told(before + done, self._passes),
+            )
+            along = np.stack(moved, axis=1) - here[:, None]
+            self._slopes = values.copy(), np.linalg.solve(self._steps.T, along.T).T
+        return self._slopes[1]
+
+    def beside(self, values: Array) -> Array:
+        """How far these are (m,) from what is known beforehand, over how surely."""
+        return np.asarray(self.known @ values - self._level)
+
+    def _weighted(self, values: Array) -> Array:
+        return self._over_noise(self.run(values)[1])
+
+    def _over_noise(self, estimates: Estimates) -> Array:
+        left: Array = estimates.innovation[self._seen] * self._weight
+        # Where the filter diverges, the search is told to come back.
+        return np.clip(np.nan_to_num(left, nan=1e6), -1e6, 1e6)
 
 
 def _is_top(slopes: Array, residual: Array) -> bool:
@@ -155,10 +171,14 @@ def _known_beforehand(problem: Problem, observer: Observer) -> dict[str, Declare
 
 
 def _sought(observer: Observer, given: Mapping[str, Declared]) -> list[str]:
-    """Constants that neither move nor are known exactly, but for offsets; then the coefficients of effects."""
+    """Constants that neither move nor are known exactly, but for offsets; then the coefficients of effects that the
+    filter does not take to be known exactly.
+    """
     stay = {one.name for one in observer.model.constants if one.quantity in (Quantity.OFFSET, Quantity.RATE)}
     stay |= {name for name, one in given.items() if one.deviation == 0.0}
-    return [name for name in observer.estimated[observer.states :] if name not in stay]
+    sure = np.diagonal(observer.covariance)[observer.states :]
+    names = observer.estimated[observer.states :]
+    return [name for name, variance in zip(names, sure, strict=True) if name not in stay and variance > 0.0]
 
 
 def _at(settings: ObserverSettings, observer: Observer, values: Mapping[str, float]) -> ObserverSettings:
