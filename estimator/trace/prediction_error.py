@@ -82,7 +82,7 @@ class _Held:
     def __init__(self, problem: Problem, model: Fitted, told: Callable[[int, int], None]) -> None:
         observer = model.observer
         given = _known_beforehand(problem, observer)
-        self.names = _sought(observer, given)
+        self.names = _sought(observer)
         rows = [observer.estimated.index(name) for name in self.names]
         covariance = observer.covariance[np.ix_(rows, rows)]
         self.unit = np.sqrt(np.diagonal(covariance))
@@ -170,12 +170,11 @@ def _known_beforehand(problem: Problem, observer: Observer) -> dict[str, Declare
     }
 
 
-def _sought(observer: Observer, given: Mapping[str, Declared]) -> list[str]:
-    """Constants that neither move nor are known exactly, but for offsets; then the coefficients of effects that the
-    filter does not take to be known exactly.
+def _sought(observer: Observer) -> list[str]:
+    """Constants but for the rate, which moves, and for offsets; then the coefficients of effects: of all of these the
+    ones that are not known exactly.
     """
     stay = {one.name for one in observer.model.constants if one.quantity in (Quantity.OFFSET, Quantity.RATE)}
-    stay |= {name for name, one in given.items() if one.deviation == 0.0}
     sure = np.diagonal(observer.covariance)[observer.states :]
     names = observer.estimated[observer.states :]
     return [name for name, variance in zip(names, sure, strict=True) if name not in stay and variance > 0.0]

@@ -100,6 +100,21 @@ def test_the_angles_bound_is_that_of_all_coefficients_together(monkeypatch, weig
     assert bound == pytest.approx(norm.ppf(0.975) * np.sqrt(w @ COVARIANCE @ w), rel=1e-9)
 
 
+def test_the_angles_bound_is_that_of_coefficients_of_any_size_and_of_none(monkeypatch):
+    """Of which one is 10¹⁶ times another, and together they move the angle by √6; a fourth is known exactly."""
+    sure = np.array([1e-6, 1e4, 1e-12, 0.0])
+    covariance = (0.5 + 0.5 * np.eye(4)) * np.outer(sure, sure)
+
+    def read(self, effects):
+        a, b, c, d = effects["mine"].values()
+        return np.array([0.0, 1.0]) * (a / 1e-6 + b / 1e4 + c / 1e-12 + d)
+
+    monkeypatch.setattr(AngleReader, "angle", read)
+    effects = {"mine": dict.fromkeys("abcd", 0.0)}
+    bound = AngleReader(problem()).bound(effects, "mine", covariance)
+    assert bound == pytest.approx(norm.ppf(0.975) * np.sqrt(6.0), rel=1e-9)
+
+
 def test_the_bound_shifts_coefficients_and_no_parameter_and_no_other_effect(monkeypatch):
     effects = {"drive_saturation": {"sx": 1.0, "sy": 1.0, "limit": 3.0}, "sense_gain": {"gy": 0.1}}
     seen = []

@@ -13,12 +13,13 @@ from filterpy.kalman import KalmanFilter
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
+from estimator.model.declaration import Quantity
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import scales
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.fitting import Fitted, fit, run
-from estimator.trace.prediction_error import by_prediction_error
+from estimator.trace.prediction_error import _sought, by_prediction_error
 from estimator.trace.problem import Problem
 
 RATE, N = 4000.0, 4_000
@@ -151,7 +152,10 @@ def test_what_wanes_is_known_as_well_as_the_filter_begins_with() -> None:
     spread = scales(model.observer)
     found = by_prediction_error(problem, model)
     for name in ("olx", "oly"):
-        assert 0.0 < value(found, name)[1] <= 1.01 * spread[model.observer.names.index(name)]
+        begun, sure = value(found, name)
+        own = spread[model.observer.names.index(name)]
+        assert 0.0 < sure <= 1.01 * own
+        assert abs(begun) < 0.1 * own  # by which a fast one may begin off, and does not
 
 
 def test_what_is_declared_counts_as_much_more_as_the_innovations_are_larger() -> None:
@@ -162,7 +166,28 @@ def test_what_is_declared_counts_as_much_more_as_the_innovations_are_larger() ->
     known, found = (value(by_prediction_error(one, fit(one)), "dyy") for one in (right, wrong))
     assert found[0] == pytest.approx(known[0], abs=0.3 * known[1])
     assert found[1] == pytest.approx(known[1], rel=0.05)
-    assert known[1] > 0.5 * SPREAD  # the record says as little as what is declared
+    assert 0.5 * SPREAD < known[1] < SPREAD  # the record says as little as what is declared
+    quiet = Problem(given, replace(DECLARED, noise=(5e-4, 5e-4)), SETTINGS)
+    assert value(by_prediction_error(quiet, fit(quiet)), "dyy")[1] > 0.6 * SPREAD  # declared twice as noisy as it is
+
+
+def test_of_a_drive_at_rest_a_damping_is_as_declared() -> None:
+    problem = Problem(record(7, 0.0), DECLARED, SETTINGS)
+    damping, sure = value(by_prediction_error(problem, fit(problem)), "dyy")
+    assert 0.9 * SPREAD < sure <= SPREAD
+    assert damping == pytest.approx(9.0, abs=0.2 * SPREAD)
+
+
+def test_the_rate_and_the_offsets_stay_states_of_the_filter() -> None:
+    settings = replace(SETTINGS, spread=replace(SETTINGS.spread, rate=0.2, offset=1e-3))
+    problem = Problem(record(7, 0.02), DECLARED, settings)
+    found = by_prediction_error(problem, fit(problem))
+    assert "rate" not in _sought(found.observer)
+    assert {"dxx", "dyy"} <= set(_sought(found.observer))
+    assert value(found, "rate")[1] > 0.0
+    offsets = [one.name for one in found.observer.model.constants if one.quantity is Quantity.OFFSET]
+    assert offsets
+    assert set(_sought(found.observer)).isdisjoint(offsets)
 
 
 @pytest.mark.long

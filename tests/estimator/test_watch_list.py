@@ -289,6 +289,13 @@ def test_there_is_room_for_as_many_as_the_kernel_carries_less_two(*, signed: boo
     assert tried[0] - tried[-1] == 1
 
 
+def test_an_effect_of_ones_own_without_parameters_is_tried_with_the_catalogue_and_at_no_values() -> None:
+    mine, plain = own("mine", (1e-6,), signed=True), replace(own("plain", (), signed=True), parameters=())
+    assert mine.parameters
+    device = replace(GYRO, own=(plain, mine))
+    assert {name.partition(":")[0] for name in candidates._of_tried(device, record(), {}, ())} == {"mine"}
+
+
 @pytest.mark.parametrize(("others", "fits"), [(0, True), (-1, True), (1, False)])
 def test_there_is_room_for_as_many_signals_as_the_kernel_has_less_two(
     monkeypatch: pytest.MonkeyPatch, others: int, *, fits: bool
