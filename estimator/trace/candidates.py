@@ -205,9 +205,9 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
     if of_resonance_alone(record, device):
         elsewhere = _SET.mode_elsewhere * float(np.sqrt(device.target))
         return [("1", (elsewhere, _SET.damped_elsewhere))] if elsewhere < np.pi * sample_rate else []
-    elsewhere_too = ~at_resonance(record, device, 2.0 * np.pi * frequency)
-    peaks = [k for k in _peaks(coherence) if elsewhere_too[k]][: _SET.modes]
-    loudest = [k for k in _peaks(following) if elsewhere_too[k]][:1]
+    off_resonance = ~at_resonance(record, device, 2.0 * np.pi * frequency)
+    peaks = [k for k in _peaks(coherence) if off_resonance[k]][: _SET.modes]
+    loudest = [k for k in _peaks(following) if off_resonance[k]][:1]
     peaks += [k for k in loudest if all(abs(k - other) > _SET.beside_peak for other in peaks)]
     for label, peak in enumerate(peaks, start=1):
         near = slice(max(peak - _SET.beside_peak, 1), peak + _SET.beside_peak + 1)

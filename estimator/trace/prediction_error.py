@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import lstsq
 from scipy.optimize import least_squares
 
 from estimator.model.declaration import Quantity
@@ -29,6 +28,7 @@ from estimator.trace.problem import Problem
 from estimator.trace.start import begin_moving
 
 _SET = THRESHOLDS.certainty
+
 
 def by_prediction_error(
     problem: Problem,
@@ -46,7 +46,7 @@ def by_prediction_error(
     are known of.
     """
     held = _Held(problem, model, told)
-    begin, known = held.begin, held.known
+    begin, known = held.begin, np.diag(held.known)
     residual, slopes = held.residual(begin), held.slopes(begin)
     if unless_right and _is_top(np.concatenate([slopes, known]), np.concatenate([residual, held.beside(begin)])):
         return model
@@ -62,12 +62,12 @@ def by_prediction_error(
         max_nfev=10,
         bounds=(held.least, np.inf),
     )
-    information = worth**2 * np.sum(known**2, axis=0)
-    spread = covariance_of(found.jac[: residual.size], held.residual(found.x), information, worth)
+    fitted, estimates = held.run(found.x)
+    information = (worth * held.known) ** 2
+    spread = covariance_of(found.jac[: residual.size], held.over_noise(estimates), information, worth)
     # Of directions that neither the record nor the bench file tells, the filter is as sure as it began.
     _, sizes, directions = np.linalg.svd(found.jac, full_matrices=False)
     blind = directions[sizes <= THRESHOLDS.scan.blind * sizes[0]]
-    fitted, estimates = held.run(found.x)
     fitted.assume(held.names, (spread + blind.T @ blind) * np.outer(held.unit, held.unit))
     return replace(model, settings=fitted.settings, observer=fitted, estimates=estimates)
 
@@ -76,7 +76,7 @@ class _Held:
     """A model over its record with constants and coefficients held at values (k,), in units of how sure its filter is.
 
     names, unit (k,): of what is held, and that in SI; begin: what the filter came to; least: the smallest values that
-    they may have; known (m, k): what is known of them beforehand, a row each, over how surely.
+    they may have; known (k,): one over how surely each is known beforehand, 0 where nothing is.
     """
 
     def __init__(self, problem: Problem, model: Fitted, told: Callable[[int, int], None]) -> None:
@@ -94,17 +94,15 @@ class _Held:
             values[[observer.names.index(name) for name in self.names]] / self.unit
             for values in (observer.state, least_values(observer))
         )
-        columns = [column for column, name in enumerate(self.names) if name in given]
-        self.known = np.zeros((len(columns), len(self.names)))
-        self._level = np.zeros(len(columns))
-        for row, column in enumerate(columns):
-            one = given[self.names[column]]
-            self.known[row, column], self._level[row] = self.unit[column] / one.deviation, one.value / one.deviation
+        beforehand = [given.get(name, Declared(0.0, np.inf)) for name in self.names]
+        deviation = np.array([one.deviation for one in beforehand])
+        self.known = self.unit / deviation
+        self._level = np.array([one.value for one in beforehand]) / deviation
         self._problem, self._model, self._told, self._passes = problem, model, told, 0
         _, first = self.run(self.begin)
         self._seen = np.isfinite(first.innovation)
         self._weight = 1.0 / first.innovation_deviation[self._seen]
-        self._last = self.begin, self._over_noise(first)
+        self._last = self.begin, self.over_noise(first)
         self._slopes = np.full_like(self.begin, np.nan), self._last[1]  # of nowhere yet
 
     def run(self, values: Array) -> tuple[Observer, Estimates]:
@@ -136,13 +134,14 @@ class _Held:
         return self._slopes[1]
 
     def beside(self, values: Array) -> Array:
-        """How far these are (m,) from what is known beforehand, over how surely."""
-        return np.asarray(self.known @ values - self._level)
+        """How far these are (k,) from what is known beforehand, over how surely."""
+        return np.asarray(self.known * values - self._level)
 
     def _weighted(self, values: Array) -> Array:
-        return self._over_noise(self.run(values)[1])
+        return self.over_noise(self.run(values)[1])
 
-    def _over_noise(self, estimates: Estimates) -> Array:
+    def over_noise(self, estimates: Estimates) -> Array:
+        """What `residual` is, of a run that was made."""
         left: Array = estimates.innovation[self._seen] * self._weight
         # Where the filter diverges, the search is told to come back.
         return np.clip(np.nan_to_num(left, nan=1e6), -1e6, 1e6)
@@ -152,11 +151,11 @@ def _is_top(slopes: Array, residual: Array) -> bool:
     """Whether least squares of `residual` (n,) with these slopes (n, k), in units of what a filter takes its estimates
     to be sure of, have their least where it is, nearly, and tell no less.
     """
-    _, sizes, directions = np.linalg.svd(slopes, full_matrices=False)
+    rows, sizes, directions = np.linalg.svd(slopes, full_matrices=False)
     seen = sizes > THRESHOLDS.scan.blind * sizes[0]
     spread = directions[seen].T / sizes[seen]
     sure = np.sqrt(np.sum(spread**2, axis=1))
-    away = lstsq(slopes, -residual, cond=THRESHOLDS.scan.blind)[0]
+    away = spread @ (rows.T[seen] @ residual)
     return bool(np.all(sure < _SET.surer) and np.all(np.abs(away) <= _SET.off * sure))
 
 
