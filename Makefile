@@ -11,6 +11,7 @@ NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
+NATIVE := device_emulator/native/device.so
 
 .PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured
 
@@ -102,6 +103,10 @@ $(STAMP): pyproject.toml
 	@$(call INTO,--editable .)
 	@touch $@
 
+# What the installation compiled, again when its source changes.
+$(NATIVE): $(wildcard device_emulator/native/*.[ch]) compile_native.py | $(STAMP)
+	@$(BIN)/python compile_native.py
+
 # What tests, checks and campaigns need beside that.
 $(DEV): $(STAMP)
 	@echo "adding what tests and checks need (about 1 GB more)"
@@ -109,7 +114,7 @@ $(DEV): $(STAMP)
 	@touch $@
 
 # What runs the estimator has its kernels compiled first; lint and types need none.
-$(WARM): $(STAMP)
+$(WARM): $(STAMP) $(NATIVE)
 	@$(BIN)/python -m estimator.warm
 	@touch $@
 

@@ -183,7 +183,6 @@ def main(order: dict[str, Any]) -> None:
     """Serve as ordered, write the truth, print the figures."""
     end_with_parent()
     scenario = load(Path(order["scenario"]))
-    Device(scenario).row(0, 0)  # compiles the plant before anybody waits for it
     real, bare, pages = serve(scenario, order["seed"], order["segment_s"])
     truth = TruthFile(Path(order["truth"]), truth_metadata(scenario, order["seed"]))
     truth.add(0, np.concatenate(pages))

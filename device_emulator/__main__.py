@@ -39,7 +39,6 @@ def main(arguments: list[str] | None = None) -> int:
 def _serve(options: argparse.Namespace) -> None:
     from device_emulator.board import Board
     from device_emulator.device import Device
-    from device_emulator.feedback import Feedback
     from device_emulator.line import Line
     from device_emulator.scenario import load
     from device_emulator.serve import Server, stop_signal
@@ -50,9 +49,6 @@ def _serve(options: argparse.Namespace) -> None:
     if options.parent is None:
         options.parent = os.getppid()
     scenario = load(options.scenario)
-    rehearsal = Device(scenario)  # compiles everything before anybody waits for it
-    rehearsal.row(0, 0)
-    rehearsal.closed_rows(Feedback(0, 0).record, 1)
     with contextlib.ExitStack() as stack:
         # From here on SIGTERM waits for the server, so that the truth file gets its end.
         stop = stack.enter_context(stop_signal())

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device_emulator.compiled import compiled
 from device_emulator.effects.catalogue import delay_s, slew_mps3
 from device_emulator.effects.drive import DriveKind
-from device_emulator.effects.drive import drive as reaching
 from device_emulator.scenario import MAX_DELAY_SAMPLES, Scenario
 
 RECENT = MAX_DELAY_SAMPLES + 2
@@ -59,45 +57,6 @@ def drive_constants(scenario: Scenario) -> NDArray[Any]:
         c["delay_samples"][axis] = whole
         c["delay_rest_s"][axis] = delay - whole / scenario.true_rate_Hz
     return constants
-
-
-@compiled
-def put_out(drive: Any, hidden: NDArray[Any], state: Any, row: int, ux_code: int, uy_code: int) -> None:
-    """Enter the force of the interval that ends at `row`."""
-    ux, uy = reaching(hidden, ux_code * drive.lsb_mps2, uy_code * drive.lsb_mps2)
-    this, last = row % RECENT, (row - 1) % RECENT
-    for axis in range(2):
-        target = ux if axis == 0 else uy
-        slew = drive.slew_mps3[axis]
-        # `recent` is what the interval ends with, which the next one starts from.
-        start = state.recent[last, axis]
-        far = target - start
-        if abs(far) > slew * drive.ts_s:
-            target = start + math.copysign(slew * drive.ts_s, far)
-        state.start[this, axis] = start
-        state.slope[this, axis] = math.copysign(slew, far) if np.isfinite(slew) and far != 0.0 else 0.0
-        state.reach_s[this, axis] = abs(target - start) / slew
-        state.recent[this, axis] = target
-
-
-@compiled
-def acting(drive: Any, state: Any, row: int, axis: int, since_s: float) -> tuple[float, float, float]:
-    """(force per unit mass, its slope, until when) on one axis, `since_s` after the start of the interval that ends at
-    `row`; until when counts from that start, and the end of the interval is for the caller to see.
-    """
-    began = drive.delay_rest_s[axis]  # of the command's interval, late by its delay
-    back = drive.delay_samples[axis]
-    until = np.inf
-    if since_s < began:
-        until = began
-        began -= drive.ts_s
-        back += 1
-    place = (row - back) % RECENT
-    reached = began + state.reach_s[place, axis]
-    if since_s < reached:
-        slope = state.slope[place, axis]
-        return state.start[place, axis] + slope * (since_s - began), slope, min(until, reached)
-    return state.recent[place, axis], 0.0, until
 
 
 class Schedule:

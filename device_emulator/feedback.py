@@ -4,11 +4,10 @@ s[m] = A s[m − 1] + B V[m] + C V[m − D]
 u    = limited(rounded(G [sx sx' sy sy'] + b + d[m])), held over the interval that begins at m + latency
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from device_emulator.compiled import compiled
 from device_emulator.registers import Registers
 from device_emulator.scenario import MAX_LATENCY_SAMPLES
 
@@ -110,43 +109,3 @@ class Feedback:
         self.matrix_id = waiting.matrix_id
         self._waiting = None
         return tick + (1 << 62)
-
-
-@compiled
-def due(loop: Any, row: int) -> tuple[int, int]:
-    """Drive codes of the interval that ends at `row`, taken from the queue."""
-    place = row % QUEUE
-    ux, uy = loop.queue[place, 0], loop.queue[place, 1]
-    loop.queue[place, 0] = 0
-    loop.queue[place, 1] = 0
-    return ux, uy
-
-
-@compiled
-def feed_back(loop: Any, tick: int, vx: int, vy: int) -> None:
-    """Compute from the codes just sampled at `tick` the drive it leads to, and queue it."""
-    loop.past[tick % HISTORY, 0] = vx
-    loop.past[tick % HISTORY, 1] = vy
-    before = (tick - loop.delay) % HISTORY
-    for axis in range(2):
-        now, then = loop.past[tick % HISTORY, axis], loop.past[before, axis]
-        s0, s1 = loop.s[axis, 0], loop.s[axis, 1]
-        for i in range(2):
-            loop.s[axis, i] = loop.a[i, 0] * s0 + loop.a[i, 1] * s1 + loop.b[i] * now + loop.c[i] * then
-    over = False
-    for axis in range(2):
-        bit = loop.shift & np.uint32(1)
-        loop.shift = loop.shift >> np.uint32(1)
-        if bit:
-            loop.shift ^= np.uint32(_TAPS)
-        code = 0.0
-        if loop.closed:
-            code = loop.bias[axis] + (loop.dither if bit else -loop.dither)
-            for i in range(4):
-                code += loop.gain[axis, i] * loop.s[i // 2, i % 2]
-            code = 0.0 if np.isnan(code) else np.rint(code)
-        if abs(code) > loop.limit:
-            over = True
-            code = min(max(code, -loop.limit), loop.limit)
-        loop.queue[(tick + loop.latency + 1) % QUEUE, axis] = int(code)
-    loop.limited += over

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from device_emulator.compiled import compiled
+from device_emulator.native import rate_at
 from device_emulator.section import Positive, PositiveOrInf, ScenarioError, Section
 
 PIECE = np.dtype(
@@ -183,29 +183,5 @@ def _table(rows: list[Row]) -> NDArray[Any]:
     for name in Row._fields:
         table[name] = [getattr(row, name) for row in rows]
     for before, after in itertools.pairwise(table):
-        after["angle_rad"] = angle_at(before, after["start_s"])
+        after["angle_rad"] = rate_at(before, after["start_s"].item())[2]
     return table
-
-
-@compiled
-def rate_at(piece: Any, t_s: float) -> tuple[float, float]:
-    """(Ω in rad/s, Ω̇ in rad/s²) of a piece at the time t_s."""
-    tau = t_s - piece.start_s
-    rate = piece.rate_rad_s + piece.slope_rad_s2 * tau
-    slope = piece.slope_rad_s2
-    if piece.amplitude_rad_s != 0.0:
-        phase = piece.frequency_rad_s * tau + piece.phase_rad
-        rate += piece.amplitude_rad_s * math.sin(phase)
-        slope += piece.amplitude_rad_s * piece.frequency_rad_s * math.cos(phase)
-    return rate, slope
-
-
-@compiled
-def angle_at(piece: Any, t_s: float) -> float:
-    """∫Ω dt in rad from t = 0 to t_s, which lies in `piece`."""
-    tau = t_s - piece.start_s
-    angle: float = piece.angle_rad + (piece.rate_rad_s + 0.5 * piece.slope_rad_s2 * tau) * tau
-    if piece.amplitude_rad_s != 0.0:
-        phase = piece.frequency_rad_s * tau + piece.phase_rad
-        angle += piece.amplitude_rad_s / piece.frequency_rad_s * (math.cos(piece.phase_rad) - math.cos(phase))
-    return angle

@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device_emulator.compiled import compiled
 from device_emulator.effects.catalogue import delay_s
-from device_emulator.effects.sense import SenseKind, displacement
+from device_emulator.effects.sense import SenseKind
 from device_emulator.faults import MAX_SENSE_FAULTS, Saturated
 from device_emulator.scenario import Scenario
 
@@ -150,103 +149,3 @@ def _first_order(pole_per_s: float, h: float) -> tuple[float, float, float, floa
         j.append(sum(series) if z < 1.0 else 1.0 - n * j[-1] / z)
     blend = 3.0 * j[2] - 2.0 * j[3]
     return math.exp(-z), j[0] - blend, h * (j[1] - 2.0 * j[2] + j[3]), blend, h * (j[3] - j[2])
-
-
-@compiled
-def start(hidden: NDArray[Any], state: Any, motion: NDArray[np.float64]) -> None:
-    """Release the chain at tick 0: the low-pass settled, nothing leaked yet."""
-    px, vpx, py, vpy = displacement(hidden, motion)
-    state.seen[0, 0], state.seen[0, 1], state.seen[1, 0], state.seen[1, 1] = px, vpx, py, vpy
-    state.smooth[0], state.smooth[1] = px, py
-
-
-@compiled
-def track(
-    sense: Any,
-    hidden: NDArray[Any],
-    state: Any,
-    history: NDArray[np.float64],
-    motion: NDArray[np.float64],
-) -> None:
-    """Carry filters and history over one sub-step that ended in `motion`."""
-    px, vpx, py, vpy = displacement(hidden, motion)
-    for axis in range(2):
-        p1, v1 = (px, vpx) if axis == 0 else (py, vpy)
-        p0, v0 = state.seen[axis, 0], state.seen[axis, 1]
-        leak = sense.leak_per_s[axis]
-        leaked0 = state.leaked[axis]
-        w = sense.high_pass[axis]
-        leaked1 = w[0] * leaked0 + w[1] * p0 + w[2] * v0 + w[3] * p1 + w[4] * v1
-        q0, qv0 = p0 - leaked0, v0 - leak * (p0 - leaked0)
-        q1, qv1 = p1 - leaked1, v1 - leak * (p1 - leaked1)
-        w = sense.low_pass[axis]
-        state.smooth[axis] = w[0] * state.smooth[axis] + w[1] * q0 + w[2] * qv0 + w[3] * q1 + w[4] * qv1
-        state.leaked[axis] = leaked1
-        state.seen[axis, 0], state.seen[axis, 1] = p1, v1
-    state.newest = (state.newest + 1) % history.shape[0]
-    history[state.newest, 0] = state.smooth[0]
-    history[state.newest, 1] = state.smooth[1]
-
-
-@compiled
-def delayed(history: NDArray[np.float64], newest: int, axis: int, back: float) -> float:
-    """The trajectory `back` sub-steps before the newest, by a polynomial through the nearest rows."""
-    first = max(0, int(back) - _NODES // 2 + 1)
-    value = 0.0
-    for i in range(_NODES):
-        weight = 1.0
-        for j in range(_NODES):
-            if j != i:
-                weight *= (back - (first + j)) / (i - j)
-        value += weight * history[(newest - first - i) % history.shape[0], axis]
-    return value
-
-
-@compiled
-def offset(sense: Any, state: Any, t_s: float, axis: int) -> float:
-    """Φ in V at the time t_s."""
-    left = math.exp(-sense.leak_per_s[axis] * t_s)
-    phi: float = sense.mismatch_V[axis] * left + sense.opamp_V[axis] * (1.0 + sense.opamp_gain[axis] * left)
-    phi += sense.drift_V_per_s[axis] * t_s + state.random_walk[axis]
-    for pole in range(sense.flicker_poles):
-        phi += state.flicker[axis, pole]
-    return phi
-
-
-@compiled
-def wander(sense: Any, state: Any, normals: NDArray[np.float64], first: bool) -> None:
-    """One sample of random walk and 1/f noise from standard normals, shape (2 + 2 poles,).
-
-    `first` starts them: the random walk at zero, each 1/f process somewhere in its range.
-    """
-    for axis in range(2):
-        if not first:
-            state.random_walk[axis] += sense.random_walk_V * normals[axis]
-        for pole in range(sense.flicker_poles):
-            normal = normals[2 + axis * sense.flicker_poles + pole]
-            kept = sense.flicker_keep[pole] * state.flicker[axis, pole]
-            state.flicker[axis, pole] = (
-                sense.flicker_V[pole] * normal if first else kept + sense.flicker_add[pole] * normal
-            )
-
-
-@compiled
-def convert(sense: Any, voltage: float) -> tuple[int, bool]:
-    """(code, clipped) of the converter: nearest code, ends of the range held."""
-    code = np.rint(voltage / sense.lsb_V)
-    if code > sense.code_max:
-        return int(sense.code_max), True
-    if code < -sense.code_max - 1:
-        return int(-sense.code_max - 1), True
-    return int(code), False
-
-
-@compiled
-def upset(sense: Any, state: Any, tick: int, axis: int, code: int) -> int:
-    """The code that goes out when the sense chain has a fault: the last one again, or one that went no further."""
-    for k in range(sense.faults):
-        if sense.fault_axis[k] == axis and sense.fault_first[k] <= tick <= sense.fault_last[k]:
-            limit = sense.fault_limit[k]
-            code = state.shown[axis] if limit < 0 else min(max(code, -limit), limit)
-    state.shown[axis] = code
-    return code

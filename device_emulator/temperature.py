@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device_emulator.compiled import compiled
 from device_emulator.section import Positive, Section
 
 TEMPERATURE = np.dtype(
@@ -30,13 +29,3 @@ def temperature_constants(temperature: Temperature) -> NDArray[Any]:
     t = temperature
     constants[0] = t.warm_up_K, t.time_constant_s, t.swing_K, 2.0 * math.pi / t.period_s
     return constants
-
-
-@compiled
-def warmer(profile: Any, t_s: float) -> float:
-    """Kelvin above the temperature of the start, at the time t_s."""
-    if profile.warm_up_K == 0.0 and profile.swing_K == 0.0:
-        return 0.0
-    warm: float = -profile.warm_up_K * math.expm1(-t_s / profile.time_constant_s)
-    warm += profile.swing_K * math.sin(profile.frequency_rad_s * t_s)
-    return warm

@@ -1,11 +1,7 @@
 """What hidden effects do to the force on its way from the converter to the mass. Delay and slew are the chain's own."""
 
 from enum import IntEnum
-from typing import Any
 
-from numpy.typing import NDArray
-
-from device_emulator.compiled import compiled
 from device_emulator.effects.declaration import Coefficient, Declaration, limits, per_axis, switches
 
 
@@ -34,23 +30,3 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
     DriveKind.ELECTROSTATIC_DRIVE: Declaration("ux -> ux + qx ux^2, uy -> uy + qy uy^2", per_axis("q", "s²/m")),
     DriveKind.DRIVE_POLARITY: Declaration("ux -> -ux where px = 1, uy -> -uy where py = 1", switches()),
 }
-
-
-@compiled
-def drive(effects: NDArray[Any], ux: float, uy: float) -> tuple[float, float]:
-    """Force per unit mass (m/s²) that reaches the mass when the converter puts out ux, uy."""
-    for effect in effects:
-        kind, c = effect.kind, effect.c
-        if kind == DriveKind.DRIVE_GAIN:
-            ux, uy = (1.0 + c[0]) * ux, (1.0 + c[1]) * uy
-        elif kind == DriveKind.DRIVE_MISALIGNMENT:
-            ux, uy = ux + c[0] * uy, uy + c[1] * ux
-        elif kind == DriveKind.DRIVE_SATURATION:
-            ux, uy = min(max(ux, -c[0]), c[0]), min(max(uy, -c[1]), c[1])
-        elif kind == DriveKind.DRIVE_DEAD_BAND:
-            ux, uy = ux - min(max(ux, -c[0]), c[0]), uy - min(max(uy, -c[1]), c[1])
-        elif kind == DriveKind.DRIVE_POLARITY:
-            ux, uy = -ux if c[0] == 1.0 else ux, -uy if c[1] == 1.0 else uy
-        elif kind == DriveKind.ELECTROSTATIC_DRIVE:
-            ux, uy = ux + c[0] * ux * ux, uy + c[1] * uy * uy
-    return ux, uy

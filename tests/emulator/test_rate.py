@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter
 from scipy.integrate import quad
 
-from device_emulator.rate import Rate, angle_at, pieces, rate_at
+from device_emulator.rate import Rate, pieces, rate_at
 from device_emulator.section import ScenarioError
 
 
@@ -49,13 +49,13 @@ def test_angle_is_the_integral_and_slope_the_derivative(table: dict[str, Any]) -
     total = 0.0
     for piece, begin, end in zip(rows, starts, starts[1:], strict=False):
         middle = 0.5 * (begin + end)
-        rate, slope = rate_at(piece, middle)
+        rate, slope, angle = rate_at(piece, middle)
         assert rate == pytest.approx(value(rows, middle), abs=1e-15)
         step = 1e-6
         assert slope == pytest.approx(
             (rate_at(piece, middle + step)[0] - rate_at(piece, middle - step)[0]) / (2 * step), abs=1e-6
         )
-        assert angle_at(piece, middle) == pytest.approx(
+        assert angle == pytest.approx(
             total + quad(lambda t, p=piece: rate_at(p, t)[0], begin, middle, epsabs=1e-13)[0], abs=1e-12
         )
         total += quad(lambda t, p=piece: rate_at(p, t)[0], begin, end, epsabs=1e-13)[0]
@@ -80,7 +80,7 @@ def test_a_file_is_linear_between_its_rows(tmp_path: Path) -> None:
     path.write_text("t_s, rate_rad_s\n0, 0\n0.5, 1\n1.0, -1\n")
     rows = profile({"kind": "file", "path": str(path)})
     assert [value(rows, t) for t in (0.0, 0.25, 0.5, 0.75, 1.0, 7.0)] == pytest.approx([0, 0.5, 1, 0, -1, -1])
-    assert angle_at(rows[-1], 2.0) == pytest.approx(0.25 + 0.0 - 1.0)
+    assert rate_at(rows[-1], 2.0)[2] == pytest.approx(0.25 + 0.0 - 1.0)
 
 
 @pytest.mark.parametrize(
