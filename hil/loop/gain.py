@@ -21,6 +21,7 @@ from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.loop.angle import ReportedAngle
+from hil.loop.matrices import SentMatrices
 from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
 from hil.loop.tracks import estimate_rows, innovation_rows, put_covariance, run_layouts
 from hil.records.recorder import Track
@@ -28,7 +29,7 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveGains, Identity, Message, SafeReason, SenseFlags
 from hil.wire.sense import Sense
-from hil.wire.stream import MATRIX_NAMES, Received
+from hil.wire.stream import Received
 
 _LATER = 64  # matrices whose effect is still to be seen
 _RECENT = 16  # of those whose lateness the next is made for
@@ -78,11 +79,8 @@ class GainLoop(Loop):
         self._reported = ReportedAngle(bench)
         self._noise_V = bench.device.sense.noise_V
         self._sent: deque[_Sent] = deque(maxlen=_LATER)
-        self._matrix_id = 0
+        self._matrices = SentMatrices(block)
         self._began: int | None = None  # tick of the first row since ARM, with which a block begins
-        self._names: deque[int] = deque(maxlen=MATRIX_NAMES)
-        self._in_force = 0  # by what SENSE said last
-        self._strange: int | None = None  # the name in the last SENSE, if it cannot be
         self._blocks = 0
         self._news: deque[Message] = deque(maxlen=_LATER)  # beside samples, since it was last seen to
 
@@ -107,8 +105,10 @@ class GainLoop(Loop):
         codes, received_ns = sense.codes, self._endpoint.received_ns
         stale = self._stale(block.tick)
         self._bridge(block.tick, codes[0, 2:].tolist())
-        if not stale:  # else of matrices that are forgotten
-            self._require_sent(sense.matrix_id)
+        last = block.tick + len(codes) - 1
+        # Rows from before the board was armed again name what it has forgotten.
+        if not stale and (wrong := self._matrices.named(sense.matrix_id, block.tick, last)):
+            raise ProtocolError(f"{self._name}: {wrong}; correct its firmware")
         if self._waiting and self._may_close(block.tick - first):
             self._waiting, self._closed = False, True
             self._observer.enable_control(True)
@@ -118,7 +118,6 @@ class GainLoop(Loop):
         if not stale:  # else from before it began anew
             self._foresight.follow(block.tick, codes)
         estimated_ns = time.monotonic_ns()
-        last = block.tick + len(codes) - 1
         if self._began is None:
             self._began = block.tick
         # On CAN a block comes in several messages, and a board in lockstep goes on by one for every answer.
@@ -138,36 +137,18 @@ class GainLoop(Loop):
         if not self._closed:
             gain[:] = 0.0
             bias[:] = 0.0
-        self._matrix_id = self._matrix_id % 255 + 1
-        effective = last + self._lead
-        matrix = DriveGains(self._matrix_id, tuple(gain.ravel().tolist()), tuple(bias.tolist()), effective)
+        name, effective = self._matrices.next_name, last + self._lead
+        matrix = DriveGains(name, tuple(gain.ravel().tolist()), tuple(bias.tolist()), effective)
         self._endpoint.send(matrix)
         sent_ns = time.monotonic_ns()
-        self._names.append(self._matrix_id)
+        self._matrices.sent(effective)
         self._foresight.tell(gain, bias, effective)
         if sent_ns - self._answered_ns > self._suspicious_ns:
             self._answered(sent_ns)
         self._answered_ns = sent_ns
         if len(self._sent) == _LATER:
             self._close(self._sent.popleft(), -1)
-        self._sent.append(_Sent(self._matrix_id, effective, last, (received_ns, estimated_ns, sent_ns)))
-
-    def _require_sent(self, matrix_id: int) -> None:
-        """ProtocolError when a SENSE follows one that names a matrix which was not sent.
-
-        The last one before a board stops by itself names none, and STATUS may come after it.
-        """
-        if self._strange is not None:
-            raise ProtocolError(
-                f"{self._name}: SENSE names matrix {self._strange}, which was not sent, or not lately; "
-                f"matrix {self._in_force} was in force: correct its firmware"
-            )
-        if matrix_id == self._in_force:
-            return
-        if matrix_id in self._names:
-            self._in_force = matrix_id
-        else:
-            self._strange = matrix_id
+        self._sent.append(_Sent(name, effective, last, (received_ns, estimated_ns, sent_ns)))
 
     def _keep(self, tick: int, sense: Sense, estimates: Estimates) -> None:
         """Everything that hangs off a block once it is answered."""
@@ -243,8 +224,7 @@ class GainLoop(Loop):
         self._foresight.arm()
         self._leave_open()
         self._began = None
-        self._names.clear()
-        self._in_force, self._strange = 0, None
+        self._matrices.forget()
 
     def finish(self, reason: SafeReason) -> None:
         """As of any loop; what is still to be seen of the last matrices is not."""

@@ -23,9 +23,6 @@ REPEAT_RUN = 4
 """So many frames in a row that look like repetitions, each following the one before, are none: the number ahead of them
 was a stray one, and the count goes on from theirs."""
 
-MATRIX_NAMES = 100
-"""So many of the matrices sent last a board may still come to; there are 255 names, given again and again."""
-
 _SAFE = type_of(Safe)
 _SAFE_SIZE = 1
 _SAFE_OTHERWISE = bytes([SafeReason.HOST_REQUEST])

@@ -235,6 +235,30 @@ class Slow(HandPaced):
         return super().receive(timeout_s)
 
 
+class Backlog(HandPaced):
+    """What the board says waits behind 150 blocks that the host has not read: it lags by that, and goes on to."""
+
+    def __init__(self, device: Board) -> None:
+        super().__init__(device)
+        self._unread: deque[bytes] = deque()
+
+    def receive(self, timeout_s: float | None) -> bytes:
+        while self.board.streaming and len(self._unread) < 150:
+            self._unread.append(super().receive(timeout_s))
+        return self._unread.popleft() if self._unread else super().receive(timeout_s)
+
+
+@pytest.mark.moderate
+def test_a_host_that_lags_holds_nothing_against_the_board(tmp_path: Path) -> None:
+    device = board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED)
+    declared = bench(2.0, "paced", link={"watchdog_s": 1.0, "timeout_s": 5.0}, limits={"residual_safe": 1e9})
+    run, counters = close_loop(Backlog(device), declared, tmp_path / "run")
+    assert (counters.lost, counters.rearmed) == (0, 0)
+    assert counters.board["late"] > 350
+    assert run.capture is not None
+    assert len(run.capture) == 8000
+
+
 @pytest.mark.moderate
 def test_the_holds_are_as_slow_as_the_line(tmp_path: Path) -> None:
     """Holds that act on what was a tenth of a second ago as if it were a hundredth would swing up."""

@@ -6,7 +6,7 @@ import pytest
 from hil.wire.endpoint import Endpoint, Exchange
 from hil.wire.messages import Arm, RegisterRead, TimeSync
 from hil.wire.sense import Sense
-from hil.wire.stream import MATRIX_NAMES, REPEAT_RUN, REPEAT_WINDOW, Received, Receiver, Transmitter
+from hil.wire.stream import REPEAT_RUN, REPEAT_WINDOW, Received, Receiver, Transmitter
 from tests.wire.test_endpoint import Script, board_frames
 
 
@@ -91,7 +91,7 @@ def test_a_stamp_of_the_kernel_goes_before_the_own_clock() -> None:
     assert endpoint.received_ns == 12345
 
 
-@pytest.mark.parametrize(("number", "page"), [(REPEAT_WINDOW, 256), (REPEAT_RUN, 4), (MATRIX_NAMES, 100)])
+@pytest.mark.parametrize(("number", "page"), [(REPEAT_WINDOW, 256), (REPEAT_RUN, 4)])
 def test_numbers_of_the_page(number: int, page: int) -> None:
     """docs/wire.md, Frames and Gain mode."""
     assert number == page

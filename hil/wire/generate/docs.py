@@ -12,7 +12,7 @@ from hil.wire.client import FIELD_TABLE_S, MOST_LINES
 from hil.wire.framing import CRC_SIZE, HEADER, MAX_ENCODED
 from hil.wire.generate.keyed_page import keyed_page
 from hil.wire.spec import SPEC, Enumeration, Field, Layout
-from hil.wire.stream import MATRIX_NAMES, REPEAT_RUN, REPEAT_WINDOW
+from hil.wire.stream import REPEAT_RUN, REPEAT_WINDOW
 
 _INTRODUCTION = """\
 # The wire
@@ -188,12 +188,15 @@ what no board that keeps to this page says, ends the run, with SAFE and a line t
 | the reason in a STATUS of another state | not looked at |
 | IDENTITY after ARM | ends the run: it answers HELLO only, so another host has greeted the board |
 | SENSE, force mode: after RUNNING, not the drive sent for that interval | ends the run, if another row follows |
-| SENSE, gain mode: a matrix, none of the last {names} sent, or 0 after one | ends the run, if another SENSE follows |
+| SENSE, gain mode: a matrix that cannot be in force, or 0 after one | ends the run, if another block follows |
 | STATUS_BRIEF | passed over on CAN, an unknown type elsewhere |
 
 In force mode a row flagged HELD shows the drive of the row before; one flagged SATURATED may show less than was sent.
-In gain mode the host does not repeat what the board computes, and takes the drive that SENSE shows. The row, or block,
-at which a board stops by itself shows zero force or no matrix before STATUS says why: so only what follows it tells.
+In gain mode the host does not repeat what the board computes, and takes the drive that SENSE shows. It keeps the
+list of all matrices that it has sent since ARM: one can be in force that is not older than the one named before, and
+whose effective tick has come by the block's last row. So a host that lags, however far, holds nothing against the
+board. The row, or block, at which a board stops by itself shows zero force or no matrix before STATUS says why: so only
+what follows it tells.
 
 ## Gain mode
 
@@ -380,7 +383,6 @@ def render() -> str:
         window=REPEAT_WINDOW,
         run=REPEAT_RUN,
         lost=REPEAT_RUN - 1,
-        names=MATRIX_NAMES,
         lines=len(SPEC.table),
         most_lines=MOST_LINES,
         table_s=FIELD_TABLE_S,
