@@ -241,7 +241,7 @@ class _Driven:
 
     @property
     def load(self) -> "dict[str, Any] | None":
-        """What loop and recorder needed of the machine, once the recorder has ended."""
+        """What loop and recorder needed of the machine while the board was driven."""
         return None if self._meter is None else self._meter.load()
 
     @property
@@ -296,7 +296,7 @@ class _Driven:
             self.stopped = "stopped on request"
             return
         self._tell(armed=True)
-        meter = LoadMeter()
+        meter = LoadMeter(self._recording.busy_s)
         failed: OSError | WireError | None = None
         try:
             self.armed = loop.arm()

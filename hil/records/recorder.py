@@ -7,6 +7,7 @@ end marker.
 """
 
 import json
+import math
 import os
 import select
 import signal
@@ -15,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -36,6 +38,7 @@ _STARVED_S = 10.0  # … and at all: on a busy machine it is the last to run
 _FLAGS, _PENDING = 9 - 3, 31 - 3  # fields of /proc/PID/stat, of those behind the name
 _EXITING = 0x4  # PF_EXITING
 _DYING_S = 0.3  # that it may take to tell its exit code
+_OF_PROCESS = 2  # CPUCLOCK_SCHED: clock_getcpuclockid(3), which Python has of threads only
 _ROW = 4096  # bytes, longer than it ever is
 _CLOSING_S = 20.0  # for the files to be closed, once it has been told to
 
@@ -64,14 +67,20 @@ class Recording:
     As a context manager: a body that ends well closes the files with their end marker; one that raises leaves
     them without it, and readers say "interrupted". Raises RecorderError when the files could not be closed well.
 
-    `trouble` says why nothing is recorded any more, one line, "" while all is well; it costs microseconds.
+    `trouble` says why nothing is recorded any more, one line, "" while all is well; it costs microseconds. `busy_s`
+    says for how long, s, the process that writes has had a processor since it began, 0 where that is this one.
     """
 
     def __init__(
-        self, tracks: Mapping[str, Track], finish: Callable[[bool], None], trouble: Callable[[], str] = lambda: ""
+        self,
+        tracks: Mapping[str, Track],
+        finish: Callable[[bool], None],
+        trouble: Callable[[], str] = lambda: "",
+        busy_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self.tracks = tracks
         self.trouble = trouble
+        self.busy_s = busy_s
         self._finish = finish
 
     def __getitem__(self, stem: str) -> Track:
@@ -162,7 +171,7 @@ def record_apart(
         if child.returncode:
             raise RecorderError(f"{folder}: {_ended(child.returncode, complaint)}")
 
-    return Recording(rings, finish, watch.trouble)
+    return Recording(rings, finish, watch.trouble, partial(_busy_s, child))
 
 
 def _show(rings: Mapping[str, Ring], shown: Callable[[Mapping[str, int]], None]) -> None:
@@ -172,6 +181,14 @@ def _show(rings: Mapping[str, Ring], shown: Callable[[Mapping[str, int]], None])
             descriptors[stem] = os.open(ring.path, os.O_RDONLY)
             open_files.callback(os.close, descriptors[stem])
         shown(descriptors)
+
+
+def _busy_s(child: subprocess.Popen[bytes]) -> float:
+    """For how long, s, a child has had a processor; not a number once it has been waited for."""
+    try:
+        return time.clock_gettime((~child.pid << 3) | _OF_PROCESS)
+    except OSError:
+        return math.nan
 
 
 class _Watch:

@@ -113,13 +113,16 @@ class BoardClock(_Model):
 class Load(_Model):
     """Time on a processor over time, 1 being all of one core."""
 
-    loop: NonNegative = Field(description="Of the process that answers the board")
-    recorder: NonNegative = Field(description="Of the process that writes the records; 0 where the loop itself does")
+    loop: NonNegative = Field(description="Of the thread that answers the board, while it was driven")
+    recorder: NonNegative = Field(
+        default=0.0,
+        description="Of the process that writes the records, in the same time; 0 where the loop itself does",
+    )
     waited: NonNegative | None = Field(
-        default=None, description="Of the process that answers: ready to run, and no processor free for it"
+        default=None, description="Of the thread that answers: ready to run, and no processor free for it"
     )
     stolen: NonNegative | None = Field(
-        default=None, description="Of a processor of this machine, on average: taken away by what the machine runs on"
+        default=None, description="Of a processor of this machine, on average: used by the hypervisor"
     )
     pressed: NonNegative | None = Field(
         default=None, description="Share of the time in which something on this machine waited for a processor"
