@@ -52,24 +52,36 @@ class Taken:
 def in_words(lacks: Sequence[Lacking], harmless: Sequence[Lacking], left: Sequence[str], watched: int) -> str:
     """Why the outcome is what it is, one line."""
     if lacks:
-        return "; ".join(map(told, [*lacks, *harmless]))
-    there = [f"nothing that matters is lacking: {told(item)}" for item in harmless]
+        return "; ".join([*map(told, lacks), *map(_small, harmless)])
     if left:
         beside = "beside what is harmless, the" if harmless else "the"
         return "; ".join(
-            [f"{beside} residual is explained by no effect known: {', '.join(left)}", *map(told, harmless)]
+            [f"{beside} residual is explained by no effect known: {', '.join(left)}", *map(_small, harmless)]
         )
-    return "; ".join(there) or f"none of the {watched} effects looked for explains more than chance would"
+    return (
+        "; ".join(map(_small, harmless)) or f"none of the {watched} effects looked for explains more than chance would"
+    )
 
 
 def told(item: Lacking) -> str:
     """An effect that is lacking, in one line."""
+    name, sizes = _name_and_sizes(item)
+    return f"lacks {name}: {sizes}; the angle may be off by {item.angle.value:.3g} rad"
+
+
+def _small(item: Lacking) -> str:
+    """An effect that is there and harmless, in one line."""
+    name, sizes = _name_and_sizes(item)
+    return f"small effect found: {name}, negligible: {sizes}, {item.angle.value:.3g} rad of the angle"
+
+
+def _name_and_sizes(item: Lacking) -> tuple[str, str]:
     sizes = ", ".join(
         f"{symbol} = {plus_minus(c.value, 0.5 * (c.high - c.low))}" + (f" {c.unit}" if c.unit != "1" else "")
         for symbol, c in item.coefficients.items()
     )
     like = f" (or {', '.join(item.alike)})" if item.alike else ""
-    return f"lacks {item.effect}{like}: {sizes}; the angle may be off by {item.angle.value:.3g} rad"
+    return f"{item.effect}{like}", sizes
 
 
 def leading(

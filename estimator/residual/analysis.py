@@ -100,7 +100,7 @@ def _of_whiteness(series: Array, white: Whiteness, fit: Fit, share: float) -> li
     total = math.sqrt(sum(rms * rms for rms in fit.innovation_rms))
     found = []
     if white.log_p < math.log(share):
-        text = f"not white: it remembers its past (Ljung–Box, p {_chance(white.log_p)})"
+        text = f"autocorrelated (Ljung–Box, p {_chance(white.log_p)})"
         found.append(Finding("whiteness", text, total, deviations(white.log_p)))
     lopsided = min((cumulative_periodogram(column) for column in series.T), key=lambda test: test.log_p)
     log_p = of_many(lopsided.log_p, series.shape[1])

@@ -206,17 +206,19 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
     if (angle := result.angle) is None or (u := result.angle_u_rad) is None:
         return
     from hil.numbers import plus_minus, prefix_for, quantity
+    from hil.verdict.budget import COVERAGE
 
     factor, prefix = prefix_for(max(abs(angle.rad), u), 0)
     yield "angle since scoring starts", f"{plus_minus(angle.rad * factor, u * factor)} {prefix}rad (k = 2)"
     if result.uncertainty:
         largest = result.uncertainty[0]
         told = " (assumed)" if largest.assumed else ""
-        yield "most of it uncertain by", f"{largest.source}{told}, {quantity(largest.contribution_rad, 'rad', 2)}"
+        u = quantity(COVERAGE * largest.contribution_rad, "rad", 2)
+        yield "largest source", f"{largest.source}{told}, U = {u}"
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         yield "by the patent's formula (11)", quantity(angle.plain_rad, "rad", 5)
         imperfection = quantity(angle.control_imperfection_rms_rad, "rad", 2)
-        yield "control imperfection, rms", f"{imperfection}, taken off of the angle"
+        yield "turn caused by drive forces, rms", f"{imperfection} (already subtracted)"
 
 
 def _parameters(result: "Result") -> "Table":

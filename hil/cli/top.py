@@ -17,7 +17,7 @@ Once = Annotated[bool, typer.Option("--once", help="Show it once and end.")]
 def top(url: Url = None, folder: Folder = RUNS, once: Once = False, json: Json = False) -> None:
     """Show what the board of a service does: state, angle and rate with their uncertainty, link, drive.
 
-    Ends with Ctrl-C, which stops nothing but the looking. The key that brings the board to SAFE is on the page; here
+    Ends with Ctrl-C, which only closes the display. The key that brings the board to SAFE is on the page; here
     it is a request: curl -X POST -H "Authorization: Bearer TOKEN" URL/api/board/safe.
 
     Examples:

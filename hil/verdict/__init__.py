@@ -20,8 +20,8 @@ __all__ = ["Judgement", "judge"]
 
 
 _DOUBTS = {
-    "model": "the machine's part failed, too: the same run in lockstep tells whether that had to do with it",
-    "angle": "answers were missing, which the machine's part is about: mend that first",
+    "model": "the machine part failed too: repeat in lockstep to check",
+    "angle": "fix the late answers first",
 }
 """Said of a part that failed beside the machine's."""
 

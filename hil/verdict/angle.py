@@ -6,7 +6,7 @@ from hil.bench import Bench
 from hil.numbers import percent, quantity
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
-from hil.verdict.budget import remedy
+from hil.verdict.budget import COVERAGE, remedy
 
 _OPEN_LOOP = (
     "no angle is reported: in open loop the pattern turns by itself; run with the control law on, or in open loop with "
@@ -57,8 +57,8 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
     if u is not None and u > limits.angle_rad:
         largest = result.uncertainty[0]
         reasons.append(
-            f"the angle is uncertain by {_angle(u)} (k = 2), [limits] angle_rad is {limits.angle_rad:g}; most of it by "
-            f"{largest.source}: {_angle(largest.contribution_rad)}"
+            f"the angle is uncertain by {_angle(u)} (k = 2), [limits] angle_rad is {limits.angle_rad:g}; largest "
+            f"source: {largest.source}, U = {_angle(COVERAGE * largest.contribution_rad)}"
         )
         after = remedy(largest, bench)
     if not reasons and u is None:

@@ -117,7 +117,7 @@ def _waits(load: Load) -> str:
     if load.lacked is not None:
         told.append(f"the loop lacked a processor {percent(load.lacked)} of the time")
     if load.pressed is not None:
-        told.append(f"something here waited for one {percent(load.pressed)} of it")
+        told.append(f"CPU fully loaded {percent(load.pressed)} of the time")
     return f" ({', '.join(told)})" if told else ""
 
 

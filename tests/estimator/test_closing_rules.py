@@ -214,12 +214,12 @@ def test_what_is_lacking_is_named_with_size_and_angle() -> None:
     words = in_words([lacking("drive_gain", 0.31, ("sense_gain",))], [lacking("clipping", 0.01)], [], 30)
     first, second = words.split("; the angle may be off by 0.31 rad; ")
     assert first == "lacks drive_gain (or sense_gain): hx = −0.0200 ± 0.0010, tx = (3.0 ± 1.0) × 10⁻⁶ s"
-    assert second.startswith("lacks clipping: hx")
+    assert second.startswith("small effect found: clipping, negligible: hx")
 
 
 def test_what_is_harmless_is_told_as_such() -> None:
     words = in_words([], [lacking("clipping", 0.01)], [], 30)
-    assert words.startswith("nothing that matters is lacking: lacks clipping: ")
+    assert words.startswith("small effect found: clipping, negligible: ")
     assert pytest.approx(1.0 / 3.0) == HARMLESS
 
 
@@ -228,7 +228,7 @@ def test_what_no_effect_explains_is_told() -> None:
     assert alone == "the residual is explained by no effect known: a line at 50 Hz, low frequencies"
     beside = in_words([], [lacking("clipping", 0.01)], ["a line at 50 Hz"], 30)
     assert beside.startswith("beside what is harmless, the residual is explained by no effect known: a line at 50 Hz; ")
-    assert "lacks clipping" in beside
+    assert "small effect found: clipping" in beside
 
 
 def test_nothing_at_all_says_how_much_was_looked_for() -> None:

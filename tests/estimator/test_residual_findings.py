@@ -107,9 +107,7 @@ def test_memory_and_a_lopsided_spectrum_are_told_by_their_chances(
     white = Whiteness(0.0, 0.0, level + off)
     found = analysis._of_whiteness(np.zeros((9, 2)), white, fit((3.0, 4.0), (1.0, 1.0), 1.0), SHARE)
     assert len(found) == 2 * told
-    for one, text in zip(
-        found, ("not white: it remembers its past", "its spectrum is not flat as a whole"), strict=False
-    ):
+    for one, text in zip(found, ("autocorrelated", "its spectrum is not flat as a whole"), strict=False):
         assert (one.kind, one.size) == ("whiteness", 5.0)
         assert one.text.startswith(text)
         assert one.significance == pytest.approx(stats.norm.isf(math.exp(level + off)))

@@ -66,7 +66,8 @@ def test_the_expanded_uncertainty_is_held_against_its_limit(u: float) -> None:
     assert judged(estimates(), 0.0999).outcome == "good"
     part = judged(estimates(), u)
     assert part.outcome == "failed"
-    said = f"uncertain by {quantity(u, 'rad', 2)} (k = 2), [limits] angle_rad is 0.1; most of it by clock: 40\u00a0mrad"
+    said = f"uncertain by {quantity(u, 'rad', 2)} (k = 2), [limits] angle_rad is 0.1; largest source: clock, "
+    said += "U = 80\u00a0mrad"
     assert said in part.reason
     assert part.next == remedy(LARGEST, bench())
 

@@ -105,7 +105,7 @@ def test_a_run_that_ended_early_is_interrupted(judged: Any, stopped: str, comple
 
 
 def test_an_angle_that_failed_with_the_machine_says_what_to_mend_first(judged: Any) -> None:
-    assert "mend that first" in judged(machine=BAD["machine"], angle=BAD["angle"]).parts["angle"].reason
+    assert "fix the late answers first" in judged(machine=BAD["machine"], angle=BAD["angle"]).parts["angle"].reason
     assert judged(angle=BAD["angle"]).parts["angle"] == BAD["angle"]
     assert judged(machine=BAD["machine"], model=BAD["model"]).parts["model"].reason.startswith("drive gain; the mach")
     assert judged(safety=BAD["safety"], model=BAD["model"]).parts["model"] == BAD["model"]
@@ -149,7 +149,7 @@ def test_judged_once_more_the_other_parts_stay_what_they_are(again: Any) -> None
     machine = BAD["machine"]
     found = again(result_of("failed", (machine.reason,), machine=machine), BAD["angle"])
     assert found.reasons == (machine.reason, found.parts["angle"].reason)
-    assert found.parts["angle"].reason.startswith("± 310 mrad; answers were missing")
+    assert found.parts["angle"].reason.startswith("± 310 mrad; fix the late answers first")
     assert again(found, BAD["angle"]).reasons == found.reasons
     unsafe = again(result_of("unsafe", (UNSAFE.reason,), safety=UNSAFE), BAD["angle"])
     assert (unsafe.verdict, unsafe.reasons[0]) == ("unsafe", UNSAFE.reason)

@@ -148,11 +148,11 @@ def test_of_one_nothing_is_told_in_the_plural() -> None:
 
 def test_what_was_measured_of_the_processors_is_told() -> None:
     busy = {"waited": 0.04, "stolen": 0.021, "pressed": 0.9}
-    words = "(the loop lacked a processor 6.1\u00a0% of the time, something here waited for one 90.0\u00a0% of it)"
+    words = "(the loop lacked a processor 6.1\u00a0% of the time, CPU fully loaded 90.0\u00a0% of the time)"
     assert f"this machine was too busy {words}" in judged(result(late=100, load=busy)).reason
     slow = {"waited": 0.001, "stolen": 0.0}  # a system that says nothing of its pressure
     assert judged(result(late=100, load=slow)).reason.endswith(
         "the link or the board was slow, or the loop was stopped (the loop lacked a processor 0.1\u00a0% of the time)"
     )
     unknown = judged(result(late=100, slow=100, load={"pressed": 0.9})).reason
-    assert unknown.endswith("this machine was too busy (something here waited for one 90.0\u00a0% of it)")
+    assert unknown.endswith("this machine was too busy (CPU fully loaded 90.0\u00a0% of the time)")

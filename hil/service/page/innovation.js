@@ -74,6 +74,6 @@ export class Innovation {
     const rms = told.rms_V ?? told.rms;
     const floor = told.predicted_V ?? told.noise_floor ?? told.predicted;
     const ratio = told.ratio ?? (rms && floor ? rms / floor : null);
-    say(byId("innovation-value"), rms ? `${quantity(rms, "V", 3)} rms${ratio ? `, ${ratio.toFixed(2)} of what the model predicts` : ""}` : "");
+    say(byId("innovation-value"), rms ? `${quantity(rms, "V", 3)} rms${ratio ? `, ${ratio.toFixed(2)} × predicted` : ""}` : "");
   }
 }

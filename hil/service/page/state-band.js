@@ -6,7 +6,7 @@ import { byId, say } from "./dom.js";
 /** @typedef {import("./board.js").Board} Board */
 
 const REASONS = /** @type {Record<string, [string, string]>} */ ({
-  HOST_REQUEST: ["stopped as asked", ""],
+  HOST_REQUEST: ["run finished, drive off", ""],
   INTERRUPTED: ["stopped by the operator", ""],
   RESIDUAL: ["the innovation left its bounds", "Look at the run's report before you arm it again."],
   WATCHDOG: ["the host fell silent, and the board's watchdog stopped the drive", "Look at the link and at the load of this machine."],

@@ -21,9 +21,12 @@ export const word = (verdict) => make("span", { class: `word ${toneOf(verdict)}`
 export function partsOf(parts) {
   const whole = Object.entries(parts ?? {}).map(([name, part]) => /** @type {[string, Part]} */ ([name, typeof part === "string" ? { outcome: part } : part]));
   const rows = whole.map(([name, part]) =>
-    make("div", { class: toneOf(part.outcome) }, make("dt", {}, name), make("dd", {}, make("b", {}, part.outcome), part.reason ?? "")));
+    make("div", { class: toneOf(part.outcome) }, make("dt", {}, name), make("dd", {}, make("b", {}, part.outcome), beside(part))));
   return make("dl", { class: "parts" }, ...rows);
 }
+
+/** The reason as it reads after the outcome, whose word it need not say again. @param {Part} part */
+const beside = ({ outcome, reason = "" }) => (reason.startsWith(`${outcome} `) ? reason.slice(outcome.length + 1) : reason);
 
 /** What a trace found: effects with their coefficients and 95 % intervals. @param {any} diagnosis @returns {HTMLElement[]} */
 export function effectsOf(diagnosis) {
