@@ -213,8 +213,8 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
     if result.uncertainty:
         largest = result.uncertainty[0]
         told = " (assumed)" if largest.assumed else ""
-        u = quantity(COVERAGE * largest.contribution_rad, "rad", 2)
-        yield "largest source", f"{largest.source}{told}, U = {u}"
+        share = quantity(COVERAGE * largest.contribution_rad, "rad", 2)
+        yield "largest source", f"{largest.source}{told}, U = {share}"
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         yield "by the patent's formula (11)", quantity(angle.plain_rad, "rad", 5)
         imperfection = quantity(angle.control_imperfection_rms_rad, "rad", 2)

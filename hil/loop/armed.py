@@ -8,18 +8,22 @@ then the board is armed again, a few times at most.  docs/safety.md has the rule
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import NamedTuple, NoReturn
 
 from hil.bench import Bench
 from hil.loop.account import Account
+from hil.loop.asked_again import ask_again, zero_drive
 from hil.loop.preflight import require_unchanged
 from hil.loop.stopping import bring_to_safe
 from hil.loop.stops import LATCHING, Safety, Stop, reason_name
+from hil.numbers import counted
 from hil.wire import client
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, ProtocolError, WireError
 from hil.wire.messages import (
+    DriveForce,
     Identity,
     Message,
     Nack,
@@ -36,6 +40,7 @@ from hil.wire.stream import unwrap
 SLICE_S = 0.25
 """Longest wait for samples at a time: how soon the loop sees to what is not a sample."""
 
+_ROOM = 16  # drives that a board has room for in force mode, at least
 _COUNTERS = ("late", "held", "bad_frames", "lost_seq", "saturated", "watchdog_trips", "dropped")
 _STATES = frozenset(map(int, State))
 _STREAMING = (State.ARMED, State.RUNNING)
@@ -83,12 +88,14 @@ class ArmedBoard:
         self._endpoint = endpoint
         self._name = endpoint.link.name
         self._drive = type_of(drive)
+        self._probe = partial(zero_drive, drive)
         self._registers = registers
         self._silence_s = bench.link.timeout_s
         self._patient = bench.loop.clock == "lockstep" and endpoint.link.fileno() is not None
         self._standstill_s = bench.limits.standstill_s
         self._rearm = bench.limits.rearm
         self._rate_Hz = identity.tick_rate_Hz
+        self._latency = identity.latency_ticks
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
         ticks = round(registers["WATCHDOG_TICKS"])
         self._asked_ns = 0
@@ -99,6 +106,7 @@ class ArmedBoard:
         self.newest: int | None = None
         self.running: int | None = None
         self._refusals: Counter[int] = Counter()  # of drives, by reason, since ARM
+        self._refused_before: tuple[Counter[tuple[int, int]], int] = Counter(), 0
         self.waiting: Callable[[float], None] = _unheard  # by name, so that it can be pickled
         self.answered: Callable[[Status], None] = _unheard
 
@@ -109,6 +117,7 @@ class ArmedBoard:
         """
         self._endpoint.said()  # the second answer to a HELLO that had to be repeated, and whatever else is past
         self.safety.armed = True
+        self._refused_before = self._endpoint.refusals.copy(), self._endpoint.unsent
         status = self._arm()
         self.safety.taken = True
         self.account.begin(status)
@@ -139,6 +148,7 @@ class ArmedBoard:
         """Bring the board to SAFE if it may be armed; its own counters, by name, none when it does not answer."""
         if not self.safety.armed:
             return {}
+        self.safety.odd.extend(self._unasked())
         stopped = bring_to_safe(
             self._endpoint,
             reason,
@@ -153,10 +163,33 @@ class ArmedBoard:
         if status is None:
             return {}
         self.safety.confirmed_tick = unwrap(status.tick, self._endpoint.rx.tick)
+        if stopped.confirmed:
+            asked = ask_again(self._endpoint, self._probe(self._endpoint.rx.tick), self._registers, self._silence_s)
+            self.safety.odd.extend(asked.odd)
+            if asked.drives:
+                self.safety.confirmed, self.safety.words = False, f"STATUS says SAFE, yet {asked.drives}"
         if status.reason == SafeReason.FAULT and self.safety.latched != "FAULT":
             self._note(status, "board")  # it tripped while it was told to stop
             self.safety.latched = "FAULT"
         return {name: getattr(status, name) for name in _COUNTERS}
+
+    def _unasked(self) -> list[str]:
+        """Refusals since ARM that no board says which keeps to the page, one clause each.
+
+        A drive that was under way when the board stopped is refused, and in force mode one that finds no room to wait:
+        there are 16 places at least.
+        """
+        before, unsent = self._refused_before
+        odd = []
+        if (count := self._endpoint.unsent - unsent) > 0:
+            odd.append(f"it refused {counted(count, 'frame')} that this host had not sent")
+        for (kind, reason), total in (self._endpoint.refusals - before).items():
+            stopped = kind == self._drive and reason == NackReason.BAD_STATE and self.safety.stops
+            full = reason == NackReason.OUT_OF_RANGE and kind == type_of(DriveForce) and self._latency >= _ROOM
+            if not (stopped or full):
+                name = f"{SPEC.message_name(kind)}, {client.nack_name(reason)}"
+                odd.append(f"it refused {counted(total, 'frame')} as no board does that keeps to the page ({name})")
+        return odd
 
     def _stopped(self, said: Iterable[Message]) -> Status | None:
         """STATUS of a board that has stopped, by what it has said."""

@@ -86,6 +86,7 @@ class ForceLoop(Loop):
             if tick == newest:
                 endpoint.send_drive(codes[0], codes[1], tick + self._latency)
                 sent_ns = endpoint.sent_ns
+                self._drives += 1
                 self._timing.put(tick, endpoint.received_ns, estimated_ns, sent_ns)
                 self._give_way()
                 self._shown.sent(codes[0], codes[1], tick + self._latency)

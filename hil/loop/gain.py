@@ -140,6 +140,7 @@ class GainLoop(Loop):
         name, effective = self._matrices.next_name, last + self._lead
         matrix = DriveGains(name, tuple(gain.ravel().tolist()), tuple(bias.tolist()), effective)
         self._endpoint.send(matrix)
+        self._drives += 1
         sent_ns = time.monotonic_ns()
         self._matrices.sent(effective)
         self._foresight.tell(gain, bias, effective)

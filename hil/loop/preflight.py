@@ -15,6 +15,7 @@ from hil.bench import Bench
 from hil.bench.plausible import FASTEST_HZ, LARGEST_V
 from hil.declared import board_dither_of, board_filter_of, drive_limit_of, require_agreement
 from hil.errors import InputError
+from hil.loop.asked_again import differs
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
@@ -158,10 +159,7 @@ def require_unchanged(endpoint: Endpoint, registers: Mapping[str, float], timeou
     for name in sorted(registers, key=lambda name: name != "SESSION"):
         held = client.read_register(endpoint, name, timeout_s)
         if held != registers[name]:
-            raise ProtocolError(
-                f"{endpoint.link.name}: the board restarted: {name} reads {held:.10g}, {registers[name]:.10g} was "
-                "written; check its supply"
-            )
+            raise ProtocolError(f"{endpoint.link.name}: {differs(name, held, registers[name])}; check its supply")
 
 
 def require_clock(endpoint: Endpoint) -> None:

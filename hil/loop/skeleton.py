@@ -16,16 +16,21 @@ from hil.loop.armed import ArmedBoard, Pause
 from hil.loop.opening import Opening
 from hil.loop.stops import Safety
 from hil.loop.target import TargetSteps
+from hil.numbers import count, counted, percent
 from hil.records.recorder import RecorderError, Track
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import ProtocolError
+from hil.wire.errors import ProtocolError, WireError
 from hil.wire.messages import Identity, Message, SafeReason, Status
 
 RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
-_JUMP_S = 10.0  # of bench time that cannot be missing at once
+_AT_ONCE = 0.1  # of the time between two answers: samples that come within it had been waiting for this host
 _AHEAD = 1.5  # by which a board's ticks may run ahead of this host's clock
 _NOTHING_WRITTEN: Mapping[str, float] = {}
+
+
+class HostTooSlow(WireError):
+    """A run on wall time lasts too long, and samples waited for this host most of the time: it is not the board's."""
 
 
 @dataclass
@@ -35,6 +40,7 @@ class Counters:
     samples: int = 0
     lost: int = 0
     stopped: int = 0  # of these: the board was SAFE until it was armed again
+    skipped: int = 0  # of these: the board streamed, and no missing frame accounts for them
     held: int = 0
     clipped: int = 0
     saturated: int = 0
@@ -96,6 +102,9 @@ class Loop(ABC):
         self._pause: Pause | None = None  # of the board, until a row comes from after it
         self._begun_ns = self._answered_ns = self._listened_ns = time.monotonic_ns()
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
+        self._drives = 0  # that were sent
+        self._turns = self._behind = 0  # in which samples came; of these: they were there already
+        self._at_once_ns = round(1e9 * _AT_ONCE * self._block / rate)
         self._missing_before = self._missing_frames()
         self.counters = Counters()
         self.between: Callable[[], None] = _nothing  # by name, so that a loop at rest can be pickled
@@ -129,7 +138,7 @@ class Loop(ABC):
         """Answer `samples` samples (their ticks, gaps included); `report` is told how many are done.
 
         Raises LinkClosed when the board hangs up, ProtocolError when it falls silent, stops, or lets the run take too
-        long, RecorderError when the record ended.
+        long, HostTooSlow where this host does, RecorderError when the record ended.
         """
         self._observer.enable_control(False)
         self._guarded = self._acquired + RESIDUAL_SAMPLES
@@ -141,10 +150,13 @@ class Loop(ABC):
         """The rest of what `run` began, of `samples` samples in all; raises as `run`."""
         done = reported = 0 if self._first is None or self._next is None else self._next - self._first
         while done < samples and not self.stop:
+            listened_ns = time.monotonic_ns()
             taken = self._turn()
             if not taken:
                 self._attend()
                 continue
+            self._turns += 1
+            self._behind += self._endpoint.received_ns - listened_ns < self._at_once_ns
             done = taken
             if done - reported >= report_every:
                 reported = done
@@ -154,6 +166,10 @@ class Loop(ABC):
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters. Nothing where ARM was never sent; raises nothing that the link does."""
         self._board.newest = self.newest
+        if skipped := self.counters.skipped:
+            self.safety.odd.append(
+                f"its ticks left out {count(skipped)} for which no frame is missing: they do not count samples"
+            )
         self.counters.board = self._board.to_safe(reason)
 
     @abstractmethod
@@ -197,11 +213,11 @@ class Loop(ABC):
             raise ProtocolError(
                 f"{self._name}: the board's tick went back from {tick - missing - 1} to {tick}; did it restart?"
             )
-        if missing > self._long_gap:
-            self._require_possible(tick, missing)
         # Whatever tick the board gave when it was armed again: it stood in SAFE between these two rows.
         through_stop = missing > 0 and self._pause is not None and tick > self._pause.safe
         stopped = self._paused(tick)
+        if missing:
+            self._require_possible(tick, missing, stopped)
         self.counters.lost += missing
         self.counters.stopped += stopped
         if missing > self._long_gap or through_stop:
@@ -231,24 +247,46 @@ class Loop(ABC):
         """Whether a row is from before the board was armed again."""
         return self._pause is not None and tick <= self._pause.safe
 
-    def _require_possible(self, tick: int, missing: int) -> None:
-        """ProtocolError for ticks that cannot have passed."""
+    def _require_possible(self, tick: int, missing: int, stopped: int) -> None:
+        """See to ticks that cannot have passed, of `missing` ones before `tick`, `stopped` of them in SAFE.
+
+        Each tick of a board that streams has its row in a frame with a number: those that are missing bound the rows
+        that are.  Few beyond that are counted; many, and any in lockstep, raise ProtocolError.  In lockstep a board
+        goes on by a block for each drive; on wall time no further than time has.
+        """
         assert self._first is not None
-        possible = missing <= _JUMP_S * self._rate_Hz
-        if self._lockstep:  # where each tick has its row, whatever became of it
-            frames = self._missing_frames() - self._missing_before
-            possible = possible and self.counters.lost + missing <= frames * self._block
-        else:
-            elapsed_s = 1e-9 * (time.monotonic_ns() - self._begun_ns)
-            possible = (tick - self._first) / self._rate_Hz <= _AHEAD * elapsed_s + 1.0
-        if not possible:
+        counters, before = self.counters, tick - missing - 1
+        frames = self._missing_frames() - self._missing_before
+        streamed = counters.lost - counters.stopped + missing - stopped
+        # What was under way at a stop need not be sent.
+        accounted = frames * self._block + counters.rearmed * (self._block + 1)
+        skipped = streamed - accounted - counters.skipped
+        if skipped > 0:
+            counters.skipped += skipped
+        if skipped > (0 if self._lockstep else self._long_gap):
             raise ProtocolError(
-                f"{self._name}: the board's tick jumped from {tick - missing - 1} to {tick}; correct its firmware"
+                f"{self._name}: the board's tick jumped from {before} to {tick}, of which no frame is missing for "
+                f"{count(skipped)}; correct its firmware"
+            )
+        if self._lockstep:
+            if not counters.rearmed and tick - self._first > self._drives * self._block:
+                raise ProtocolError(
+                    f"{self._name}: the board's tick jumped from {before} to {tick} in lockstep, after "
+                    f"{counted(self._drives, 'drive')}, each of which lets it go on by {self._block}; correct its "
+                    "firmware"
+                )
+            return
+        elapsed_s = 1e-9 * (time.monotonic_ns() - self._begun_ns)
+        if missing > self._long_gap and (tick - self._first) / self._rate_Hz > _AHEAD * elapsed_s + 1.0:
+            raise ProtocolError(
+                f"{self._name}: the board's tick jumped from {before} to {tick}, {elapsed_s:.3g} s after ARM, which is "
+                f"{count(round(elapsed_s * self._rate_Hz))} ticks; correct its firmware"
             )
 
     def _missing_frames(self) -> int:
-        """Frames that did not come, or of which nothing could be taken; each may have been a block of rows."""
-        return self._endpoint.rx.lost + self._endpoint.rx.undecodable
+        """Frames that did not come, or of which nothing was taken; each may have been a block of rows."""
+        rx = self._endpoint.rx
+        return rx.lost + rx.undecodable + rx.repeated + self._endpoint.forgotten
 
     def _judge(self, residual: float, share: float, since: int) -> None:
         """Stop the run when the residual leaves its bounds: its mean square over the last samples, in units of the
@@ -298,12 +336,16 @@ class Loop(ABC):
             raise RecorderError(trouble)
 
     def _require_time(self) -> None:
-        """ProtocolError when a run on wall time lasts too long."""
+        """ProtocolError when a run on wall time lasts too long; HostTooSlow where samples wait for this host."""
         if self._lockstep:
             return
         elapsed_s = 1e-9 * (time.monotonic_ns() - self._begun_ns)
         if elapsed_s > (bound_s := (1.0 + self._limits.overtime) * self._duration_s + self._timeout_s):
-            raise ProtocolError(
-                f"{self._name}: the run of {self._duration_s:g} s was not over after {bound_s:.3g} s, "
-                f"[limits] overtime is {self._limits.overtime:g}; the board's ticks are too slow"
+            told = (
+                f"the run of {self._duration_s:g} s was not over after {bound_s:.3g} s, [limits] overtime is "
+                f"{self._limits.overtime:g}"
             )
+            if 2 * self._behind > self._turns:
+                share = percent(self._behind / self._turns, 0)
+                raise HostTooSlow(f"{told}; this host is too slow: in {share} of its turns samples waited for it")
+            raise ProtocolError(f"{self._name}: {told}; the board's ticks, or the way from it, are too slow")

@@ -48,6 +48,7 @@ class Safety:
         recorder: why the record stopped, "" if it did not.
         signs: which drive acts the wrong way round, "" if none does.
         words: why SAFE was not confirmed, or what the board does in SAFE that it should not, one line.
+        odd: what the board did that no board does which keeps to the page, and that ended nothing, one clause each.
     """
 
     armed: bool = False
@@ -61,6 +62,7 @@ class Safety:
     recorder: str = ""
     signs: str = ""
     words: str = ""
+    odd: list[str] = field(default_factory=list)
 
     @property
     def told(self) -> dict[str, Any]:

@@ -44,10 +44,11 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     """
     stopped, refused = str(outcome.get("stopped", "")), tuple(outcome.get("refused", ()))
     ended_early = bool(stopped) or not result.complete
+    too_slow = "HostTooSlow" in outcome.get("failed", ())
     bench_file = shlex.quote(str(folder.bench_path))
     parts = {
         "safety": judge_safety(outcome),
-        "machine": judge_machine(result, bench, refused, bench_file),
+        "machine": judge_machine(result, bench, refused, bench_file, stopped if too_slow else ""),
         "model": judge_model(folder, result, bench, ended_early=ended_early),
         "angle": judge_angle(folder, result, bench),
     }

@@ -16,7 +16,9 @@ _NO_PRIORITY = "no real-time scheduling"
 _MOST = 0.5  # of the missed answers, which a cause must account for to be named
 
 
-def judge_machine(result: Result, bench: Bench, refused: Collection[str] = (), bench_file: str = "BENCH") -> Part:
+def judge_machine(
+    result: Result, bench: Bench, refused: Collection[str] = (), bench_file: str = "BENCH", too_slow: str = ""
+) -> Part:
     """Missed and lost samples beside their limits.
 
     Args:
@@ -24,11 +26,12 @@ def judge_machine(result: Result, bench: Bench, refused: Collection[str] = (), b
         bench: the limits.
         refused: what the system did not permit the loop's process.
         bench_file: what to name in the command that comes next.
+        too_slow: how the run ended, where this machine's being too slow ended it.
     """
     answers = result.answers
     if answers is None:
         return Part(outcome="unknown")
-    limits, reasons = bench.limits, []
+    limits, reasons = bench.limits, [too_slow] if too_slow else []
     missed, lost = answers.missed / answers.ticks, result.lost / answers.ticks
     if missed > limits.late_fraction:
         reasons.append(
@@ -42,10 +45,11 @@ def judge_machine(result: Result, bench: Bench, refused: Collection[str] = (), b
     if not reasons:
         share, samples = answers.in_time / answers.ticks, counted(answers.ticks, "sample")
         return Part(outcome="good", reason=f"{_cautious(share)} of {samples} answered in time")
+    mine = bool(too_slow) or (missed > limits.late_fraction and by_host(result))
     return Part(
         outcome="failed",
         reason="; ".join(reasons),
-        next=_next(result, by_host=missed > limits.late_fraction and by_host(result), refused=refused, file=bench_file),
+        next=_next(result, by_host=mine, refused=refused, file=bench_file),
     )
 
 

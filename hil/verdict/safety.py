@@ -6,6 +6,7 @@ from typing import Any
 from hil.records.result import Part
 
 _CUT = "cut the supply of the board before you touch it or start another run"
+_FIRMWARE = "correct the board's firmware: docs/wire.md, What a board does"
 _CAUSE = {
     "FAULT": "find what made the board's protection trip; only the board lifts a FAULT",
     "WATCHDOG": "measure the way to the board: hil doctor --link …",
@@ -28,6 +29,8 @@ def judge_safety(outcome: Mapping[str, Any]) -> Part:
         return Part(outcome="failed", reason=_latched(safety, stopped), next=cause)
     if safety["broke"]:
         return Part(outcome="failed", reason=stopped, next="see to the board: its supply, its link, its firmware")
+    if odd := safety.get("odd"):
+        return Part(outcome="failed", reason=f"{'; '.join(odd)}", next=_FIRMWARE)
     if safety["recorder"]:
         reason = stopped or f"the record ended: {safety['recorder']}"
         return Part(outcome="failed", reason=reason, next="see to the disk and start again")
@@ -38,6 +41,8 @@ def judge_safety(outcome: Mapping[str, Any]) -> Part:
         )
     if safety["confirmed"] is None:
         return Part(outcome="failed", reason=stopped or safety["words"])
+    if safety["words"]:
+        return Part(outcome="good", reason=f"SAFE was confirmed, yet {safety['words']}", next=_FIRMWARE)
     return Part(outcome="good", reason="SAFE was confirmed")
 
 

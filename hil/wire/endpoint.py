@@ -1,12 +1,12 @@
 """One end of a link that speaks messages."""
 
 import time
-from collections import deque
+from collections import Counter, deque
 from typing import NamedTuple
 
 from hil.wire.frame_format import Frame
 from hil.wire.link import Link
-from hil.wire.messages import Message, TimeSync
+from hil.wire.messages import Message, Nack, TimeSync
 from hil.wire.sense import Sense, SenseRow
 from hil.wire.stream import Received, Receiver, Transmitter
 
@@ -38,10 +38,16 @@ class Endpoint:
         received_ns: monotonic clock when the last bytes came, by the kernel's stamp where the link has one, else
             right after the receive.
         sent_ns: monotonic clock right after the last `send_drive`.
+        refusals: how often each (type, reason) was refused by NACK, of frames that were sent.
+        unsent: NACKs of frames that were not: no such type has had that number.
+        forgotten: SENSE blocks that were kept for later and found no room.
         exchanges: answers to `ask_time` with their times, for whoever asked to take out; the oldest are forgotten.
     """
 
-    __slots__ = ("_inbox", "_rows_kept", "exchanges", "link", "received_ns", "rx", "sent_ns", "tx")
+    __slots__ = (
+        "_inbox", "_rows_kept", "exchanges", "forgotten", "link", "received_ns", "refusals", "rx", "sent_ns", "tx",
+        "unsent",
+    )  # fmt: skip
 
     def __init__(self, link: Link) -> None:
         self.link = link
@@ -50,6 +56,9 @@ class Endpoint:
         self.received_ns = 0
         self.sent_ns = 0
         self.exchanges: deque[Exchange] = deque(maxlen=_EXCHANGES)
+        self.refusals: Counter[tuple[int, int]] = Counter()
+        self.unsent = 0
+        self.forgotten = 0
         self._inbox: deque[Received] = deque(maxlen=INBOX)
         self._rows_kept = False
 
@@ -95,6 +104,8 @@ class Endpoint:
     def keep(self, items: list[Received]) -> None:
         """Put messages back: the next `poll`, or `receive_rows` for samples, returns them before anything
         newer."""
+        for item in self._inbox if len(self._inbox) + len(items) > INBOX else ():
+            self.forgotten += isinstance(item.message, Sense)  # more than go, perhaps
         self._inbox.extend(items)
         self._rows_kept = self._rows_kept or any(isinstance(item.message, Sense) for item in items)
 
@@ -122,12 +133,18 @@ class Endpoint:
         return self._rows(self._feed(data))
 
     def _feed(self, data: bytes) -> list[Received]:
-        """Messages that `data`, just received, completes; answers about the time are noted with theirs."""
+        """Messages that `data`, just received, completes; answers about the time are noted with theirs, refusals
+        counted."""
         items = self.rx.feed(data)
         for item in items:
             message = item.message
             if isinstance(message, TimeSync):
                 self.exchanges.append(Exchange(message.host_ns, message.board_ns, self.received_ns, item.tick))
+            elif isinstance(message, Nack):
+                if self.tx.types[message.of_seq] == message.of_type:
+                    self.refusals[message.of_type, message.reason] += 1
+                else:
+                    self.unsent += 1
         return items
 
     def _rows(self, items: list[Received]) -> list[SenseRow]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from hil.wire.codec import KNOWN_TYPES, pack, type_of, unpack
 from hil.wire.errors import ProtocolError
 from hil.wire.frame_format import Frame, FrameFormat
-from hil.wire.messages import Hello, Identity, Message, Nack, NackReason, Safe, SafeReason
+from hil.wire.messages import DriveForce, Hello, Identity, Message, Nack, NackReason, Safe, SafeReason
 from hil.wire.sense import SenseRow
 from hil.wire.serial_format import SERIAL
 
@@ -23,7 +23,7 @@ REPEAT_RUN = 4
 """So many frames in a row that look like repetitions, each following the one before, are none: the number ahead of them
 was a stray one, and the count goes on from theirs."""
 
-_SAFE = type_of(Safe)
+_SAFE, _DRIVE = type_of(Safe), type_of(DriveForce)
 _SAFE_SIZE = 1
 _SAFE_OTHERWISE = bytes([SafeReason.HOST_REQUEST])
 
@@ -50,13 +50,15 @@ class Transmitter:
 
     Attributes:
         seq: sequence number of the next frame.
+        types: of the last frame of each number, 0 where there was none: what a NACK may be about.
     """
 
-    __slots__ = ("_format", "seq")
+    __slots__ = ("_format", "seq", "types")
 
     def __init__(self, form: FrameFormat = SERIAL) -> None:
         self._format = form
         self.seq = 0
+        self.types = bytearray(1 << 16)
 
     def encode(self, message: Message, tick: int) -> bytes:
         """Frame of any message; `tick` (any width) goes into the header.
@@ -67,6 +69,7 @@ class Transmitter:
         type_ = type_of(message)
         data, spent = self._format.encode(type_, self.seq, tick, pack(message))
         if type_ != _SAFE:  # which leaves its number to the next one
+            self.types[self.seq] = type_
             self.seq = (self.seq + spent) & 0xFFFF
         return data
 
@@ -79,6 +82,7 @@ class Transmitter:
     def encode_drive(self, ux: int, uy: int, effective_tick: int, tick: int) -> bytes:
         """DRIVE_FORCE, the short way; ticks of any width. ProtocolError if a code is beyond 32 bits."""
         data = self._format.encode_drive(self.seq, tick, ux, uy, effective_tick)
+        self.types[self.seq] = _DRIVE
         self.seq = (self.seq + 1) & 0xFFFF
         return data
 

@@ -172,6 +172,8 @@ class Board:
     def on_write(self, number: int, value: float) -> list[Message]:
         if not _REGISTERS[number].accepts(value):
             return [Nack(type_of(RegisterWrite), self._seq, NackReason.OUT_OF_RANGE)]
+        if not _REGISTERS[number].live and self.state not in (State.IDLE, State.SAFE):
+            return [Nack(type_of(RegisterWrite), self._seq, NackReason.BAD_STATE)]
         self.values[number] = value
         return [RegisterValue(number, value)]
 
@@ -338,6 +340,15 @@ class Talkative(Liar):
     def on_safe(self, safe: Safe) -> list[Message]:
         self.quiet = True
         return super().on_safe(safe)
+
+    def on_drive(self, drive: DriveForce) -> list[Message]:
+        if getattr(self, "quiet", False):
+            return [Nack(type_of(DriveForce), self._seq, NackReason.BAD_STATE)]
+        return super().on_drive(drive)
+
+    def on_write(self, number: int, value: float) -> list[Message]:
+        self.values[number] = value
+        return [RegisterValue(number, value)]
 
     def each_tick(self) -> None:
         if getattr(self, "quiet", False):
@@ -600,3 +611,89 @@ def served(board: Board, **identity: Any) -> Iterator[Board]:
     board.identity = board.identity._replace(**identity)
     with board:
         yield board
+
+
+# ----------------------------------------------------------- what ends no run, and what STATUS alone would not show
+
+
+class StaysRunning(Liar):
+    """Says SAFE, stays RUNNING and says no more of it; in lockstep, where it waits, nothing of that is to be seen."""
+
+    def each_tick(self) -> None:
+        if self.safes:
+            self.held, self.waiting = (0, 0), {}
+
+
+class Swallows(Board):
+    """Is SAFE, and says nothing to a drive that it should refuse."""
+
+    def on_drive(self, drive: DriveForce) -> list[Message]:
+        return super().on_drive(drive) if self.streaming else []
+
+
+class RefusesOtherwise(Board):
+    """Is SAFE, and refuses a drive there for a reason that belongs to something else."""
+
+    def on_drive(self, drive: DriveForce) -> list[Message]:
+        if self.streaming:
+            return super().on_drive(drive)
+        return [Nack(type_of(DriveForce), self._seq, NackReason.OUT_OF_RANGE)]
+
+
+class WakesUp(Board):
+    """Takes a drive in SAFE for a wish to be driven again."""
+
+    def on_drive(self, drive: DriveForce) -> list[Message]:
+        if self.streaming or not self.safes:
+            return super().on_drive(drive)
+        self.state, self.reason = State.RUNNING, SafeReason.NONE
+        return self.say_status()
+
+
+class Forgets(Board):
+    """Loses what a register holds at some tick, and runs on."""
+
+    def __init__(self, name: str, value: float = 0.0) -> None:
+        super().__init__()
+        self.lost = _NUMBER[name], value
+
+    def each_tick(self) -> None:
+        if self.tick == AT:
+            self.values[self.lost[0]] = self.lost[1]
+
+
+class Complains(Board):
+    """Refuses by `nack` at every tick from some on, whatever the host said, and does it all the same."""
+
+    def __init__(self, of_type: int, reason: int, *, sent: bool) -> None:
+        super().__init__()
+        self.complaint, self.sent = (of_type, reason), sent
+
+    def each_tick(self) -> None:
+        if AT <= self.tick < AT + 200:
+            seq = self._seq if self.sent else (self._seq + 20_000) & 0xFFFF
+            self._link.offer(self._frames([Nack(self.complaint[0], seq, self.complaint[1])]))
+
+
+class Skips(Board):
+    """Its tick leaves some out, and with `numbers` as many sequence numbers, as if frames had been lost."""
+
+    def __init__(self, ticks: int, *, numbers: bool = False) -> None:
+        super().__init__()
+        self.ticks, self.numbers = ticks, numbers
+
+    def each_tick(self) -> None:
+        if self.tick == AT:
+            self.tick += self.ticks
+            self.fed = self.tick
+            if self.numbers:
+                self.tx.seq = (self.tx.seq + self.ticks) & 0xFFFF
+
+
+class Mute(Board):
+    """Says SAFE, stops, and answers nothing any more."""
+
+    def answer(self, item: Received) -> list[Message]:
+        gone = self.safes > 0
+        answers = super().answer(item)
+        return [] if gone else answers

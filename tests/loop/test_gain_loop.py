@@ -67,7 +67,9 @@ def test_the_pattern_is_held_and_the_angle_right(tmp_path: Path, latency: int) -
     assert len(estimates.tick) == len(capture) / BLOCK == 200
     assert (counters.lost, counters.board["late"]) == (0, 0)
     # Every block is answered by a matrix for the very next tick, and that is when it is used.
-    assert [g.effective_tick for g in link.gains] == list(range(BLOCK, 4001, BLOCK))
+    *answers, offered = link.gains
+    assert [g.effective_tick for g in answers] == list(range(BLOCK, 4001, BLOCK))
+    assert not any((*offered.gain, *offered.bias))  # after SAFE, for the board to refuse
     assert timing.columns["applied_tick"].tolist() == [*(timing.tick[:-1] + 1).tolist(), -1]  # the last is not seen
     assert timing.applied is not None
     assert timing.ledger_us(timing.applied) == {}  # in lockstep ticks follow no clock

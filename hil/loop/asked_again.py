@@ -1,0 +1,118 @@
+"""A board that has said SAFE, asked once more: it refuses a drive, takes what only a stopped board takes, and holds
+what was written to it.
+
+STATUS is the board's own word.  In lockstep it is all there is, as a board that goes on driving streams nothing until
+it is driven: so a drive of zero is offered, which a board in SAFE refuses.  docs/safety.md, The host, rule 5.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from hil.wire import client
+from hil.wire.codec import type_of
+from hil.wire.endpoint import Endpoint
+from hil.wire.errors import LinkError, WireError
+from hil.wire.messages import DriveForce, DriveGains, Message, Nack, NackReason, State, Status
+from hil.wire.sense import Sense
+from hil.wire.spec import SPEC
+
+_ASKED = 8  # times within the patience: lines lose frames
+_STREAMING = (State.ARMED, State.RUNNING)
+
+
+@dataclass
+class Asked:
+    """What came of it.
+
+    Attributes:
+        drives: why the board is not SAFE although it says so, "" if it is.
+        odd: what it says or holds that no board does which keeps to the page, one clause each.
+    """
+
+    drives: str = ""
+    odd: list[str] = field(default_factory=list)
+
+
+def zero_drive(drive: type[Message], tick: int) -> Message:
+    """The drive message of a loop mode that drives nothing, for the interval after `tick`."""
+    effective = (tick + 1) & 0xFFFFFFFF
+    if drive is DriveGains:
+        return DriveGains(1, (0.0,) * 8, (0.0,) * 2, effective)
+    return DriveForce(0, 0, effective)
+
+
+def ask_again(endpoint: Endpoint, probe: Message, registers: Mapping[str, float], patience_s: float) -> Asked:
+    """Offer `probe`, read all `registers` and write SESSION once more. Raises nothing that the link does."""
+    asked = Asked()
+    try:
+        _offer(endpoint, probe, patience_s, asked)
+        if not asked.drives:
+            _read(endpoint, registers, patience_s, asked)
+    except WireError as error:  # what the board said before stands
+        asked.odd.append(f"it could not be asked once more: {error}")
+    return asked
+
+
+def _offer(endpoint: Endpoint, probe: Message, patience_s: float, asked: Asked) -> None:
+    """Whether the board refuses a drive, as it does in SAFE and nowhere else."""
+    begin = time.monotonic()
+    sent: list[int] = []
+    rows = 0
+    while (now := time.monotonic()) < begin + patience_s and len(sent) < _ASKED:
+        sent.append(endpoint.tx.seq)
+        endpoint.send(probe)
+        again = now + patience_s / _ASKED
+        while True:
+            items = endpoint.poll(max(again - time.monotonic(), 0.0))
+            for message in (item.message for item in items):
+                if isinstance(message, Nack) and message.of_type == type_of(probe) and message.of_seq in sent:
+                    if message.reason != NackReason.BAD_STATE:
+                        asked.odd.append(
+                            f"it refuses a drive in SAFE by {client.nack_name(message.reason)}, not BAD_STATE"
+                        )
+                    return
+                if isinstance(message, Status) and message.state in _STREAMING:
+                    asked.drives = f"STATUS then says {State(message.state).name}"
+                    return
+                rows += len(message.codes) if isinstance(message, Sense) else 0
+            if time.monotonic() >= again or (not items and endpoint.link.fileno() is None):
+                break
+    if rows:
+        asked.drives = "it takes a drive and streams"
+    else:
+        asked.odd.append("it does not refuse a drive in SAFE, so that nothing but its word says that it stopped")
+
+
+def _read(endpoint: Endpoint, registers: Mapping[str, float], patience_s: float, asked: Asked) -> None:
+    """Whether the registers hold what was written, and SESSION may be written, which only a stopped board takes."""
+    for name, written in registers.items():
+        try:
+            held = client.read_register(endpoint, name, patience_s)
+        except client.Refused as refusal:
+            asked.odd.append(f"it refuses to read {name} in SAFE: {client.nack_name(refusal.reason)}")
+            continue
+        except LinkError:
+            asked.odd.append(f"it does not answer in SAFE, asked for {name}")
+            return
+        if held != written:
+            asked.odd.append(differs(name, held, written))
+    if "SESSION" not in registers:
+        return
+    try:
+        client.write_register(endpoint, "SESSION", registers["SESSION"], patience_s)
+    except client.Refused as refusal:
+        if refusal.reason == NackReason.BAD_STATE:
+            asked.drives = "it refuses SESSION, as only a board does that is armed"
+        else:
+            asked.odd.append(f"it refuses SESSION in SAFE: {client.nack_name(refusal.reason)}")
+    except LinkError:
+        asked.odd.append("it does not answer in SAFE, told SESSION")
+
+
+def differs(name: str, held: float, written: float) -> str:
+    """What it means that a register no longer holds what was written, as far as that tells."""
+    told = f"{name} reads {held:.10g}, {written:.10g} was written"
+    if name == "SESSION" and held == SPEC.registers["SESSION"].default:
+        return f"the board restarted: {told}"
+    return f"the board restarted, or another host wrote it: {told}"
