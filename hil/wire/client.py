@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from hil.wire.codec import type_of, unpack
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import LinkError, ProtocolError
+from hil.wire.errors import LinkClosed, LinkError, ProtocolError
 from hil.wire.frame_format import Frame
 from hil.wire.messages import (
     Arm,
@@ -44,6 +44,9 @@ REQUESTS = 8
 """How often a request is sent before silence is taken for an answer: lines lose frames, and asking twice does no
 harm, because every request says what is to be, not what is to change."""
 
+CHANGES = "docs/reference/wire-changes.md"
+"""The page on what changed with each protocol number."""
+
 _IDENTITY_START = struct.Struct("<HI")  # protocol, spec hash: the part of IDENTITY that never changes
 _NACK_SIZE = SPEC.messages["NACK"].size
 _LIVING = (State.ARMED, State.RUNNING)
@@ -65,7 +68,7 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
     Raises:
         LinkError: no answer in time.
         Refused: NACK and nothing else in time, which the page does not know.
-        ProtocolError: another protocol version, or another spec; then the message names the first difference.
+        ProtocolError: another protocol version, or another spec; the message names both and the first difference.
     """
     endpoint.restart()
     deadline = time.monotonic() + timeout_s
@@ -85,21 +88,32 @@ def connect(endpoint: Endpoint, timeout_s: float = 2.0) -> Identity:
     if len(payload) < _IDENTITY_START.size:
         raise ProtocolError(f"{endpoint.link.name}: IDENTITY of {len(payload)} bytes; is it a gyro board?")
     protocol, spec_hash = _IDENTITY_START.unpack_from(payload)
-    if protocol != SPEC.protocol:
-        raise ProtocolError(
-            f"{endpoint.link.name}: the board speaks protocol {protocol}, this host {SPEC.protocol}; "
-            f"update the {'host' if protocol > SPEC.protocol else 'firmware'}"
-        )
-    if spec_hash != SPEC.hash:
-        difference = first_difference(read_field_table(endpoint, timeout_s), SPEC.table)
-        told = f"the field tables differ, {difference}" if difference else "yet the field tables agree"
-        raise ProtocolError(
-            f"{endpoint.link.name}: spec hash {spec_hash:#010x} on the board, {SPEC.hash:#010x} here: "
-            f"{told}; build both from one spec.toml"
-        )
+    if (protocol, spec_hash) != (SPEC.protocol, SPEC.hash):
+        raise ProtocolError(_mismatch(endpoint, protocol, spec_hash, timeout_s))
     identity = unpack(type_of(Identity), payload)
     assert isinstance(identity, Identity)
     return identity
+
+
+def _mismatch(endpoint: Endpoint, protocol: int, spec_hash: int, timeout_s: float) -> str:
+    """What differs between the specs of the two ends, one line: both numbers, both hashes, the first line that
+    differs where the board's table can be read."""
+    hashes = f"spec hash {spec_hash:#010x} on the board, {SPEC.hash:#010x} here"
+    told, remedy = f"{endpoint.link.name}: {hashes}: ", "build both from one spec.toml"
+    if protocol != SPEC.protocol:
+        told = f"{endpoint.link.name}: the board speaks protocol {protocol}, this host {SPEC.protocol}; {hashes}: "
+        remedy = f"update the {'host' if protocol > SPEC.protocol else 'firmware'} ({CHANGES})"
+    try:
+        difference = first_difference(read_field_table(endpoint, timeout_s), SPEC.table)
+    except LinkClosed:
+        raise
+    except Refused as refusal:
+        told += f"the board refuses FIELD_READ ({nack_name(refusal.reason)}), so that its fields are not known"
+    except (LinkError, ProtocolError) as error:
+        told += f"its fields are not known, {str(error).removeprefix(f'{endpoint.link.name}: ')}"
+    else:
+        told += f"the field tables differ, {difference}" if difference else "yet the field tables agree"
+    return f"{told}; {remedy}"
 
 
 def read_field_table(endpoint: Endpoint, timeout_s: float = 2.0) -> tuple[FieldEntry, ...]:

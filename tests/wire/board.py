@@ -1,6 +1,6 @@
 """The smallest board that can hold a conversation: for tests of the wire only."""
 
-from hil.wire.codec import field_value
+from hil.wire.codec import field_value, type_of
 from hil.wire.messages import (
     Arm,
     DriveForce,
@@ -68,6 +68,8 @@ class SmallBoard:
                 return self._frame(FieldValue(line, len(self.table), entry))
             case RegisterRead(number) if number in REGISTERS:
                 return self._frame(RegisterValue(number, self.values[number]))
+            case RegisterWrite(number, 1.0) if number == SPEC.registers["LOOP_MODE"].id:  # it has force mode only
+                return self._frame(Nack(type_of(RegisterWrite), item.seq, NackReason.NOT_SUPPORTED))
             case RegisterWrite(number, value) if number in REGISTERS and REGISTERS[number].accepts(value):
                 self.values[number] = value
                 return self._frame(RegisterValue(number, value))
@@ -76,6 +78,8 @@ class SmallBoard:
             case Arm():
                 self.state = State.ARMED
                 return self._status() + self._row(0, 0)
+            case DriveForce() if self.state not in (State.ARMED, State.RUNNING):
+                return self._frame(Nack(type_of(DriveForce), item.seq, NackReason.BAD_STATE))
             case DriveForce(ux, uy, _):
                 return self._row(ux, uy)
             case Safe():

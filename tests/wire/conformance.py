@@ -22,6 +22,7 @@ from hil.wire.messages import (
     ClockMode,
     Hello,
     Identity,
+    LoopMode,
     Nack,
     NackReason,
     RegisterRead,
@@ -131,6 +132,22 @@ class Conformance(Rules):
         assert client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S) == 78
         with pytest.raises(ProtocolError, match="UNKNOWN_REGISTER"):
             client.request(host, RegisterRead(0xFFFF), RegisterValue, PATIENCE_S)
+
+    def test_a_loop_mode_that_the_board_lacks_is_not_supported(self, host):
+        """And one that it names is taken; every board has the register, and starts with a mode that it names."""
+        able = Capabilities(client.connect(host, PATIENCE_S).capabilities)
+        named = {LoopMode.FORCE: Capabilities.FORCE_MODE in able, LoopMode.GAIN: Capabilities.GAIN_MODE in able}
+        assert named[LoopMode(int(client.read_register(host, "LOOP_MODE", PATIENCE_S)))]
+        for mode, has in named.items():
+            if has:
+                assert client.write_register(host, "LOOP_MODE", mode, PATIENCE_S) == mode
+                continue
+            before = client.read_register(host, "LOOP_MODE", PATIENCE_S)
+            with pytest.raises(client.Refused, match="NOT_SUPPORTED"):
+                client.write_register(host, "LOOP_MODE", mode, PATIENCE_S)
+            assert client.read_register(host, "LOOP_MODE", PATIENCE_S) == before
+        with pytest.raises(client.Refused, match="OUT_OF_RANGE"):
+            client.write_register(host, "LOOP_MODE", 2.0, PATIENCE_S)
 
     def test_field_table(self, host):
         """Its lines are the longest messages: on CAN they come in parts."""

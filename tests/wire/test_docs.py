@@ -32,6 +32,15 @@ def test_the_published_field_table_is_the_one_that_is_hashed():
     assert all(line.count("\t") == 3 for line in lines)
 
 
+def test_what_changed_is_told_of_every_protocol_number():
+    """The page beside the spec: a new number, or a new hash, needs a row and a section of what a board has to do."""
+    page = (PAGES / "reference" / "wire-changes.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| ") and "`0x" in line]
+    assert rows[-1].startswith(f"| {SPEC.protocol} | `{SPEC.hash:#010x}` | {len(SPEC.table)} |")
+    for number in range(1, SPEC.protocol):
+        assert f"## {number} → {number + 1}\n" in page
+
+
 def test_page_has_every_name():
     page = docs.render()
     fields = [field.name for message in SPEC.messages.values() for field in (*message.fields, *message.rows)]

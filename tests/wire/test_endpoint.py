@@ -6,14 +6,14 @@ from collections import deque
 import numpy as np
 import pytest
 
-from hil.wire.client import arm, connect, make_safe, read_field_table, read_register, request, write_register
+from hil.wire.client import CHANGES, arm, connect, make_safe, read_field_table, read_register, request, write_register
 from hil.wire.codec import pack, type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError
 from hil.wire.framing import encode_frame
 from hil.wire.inproc import InprocLink
 from hil.wire.link import Link
-from hil.wire.messages import Arm, Nack, NackReason, Safe, SafeReason, State, Status, TimeSync
+from hil.wire.messages import Arm, FieldRead, Nack, NackReason, Safe, SafeReason, State, Status, TimeSync
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC, FieldEntry, parse_spec
 from hil.wire.stream import Transmitter
@@ -152,12 +152,48 @@ def test_a_second_host_finds_the_board_where_it_is():
 
 def test_other_protocol_is_refused():
     endpoint, _ = pair(protocol=SPEC.protocol + 1)
-    versions = f"inproc: the board speaks protocol {SPEC.protocol + 1}, this host {SPEC.protocol}"
-    with pytest.raises(ProtocolError, match=f"{versions}; update the host"):
+    versions = f"inproc: the board speaks protocol {SPEC.protocol + 1}, this host {SPEC.protocol}; spec hash"
+    with pytest.raises(ProtocolError, match=rf"{versions} .*; update the host \({CHANGES}\)$"):
         connect(endpoint)
     endpoint, _ = pair(protocol=0)
     with pytest.raises(ProtocolError, match="update the firmware"):
         connect(endpoint)
+
+
+def test_of_another_protocol_both_hashes_and_the_first_difference_are_told():
+    """As a board of protocol 2 has it, whose table lacks what came with 3."""
+    table = tuple(entry for entry in SPEC.table if entry.field != "SESSION" and entry.message != "limit")
+    endpoint, board = pair(protocol=2, spec_hash=0x692FE18F)
+    board.table = table
+    with pytest.raises(ProtocolError) as caught:
+        connect(endpoint)
+    assert str(caught.value) == (
+        f"inproc: the board speaks protocol 2, this host {SPEC.protocol}; spec hash 0x692fe18f on the board, "
+        f"{SPEC.hash:#010x} here: the field tables differ, this host has register.SESSION (0x0007 rw, "
+        f"0..4294967295 1, default 0), the board does not; update the firmware ({CHANGES})"
+    )
+
+
+@pytest.mark.parametrize(("protocol", "remedy"), [(None, "build both from one spec.toml"), (2, "update the firmware")])
+def test_a_board_that_refuses_to_be_read_hides_no_hash(protocol, remedy):
+    """Nor one that says nothing to FIELD_READ."""
+    said = rf"spec hash 0x00000001 on the board, {SPEC.hash:#010x} here: "
+    changed = {} if protocol is None else {"protocol": protocol}
+    for answer, words in (
+        (lambda item: [Nack(type_of(FieldRead), item.seq, NackReason.NOT_SUPPORTED)], r"refuses FIELD_READ \(NOT_S"),
+        (lambda item: [], "its fields are not known, no answer to FIELD_READ"),
+    ):
+        endpoint, board = pair(spec_hash=1, **changed)
+        plain = board._answer
+
+        def other(item, answer=answer, plain=plain, board=board):
+            if isinstance(item.message, FieldRead):
+                return b"".join(map(board._frame, answer(item)))
+            return plain(item)
+
+        board._answer = other
+        with pytest.raises(ProtocolError, match=f"{said}.*{words}.*; {remedy}"):
+            connect(endpoint)
 
 
 def test_other_spec_is_refused_by_its_first_difference():
@@ -235,7 +271,7 @@ def test_a_table_that_takes_longer_than_the_page_allows_is_refused(monkeypatch):
 
     board.exchange = exchange
     begin = time.monotonic()
-    with pytest.raises(ProtocolError, match=r"inproc: \d+ of 1000 lines .* within 0.5 s"):
+    with pytest.raises(ProtocolError, match=r"inproc: spec hash .* \d+ of 1000 lines .* within 0.5 s"):
         connect(endpoint)
     assert time.monotonic() - begin < 3.0
 

@@ -80,7 +80,9 @@ own: each says what is to be, not what is to change.
 separated by tabs; lines by a line feed, none after the last) for everything below, wording left out. It is
 published as [field-table.tsv](reference/field-table.tsv), {lines} lines; the CRC-32C of that file is the spec hash.
 A FIELD_READ beyond the last line is refused (OUT_OF_RANGE).
-The host reads the board's table and names the first line that differs. A table has at most {most_lines:,} lines;
+The host tells both protocol numbers, where they differ, and both hashes. It reads the board's table and names the first
+line that differs, or says that the board refuses FIELD_READ. [What changed](reference/wire-changes.md) with each
+protocol number, and what a board has to do, is a page of its own. A table has at most {most_lines:,} lines;
 a board that says more is refused at once, and one that has not given all of them within {table_s:g} seconds then. For
 that the messages marked *frozen* and the first two fields of IDENTITY never change.
 
@@ -123,7 +125,13 @@ watchdog.
 3. OUT_OF_RANGE: not a number, beyond the range, a WATCHDOG_TICKS of more than {watchdog_s:g} s, or a fraction for a
    register of whole numbers (nothing is rounded);
 4. BAD_STATE;
-5. NOT_SUPPORTED: a CLOCK_MODE that the board cannot keep, or a BLOCK that it has no memory for.
+5. NOT_SUPPORTED: a CLOCK_MODE that the board cannot keep, a LOOP_MODE that it cannot close the loop in, or a BLOCK that
+   it has no memory for.
+
+Every board has every register of this page; UNKNOWN_REGISTER is for other numbers. A board that closes the loop in one
+mode only names that mode in `capabilities` and starts with it in LOOP_MODE. It takes that mode when it is written, and
+refuses the other one by NOT_SUPPORTED. The registers of the mode it lacks hold what is written and do nothing. A drive
+frame of that mode is refused in every state (BAD_STATE).
 
 A register gives back the very double that was written. All keep their values in every state; only a start of
 the board brings the defaults back.
