@@ -9,6 +9,7 @@ from estimator.envelope.record import Resonator
 from estimator.gain_matrix import BoardFilter, luenberger, pair
 from estimator.uncertainty import Calibration
 from hil.bench import Bench
+from hil.bench.template import IN_MPS2
 from hil.errors import InputError
 from hil.own_effects import carried, own_effects
 from hil.wire import client
@@ -165,8 +166,9 @@ def require_agreement(bench: Bench, identity: Identity, link: str) -> None:
         )
 
 
-def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Ask the board at `link` who it is: (a heading for a bench file, the values it declares by section)."""
+def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]], dict[str, Any]]:
+    """Ask the board at `link` who it is: (a heading for a bench file, the values it declares by section, its IDENTITY
+    by field)."""
     from hil.emulation import served
 
     with served(link) as board:
@@ -179,8 +181,8 @@ def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]]]:
     drive = identity.drive_scale_mps2 * 2 ** (identity.drive_bits - 1)
     told: dict[str, dict[str, Any]] = {
         "device": {"axes": identity.axes, "sample_rate_Hz": identity.tick_rate_Hz},
-        "device.drive": {"unit": "mps2", "full_scale": drive},
+        "device.drive": {"full_scale": drive, **IN_MPS2},
     }
     if not link.startswith("pty:"):
         told["link"] = {"url": link}
-    return heading, told
+    return heading, told, identity._asdict()

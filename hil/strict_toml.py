@@ -114,7 +114,7 @@ def _sentence(mistake: Any, model: type[BaseModel]) -> str:
         message = str(context["error"])
         return message if message.startswith("[") else place + message
     if kind == "extra_forbidden":
-        known = [] if table is None else list(table.model_fields)
+        known = [] if table is None else [*table.model_fields, *_other_keys(table)]
         section = isinstance(value, dict)
         return f"{place}unknown {'section' if section else 'key'}; {suggestion(str(last), known)}"
     if kind == "missing":
@@ -127,6 +127,11 @@ def _sentence(mistake: Any, model: type[BaseModel]) -> str:
     if kind in _EXPECTED:
         return f"{place}expected {_EXPECTED[kind]}, not {_shown(value)}"
     return f"{place}{_shown(value)} {str(mistake['msg']).removeprefix('Input ').removeprefix('String ')}"
+
+
+def _other_keys(table: type[BaseModel]) -> list[str]:
+    """Keys that a table takes in place of its fields, as a bench file's do."""
+    return list(getattr(table, "other_keys", dict)())
 
 
 def _near(value: Any, choices: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ single-axis ones as ``[xx]``.  Quantities per unit mass, as the model uses them,
 division by the mass is written once.
 """
 
-from hil.bench.bench import Bench, load_any_bench, load_bench, override
+from hil.bench.bench import Bench, load_any_bench, load_bench, make_way, override
 from hil.bench.rate_sensor import RateSensorBench
 
-__all__ = ["Bench", "RateSensorBench", "load_any_bench", "load_bench", "override"]
+__all__ = ["Bench", "RateSensorBench", "load_any_bench", "load_bench", "make_way", "override"]

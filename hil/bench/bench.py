@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from hil.bench.device import Device
+from hil.bench.improbable import beside
 from hil.bench.loop import Controller, Limits, Link, Loop
 from hil.bench.observer import Observer
 from hil.bench.own import Effects
@@ -67,11 +68,10 @@ class Bench(Section):
                 "scale of time"
             )
         if (finding := implausible(self)) is not None:
-            raise ValueError(finding)
+            raise ValueError(beside(finding, self))
         if self.controller.enabled and self.controller.modulation_Hz > self.device.resonance_Hz / 10:
-            raise ValueError(
-                f"[controller] modulation_Hz: must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"
-            )
+            finding = f"[controller] modulation_Hz: must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"
+            raise ValueError(beside(finding, self))
         return self
 
     def with_(self, **sections: Mapping[str, Any]) -> "Bench":
@@ -131,7 +131,25 @@ def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str
     """``bench`` with some keys replaced, those of tables within its sections too, checked as a whole again; ``source``
     names them in an error.
     """
-    return parse_table(_merged(bench.model_dump(), changes), Bench, source)
+    table = bench.model_dump()
+    make_way(table, changes)
+    return parse_table(_merged(table, changes), Bench, source)
+
+
+def make_way(table: dict[str, Any], changes: Mapping[str, Any], model: type[BaseModel] = Bench) -> bool:
+    """Take out of `table` what `changes` give in another way, as stiffness_N_per_m where they have resonance_Hz;
+    whether they have any key of that kind."""
+    others = model.other_keys() if issubclass(model, Section) else {}
+    found = False
+    for key, value in changes.items():
+        if key in others:
+            table.pop(others[key], None)
+            found = True
+        field = model.model_fields.get(key)
+        inner = None if field is None else field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel) and isinstance(value, Mapping):
+            found |= make_way(table.setdefault(key, {}), value, inner)
+    return found
 
 
 def _merged(table: Any, changes: Any) -> Any:

@@ -1,25 +1,28 @@
 """The device as its data sheet describes it: oscillator, sense chain, drive chain."""
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema
 
 from hil.bench.calibration import Calibration
-from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix
+from hil.bench.modes import STANDS_BESIDE, STANDS_FOR, Modes, in_stiffness_and_damping
+from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix, offer_instead
 
 
 class Sense(Section):
     """The sense chain: voltage per displacement, offset and noise."""
 
-    gain_V_per_m: Numbers
+    gain_V_per_m: Numbers = Field(examples=[-1e6])
     """volts per metre at the sense output, signed; one number, or one per axis; per m/s or m/s² as `senses` says; of an
     envelope in dB, how many of what 0 dB is"""
     senses: Literal["displacement", "velocity", "acceleration", "envelope"] = "displacement"
     """what the channel shows (other than displacement: axes = 1); envelope: the amplitude of a ring-down"""
     unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
     """what a volt of this table is, where the sensor has its own unit: px, µstrain, mm, mm/s, g; as in its record"""
-    noise_V: Positive
+    noise_V: Positive = Field(examples=[1e-4])
     """rms noise of one sample, quantisation included"""
     offset_sd_V: NotNegative = 0.0
     """how far from zero the offset may be (one standard deviation)"""
@@ -45,7 +48,7 @@ class Drive(Section):
 
     unit: Literal["mps2", "N", "V"] = "mps2"
     """unit of the drive channel: force per mass, force, or a voltage"""
-    full_scale: Positive
+    full_scale: Positive = Field(examples=[10.0])
     """largest drive magnitude, in `unit`"""
     gain_N_per_V: float | None = None
     """force per volt of drive, for unit = "V"; the initial value where gain_known = false"""
@@ -69,19 +72,19 @@ class Drive(Section):
 class Device(Section):
     """The oscillator as its data sheet describes it, which is also the observer's initial value."""
 
-    name: str
+    name: str = Field(examples=["G-5k"])
     """what the device is called in reports"""
     axes: Literal[1, 2] = 2
     """2: gyro (x and y); 1: single oscillator"""
-    mass_kg: Positive
+    mass_kg: Positive = Field(examples=[1e-8])
     """proof mass"""
-    stiffness_N_per_m: Numbers
-    """[kxx, kyy, kxy] for two axes, [k] for one, [0] for one mass on no spring"""
-    damping_N_s_per_m: Numbers
-    """[dxx, dyy, dxy] for two axes, [d] for one"""
-    amplitude_m: Positive
+    stiffness_N_per_m: Numbers = Field(examples=[(9.87, 9.86, 0.0)])
+    """[kxx, kyy, kxy] for two axes, [k] for one, [0] for one mass on no spring; or resonance_Hz"""
+    damping_N_s_per_m: Numbers = Field(examples=[(3.1e-8, 3.1e-8, 0.0)])
+    """[dxx, dyy, dxy] for two axes, [d] for one; or q, or decay_time_s"""
+    amplitude_m: Positive = Field(examples=[1e-6])
     """nominal amplitude of the vibration"""
-    sample_rate_Hz: Positive
+    sample_rate_Hz: Positive = Field(examples=[100000.0])
     """rate of the sense samples; must be the board's"""
     normalised: bool = True
     """report parameters per unit mass (1/s², 1/s); false: in N/m and N·s/m"""
@@ -91,6 +94,29 @@ class Device(Section):
     """table [device.drive]"""
     calibration: Calibration = Calibration()
     """table [device.calibration]"""
+
+    @classmethod
+    def other_keys(cls) -> dict[str, str]:
+        """Keys that the table takes beside its fields, each with the field that it stands for."""
+        modes = {name: key for key, names in STANDS_FOR.items() for name in names}
+        return super().other_keys() | modes
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_stiffness_and_damping(cls, table: Any) -> Any:
+        return in_stiffness_and_damping(table) if isinstance(table, Mapping) else table
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = super().__get_pydantic_json_schema__(core, handler)
+        table = handler.resolve_ref_schema(schema)
+        modes = Modes.model_json_schema()["properties"]
+        for key, names in STANDS_FOR.items():
+            offered = {name: modes[name] for name in names}
+            offer_instead(table, key, {name: offered.pop(name) for name in names if name not in STANDS_BESIDE})
+            table["properties"] |= offered
+        table["dependentRequired"] = {"split_Hz": ["resonance_Hz"], "azimuth_deg": ["split_Hz"]}
+        return schema
 
     @model_validator(mode="after")
     def _axes_agree(self) -> Self:

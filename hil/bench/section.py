@@ -1,8 +1,20 @@
 """Ground rules of every table of a bench file: known keys only, finite numbers, no silent conversion."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import CoreSchema
+
+from hil.bench.field_units import in_model_units, other_key
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -29,6 +41,41 @@ class Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
+
+    @classmethod
+    def other_keys(cls) -> dict[str, str]:
+        """Keys that the table takes beside its fields, each with the field that it stands for."""
+        others = ((other_key(name), name) for name in cls.model_fields)
+        return {other.name: name for other, name in others if other is not None}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_model_units(cls, table: Any) -> Any:
+        return in_model_units(table, cls.model_fields) if isinstance(table, Mapping) else table
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = handler(core)
+        table = handler.resolve_ref_schema(schema)
+        for name in cls.model_fields:
+            if (other := other_key(name)) is not None and name in table.get("properties", {}):
+                offer_instead(
+                    table, name, {other.name: {"type": "number", "description": f"`{name}` in {other.symbol}"}}
+                )
+        return schema
+
+
+def offer_instead(table: dict[str, Any], key: str, others: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add to the JSON Schema of a table keys of which one may stand for `key`; exactly one where `key` is required."""
+    table["properties"] |= others
+    ways = [{"required": [name]} for name in (key, *others)]
+    required = table.get("required", [])
+    if key in required:
+        table["required"] = [name for name in required if name != key]
+        rule: dict[str, Any] = {"oneOf": ways}
+    else:
+        rule = {"oneOf": [*ways, {"not": {"anyOf": ways}}]}
+    table.setdefault("allOf", []).append(rule)
 
 
 def check_matrix(key: str, letter: str, values: tuple[float, ...], axes: int) -> None:

@@ -3,14 +3,21 @@
 from collections.abc import Mapping
 from typing import Any
 
+from pydantic.fields import FieldInfo
+
 from hil.bench.bench import Bench
+from hil.bench.field_units import other_key
 from hil.bench.own import own_table
-from hil.bench.text import keys, meaning, sections
+from hil.bench.section import Section
+from hil.bench.text import keys, meaning, others, sections
 from hil.bench.toml import toml_key, toml_value
+from hil.records.units import unit_of
 
 Values = Mapping[str, Mapping[str, Any]]
 
 EFFECTS, CUSTOM = "effects", "effects.custom"
+IN_MPS2: Mapping[str, Any] = {"unit": "mps2", "gain_N_per_V": None}
+"""Keys of [device.drive] that go with a full scale in m/s², as a board states it."""
 _COLUMN = 44  # where the remarks begin
 
 
@@ -26,11 +33,20 @@ def template(known: Values, heading: str) -> str:
         for key, field in keys(model):
             if given.get(key) is not None:
                 lines.append(_remarked(f"{key} = {toml_value(given[key])}", meaning(field)))
+            elif (other := other_key(key)) is not None and given.get(other.name) is not None:
+                lines.append(_remarked(f"{other.name} = {toml_value(given[other.name])}", meaning(field)))
+            elif _in_another_way(model, key, given):
+                lines.append(_remarked(f"# {key} =", f"given below: {meaning(field)}"))
             elif field.is_required():
-                lines.append(_remarked(f"# {key} =", f"REQUIRED: {meaning(field)}"))
+                lines.append(_remarked(f"# {key} =", _required(key, field)))
             else:
                 default = "" if field.default is None else f" {toml_value(field.default)}"
                 lines.append(_remarked(f"# {key} ={default}", meaning(field)))
+        for name, told in others(model):
+            if name in given:
+                lines.append(_remarked(f"{name} = {toml_value(given[name])}", told))
+            elif not _all_given(model, given):
+                lines.append(_remarked(f"# {name} =", told))
     for name, coefficients in known.get(EFFECTS, {}).items():
         lines += ["", f"[{EFFECTS}.{toml_key(name)}]"]
         lines += [f"{toml_key(key)} = {toml_value(value)}" for key, value in coefficients.items()]
@@ -39,14 +55,46 @@ def template(known: Values, heading: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def put_in(known: Values, changes: Values) -> dict[str, dict[str, Any]]:
+    """``known`` with ``changes``: a key of theirs replaces any that stands for the same, None takes one out."""
+    merged = {path: dict(table) for path, table in known.items()}
+    models = dict(sections(Bench))
+    for path, table in changes.items():
+        others = models[path].other_keys()
+        given = {others.get(key, key) for key in table}
+        kept = {key: value for key, value in merged.get(path, {}).items() if others.get(key, key) not in given}
+        merged[path] = kept | {key: value for key, value in table.items() if value is not None}
+    return merged
+
+
 def missing(known: Values) -> list[str]:
     """Required keys that ``known`` lacks, as ``[section] key``."""
     return [
         f"[{path}] {key}"
         for path, model in sections(Bench)
         for key, field in keys(model)
-        if field.is_required() and key not in known.get(path, {})
+        if field.is_required()
+        and key not in known.get(path, {})
+        and not _in_another_way(model, key, known.get(path, {}))
     ]
+
+
+def _in_another_way(model: type[Section], key: str, given: Mapping[str, Any]) -> bool:
+    """Whether `given` has another key that stands for this one."""
+    return any(name in given for name, stands_for in model.other_keys().items() if stands_for == key)
+
+
+def _all_given(model: type[Section], given: Mapping[str, Any]) -> bool:
+    """Whether each key that the `others` of a table can stand for is there itself: then they would be a second way."""
+    names = dict(others(model))
+    return all(given.get(key) is not None for name, key in model.other_keys().items() if name in names)
+
+
+def _required(key: str, field: FieldInfo) -> str:
+    """What a required key is, its unit and an example."""
+    unit = unit_of(key)
+    examples = "".join(f"; e.g. {toml_value(one)}" for one in field.examples or ())
+    return f"REQUIRED{f', {unit}' if unit else ''}: {meaning(field)}{examples}"
 
 
 def values_of(bench: Bench) -> dict[str, dict[str, Any]]:

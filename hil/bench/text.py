@@ -15,6 +15,9 @@ from pydantic.fields import FieldInfo
 from estimator.custom.grammar import DEEPEST, FUNCTIONS, LARGEST_EXPONENT, LONGEST
 from estimator.custom.names import QUANTITIES
 from hil.bench.bench import Bench
+from hil.bench.device import Device
+from hil.bench.field_units import FIELD_UNITS, other_key
+from hil.bench.modes import Modes
 from hil.bench.own import Effects, OwnCoefficient, OwnEffect, OwnParameter
 from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.toml import toml_value
@@ -25,6 +28,25 @@ INTRODUCTION = """\
 What the data sheet declares about a device, and how the bench is to treat it: TOML, UTF-8, SI units with the
 unit in the key's name. Keys marked **required** must be given; unknown keys are errors. `bench.schema.json`
 beside this page is the same as a JSON Schema. Both are generated: `python -m hil.bench.text docs/reference`.
+
+Units of the field stand beside those of the model, with their own end of the key:
+
+| instead of | may stand | unit |
+|---|---|---|
+{units}
+Give a quantity once: two keys for one quantity are refused, and both are named. [Resonance, Q, decay time and
+frequency split](#in-place-of-stiffness-and-damping) may stand in `[device]` instead of stiffness and damping. A run
+keeps its bench file in the model's units.
+"""
+
+MODES = """
+### In place of stiffness and damping
+
+These keys stand in `[device]`; `hil init --resonance 15000 --q 5000 --split 10 --mass 1e-8` writes a file with them. A
+device with `resonance_Hz` = f and `split_Hz` = Δf resonates at f + Δf/2 along `azimuth_deg` and at f − Δf/2 across it.
+
+| key | value | meaning |
+|---|---|---|
 """
 
 
@@ -70,7 +92,8 @@ def json_schema(file: type[BaseModel] = Bench) -> str:
 def reference() -> str:
     """The reference page in Markdown: one table per section."""
     effects = " ".join((Bench.model_fields["effects"].description or "").split())
-    parts = [INTRODUCTION, *_tables(Bench, sections(Bench)), f"\n## [effects.NAME]\n\n{effects}\n"]
+    units = "".join(f"| `…{one.end}` | `…{one.other}` | {one.symbol} |\n" for one in FIELD_UNITS)
+    parts = [INTRODUCTION.format(units=units), *_tables(Bench, sections(Bench)), f"\n## [effects.NAME]\n\n{effects}\n"]
     parts += [*_tables(Bench, OWN), _grammar(), SENSOR, *_tables(RateSensorBench, sections(RateSensorBench))]
     return "".join(parts)
 
@@ -88,7 +111,23 @@ def _tables(file: type[BaseModel], listed: Iterable[tuple[str, type[BaseModel]]]
         yield "\n| key | value | default | meaning |\n|---|---|---|---|\n"
         schema = definitions[model.__name__]["properties"]
         for key, field in keys(model):
-            yield f"| `{key}` | {_kind(schema[key])} | {_default(field)} | {meaning(field)} |\n"
+            yield f"| `{key}` | {_kind(schema[key])} | {_default(field)} | {meaning(field)}{_in_field_units(key)} |\n"
+        if model is Device:
+            yield MODES
+            for key, told in others(Device):
+                yield f"| `{key}` | {_kind(schema[key])} | {told} |\n"
+
+
+def others(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
+    """Keys that stand for more than another unit of a table's key, and what they mean."""
+    if model is Device:
+        for key, field in Modes.model_fields.items():
+            yield key, meaning(field)
+
+
+def _in_field_units(key: str) -> str:
+    other = other_key(key)
+    return "" if other is None else f"; or `{other.name}` in {other.symbol}"
 
 
 def sections(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:

@@ -8,7 +8,10 @@ import typer
 from hil.cli.options import Json
 
 Place = Annotated[
-    Path, typer.Argument(metavar="RUN", help="Run folder, one of its .arrow files, or `last`, the newest run.")
+    Path,
+    typer.Argument(
+        metavar="RUN", help="Run folder, one of its .arrow files, the name of a run, or `last`, the newest."
+    ),
 ]
 Repair = Annotated[bool, typer.Option("--repair", help="Keep every whole block, in a new file or folder.")]
 Target = Annotated[

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 First = Annotated[
     Path,
     typer.Argument(
-        metavar="A", help="Folder of a run or a trace; `last` is the newest run, `last-trace` the newest trace."
+        metavar="A", help="Folder or name of a run or a trace; `last` is the newest run, `last-trace` the newest trace."
     ),
 ]
 Second = Annotated[Path, typer.Argument(metavar="B", help="Another of the same kind.")]

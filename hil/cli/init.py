@@ -1,7 +1,7 @@
 """``hil init``: a bench file to start from."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,53 +13,91 @@ Like = Annotated[
     typer.Option("--like", help="Bench file or example that fills in what the board does not say."),
 ]
 Target = Annotated[Path, typer.Option("--out", "-o", help="Bench file to write.")]
+Device = Annotated[str | None, typer.Option("--name", help="Name of the device, in reports.")]
+Mass = Annotated[float | None, typer.Option("--mass", help="Proof mass, kg.")]
+Resonance = Annotated[float | None, typer.Option("--resonance", help="Mean of the two resonances, Hz.")]
+Split = Annotated[float | None, typer.Option("--split", help="One resonance less the other, Hz.")]
+Azimuth = Annotated[
+    float | None, typer.Option("--azimuth", help="Direction from x of the axis of the first resonance, degrees.")
+]
+Quality = Annotated[float | None, typer.Option("--q", help="Quality factor at the mean resonance.")]
+Amplitude = Annotated[float | None, typer.Option("--amplitude", help="Nominal amplitude of the vibration, m.")]
+SampleRate = Annotated[float | None, typer.Option("--sample-rate", help="Rate of the sense samples, Hz.")]
+SenseGain = Annotated[float | None, typer.Option("--sense-gain", help="Sense output per displacement, V/m, signed.")]
+Noise = Annotated[float | None, typer.Option("--noise", help="Noise of one sample, V rms.")]
+FullScale = Annotated[float | None, typer.Option("--full-scale", help="Largest drive, m/s² (force per mass).")]
 
 
 def init(
     from_board: FromBoard = False,
     link: Link = None,
     like: Like = None,
+    device: Device = None,
+    mass: Mass = None,
+    resonance: Resonance = None,
+    split: Split = None,
+    azimuth: Azimuth = None,
+    q: Quality = None,
+    amplitude: Amplitude = None,
+    sample_rate: SampleRate = None,
+    sense_gain: SenseGain = None,
+    noise: Noise = None,
+    full_scale: FullScale = None,
     out: Target = Path("my.bench.toml"),
     replace: Replace = False,
     json: Json = False,
 ) -> None:
-    """Write a bench file to start from.
+    """Write a bench file to start from, and show what it comes to.
 
-    Every key is there with its meaning, filled in as far as the board's IDENTITY goes: a board knows its
-    converters, rate and delay. Mass, stiffness, damping, amplitude and sense gain come from the data sheet:
-    take them from another bench file with --like, or fill in what is marked REQUIRED.
+    Every key is there with its meaning. A board knows its converters, rate and delay: --from-board asks for them.
+    Mass, resonance, Q, amplitude and sense gain come from the data sheet. Give them as options, take them from another
+    bench file with --like, or fill in what is marked REQUIRED; unit and an example stand beside it.
 
     Examples:
 
     \b
       hil init -o my.bench.toml
+      hil init --resonance 15000 --q 5000 --split 10 --mass 1e-8
       hil init --from-board --link serial:/dev/ttyACM0
       hil init --from-board --link pty:s-slow --like s-slow
     """
-    from hil.bench import load_bench
-    from hil.bench.template import missing, template, values_of
+    from hil.bench import Bench, load_bench
+    from hil.bench.template import IN_MPS2, missing, put_in, template, values_of
     from hil.cli.files import fresh
-    from hil.cli.show import print_json, say
+    from hil.cli.show import echo_figures, print_echo, print_json, say
     from hil.errors import InputError
     from hil.examples import find
     from hil.records.atomic import write_text
+    from hil.strict_toml import parse_table, table_of
 
     if from_board != (link is not None):
         raise InputError("--from-board and --link belong together; give both or neither")
     fresh(out, replace=replace)
     known = {} if like is None else values_of(load_bench(find("bench", like)))
     heading = "A bench file to be filled in."
+    identity: dict[str, Any] | None = None
     if link is not None:
         from hil.declared import from_identity
         from hil.emulation import located
 
-        heading, told = from_identity(located(link))
-        for section, table in told.items():
-            known.setdefault(section, {}).update(table)
-        known.setdefault("link", {})["url"] = link
-    write_text(out, template(known, heading))
-    open_keys = missing(known)
+        heading, told, identity = from_identity(located(link))
+        known = put_in(known, told | {"link": {"url": link}})
+    given: dict[str, dict[str, Any]] = {
+        "device": {
+            "name": device, "mass_kg": mass, "resonance_Hz": resonance, "split_Hz": split, "azimuth_deg": azimuth,
+            "q": q, "amplitude_m": amplitude, "sample_rate_Hz": sample_rate,
+        },
+        "device.sense": {"gain_V_per_m": sense_gain, "noise_V": noise},
+        "device.drive": {} if full_scale is None else {"full_scale": full_scale, **IN_MPS2},
+    }  # fmt: skip
+    known = put_in(known, {name: {k: v for k, v in one.items() if v is not None} for name, one in given.items()})
+    open_keys, text = missing(known), template(known, heading)
+    bench = None if open_keys else parse_table(table_of(text.encode(), str(out)), Bench, str(out))
+    write_text(out, text)
     if json:
-        print_json({"bench": str(out), "missing": open_keys})
-    else:
-        say(f"{out}: written" + (f"; still to be filled in: {', '.join(open_keys)}" if open_keys else ""))
+        echo = {} if bench is None else echo_figures(bench, identity)
+        print_json({"bench": str(out), "missing": open_keys, **echo})
+        return
+    say(f"{out}: written" + (f"; still to be filled in: {', '.join(open_keys)}" if open_keys else ""))
+    if bench is not None:
+        print_echo(bench, identity)

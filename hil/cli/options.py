@@ -15,7 +15,10 @@ BenchOption = Annotated[
     ),
 ]
 CaptureArgument = Annotated[
-    Path, typer.Argument(metavar="CAPTURE", help="A capture.arrow, the run folder it is in, or `last`, the newest run.")
+    Path,
+    typer.Argument(
+        metavar="CAPTURE", help="A capture.arrow, the run folder it is in, the name of a run, or `last`, the newest."
+    ),
 ]
 Duration = Annotated[float | None, typer.Option("--duration", help="Length of the run in bench seconds.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, alone on standard output.")]

@@ -16,7 +16,9 @@ Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board; e
 DryRun = Annotated[
     bool,
     typer.Option(
-        "--dry-run", help="Connect, write the registers and read them back, compare board and bench; do not arm."
+        "--dry-run",
+        help="Connect, write the registers and read them back, compare board and bench; show what the bench file comes "
+        "to (resonance, Q, split, drive needed) and question what is improbable; do not arm.",
     ),
 ]
 WireLog = Annotated[
@@ -64,7 +66,7 @@ def run(
     from hil.cli import consent
     from hil.cli.own import prepare
     from hil.cli.progress import watching
-    from hil.cli.show import finish, show_identity
+    from hil.cli.show import finish, question, show_identity
     from hil.errors import InputError
     from hil.library.asked import asked
 
@@ -72,6 +74,8 @@ def run(
         raise InputError("--live: without --dry-run, --truth and --wire-log; give --truth to a hil emulate of its own")
     given = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
     declared, url, truth = request = asked(bench, given, link=link, open_loop=open_loop, truth=truth, replace=replace)
+    if not dry_run:
+        question(declared)
     if not dry_run and not request.emulated:
         consent.require(url, declared, given=arm, open_loop=open_loop)
     prepare(declared)
@@ -94,6 +98,6 @@ def run(
                 progress=watch,
             )  # fmt: skip
     if dry_run:
-        show_identity(url, looked.identity, as_json=json)
+        show_identity(url, looked.identity, declared, as_json=json)
     else:
         finish(done.path, as_json=json)

@@ -17,13 +17,18 @@ Junit = Annotated[
 Place = Annotated[
     Path,
     typer.Argument(
-        metavar="RUN", help="Folder of a run or a trace; `last` is the newest run, `last-trace` the newest trace."
+        metavar="RUN",
+        help="Folder of a run or a trace, or the beginning of its name in runs/; `last` is the newest run, "
+        "`last-trace` the newest trace.",
     ),
 ]
 
 
 def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: Replace = False) -> None:
     """List the runs and traces of a folder, oldest first, with their verdicts.
+
+    Behind a verdict that failed stand the parts that failed, and why. Each name is what other verbs take for the run,
+    as in `hil show NAME`; its beginning will do.
 
     Examples:
 
@@ -56,6 +61,7 @@ def show(run: Place, json: Json = False) -> None:
     \b
       hil show last
       hil show last-trace
+      hil show 20250314-09
       hil show runs/20250314-092653-s-slow --json
     """
     from hil.cli.files import run_folder
@@ -105,6 +111,8 @@ def _as_json(one: "Listed") -> dict[str, object]:
         "kind": one.kind,
         "verdict": one.verdict or None,
         "seconds": one.seconds,
+        "against": list(one.against),
+        "reasons": list(one.reasons),
         "effects": list(one.named),
         "unreadable": one.unreadable or None,
     }
@@ -115,8 +123,25 @@ def _print(found: list["Listed"], folder: Path) -> None:
 
     if not found:
         print(printable(f"{folder}: no runs yet; next: hil run s-slow"))
-    width = max((len(one.path.name) for one in found), default=0)
-    for one in found:
-        told = one.unreadable or ", ".join(one.named) or ("" if one.seconds is None else f"{one.seconds:.4g} s")
-        verdict = one.verdict or ("unreadable" if one.unreadable else "no verdict yet")
-        print(printable(f"{one.path.name:<{width}}  {one.kind:<5}  {verdict:<16}  {told}".rstrip()))
+    rows = [(str(one.path) if folder != RUNS else one.path.name, one.kind, _verdict(one), _told(one)) for one in found]
+    names, verdicts = (max((len(row[column]) for row in rows), default=0) for column in (0, 2))
+    for name, kind, verdict, told in rows:
+        print(printable(f"{name:<{names}}  {kind:<5}  {verdict:<{verdicts}}  {told}".rstrip()))
+
+
+def _verdict(one: "Listed") -> str:
+    """The verdict with the parts that are against the run."""
+    if not one.verdict:
+        return "unreadable" if one.unreadable else "no verdict yet"
+    return f"{one.verdict}: {', '.join(one.against)}" if one.against else one.verdict
+
+
+def _told(one: "Listed") -> str:
+    """How long a run was, what a trace named, and the first reason of a verdict against it."""
+    from hil.records.junit import PASSED
+
+    if one.unreadable:
+        return one.unreadable
+    length = ", ".join(one.named) or ("" if one.seconds is None else f"{one.seconds:.4g} s")
+    why = one.reasons[0] if one.reasons and one.verdict not in PASSED else ""
+    return "  ".join(filter(None, (length, why)))

@@ -7,7 +7,7 @@ import typer
 
 from hil.cli.options import Json
 
-Run = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, or `last`, the newest run.")]
+Run = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, the name of a run, or `last`, the newest.")]
 TruthFile = Annotated[Path, typer.Option("--truth", help="File the emulated board wrote (hil run --truth).")]
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from hil.bench import Bench
     from hil.demo import Circle
     from hil.records.result import Result
 
@@ -81,17 +82,46 @@ def print_before_and_after(circle: "Circle") -> None:
     print()
 
 
-def show_identity(link: str, identity: Mapping[str, Any], *, as_json: bool) -> None:
-    """Who answered at ``link``, after a dry run in which bench file and board agreed."""
+def show_identity(link: str, identity: Mapping[str, Any], bench: "Bench", *, as_json: bool) -> None:
+    """Who answered at ``link``, after a dry run in which bench file and board agreed, and what the bench comes to."""
     from hil.wire.messages import version_of
 
     if as_json:
-        print_json({"link": link, "identity": identity})
+        print_json({"link": link, "identity": identity, **echo_figures(bench, identity)})
         return
     print(f"{printable(link)} answers and agrees with the bench file; not armed")
     for name, value in identity.items():
         shown = version_of(value) if name == "firmware" else value
         print(printable(f"  {name:<18}{shown}"))
+    print("the bench file comes to")
+    print_echo(bench, identity)
+
+
+def print_echo(bench: "Bench", identity: Mapping[str, Any] | None = None) -> None:
+    """What a bench file comes to, a line each, and a question for each number that is improbable."""
+    from hil.bench.derived import derived
+    from hil.bench.improbable import questions
+
+    for line in derived(bench, identity):
+        print(printable(f"  {line.name:<18}{line.text}"))
+    for question in questions(bench):
+        print(printable(f"question: {question}"))
+
+
+def question(bench: "Bench") -> None:
+    """Ask about each improbable number on standard error, before a board is armed."""
+    from hil.bench.improbable import questions
+
+    for one in questions(bench):
+        say(f"question: {one}")
+
+
+def echo_figures(bench: "Bench", identity: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The same for `--json`: numbers with the unit in their name, and the questions."""
+    from hil.bench.derived import derived, figures_of
+    from hil.bench.improbable import questions
+
+    return {"derived": figures_of(derived(bench, identity)), "questions": questions(bench)}
 
 
 def _print_tables(result: "Result", report: Path) -> None:

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as Xml
 
 from hil.errors import printable
 
-_PASSED = ("good", "adequate", "explained")
+PASSED = ("good", "adequate", "explained")
 _FAILED = ("failed", "unsafe", "partly explained", "unexplained")
 
 
@@ -24,7 +24,7 @@ def junit_xml(cases: Iterable[Case], suite: str) -> str:
     """The test suite: a verdict against a run is a failure; without a verdict, or interrupted, it is an error."""
     told = list(cases)
     failed = [one for one in told if one.verdict in _FAILED]
-    broken = [one for one in told if one.verdict not in _FAILED and one.verdict not in _PASSED]
+    broken = [one for one in told if one.verdict not in _FAILED and one.verdict not in PASSED]
     counts = {"tests": str(len(told)), "failures": str(len(failed)), "errors": str(len(broken)), "skipped": "0"}
     total = f"{sum(one.seconds or 0.0 for one in told):.3f}"
     root = Xml.Element("testsuites", counts | {"time": total})
@@ -35,7 +35,7 @@ def junit_xml(cases: Iterable[Case], suite: str) -> str:
             "testcase",
             {"name": _text(one.name), "classname": _text(one.device or "run"), "time": f"{one.seconds or 0.0:.3f}"},
         )
-        if one.verdict not in _PASSED:
+        if one.verdict not in PASSED:
             kind = "failure" if one.verdict in _FAILED else "error"
             verdict = one.verdict or "no verdict"
             reason = _text("; ".join(one.reasons)) or verdict

@@ -1,6 +1,6 @@
 """The runs and traces in a folder, oldest first."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -18,11 +18,12 @@ LAST_TRACE = "last-trace"
 
 Kind = Literal["run", "trace"]
 _STAMP = len("20250314-092653")
+_SHOWN = 5  # names, where several are meant
 
 
 class Listed(NamedTuple):
     """A run or a trace: its folder; verdict, "" where it has none yet; bench seconds of a run; what a trace named;
-    why the folder cannot be read, "" else; the reasons of the verdict.
+    why the folder cannot be read, "" else; the reasons of the verdict; the parts of a run's verdict against it.
     """
 
     path: Path
@@ -32,15 +33,16 @@ class Listed(NamedTuple):
     named: tuple[str, ...] = ()
     unreadable: str = ""
     reasons: tuple[str, ...] = ()
+    against: tuple[str, ...] = ()
 
 
 def listed(folder: Path) -> Iterator[Listed]:
     """All of them.  Raises InputError where there is no such folder."""
     for place in _by_time(folder):
         try:
-            yield _trace(place) if (place / "diagnosis.json").exists() else _run(place)
+            yield _trace(place) if _is_trace(place) else _run(place)
         except InputError as error:
-            kind: Kind = "trace" if (place / "diagnosis.json").exists() else "run"
+            kind: Kind = "trace" if _is_trace(place) else "run"
             yield Listed(place, kind, "", unreadable=str(error))
 
 
@@ -54,28 +56,51 @@ def last_run(folder: Path) -> Path:
 
 def last_trace(folder: Path, word: str = LAST_TRACE) -> Path:
     """The newest trace below `folder`, asked for as `word`.  Raises InputError where there is none."""
-    traces = [place for place in _by_time(folder) if (place / "diagnosis.json").exists()]
+    traces = [place for place in _by_time(folder) if _is_trace(place)]
     if not traces:
         raise InputError(f"{word}: no trace in {folder}/; make one (hil trace {LAST}), or name its folder")
     return traces[-1]
 
 
 def named(place: Path | str, folder: Path = RUNS) -> Path:
-    """The path meant by `place`: `last` is the newest run in `folder`, `last-trace` the newest trace, unless something
-    has that name.
+    """The path meant by `place`: `last` is the newest run in `folder`, `last-trace` the newest trace, a name or the
+    beginning of one what `folder` has by it, unless something where hil is called has that name.
 
-    Raises InputError where there is none.
+    Raises InputError where there is no newest one, or where several begin with the name.
     """
     path = Path(place)
-    if str(place) not in (LAST, LAST_TRACE) or path.exists():
+    if path.exists():
         return path
-    return last_run(folder) if str(place) == LAST else last_trace(folder)
+    if str(place) in (LAST, LAST_TRACE):
+        return last_run(folder) if str(place) == LAST else last_trace(folder)
+    return _begun(path, folder, lambda _: True)
+
+
+def _begun(path: Path, folder: Path, meant: Callable[[Path], bool]) -> Path:
+    """The run or trace in `folder` whose name is `path`, or the only one of those meant that begins with it; `path`
+    itself where there is none. Raises InputError where there are several.
+    """
+    if len(path.parts) != 1 or not folder.is_dir():
+        return path
+    if (folder / path).exists():
+        return folder / path
+    found = [one for one in _by_time(folder) if one.name.startswith(path.name) and meant(one)]
+    if len(found) > 1:
+        names = ", ".join(one.name for one in found[:_SHOWN]) + (", …" if len(found) > _SHOWN else "")
+        raise InputError(f"{path}: {len(found)} in {folder}/ begin with it: {names}; give more of the name")
+    return found[0] if found else path
 
 
 def named_trace(place: Path | str, folder: Path = RUNS) -> Path:
     """The same where only a trace can be meant: `last` is the newest trace too."""
     path = Path(place)
-    return last_trace(folder, LAST) if str(place) == LAST and not path.exists() else named(path, folder)
+    if path.exists() or str(place) == LAST_TRACE:
+        return named(path, folder)
+    return last_trace(folder, LAST) if str(place) == LAST else _begun(path, folder, _is_trace)
+
+
+def _is_trace(place: Path) -> bool:
+    return (place / "diagnosis.json").exists()
 
 
 def _by_time(folder: Path) -> list[Path]:
@@ -95,7 +120,9 @@ def _run(place: Path) -> Listed:
     from hil.records.result import load_result  # where figures are asked for, and only there
 
     result = load_result(run.result_path)
-    return Listed(place, "run", result.verdict or "", result.seconds, reasons=result.reasons)
+    against = {name: part.reason for name, part in result.parts.items() if part.against}
+    reasons = result.reasons or tuple(filter(None, against.values()))
+    return Listed(place, "run", result.verdict or "", result.seconds, reasons=reasons, against=tuple(against))
 
 
 def _trace(place: Path) -> Listed:

@@ -80,7 +80,7 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
             tables.counters(material),
         ),
         markup.section("run", "Run", tables.provenance(material), _conventions(material)),
-        markup.section("bench", "Bench file as run", _listing(folder)),
+        markup.section("bench", "Bench file as run", tables.device(material), _listing(folder)),
     ]
     return markup.page(
         kind="Gyro bench · run report",

@@ -1,5 +1,6 @@
 """The tables of the page."""
 
+from hil.errors import InputError
 from hil.numbers import count, percent, plus_minus, prefix_for, quantity, relative, significant
 from hil.records.result import Parameter
 from hil.records.units import symbol_of
@@ -151,6 +152,19 @@ def provenance(material: Material) -> str:
     entries.append(("record", "complete" if result.complete else "interrupted: no end marker"))
     entries += list(result.versions.items())
     return table("What ran, and with which versions", ("item", "value"), entries)
+
+
+def device(material: Material) -> str:
+    """What the bench file's numbers come to; nothing for one that this version does not read, or of a rate sensor."""
+    from hil.bench import Bench
+    from hil.bench.derived import derived
+    from hil.strict_toml import parse_table
+
+    try:
+        bench = parse_table(material.folder.bench, Bench, "bench.toml")
+    except InputError:
+        return ""
+    return table("The device as declared", ("", "comes to"), [(line.name, line.text) for line in derived(bench)])
 
 
 def _parameter_row(material: Material, symbol: str, entry: Parameter) -> tuple[str, ...]:

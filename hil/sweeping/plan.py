@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hil import examples
-from hil.bench import Bench, load_bench
+from hil.bench import Bench, load_bench, make_way
 from hil.bench.toml import toml_key, toml_value
 from hil.errors import InputError
 from hil.strict_toml import parse_table, read_table, suggestion
 from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
-from hil.sweeping.keys import Table, plain, put, value_at
+from hil.sweeping.keys import Table, parts_of, plain, put, value_at
 from hil.sweeping.tasks import Row, Task
 
 if TYPE_CHECKING:
@@ -234,9 +234,19 @@ def _put(tables: Mapping[str, Table], name: str, value: Any, source: str) -> Non
     side, _, key = name.partition(".")
     strict = side == "bench" and not key.startswith("effects.")
     try:
+        strict = strict and not make_way(tables[side], _nested(key, value))
         put(tables[side], key, value, strict=strict)
     except InputError as error:
         raise InputError(f"{source}: {side}.{error}") from None
+
+
+def _nested(key: str, value: Any) -> Table:
+    """A value under its key as tables, without positions in a list."""
+    *way, last = (part for part in parts_of(key) if isinstance(part, str))
+    nested = {last: value}
+    for part in reversed(way):
+        nested = {part: nested}
+    return nested
 
 
 def toml_of(table: Table, remark: str) -> str:

@@ -135,3 +135,46 @@ def test_nothing_there_is_said_in_one_line(hil: Hil, tmp_path: Path) -> None:
 
 def test_the_version(hil: Hil) -> None:
     assert hil("--version") == (0, f"gyrohil {version('gyrohil')}\n", "")
+
+
+@pytest.mark.moderate
+def test_every_name_that_is_listed_is_taken_and_its_beginning_too(hil: Hil, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    write_run(runs / EARLIER, Options(seconds=2.0))
+    write_run(runs / f"{EARLIER}-again", Options(seconds=2.0))
+    save_trace(runs / f"{EARLIER}-trace", explained(record="a"))
+    _, out, _ = hil("ls")
+    named = [line.split()[0] for line in out.splitlines()]
+    assert named == [EARLIER, f"{EARLIER}-again", f"{EARLIER}-trace"]
+    for name in named:
+        code, text, err = hil("show", name, "--json")
+        assert (code, bool(json.loads(text))) == (json.loads(text)["verdict"] in ("failed", "unexplained"), True), err
+    assert hil("diff", *named[:2], "--json")[0] == 0
+    assert hil("export", named[0], "--out", "a.csv")[0] == 0
+    assert hil("show", f"{EARLIER}-ag")[0] == hil("show", f"runs/{EARLIER}-again")[0]
+    line = refused(hil("show", EARLIER[:-1]))
+    assert line == (f"{EARLIER[:-1]}: 3 in runs/ begin with it: {', '.join(named)}; give more of the name")
+
+
+@pytest.mark.moderate
+def test_runs_of_another_folder_are_listed_by_what_show_takes(hil: Hil, tmp_path: Path) -> None:
+    write_run(tmp_path / "bench3" / "runs" / EARLIER, Options(seconds=2.0))
+    _, out, _ = hil("ls", "bench3/runs")
+    assert out.split()[0] == f"bench3/runs/{EARLIER}"
+    assert "result.json" not in hil("show", out.split()[0])[2]
+
+
+@pytest.mark.moderate
+def test_the_part_that_failed_and_its_reason_are_listed(hil: Hil, tmp_path: Path) -> None:
+    from hil.records.result import Part, load_result, save_result
+
+    write_run(tmp_path / "runs" / EARLIER, Options(seconds=2.0))
+    path = tmp_path / "runs" / EARLIER / "result.json"
+    part = Part(outcome="failed", reason="6.6 % of answers late", next="")
+    save_result(path, load_result(path).model_copy(update={"verdict": "failed", "parts": {"machine": part}}))
+    _, out, _ = hil("ls")
+    assert "failed: machine" in out
+    assert out.rstrip().endswith("6.6 % of answers late")
+    _, text, _ = hil("ls", "--json")
+    assert json.loads(text)["runs"][0]["against"] == ["machine"]
+    assert json.loads(text)["runs"][0]["reasons"] == ["6.6 % of answers late"]

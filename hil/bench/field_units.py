@@ -1,0 +1,84 @@
+"""Units of the field beside those of the model: `rate_dps` for `rate_rad_s`, `angle_deg` for `angle_rad`, ppm.
+
+A key's unit is the end of its name. The table below gives the other ends that a key may have and what one of that unit
+is in the model's; it holds for every key of every table of a bench file.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
+
+
+class FieldUnit(NamedTuple):
+    """The end of a key in the model's unit and in the field's, how many of the second make one of the first, and the
+    second as one writes it."""
+
+    end: str
+    other: str
+    per_model_unit: float
+    symbol: str
+
+
+_DEGREES = 180.0 / math.pi
+FIELD_UNITS = (  # the longest end first: one is the end of another
+    FieldUnit("_rad_s_per_rts", "_dps_per_rts", _DEGREES, "°/s per √s"),
+    FieldUnit("_V_s_per_rad", "_V_per_dps", 1.0 / _DEGREES, "V per °/s"),
+    FieldUnit("_rad_s", "_dps", _DEGREES, "°/s"),
+    FieldUnit("_rad", "_deg", _DEGREES, "°"),
+    FieldUnit("_u", "_u_ppm", 1e6, "ppm"),
+)
+
+
+class OtherKey(NamedTuple):
+    """A key in the field's unit: its name, how many of it make one of the model's unit, the unit as one writes it."""
+
+    name: str
+    per_model_unit: float
+    symbol: str
+
+
+def other_key(key: str) -> OtherKey | None:
+    """How else `key` may be given.
+
+    >>> other_key("rate_rad_s").name, other_key("clock_u").name, other_key("memory_s")
+    ('rate_dps', 'clock_u_ppm', None)
+    """
+    for unit in FIELD_UNITS:
+        if key.endswith(unit.end):
+            return OtherKey(key.removesuffix(unit.end) + unit.other, unit.per_model_unit, unit.symbol)
+    return None
+
+
+def in_model_units(table: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> dict[str, Any]:
+    """`table` with every key of the field's units as the key of `fields` that it stands for.
+
+    Raises ValueError that names the key: given in both units, no number, or outside what the key takes.
+    """
+    converted = dict(table)
+    for key, field in fields.items():
+        other = other_key(key)
+        if other is None or other.name not in converted:
+            continue
+        if key in converted:
+            raise ValueError(f"{key}, {other.name}: one quantity in two units; give one of them")
+        value = converted.pop(other.name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{other.name}: expected a number, not {value!r:.40}")
+        converted[key] = _within(value / other.per_model_unit, field, f"{other.name}: {value:g} ({key} = {{:g}})")
+    return converted
+
+
+def _within(value: float, field: FieldInfo, told: str) -> float:
+    """`value` where the key takes it; the error names the key as given, not the one that it stands for."""
+    try:
+        TypeAdapter(field.annotation).validate_python(value)
+        for bound in field.metadata:
+            TypeAdapter(Annotated[float, bound]).validate_python(value)
+    except ValidationError as error:
+        raise ValueError(f"{told.format(value)} {error.errors()[0]['msg'].removeprefix('Input ')}") from None
+    if not math.isfinite(value):
+        raise ValueError(f"{told.format(value)} should be a finite number")
+    return value
