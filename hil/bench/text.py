@@ -20,6 +20,7 @@ from hil.bench.field_units import FIELD_UNITS, other_key
 from hil.bench.modes import Modes
 from hil.bench.own import Effects, OwnCoefficient, OwnEffect, OwnParameter
 from hil.bench.rate_sensor import RateSensorBench
+from hil.bench.section import Section
 from hil.bench.toml import toml_value
 
 INTRODUCTION = """\
@@ -130,12 +131,12 @@ def _in_field_units(key: str) -> str:
     return "" if other is None else f"; or `{other.name}` in {other.symbol}"
 
 
-def sections(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+def sections(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[Section]]]:
     """Every table below ``model`` with its dotted name, in the order of the file."""
     for name, field in model.model_fields.items():
         if field.annotation is Effects:  # its tables have names of their own
             continue
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+        if isinstance(field.annotation, type) and issubclass(field.annotation, Section):
             below = f"{path}.{name}" if path else name
             yield below, field.annotation
             yield from sections(field.annotation, below)

@@ -124,7 +124,7 @@ def test_a_dry_run_prints_the_same_as_the_report_and_as_json(hil: Hil, tmp_path:
         assert f"  {line.name:<18}{line.text}" in out
     assert told["derived"] == figures_of(lines)
     assert told["questions"] == []
-    assert "11 600 codes" in out.replace("\u2009", " ")
+    assert "11 600 codes" in out.replace("\u202f", " ")
 
 
 @pytest.mark.moderate
