@@ -133,8 +133,4 @@ $(TOOLS): package.json package-lock.json .npmrc | $(DEV)
 	@touch $@
 
 $(PAGE): $(TOOLS)
-	@mkdir -p $(VENDOR)
-	@cp $(NODE)/node_modules/uplot/dist/uPlot.min.css $(VENDOR)
-	@cp $(NODE)/node_modules/uplot/dist/uPlot.d.ts $(VENDOR)/uPlot.esm.d.ts
-	@cp $(NODE)/node_modules/uplot/LICENSE $(VENDOR)/uPlot.LICENSE
-	@cp $(NODE)/node_modules/uplot/dist/uPlot.esm.js $(VENDOR)
+	@$(BIN)/python fetch_page.py $(NODE)/node_modules

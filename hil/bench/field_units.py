@@ -74,7 +74,8 @@ def in_model_units(table: Mapping[str, Any], fields: Mapping[str, FieldInfo]) ->
 def _within(value: float, field: FieldInfo, told: str) -> float:
     """`value` where the key takes it; the error names the key as given, not the one that it stands for."""
     try:
-        TypeAdapter[Any](Annotated[field.annotation, *field.metadata]).validate_python(value)
+        bounded: Any = Annotated[field.annotation, *field.metadata]
+        TypeAdapter(bounded).validate_python(value)
     except ValidationError as error:
         raise ValueError(f"{told.format(value)} {error.errors()[0]['msg'].removeprefix('Input ')}") from None
     if not math.isfinite(value):
