@@ -21,41 +21,62 @@ class Spell(Section):
     """A fault with a beginning and an end."""
 
     start_s: NonNegative
+    """bench time at which it begins"""
     duration_s: Positive
+    """how long it lasts"""
 
 
 class Stuck(Spell):
     """The converter of one axis repeats its last code."""
 
     axis: Literal["x", "y"]
+    """which channel"""
 
 
 class Saturated(Stuck):
     """The amplifier of one axis reaches no further than ± `limit_V`, and says nothing about it."""
 
     limit_V: NonNegative
+    """largest voltage that still comes out"""
 
 
 class Faults(Section):
     """`[faults]`: nothing goes wrong unless it stands here."""
 
-    lost: Share = 0.0  # frames that never arrive
-    corrupted: Share = 0.0  # frames in which 1 to 4 bits flip
-    duplicated: Share = 0.0  # frames that arrive twice
-    reordered: Share = 0.0  # frames that the next one overtakes
-    delayed: Share = 0.0  # frames that take longer …
-    delay_s: Bounds = (0.0, 0.0)  # … by this much, at least and at most
-    toward: Literal["both", "host", "board"] = "both"  # direction the above befall
-    from_s: NonNegative = 0.0  # they begin …
-    until_s: PositiveOrInf = math.inf  # … and end
-    baud: Positive | None = None  # of a serial line, ten bits to the byte; as fast as it goes without
-    unplugged_s: NonNegative | None = None  # from here on the board's end of the line is gone
-    clock_skew: Annotated[float, Field(gt=-0.1, lt=0.1)] = 0.0  # by which the board's clock runs fast
-    stall: list[Spell] = Field(default_factory=list)  # the line holds everything back, then lets it go
-    brown_out: list[Spell] = Field(default_factory=list)  # no supply; afterwards the board boots
-    tripped: list[Spell] = Field(default_factory=list)  # the board's own protection: SAFE, FAULT, until it is over
+    lost: Share = 0.0
+    """share of frames that never arrive"""
+    corrupted: Share = 0.0
+    """share of frames in which 1 to 4 bits flip"""
+    duplicated: Share = 0.0
+    """share of frames that arrive twice"""
+    reordered: Share = 0.0
+    """share of frames that the next one overtakes"""
+    delayed: Share = 0.0
+    """share of frames that take longer"""
+    delay_s: Bounds = (0.0, 0.0)
+    """by how much, [least, most]"""
+    toward: Literal["both", "host", "board"] = "both"
+    """direction that these befall"""
+    from_s: NonNegative = 0.0
+    """bench time at which they begin"""
+    until_s: PositiveOrInf = math.inf
+    """and end"""
+    baud: Positive | None = None
+    """of a serial line, ten bits to the byte; without it as fast as it goes"""
+    unplugged_s: NonNegative | None = None
+    """from here on the board's end of the line is gone"""
+    clock_skew: Annotated[float, Field(gt=-0.1, lt=0.1)] = 0.0
+    """by which the board's clock runs fast, relative"""
+    stall: list[Spell] = Field(default_factory=list)
+    """tables [[faults.stall]]: the line holds everything back, then lets it go"""
+    brown_out: list[Spell] = Field(default_factory=list)
+    """tables [[faults.brown_out]]: no supply; afterwards the board boots"""
+    tripped: list[Spell] = Field(default_factory=list)
+    """tables [[faults.tripped]]: the board's own protection: SAFE, FAULT, until it is over"""
     stuck: list[Stuck] = Field(default_factory=list)
+    """tables [[faults.stuck]] with an axis: its converter repeats its last code"""
     saturated: list[Saturated] = Field(default_factory=list)
+    """tables [[faults.saturated]] with an axis and limit_V: its amplifier reaches no further, and says nothing"""
 
     @model_validator(mode="after")
     def _possible(self) -> "Faults":

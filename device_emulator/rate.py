@@ -36,6 +36,7 @@ class Constant(Section):
 
     kind: Literal["constant"]
     rate_rad_s: float
+    """the rate"""
 
 
 class Sine(Section):
@@ -43,9 +44,13 @@ class Sine(Section):
 
     kind: Literal["sine"]
     amplitude_rad_s: float
+    """of the sine"""
     frequency_Hz: Positive
+    """of the sine"""
     phase_rad: float = 0.0
+    """of the sine at the start"""
     offset_rad_s: float = 0.0
+    """its mean"""
 
 
 class Ramp(Section):
@@ -53,16 +58,21 @@ class Ramp(Section):
 
     kind: Literal["ramp"]
     from_rad_s: float
+    """rate at the start"""
     to_rad_s: float
+    """rate at the end, held from there on"""
     duration_s: Positive
+    """length of the piece; the last one of segments may go on for ever"""
 
 
 class ConstantPiece(Constant):
     duration_s: PositiveOrInf = math.inf
+    """length of the piece; the last one of segments may go on for ever"""
 
 
 class SinePiece(Sine):
     duration_s: PositiveOrInf = math.inf
+    """length of the piece; the last one of segments may go on for ever"""
 
 
 class Steps(Section):
@@ -70,7 +80,9 @@ class Steps(Section):
 
     kind: Literal["steps"]
     times_s: Annotated[list[float], Field(min_length=1)]
+    """begin of each rate, the first 0"""
     rates_rad_s: Annotated[list[float], Field(min_length=1)]
+    """the rates, one for each time"""
 
     @model_validator(mode="after")
     def _ordered(self) -> "Steps":
@@ -90,6 +102,7 @@ class Segments(Section):
     segment: Annotated[
         list[Annotated[ConstantPiece | SinePiece | Ramp, Field(discriminator="kind")]], Field(min_length=1)
     ]
+    """tables [[rate.segment]] of kind constant, sine or ramp, one after the other"""
 
     @model_validator(mode="after")
     def _only_the_last_is_endless(self) -> "Segments":
@@ -99,10 +112,12 @@ class Segments(Section):
 
 
 class FromFile(Section):
-    """Linear between the rows of a CSV file with the header `t_s, rate_rad_s`; the last rate holds."""
+    """Linear between the rows of a CSV file with the header `t_s, rate_rad_s` or `t_s, rate_dps`; the last rate
+    holds."""
 
     kind: Literal["file"]
     path: str
+    """CSV file beside the scenario"""
 
 
 Rate = Annotated[Constant | Steps | Sine | Ramp | Segments | FromFile, Field(discriminator="kind")]
@@ -160,19 +175,21 @@ def _read(path: Path) -> list[Row]:
         raise ScenarioError(f"{path}: cannot read the rate file ({error.strerror})") from None
     except UnicodeDecodeError:
         raise ScenarioError(f"{path}: expected a CSV text file") from None
-    if not lines or [name.strip() for name in lines[0].split(",")] != ["t_s", "rate_rad_s"]:
-        raise ScenarioError(f"{path}:1: expected the header `t_s, rate_rad_s`")
+    header = [name.strip() for name in lines[0].split(",")] if lines else []
+    if header not in (["t_s", "rate_rad_s"], ["t_s", "rate_dps"]):
+        raise ScenarioError(f"{path}:1: expected the header `t_s, rate_rad_s`, or `t_s, rate_dps`")
+    in_degrees = header[1] == "rate_dps"
     points: list[tuple[float, float]] = []
     for number, line in enumerate(lines[1:], start=2):
         try:
             t, r = (float(cell) for cell in line.split(","))
         except ValueError:
-            raise ScenarioError(f"{path}:{number}: expected two numbers, t_s and rate_rad_s") from None
+            raise ScenarioError(f"{path}:{number}: expected two numbers, t_s and {header[1]}") from None
         if not (math.isfinite(t) and math.isfinite(r)):
             raise ScenarioError(f"{path}:{number}: expected finite numbers")
         if points and t <= points[-1][0]:
             raise ScenarioError(f"{path}:{number}: expected t_s to increase, {t:g} follows {points[-1][0]:g}")
-        points.append((t, r))
+        points.append((t, math.radians(r) if in_degrees else r))
     if not points or points[0][0] != 0.0:
         raise ScenarioError(f"{path}: expected rows that begin at t_s = 0")
     return [*(_line(*a, *b) for a, b in itertools.pairwise(points)), _still(*points[-1])]

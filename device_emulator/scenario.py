@@ -15,6 +15,7 @@ from device_emulator.effects.declaration import MAX_INNER
 from device_emulator.effects.drive import DriveKind
 from device_emulator.effects.sense import SenseKind
 from device_emulator.faults import Faults
+from device_emulator.modes import KEYS, in_matrices
 from device_emulator.rate import Rate
 from device_emulator.section import (
     Damping,
@@ -43,11 +44,22 @@ class Truth(Section):
     """`[truth]`: the mass on its springs. Matrices are symmetric: [xx, yy, xy]."""
 
     mass_kg: Positive
+    """proof mass"""
     stiffness_N_per_m: Stiffness
+    """[kxx, kyy, kxy]; or resonance_Hz"""
     damping_N_s_per_m: Damping
-    temperature_K: NonNegative = 300.0  # of the Brownian force; 0 switches it off
-    position_m: Pair  # at tick 0
-    velocity_mps: Pair = (0.0, 0.0)  # at tick 0
+    """[dxx, dyy, dxy]; or q, or decay_time_s"""
+    temperature_K: NonNegative = 300.0
+    """of the Brownian force; 0 switches it off"""
+    position_m: Pair
+    """[x, y] at tick 0"""
+    velocity_mps: Pair = (0.0, 0.0)
+    """[vx, vy] at tick 0"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_matrices(cls, table: Any) -> Any:
+        return in_matrices(table) if isinstance(table, dict) else table
 
     @model_validator(mode="after")
     def _passive(self) -> "Truth":
@@ -61,47 +73,73 @@ class Truth(Section):
 class Sense(Section):
     """`[sense]`: comb capacitors into charge integrators into a converter, equations (3) to (5)."""
 
-    fingers: PerAxisPositive  # N
-    permittivity_F_per_m: Positive = 8.8541878128e-12  # ε
-    width_m: PerAxisPositive  # W
-    gap_m: PerAxisPositive  # Z
-    overlap_m: PerAxisPositive  # of the fingers at rest: C = N ε (W/Z) overlap
-    mismatch_m: PerAxis = (0.0, 0.0)  # d, half the difference of the two overlaps at rest
-    bias_V: Positive  # ±V
-    feedback_F: PerAxisPositive  # Cf
-    feedback_ohm: PerAxisPositiveOrInf = (math.inf, math.inf)  # Rf
-    parasitic_F: PerAxisNonNegative = (0.0, 0.0)  # Cp
-    opamp_offset_V: PerAxis = (0.0, 0.0)  # Vos
+    fingers: PerAxisPositive
+    """N, number of comb fingers"""
+    permittivity_F_per_m: Positive = 8.8541878128e-12
+    """ε of the gap"""
+    width_m: PerAxisPositive
+    """W, of a finger"""
+    gap_m: PerAxisPositive
+    """Z, between fingers"""
+    overlap_m: PerAxisPositive
+    """of the fingers at rest: C = N ε (W/Z) overlap"""
+    mismatch_m: PerAxis = (0.0, 0.0)
+    """d, half the difference of the two overlaps at rest"""
+    bias_V: Positive
+    """±V on the two capacitors"""
+    feedback_F: PerAxisPositive
+    """Cf of the charge integrator"""
+    feedback_ohm: PerAxisPositiveOrInf = (math.inf, math.inf)
+    """Rf beside it"""
+    parasitic_F: PerAxisNonNegative = (0.0, 0.0)
+    """Cp at its input"""
+    opamp_offset_V: PerAxis = (0.0, 0.0)
+    """Vos"""
     drift_V_per_s: PerAxis = (0.0, 0.0)
+    """of the sense output"""
     random_walk_V_per_rts: NonNegative = 0.0
-    noise_V: NonNegative  # white, rms of each sample
-    flicker_V_at_1Hz: NonNegative = 0.0  # 1/f noise: its one-sided density at 1 Hz, V/√Hz
+    """of the sense output"""
+    noise_V: NonNegative
+    """white noise of a sample, rms"""
+    flicker_V_at_1Hz: NonNegative = 0.0
+    """1/f noise: its one-sided density at 1 Hz, V/√Hz"""
     low_pass_Hz: PerAxisPositiveOrInf = (math.inf, math.inf)
+    """corner of a first-order low-pass"""
     adc_bits: Annotated[int, Field(ge=4, le=24)]
+    """of the sense converter"""
     adc_full_scale_V: Positive
+    """its range is ± this"""
 
 
 class Drive(Section):
     """`[drive]`: the converter and amplifier that push the mass, in force per unit mass."""
 
     dac_bits: Annotated[int, Field(ge=4, le=24)]
+    """of the drive converter"""
     full_scale_mps2: Positive
+    """its range is ± this, force per mass"""
     latency_samples: Annotated[int, Field(ge=0, le=MAX_LATENCY_SAMPLES)]
-    noise_mps2_per_rtHz: NonNegative = 0.0  # of the amplifier, one-sided
+    """samples from a row of SENSE to the tick at which its answer acts"""
+    noise_mps2_per_rtHz: NonNegative = 0.0
+    """of the amplifier, one-sided density"""
 
 
 class Board(Section):
     """`[board]`: what IDENTITY tells."""
 
     sample_rate_Hz: Positive
+    """ticks a second"""
     unique_id: Annotated[int, Field(ge=0, lt=1 << 64)]
+    """serial number"""
     firmware: Annotated[int, Field(ge=0, lt=1 << 32)]
+    """version, 0xMMmmpppp"""
 
 
 class Scenario(Section):
     """A whole scenario file."""
 
     seed: Annotated[int, Field(ge=0, lt=2**63)]
+    """of all noise and faults; the same seed gives the same record in lockstep"""
     truth: Truth
     sense: Sense
     drive: Drive
@@ -238,7 +276,8 @@ def _place(location: tuple[int | str, ...]) -> tuple[str, list[str]]:
         else:
             key = part
     table = f"[{'.'.join(tables)}]" if tables else ""
-    return f"{table} {key}".strip(), [name for section in sections for name in section.model_fields]
+    names = [name for section in sections for name in (*section.model_fields, *section.other_keys())]
+    return f"{table} {key}".strip(), [*names, *(KEYS if Truth in sections else ())]
 
 
 def _kinds(section: type[Section]) -> tuple[Any, ...]:

@@ -17,10 +17,15 @@ class Temperature(Section):
     """`[temperature]`: start_C + warm_up_K (1 - exp(-t / time_constant_s)) + swing_K sin(2π t / period_s)."""
 
     start_C: float = 25.0
+    """temperature at tick 0"""
     warm_up_K: float = 0.0
+    """rise after a long time"""
     time_constant_s: Positive = 1.0
+    """of the rise"""
     swing_K: float = 0.0
+    """amplitude of a swing"""
     period_s: Positive = 1.0
+    """of the swing"""
 
 
 def temperature_constants(temperature: Temperature) -> NDArray[Any]:

@@ -74,7 +74,7 @@ def in_model_units(table: Mapping[str, Any], fields: Mapping[str, FieldInfo]) ->
 def _within(value: float, field: FieldInfo, told: str) -> float:
     """`value` where the key takes it; the error names the key as given, not the one that it stands for."""
     try:
-        bounded: Any = Annotated[field.annotation, *field.metadata]
+        bounded: Any = Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
         TypeAdapter(bounded).validate_python(value)
     except ValidationError as error:
         raise ValueError(f"{told.format(value)} {error.errors()[0]['msg'].removeprefix('Input ')}") from None

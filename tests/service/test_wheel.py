@@ -65,4 +65,4 @@ def test_a_wheel_of_the_tracked_files_serves_its_charts(tmp_path: Path) -> None:
                 assert answer.read() == (target / "hil" / "service" / "page" / "vendor" / name).read_bytes()
     finally:
         process.terminate()
-        process.wait(60)
+        process.communicate(timeout=60)
