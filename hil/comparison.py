@@ -12,7 +12,6 @@ from hil.errors import InputError
 from hil.records.direct import DirectRecord
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
-from hil.strict_toml import read_table
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def _traces(a: Path, b: Path) -> Comparison:
     first, second = (load_diagnosis(place / "diagnosis.json") for place in (a, b))
     same = first.record == second.record
     figures = _side_by_side(dict(_of_trace(first)), dict(_of_trace(second)), same)
-    benches = [read_table(place / "bench.toml") if (place / "bench.toml").exists() else {} for place in (a, b)]
+    benches = [RunFolder(place).bench for place in (a, b)]
     return Comparison("trace", a, b, first.verdict, second.verdict, same, figures, keys_apart(*benches))
 
 

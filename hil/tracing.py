@@ -25,7 +25,7 @@ from hil.loop.run import new_folder
 from hil.parts import FRACTION, Part, moving, parts_of, sample_of
 from hil.progress import Progress, Watcher
 from hil.rate_sensor import fitting_rows, trace_rate_sensor
-from hil.records.atomic import make_run_folder, require_place, write_text
+from hil.records.atomic import make_run_folder, require_place, write_sealed
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
 from hil.records.diagnosis import MissingForce as WrittenForce
@@ -192,7 +192,7 @@ def _trace_sensor(
     )
     diagnosis = to_model(answer, record=called(capture), bench=bench.device.name)
     folder = make_run_folder(out, name)
-    write_text(folder / "bench.toml", source.read_text(encoding="utf-8"))
+    write_sealed(folder / "bench.toml", source.read_text(encoding="utf-8"))
     save_diagnosis(folder / "diagnosis.json", diagnosis)
     if report:
         from hil.report.diagnosis.sensor import write_sensor_report

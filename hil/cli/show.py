@@ -44,6 +44,7 @@ def finish(folder: Path, *, as_json: bool) -> NoReturn:
 
     run = RunFolder(folder)
     result = load_result(run.result_path)
+    _ = run.bench_text  # figures of a run whose bench file was changed since are not shown as its own
     if as_json:
         if result.verdict == "unsafe":
             say(f"UNSAFE: {result.alarm}")

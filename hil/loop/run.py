@@ -24,7 +24,8 @@ from hil.loop.stops import alarm_of
 from hil.loop.supervision import as_raised, supervise
 from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
-from hil.records.atomic import make_run_folder, write_text
+from hil.records.atomic import make_run_folder, write_sealed
+from hil.records.direct import on_disk
 from hil.records.occupied import occupied
 from hil.records.result import Result, save_result
 from hil.records.runfolder import RunFolder
@@ -121,9 +122,11 @@ def run(
             raise Interrupted(f"{said}; {interruption}") from None
         except OSError as error:
             why = told_to_user(error) or str(error)
-            raise InputError(f"{why}; {said}; what was recorded is in {folder.name}, without figures") from None
+            there = on_disk(RunFolder(folder).capture_path).told
+            raise InputError(f"{why}; {said}; {there}, in {folder.name}, without figures") from None
     if ended.interrupted:
-        raise Interrupted(f"{said}; the record is closed: {folder}" if recorded else f"{said}; nothing was recorded")
+        there = f"{on_disk(RunFolder(folder).capture_path).told}: {folder}" if recorded else "nothing was recorded"
+        raise Interrupted(f"{said}; {there}")
     if not (dry_run or recorded):
         raise as_raised(outcome.get("failed", ["LinkError"]), outcome["stopped"])
     return RunResult(folder if recorded else None, outcome.get("identity", {}))
@@ -140,9 +143,9 @@ def _what_was_done(safety: dict[str, Any]) -> str:
 
 
 def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: str | None) -> Result:
-    """What is known of a run whose figures nobody waited for."""
+    """What is known of a run whose figures nobody waited for, by what is on disk."""
     counters = outcome.get("counters", {})
-    samples = counters.get("samples", 0)
+    there = on_disk(RunFolder(folder).capture_path)
     safety = judge_safety(outcome)
     told = [safety.reason] if safety.against else []
     return Result(
@@ -150,14 +153,14 @@ def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: st
         link=link,
         clock=bench.loop.clock,
         mode=bench.loop.mode,
-        seconds=samples / bench.device.sample_rate_Hz,
-        samples=samples,
-        lost=counters.get("lost", 0),
+        seconds=max(there.rows + there.lost - 1, 0) / bench.device.sample_rate_Hz,
+        samples=there.rows,
+        lost=there.lost,
         counters=counters,
         verdict="unsafe" if safety.outcome == "unsafe" else "interrupted",
         parts={"safety": safety},
         reasons=(*told, "interrupted while the figures were worked out: `hil replay` gives them"),
-        complete="counters" in outcome,
+        complete=there.complete,
     )
 
 
@@ -192,7 +195,7 @@ def new_folder(out: Path, bench: Bench) -> Path:
     """
     folder = make_run_folder(out, bench.loop.name)
     try:
-        write_text(folder / "bench.toml", template(values_of(bench), "The bench as run."))
+        write_sealed(folder / "bench.toml", template(values_of(bench), "The bench as run."))
     except OSError:
         shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -225,7 +228,7 @@ def conclude(
                 if link is not None:
                     save_result(result, _result_so_far(folder, bench, outcome, link))
                 figures = "its figures and report are not made: `hil replay` gives them"
-            raise Interrupted(f"the record is whole: {folder}; {figures}") from None
+            raise Interrupted(f"{on_disk(RunFolder(folder).capture_path).told}: {folder}; {figures}") from None
 
 
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy

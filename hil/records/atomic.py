@@ -11,6 +11,7 @@ from pathlib import Path
 
 from hil.errors import InputError
 from hil.records.run_name import checked_name
+from hil.records.text_seal import sealed
 
 _MOST_BYTES = 1 << 26
 
@@ -77,6 +78,11 @@ def write_text(path: Path, text: str) -> None:
     """Write `text` (UTF-8) to `path`, whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def write_sealed(path: Path, text: str) -> None:
+    """`write_text` with a checksum in the first line, which `text_seal.require_unchanged` asks for."""
+    write_text(path, sealed(text))
 
 
 def require_name(name: str) -> None:

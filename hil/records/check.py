@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 
 from hil.errors import InputError
-from hil.records.atomic import replacing
+from hil.records.atomic import read_json, replacing
 from hil.records.blocks import Scan, StoredColumns, pieces_of, scan_blocks
 from hil.records.result import load_result
+from hil.records.runfolder import RunFolder
+from hil.records.text_seal import is_sealed
 
 STEMS = ("capture", "innovation", "estimates", "covariance", "timing", "clock")
 """Record files of a run, by stem."""
 _MADE_FROM_THEM = ("result.json", "report.html")
+_UNSEALED = "without a checksum: a changed figure would not show"
 _STEADY = ("capture", "innovation", "estimates")
 
 
@@ -172,12 +175,7 @@ def _texts(folder: Path, found: list[Checked]) -> Iterator[Checked]:
     """The bench file as run, and the figures beside the record they speak of."""
     bench = folder / "bench.toml"
     if bench.exists():
-        entry = Checked(bench.name, complete=True)
-        try:
-            tomllib.loads(bench.read_text(encoding="utf-8"))
-        except (ValueError, RecursionError, OSError) as error:
-            entry.problems.append(f"not TOML ({error})")
-        yield entry
+        yield _bench(bench, sealed=_carries_seal(folder / "result.json"))
     path = folder / "result.json"
     if not path.exists():
         return
@@ -190,11 +188,34 @@ def _texts(folder: Path, found: list[Checked]) -> Iterator[Checked]:
     except InputError as error:
         entry.problems.append(str(error).removeprefix(f"{path}: "))
     else:
+        if not _carries_seal(path):
+            entry.remarks.append(_UNSEALED)
         if capture is not None and result.samples != capture.rows:
             entry.problems.append(f"speaks of {result.samples} samples, the capture has {capture.rows}: of another run")
         elif capture is not None and result.complete and not capture.complete:
             entry.problems.append("speaks of a complete record, the capture is not")
     yield entry
+
+
+def _bench(path: Path, *, sealed: bool) -> Checked:
+    """The bench file as run; `sealed` where the figures beside it are, so that it must be."""
+    entry = Checked(path.name, complete=True)
+    try:
+        tomllib.loads(RunFolder(path.parent).bench_text)
+    except InputError as error:
+        entry.problems.append(str(error).removeprefix(f"{path}: "))
+    except (ValueError, RecursionError) as error:
+        entry.problems.append(f"not TOML ({error})")
+    if not _carries_seal(path):
+        (entry.problems if sealed else entry.remarks).append(_UNSEALED)
+    return entry
+
+
+def _carries_seal(path: Path) -> bool:
+    try:
+        return is_sealed(read_json(path))
+    except OSError:
+        return False
 
 
 def _span(entry: Checked) -> tuple[int, int]:

@@ -188,7 +188,7 @@ class HeldOut(_Model):
     after: Fit
 
 
-class Diagnosis(_Model):
+class Diagnosis(json_file.Sealed, _Model):
     """The answer of a trace: before and after are of the part of the record that was fitted."""
 
     version: Literal[1] = 1

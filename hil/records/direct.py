@@ -8,7 +8,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,38 @@ from hil.records.seal import PREFIX, BrokenBlockError, checked_head, head_length
 
 _HEAD_BYTES = 1 << 16  # longer than any head
 _FEW = 8  # blocks, among which one looks without a hint
+
+
+class OnDisk(NamedTuple):
+    """What is there of a record, whatever was meant to be: whole rows, those missing between them, whether its end
+    marker is there.
+    """
+
+    rows: int
+    lost: int
+    complete: bool
+
+    @property
+    def told(self) -> str:
+        """In a few words."""
+        if not self.rows:
+            return "no whole block was recorded"
+        if self.complete:
+            return "the record is whole"
+        return f"the record ends after sample {self.rows}, without its end marker"
+
+
+def on_disk(capture: Path) -> OnDisk:
+    """What is there of a capture; nothing where it cannot be read."""
+    try:
+        with DirectRecord(capture, "capture") as record:
+            if not record.rows:
+                return OnDisk(0, 0, record.complete)
+            between = record.tick_at(-1) - record.tick_at(0) + 1 - record.rows
+            return OnDisk(record.rows, between, record.complete)
+    except InputError:
+        return OnDisk(0, 0, complete=False)
+
 
 Columns = dict[str, npt.NDArray[Any]]
 

@@ -1,27 +1,38 @@
-"""The JSON files of a run, each one model of Pydantic."""
+"""The JSON files of a run, each one model of Pydantic, sealed."""
 
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from hil.errors import InputError
 from hil.records.atomic import read_json, write_text
+from hil.records.text_seal import UNSEALED, require_unchanged, sealed
 
-Model = TypeVar("Model", bound=BaseModel)
+
+class Sealed(BaseModel):
+    """What is written as a sealed file."""
+
+    seal: str = Field(default="", description="CRC-32C of the file, its eight digits being zero; older files have none")
 
 
-def save(path: Path, model: BaseModel, *, by_alias: bool = False) -> None:
-    """Write the file, whole or not at all."""
-    write_text(path, model.model_dump_json(indent=2, by_alias=by_alias) + "\n")
+Model = TypeVar("Model", bound=Sealed)
+
+
+def save(path: Path, model: Sealed, *, by_alias: bool = False) -> None:
+    """Write the file with its checksum, whole or not at all."""
+    text = model.model_copy(update={"seal": UNSEALED}).model_dump_json(indent=2, by_alias=by_alias)
+    write_text(path, sealed(text + "\n"))
 
 
 def load(path: Path, model: type[Model], *, give: str, anew: str) -> Model:
-    """Read the file. Raises InputError naming it and the key that is wrong, with the remedy: what to `give` in its
-    place, how to have it `anew`.
+    """Read the file. Raises InputError naming it and the key that is wrong, or that it was changed since it was
+    written, with the remedy: what to `give` in its place, how to have it `anew`.
     """
     try:
-        return model.model_validate_json(read_json(path))
+        data = read_json(path)
+        require_unchanged(data, path, anew)
+        return model.model_validate_json(data).model_copy(update={"seal": ""})
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give {give}") from None
     except ValidationError as error:

@@ -115,6 +115,7 @@ def _by_time(folder: Path) -> list[Path]:
 
 def _run(place: Path) -> Listed:
     run = RunFolder(place)
+    _ = run.bench_text  # of a run whose bench file was changed the figures say nothing
     if not run.result_path.exists():
         return Listed(place, "run", "")
     from hil.records.result import load_result  # where figures are asked for, and only there
@@ -129,5 +130,6 @@ def _trace(place: Path) -> Listed:
     from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which the rest needs not
 
     diagnosis = load_diagnosis(place / "diagnosis.json")
+    _ = RunFolder(place).bench_text
     named = tuple(effect.name for effect in diagnosis.effects)
     return Listed(place, "trace", diagnosis.verdict, named=named, reasons=diagnosis.reasons)

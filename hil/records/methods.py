@@ -59,7 +59,7 @@ class MethodRow(_Model):
     remark: str = ""
 
 
-class Methods(_Model):
+class Methods(json_file.Sealed, _Model):
     """All methods on one record."""
 
     record: str

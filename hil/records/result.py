@@ -332,7 +332,7 @@ TOO_SLOW = (
 """Of two runs, where one of them is not `Result.kept_up`."""
 
 
-class Result(_Model):
+class Result(json_file.Sealed, _Model):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
     version: Literal[1] = 1

@@ -12,6 +12,7 @@ from hil.records.covariance import Covariance, read_covariance
 from hil.records.estimates import Estimates, read_estimates
 from hil.records.innovation import Innovation, read_innovation
 from hil.records.kind import TRACE, kind_of
+from hil.records.text_seal import require_unchanged
 from hil.records.timing import Timing, read_timing
 
 if TYPE_CHECKING:
@@ -86,20 +87,25 @@ class RunFolder:
 
     @cached_property
     def bench_text(self) -> str:
-        """The bench file as run, "" when there is none. Raises InputError when it is no text."""
+        """The bench file as run, "" when there is none. Raises InputError when it is no text, or not what was run."""
+        if not self.bench_path.exists():
+            return ""
         try:
-            return self.bench_path.read_text(encoding="utf-8") if self.bench_path.exists() else ""
+            data = self.bench_path.read_bytes()
+            text = data.decode("utf-8")
         except (OSError, UnicodeDecodeError):
             raise InputError(f"{self.bench_path}: cannot be read as text; restore the file as run") from None
+        require_unchanged(data, self.bench_path, "restore it as run; to try another, copy it and give --bench")
+        return text
 
     @cached_property
     def bench(self) -> dict[str, Any]:
         """The bench file as plain tables: old runs stay readable when the bench file's rules change. Raises InputError
-        when it is none at all: neither [device] nor [loop] is in it.
+        when it is none at all: neither [device] nor [loop] is in it; or when it is not what was run.
         """
         from hil.strict_toml import read_table  # and the library that checks what is written there
 
-        if not self.bench_path.exists():
+        if not self.bench_text:
             return {}
         table = read_table(self.bench_path)
         if not any(isinstance(table.get(section), dict) for section in ("device", "loop")):
@@ -165,6 +171,9 @@ def run_of(record: Path) -> Path:
 
 
 def bench_of_record(record: Path) -> Path | None:
-    """The bench file by which a run was made, given its folder or the capture in it; None for any other record."""
-    path = RunFolder(run_of(record)).bench_path
-    return path if path.exists() else None
+    """The bench file by which a run was made, given its folder or the capture in it; None for any other record.
+
+    Raises InputError when it is not what was run.
+    """
+    run = RunFolder(run_of(record))
+    return run.bench_path if run.bench_text else None

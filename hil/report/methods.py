@@ -12,6 +12,7 @@ from hil.next_step import after_comparison
 from hil.numbers import quantity, relative, significant
 from hil.records.atomic import write_text
 from hil.records.methods import MethodKind, MethodRow, Methods
+from hil.records.runfolder import RunFolder
 from hil.report import markup
 from hil.report.facts import date_of
 from hil.report.figures.drawing import Drawing
@@ -44,9 +45,8 @@ class Line:
 
 def write_report(folder: Path, found: Methods, lines: Sequence[Line], capture: Path | None = None) -> Path:
     """Write `folder/report.html`, whole or not at all, and return its path; `capture` is the file they ran on."""
-    listing = folder / "bench.toml"
-    text = listing.read_text(encoding="utf-8") if listing.exists() else ""
     path = folder / "report.html"
+    text = RunFolder(folder).bench_text
     write_text(path, render(found, lines, text, folder.name, after_comparison(folder, found, record=capture)))
     return path
 

@@ -16,6 +16,7 @@ from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.errors import InputError
 from hil.nees import nees
+from hil.records.atomic import write_sealed
 from hil.records.result import Result, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
@@ -103,7 +104,7 @@ def _made(bench: Bench, scenario: Path, folder: Path, *, scan: bool) -> _Made:
 
     place, truth_file = folder.parent, folder.with_name(f"{folder.name}-truth.arrow")
     folder.mkdir()
-    (folder / "bench.toml").write_text(template(values_of(bench), "The bench as run."), encoding="utf-8")
+    write_sealed(folder / "bench.toml", template(values_of(bench), "The bench as run."))
     order = Order(bench.model_dump_json(), f"inproc:{scenario}", str(folder), truth=str(truth_file))
     outcome = work(order, untold, own_process=False)
     stopped = str(outcome["stopped"] or "").replace(f"{place}/", "")

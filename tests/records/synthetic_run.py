@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from hil.records.atomic import write_sealed
 from hil.records.capture import RowFlag, board_layout
 from hil.records.estimates import estimates_layout
 from hil.records.innovation import innovation_layout
@@ -127,7 +128,7 @@ def write_run(folder: Path, options: Options = Options()) -> Path:
         settle=options.settle_s,
         normalised=str(options.normalised).lower(),
     )
-    (folder / "bench.toml").write_text(bench)
+    write_sealed(folder / "bench.toml", bench)
     layouts, rows = _records(options, rng, tick, t, true)
     recording = record_here(folder, layouts)
     for stem, values in rows.items():

@@ -20,6 +20,7 @@ from hil.errors import InputError
 from hil.next_step import after_trace
 from hil.records.diagnosis import MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
 from hil.records.result import Result, save_result
+from hil.records.text_seal import sealed
 from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
 from hil.report.diagnosis.page import Pictures, headline, write_page
@@ -140,7 +141,7 @@ def test_what_is_no_number_is_null_and_the_file_reads_back(tmp_path: Path) -> No
 def test_a_file_that_is_none_is_refused_by_its_key(tmp_path: Path) -> None:
     save_diagnosis(tmp_path / "d.json", to_model(answer(), record="ride", bench="S-test"))
     text = (tmp_path / "d.json").read_text(encoding="utf-8").replace('"explained"', '"certain"')
-    (tmp_path / "d.json").write_text(text, encoding="utf-8")
+    (tmp_path / "d.json").write_text(sealed(text), encoding="utf-8")
     with pytest.raises(InputError, match=r"d\.json: verdict: .*trace the record anew"):
         load_diagnosis(tmp_path / "d.json")
     with pytest.raises(InputError, match="cannot be read"):

@@ -13,6 +13,7 @@ from hil.next_step import after_trace
 from hil.numbers import count, quantity, sensed, significant
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
+from hil.records.runfolder import RunFolder
 from hil.report import markup
 from hil.report.diagnosis import (
     dependence,
@@ -261,8 +262,7 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
 
 
 def _bench_text(folder: Path) -> str:
-    listing = folder / "bench.toml"
-    return listing.read_text(encoding="utf-8") if listing.exists() else ""
+    return RunFolder(folder).bench_text
 
 
 def _rms(value: float | None, unit: str) -> str:

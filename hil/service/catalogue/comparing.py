@@ -1,14 +1,13 @@
 """Two runs, or two traces, side by side: all their figures from the catalogue, and the keys of their bench files."""
 
-from pathlib import Path
 from typing import Any
 
 from hil.comparison import Figure, keys_apart, same_record
 from hil.errors import InputError
+from hil.records.runfolder import RunFolder
 from hil.service import series
 from hil.service.catalogue.catalogue import Catalogue
 from hil.service.catalogue.queries import figures_of, key_of
-from hil.strict_toml import read_table
 
 
 def compare(catalogue: Catalogue, a: str, b: str) -> dict[str, Any]:
@@ -27,7 +26,7 @@ def compare(catalogue: Catalogue, a: str, b: str) -> dict[str, Any]:
         _side_by_side(name, first.get(name), second.get(name), same) for name in dict.fromkeys([*first, *second])
     ]
     told = [{one.name: None for one in series.channels(folder)} for folder in folders]
-    benches = [_bench(folder) for folder in folders]
+    benches = [RunFolder(folder).bench for folder in folders]
     return {
         "a": a,
         "b": b,
@@ -68,8 +67,3 @@ def _better(one: Figure, rule: str | None) -> str | None:
     if badness[0] == badness[1]:
         return None
     return "a" if badness[0] < badness[1] else "b"
-
-
-def _bench(folder: Path) -> dict[str, Any]:
-    path = folder / "bench.toml"
-    return read_table(path) if path.exists() else {}

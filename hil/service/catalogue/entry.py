@@ -17,6 +17,7 @@ from hil.records.blocks import read_opening
 from hil.records.direct import DirectRecord
 from hil.records.occupied import is_occupied
 from hil.records.result import load_result
+from hil.records.runfolder import RunFolder
 from hil.service.catalogue.figures import Known, of_run, of_trace
 from hil.service.catalogue.marks import Marks, read_marks
 
@@ -162,23 +163,16 @@ def _serial(folder: Path) -> str | None:
 
 def _declared(folder: Path) -> tuple[str | None, str | None]:
     """Names that the bench file as run gives the device and the run."""
-    path = folder / "bench.toml"
+    run = RunFolder(folder)
     try:
-        text = path.read_bytes()
-    except FileNotFoundError:
-        return None, None
-    except OSError:
-        raise InputError(f"{path}: cannot be read") from None
-    try:
-        return _names(text)
+        return _names(run.bench_text) if run.bench_text else (None, None)
     except (ValueError, RecursionError):
-        raise InputError(f"{path}: not TOML; restore the file as run") from None
+        raise InputError(f"{run.bench_path}: not TOML; restore the file as run") from None
 
 
 @lru_cache(maxsize=512)
-def _names(text: bytes) -> tuple[str | None, str | None]:
+def _names(told: str) -> tuple[str | None, str | None]:
     """[device] name and [loop] name: of a file that hil wrote, by these tables alone, since TOML is slow to read."""
-    told = text.decode()
     named = []
     for section in ("device", "loop"):
         part = re.search(rf"^\[{section}\]$(.*?)^\[", told, re.DOTALL | re.MULTILINE)

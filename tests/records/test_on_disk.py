@@ -1,0 +1,58 @@
+"""What is said of a record after a failure is read from the disk, not from what was meant to be there."""
+
+from pathlib import Path
+
+import pytest
+
+from hil import examples
+from hil.bench import load_bench
+from hil.loop.run import Interrupted, conclude
+from hil.progress import Progress
+from hil.records.direct import on_disk
+from hil.records.result import load_result
+
+
+def interrupt(_: Progress) -> None:
+    raise KeyboardInterrupt
+
+
+def interrupted_figures(folder: Path) -> str:
+    """What a Ctrl-C during the closing scan says of a run of which the loop counted 10,000 samples."""
+    counters = {"samples": 10_000, "lost": 0}
+    with pytest.raises(Interrupted) as told:
+        conclude(
+            folder,
+            load_bench(examples.find("bench", "s-slow")),
+            {"counters": counters, "safety": {"armed": False, "confirmed": None}},
+            link="pty:s-slow",
+            note=None,
+            progress=interrupt,
+        )
+    return str(told.value)
+
+
+def test_a_record_without_its_end_is_not_called_whole(make_run) -> None:
+    folder, _ = make_run(seconds=0.5)
+    capture = folder / "capture.arrow"
+    data = capture.read_bytes()
+    capture.write_bytes(data[: int(0.9 * len(data))])  # what a full disk left
+    rows = on_disk(capture).rows
+    assert 0 < rows < 2000
+    (folder / "result.json").unlink()
+    said = interrupted_figures(folder)
+    assert "the record is whole" not in said
+    assert said.startswith(f"the record ends after sample {rows}, without its end marker: ")
+    result = load_result(folder / "result.json")
+    assert (result.samples, result.complete, result.verdict) == (rows, False, "interrupted")
+
+
+def test_a_whole_record_is_called_whole(make_run) -> None:
+    folder, _ = make_run(seconds=0.5)
+    (folder / "result.json").unlink()
+    assert interrupted_figures(folder).startswith("the record is whole: ")
+    result = load_result(folder / "result.json")
+    assert (result.samples, result.complete) == (2000, True)
+
+
+def test_without_a_record_nothing_is_called_recorded(tmp_path: Path) -> None:
+    assert on_disk(tmp_path / "capture.arrow").told == "no whole block was recorded"
