@@ -17,6 +17,7 @@ UNSEALED = "CRC-32C 00000000"
 """What stands in a text that is to be sealed."""
 
 _COMMENT = "# sealed: "
+_BROKEN = re.compile(rb'\A# sealed|\A\{\s*"seal":\s*"[^"]')
 _SEAL = re.compile(rb'((?:\A# sealed: |\A\{\s*"seal": ")CRC-32C )([0-9a-f]{8})')
 
 
@@ -40,7 +41,7 @@ def require_unchanged(data: bytes, name: object, remedy: str) -> None:
     """
     found = _SEAL.match(data)
     if found is None:
-        if b'"seal"' in data[:200] or data.startswith(b"# sealed"):
+        if _BROKEN.match(data):
             raise InputError(f"{name}: changed since it was written (its seal is broken); {remedy}")
         return
     start, end = found.span(2)

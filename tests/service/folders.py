@@ -11,7 +11,7 @@ import pytest
 import hil
 from hil import examples
 from hil.loop.run import run
-from hil.records.result import Result
+from hil.records.result import Result, save_result
 from tests.made_once import made_once
 
 
@@ -42,5 +42,5 @@ def another(
         if path.is_file() and path.name not in ("result.json", "report.html") and (records or path.suffix != ".arrow"):
             shutil.copyfile(path, target / path.name)
     told = json.loads((source / "result.json").read_text()) | {"run": folder} | dict(result or {})
-    (target / "result.json").write_text(Result.model_validate(told).model_dump_json())
+    save_result(target / "result.json", Result.model_validate(told))
     return target

@@ -19,7 +19,9 @@ import pytest
 
 import hil
 from hil.errors import InputError
+from hil.records.atomic import write_sealed
 from hil.records.occupied import is_occupied, occupied
+from hil.records.text_seal import sealed
 from hil.service.catalogue import queries
 from hil.service.catalogue.catalogue import Catalogue, Conflict
 from hil.service.catalogue.comparing import compare
@@ -82,7 +84,7 @@ def test_what_changes_in_the_folders_is_taken_over(source: Path, runs: Path, cat
     catalogue.look()
     assert catalogue.look() == (0, 0, ())  # nothing is read that is as it was
     told = json.loads((first / "result.json").read_text()) | {"verdict": "failed"}
-    (first / "new.json").write_text(json.dumps(told))
+    (first / "new.json").write_text(sealed(json.dumps(told)))
     (first / "new.json").replace(first / "result.json")
     assert catalogue.look().ids == (first.name,)
     assert rows(catalogue, verdict="failed")[0]["id"] == first.name
@@ -455,7 +457,7 @@ def test_two_runs_side_by_side(source: Path, runs: Path, catalogue: Catalogue) -
     first = another(source, runs, "20250101-000000-a", better, records=True)
     second = another(source, runs, "20250102-000000-b", worse, records=True)
     text = (second / "bench.toml").read_text()
-    (second / "bench.toml").write_text(text.replace("watchdog_s = 0.02", "watchdog_s = 0.03"))
+    write_sealed(second / "bench.toml", text.replace("watchdog_s = 0.02", "watchdog_s = 0.03"))
     catalogue.look()
     found = compare(catalogue, first.name, second.name)
     figures = {one["name"]: one for one in found["figures"]}
