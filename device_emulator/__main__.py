@@ -1,11 +1,13 @@
 """`python -m device_emulator SCENARIO --link pty`: a board in a process of its own.
 
 Prints one line, `ready serial:/dev/pts/N`, then serves until SIGTERM, the end of its parent, or the hang-up
-of a lockstep host. Exit code 0; 2 with one line on standard error for bad input.
+of a lockstep host. Exit code 0; 2 with one line on
+standard error for bad input.
 """
 
 import argparse
 import contextlib
+import math
 import os
 import sys
 from pathlib import Path
@@ -21,7 +23,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--link", default="pty", help=reached)
     parser.add_argument("--truth", type=Path, metavar="FILE", help="write the true states here (Arrow)")
     parser.add_argument("--truth-every", type=_positive, default=1, metavar="N", help="one row in N (default 1)")
-    parser.add_argument("--seed", type=_seed, metavar="N", help="instead of the scenario's")
+    parser.add_argument("--seed", type=_not_negative, metavar="N", help="instead of the scenario's")
+    parser.add_argument("--latency", type=_not_negative, metavar="TICKS", help="instead of the scenario's")
+    parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second, instead of the scenario's")
     parser.add_argument(
         "--parent", type=_positive, metavar="PID", help="serve until this process has ended (default: its own)"
     )
@@ -48,7 +52,7 @@ def _serve(options: argparse.Namespace) -> None:
 
     if options.parent is None:
         options.parent = os.getppid()
-    scenario = load(options.scenario)
+    scenario = load(options.scenario, latency_ticks=options.latency, rate_Hz=options.rate)
     with contextlib.ExitStack() as stack:
         # From here on SIGTERM waits for the server, so that the truth file gets its end.
         stop = stack.enter_context(stop_signal())
@@ -78,10 +82,17 @@ def _positive(text: str) -> int:
     return value
 
 
-def _seed(text: str) -> int:
+def _not_negative(text: str) -> int:
     value = int(text)
     if value < 0:
         raise argparse.ArgumentTypeError(f"{text} is not 0 or more")
+    return value
+
+
+def _rate(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"{text} is no rate in Hz")
     return value
 
 

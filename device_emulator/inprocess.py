@@ -26,12 +26,19 @@ class InprocessBoard:
             self._truth.close()
 
 
-def open_board(scenario: str, truth: str | None = None, seed: int | None = None) -> InprocessBoard:
-    """The board of a scenario file. It writes its true states to `truth`; `seed` overrides the scenario's.
+def open_board(
+    scenario: str,
+    truth: str | None = None,
+    seed: int | None = None,
+    latency_ticks: int | None = None,
+    rate_Hz: float | None = None,
+) -> InprocessBoard:
+    """The board of a scenario file. It writes its true states to `truth`; `seed`, `latency_ticks` and `rate_Hz`
+    override the scenario's.
 
     Raises `ScenarioError`, one line, if the scenario cannot be emulated or the truth file cannot be made.
     """
-    what = load(Path(scenario))
+    what = load(Path(scenario), latency_ticks=latency_ticks, rate_Hz=rate_Hz)
     file = None if truth is None else TruthFile(Path(truth), truth_metadata(what, seed))
     device = Device(what, seed, None if file is None else file.add)
     board = Board(what, device, (ClockMode.LOCKSTEP,))

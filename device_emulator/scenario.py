@@ -194,8 +194,11 @@ def _beyond(scenario: Scenario) -> str | None:
 _MOST_BYTES = 1 << 22
 
 
-def load(path: Path) -> Scenario:
-    """The scenario in a TOML file. Raises `ScenarioError`: one line with file, key and what was expected."""
+def load(path: Path, *, latency_ticks: int | None = None, rate_Hz: float | None = None) -> Scenario:
+    """The scenario in a TOML file, the board with another latency or sample rate where one is given.
+
+    Raises `ScenarioError`: one line with file, key and what was expected.
+    """
     try:
         with path.open("rb") as file:
             text = file.read(_MOST_BYTES + 1)
@@ -209,6 +212,9 @@ def load(path: Path) -> Scenario:
         raise ScenarioError(f"{path}: not a TOML file: nested too deeply") from None
     except ValueError as error:  # also of bytes that are no text, and of numbers with thousands of digits
         raise ScenarioError(f"{path}: not a TOML file: {error}") from None
+    for table, key, given in (("drive", "latency_samples", latency_ticks), ("board", "sample_rate_Hz", rate_Hz)):
+        if given is not None and isinstance(document.get(table), dict):
+            document[table][key] = given
     rate = document.get("rate")
     if isinstance(rate, dict) and isinstance(rate.get("path"), str):
         rate["path"] = str(path.parent / rate["path"])

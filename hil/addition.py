@@ -11,11 +11,12 @@ from estimator.errors import ModelError
 from hil.bench import Bench
 from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter, own_table
 from hil.bench.toml import toml_key, toml_value
-from hil.emulation import is_emulated, located
+from hil.emulation import is_emulated
 from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Coefficient, Diagnosis, MissingForce
 from hil.strict_toml import parse_table, table_of
+from hil.wire.links import parse_emulated
 
 _COLUMN = 36  # where the remarks begin
 
@@ -170,10 +171,10 @@ def _with_board(text: str, table: dict[str, Any], source: Path, target: Path) ->
     if not isinstance(link, dict) or not isinstance(url, str) or not is_emulated(url):
         return text, table
     kind, _, place = url.partition(":")
-    if source.parent.resolve() == target.parent.resolve() or not (source.parent / place).is_file():
+    board = parse_emulated(place)
+    if source.parent.resolve() == target.parent.resolve() or not (source.parent / board.scenario).is_file():
         return text, table
-    path = Path(located(url, beside=source).partition(":")[2]).resolve()
-    moved = f"{kind}:{path}"
+    moved = f"{kind}:{board._replace(scenario=str((source.parent / board.scenario).resolve())).text}"
     return text.replace(toml_value(url), toml_value(moved), 1), {**table, "link": {**link, "url": moved}}
 
 

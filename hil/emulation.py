@@ -19,10 +19,12 @@ from typing import IO, NamedTuple
 from hil import examples
 from hil.compiler import require_compiler
 from hil.errors import InputError
-from hil.wire.links import require_known
+from hil.progress import Progress, Watcher, untold
+from hil.wire.links import parse_emulated, require_known
 
 _READY = "ready "
-_START_S = 120.0  # the first start on a machine compiles the plant
+_TOLD_S = 1.0  # how often it is told that a board is still waited for …
+_USUAL_S = 5.0  # … from here on
 _STOP_S = 10.0
 
 
@@ -47,22 +49,36 @@ class Emulator:
             return f"ended with code {self.process.returncode} and no message"
         return lines[-1].removeprefix("device_emulator: ").removeprefix("error: ")
 
-    def wait_ready(self) -> None:
-        """Block until ``ready URL`` is there; `InputError` with the emulator's message if it ends first."""
+    def wait_ready(self, progress: Watcher) -> None:
+        """Block until ``ready URL`` is there, for as long as the process lives; how long that takes is told.
+        `InputError` with the emulator's message if it ends first.
+        """
+        begun = time.monotonic()
+        for line in self._lines():
+            waited_s = time.monotonic() - begun
+            if line is None:
+                if waited_s > _USUAL_S:
+                    progress(Progress("board", 0, 0, note=f"waiting for the emulated board, {waited_s:.0f} s so far"))
+            elif line.startswith(_READY):
+                self.url = line.removeprefix(_READY).strip()
+                return
+            else:
+                raise InputError(f"emulated board: expected a line 'ready URL', got {line[:60]!r}")
+        self.process.wait()
+        raise InputError(f"emulated board: {self.last_words()}")
+
+    def _lines(self) -> Iterator[str | None]:
+        """Lines of its standard output until that is closed, None now and then while none comes."""
         assert self.process.stdout is not None
-        output, heard, deadline = self.process.stdout.fileno(), b"", time.monotonic() + _START_S
-        while b"\n" not in heard:
-            readable, _, _ = select.select([output], [], [], max(0.0, deadline - time.monotonic()))
-            if not readable:
-                raise InputError(f"emulated board: not ready after {_START_S:.0f} s")
+        output, heard = self.process.stdout.fileno(), b""
+        while True:
+            if not select.select([output], [], [], _TOLD_S)[0]:
+                yield None
+                continue
             if not (more := os.read(output, 4096)):
-                self.process.wait()
-                raise InputError(f"emulated board: {self.last_words()}")
-            heard += more
-        line = heard.split(b"\n", 1)[0].decode("utf-8", "replace")
-        if not line.startswith(_READY):
-            raise InputError(f"emulated board: expected a line 'ready URL', got {line[:60]!r}")
-        self.url = line.removeprefix(_READY).strip()
+                return
+            *lines, heard = (heard + more).split(b"\n")
+            yield from (line.decode("utf-8", "replace") for line in lines)
 
     def wait(self) -> None:
         """Block until the process ends by itself; `InputError` with its last words if it did not end well."""
@@ -83,26 +99,31 @@ class Emulator:
 
 @contextmanager
 def emulator(
-    scenario: Path, *, link: str = "pty", truth: Path | None = None, seed: int | None = None
+    scenario: Path,
+    *,
+    link: str = "pty",
+    truth: Path | None = None,
+    seed: int | None = None,
+    latency_ticks: int | None = None,
+    rate_Hz: float | None = None,
+    progress: Watcher = untold,
 ) -> Iterator[Emulator]:
-    """Serve ``scenario`` for the length of the block.
+    """Serve ``scenario`` for the length of the block, its board with another latency or sample rate where one is given.
 
     It runs in a session of its own: Ctrl-C belongs to the host, which sends SAFE before the board goes.
     `InputError` when the emulator cannot start, or died inside the block and so spoilt what the block did.
     """
     require_compiler()
     command = [sys.executable, "-m", "device_emulator", str(scenario), "--link", link, "--parent", str(os.getpid())]
-    if truth is not None:
-        command += ["--truth", str(truth)]
-    if seed is not None:
-        command += ["--seed", str(seed)]
+    given = {"--truth": truth, "--seed": seed, "--latency": latency_ticks, "--rate": rate_Hz}
+    command += [text for name, value in given.items() if value is not None for text in (name, str(value))]
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=said, start_new_session=True
         )
         board = Emulator(process, said)
         try:
-            board.wait_ready()
+            board.wait_ready(progress)
             yield board
         except (ValueError, OSError) as error:
             if board.url and board.failed:
@@ -122,7 +143,10 @@ def is_emulated(link: str) -> bool:
 def shown(link: str) -> str:
     """``link`` as a reader needs it: of an emulated board the scenario's name, not where its file lies."""
     kind, _, place = link.partition(":")
-    return f"{kind}:{Path(place).name}" if is_emulated(link) else link
+    if not is_emulated(link):
+        return link
+    board = parse_emulated(place)
+    return f"{kind}:{board._replace(scenario=Path(board.scenario).name).text}"
 
 
 class Served(NamedTuple):
@@ -146,11 +170,18 @@ class Served(NamedTuple):
 
 
 @contextmanager
-def served(link: str, *, truth: Path | None = None, seed: int | None = None) -> Iterator[Served]:
+def served(
+    link: str, *, truth: Path | None = None, seed: int | None = None, progress: Watcher = untold
+) -> Iterator[Served]:
     """``link`` as something to open; behind ``pty:SCENARIO`` a board serves for the length of the block."""
     kind, _, place = link.partition(":")
     if kind == "pty":
-        with emulator(Path(place), truth=truth, seed=seed) as board:
+        what = parse_emulated(place)
+        serving = emulator(
+            Path(what.scenario), truth=truth, seed=seed, latency_ticks=what.latency_ticks, rate_Hz=what.rate_Hz,
+            progress=progress,
+        )  # fmt: skip
+        with serving as board:
             yield Served(board.url, board)
     else:
         yield Served(link)
@@ -158,10 +189,11 @@ def served(link: str, *, truth: Path | None = None, seed: int | None = None) -> 
 
 def located(link: str, *, beside: Path | None = None) -> str:
     """``link`` with the scenario of an emulated board as a path; `InputError` where there is none, `LinkError` for an
-    unknown kind of link.
+    unknown kind of link or a bad option.
     """
     kind, _, place = link.partition(":")
     if is_emulated(link):
-        return f"{kind}:{examples.find('scenario', place, beside=beside)}"
+        board = parse_emulated(place)
+        return f"{kind}:{board._replace(scenario=str(examples.find('scenario', board.scenario, beside=beside))).text}"
     require_known(link)
     return link

@@ -13,12 +13,26 @@ BoardLink = Annotated[
     str, typer.Option("--link", "-l", help="What the board is to be reached by: pty, can:NAME or udp:GROUP:PORT.")
 ]
 
+Latency = Annotated[
+    int | None,
+    typer.Option(
+        "--latency", min=0, max=64, metavar="TICKS",
+        help="Ticks from a sample to the interval that its drive acts on.  [default: the scenario's]",
+    ),
+]  # fmt: skip
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Samples a second.  [default: the scenario's]"),
+]
+
 
 def emulate(
     scenario: ScenarioArgument,
     link: BoardLink = "pty",
     truth: Truth = None,
     seed: Seed = None,
+    latency: Latency = None,
+    rate: Rate = None,
     json: Json = False,
 ) -> None:
     """Serve an emulated board until told to stop.
@@ -26,21 +40,34 @@ def emulate(
     Prints one line, `ready serial:/dev/pts/N` or `ready` with the link given, when it can be connected to. Ends with
     Ctrl-C or SIGTERM, or when a lockstep host hangs up.
 
+    --latency and --rate change what the board is and what IDENTITY tells of it; the device stays the scenario's. Of a
+    board that the host starts they stand in the link: pty:SCENARIO?latency=TICKS&rate=HZ. The host goes by IDENTITY. A
+    bench file whose sample_rate_Hz is another is refused. Samples a SENSE are [loop] block of the bench file.
+
     Examples:
 
     \b
       hil emulate s-slow
       hil emulate my.scenario.toml --truth truth.arrow --seed 7
       hil run s-slow --link serial:/dev/pts/N --arm       (in a second terminal)
+      hil emulate s-slow --latency 4
       hil emulate s-slow --link can:vcan0
       hil emulate s-slow --link udp:239.0.0.1:4242
       hil emulate s-slow --link "udp:239.0.0.1:4242?interface=192.168.1.30&key=gyro-7.key"
     """
+    from contextlib import ExitStack
     from json import dumps
 
+    from hil.cli.progress import watching
     from hil.emulation import emulator
     from hil.examples import find
 
-    with emulator(find("scenario", scenario), link=link, truth=truth, seed=seed) as board:
+    with ExitStack() as held:
+        with watching("emulate") as watch:
+            serving = emulator(
+                find("scenario", scenario), link=link, truth=truth, seed=seed, latency_ticks=latency, rate_Hz=rate,
+                progress=watch,
+            )  # fmt: skip
+            board = held.enter_context(serving)
         print(dumps({"ready": board.url}) if json else f"ready {board.url}", flush=True)
         board.wait()

@@ -1,12 +1,15 @@
 """``hil run``: the loop against a board, real or emulated."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 import hil
 from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Note, Out, Replace, Seed, Truth
+
+if TYPE_CHECKING:
+    from hil.bench import Bench
 
 Clock = Annotated[
     Literal["lockstep", "paced", "real"] | None,
@@ -52,6 +55,9 @@ def run(
     Without --link the bench file's [link] url is used. pty:SCENARIO and inproc:SCENARIO start an emulated
     board. Any other link may lead to something that moves: it is armed with --arm, or after a yes at the
     terminal. However the run ends, the board is sent SAFE and has to confirm it (docs/safety.md).
+
+    A dry run on wall time also measures what this machine holds on that link: of an emulated board the latency, or the
+    block and sample rate, at which few enough answers are late; of any other the table of hil doctor, without arming.
 
     Examples:
 
@@ -99,5 +105,25 @@ def run(
             )  # fmt: skip
     if dry_run:
         show_identity(url, looked.identity, declared, as_json=json)
+        if not json and declared.loop.clock != "lockstep":
+            _show_what_is_held(declared, url)
     else:
         finish(done.path, as_json=json)
+
+
+def _show_what_is_held(bench: "Bench", url: str) -> None:
+    """After a dry run: what the run may ask of this machine."""
+    from hil.cli.doctor import print_holds
+    from hil.cli.progress import watching
+    from hil.doctor import link
+    from hil.emulation import is_emulated
+    from hil.errors import printable
+    from hil.started import measured
+
+    if is_emulated(url):
+        with watching("what this machine holds") as watch:
+            print(printable(f"machine  {measured(bench, url, watch).words}"))
+        return
+    _, found = link.examine(url)
+    if found is not None:
+        print_holds(found["holds"])

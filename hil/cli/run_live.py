@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hil.emulation import shown
 from hil.errors import InputError
 from hil.progress import Progress, Watcher
 
@@ -31,7 +32,7 @@ def run_live(bench: "Bench", link: str, out: Path, *, note: str | None, open_loo
         print(f"live: {said['links']['administer']}", file=sys.stderr, flush=True)
         _show(said["links"]["administer"])
         with service.board("hil run --live") as board:
-            board.connect(_named(link))
+            board.connect(shown(link))  # as a request names it: scenarios by name
             try:
                 run = board.start(bench, arm=True, open_loop=open_loop, note=note).id
                 _follow(service, run, progress)
@@ -69,12 +70,6 @@ def _served(out: Path) -> Iterator[dict[str, Any]]:
         process.send_signal(signal.SIGTERM)
         process.wait(_END_S)
         process.stdout.close()
-
-
-def _named(link: str) -> str:
-    """A link as a request names it: scenarios by name."""
-    kind, _, place = link.partition(":")
-    return f"{kind}:{Path(place).name}" if kind in ("pty", "inproc") else link
 
 
 def _show(url: str) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from hil.bench import Bench
-    from hil.demo import Circle
+    from hil.demo import Circle, Single
     from hil.records.result import Result
 
 _VERDICT_STYLE = {"good": "green", "failed": "red", "interrupted": "yellow", "unsafe": "bold white on red"}
@@ -37,8 +37,9 @@ def print_json(figures: Mapping[str, Any]) -> None:
     print(printable_json(json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False)))
 
 
-def finish(folder: Path, *, as_json: bool) -> NoReturn:
-    """Print the figures of the run in ``folder`` and leave: exit code 0 unless the verdict is against it."""
+def finish(folder: Path, *, as_json: bool, good: bool | None = None) -> NoReturn:
+    """Print the figures of the run in ``folder`` and leave: exit code 0 unless the verdict is against it, or with
+    ``good`` by what that says."""
     from hil.records.result import load_result
     from hil.records.runfolder import RunFolder
 
@@ -51,7 +52,21 @@ def finish(folder: Path, *, as_json: bool) -> NoReturn:
         print(printable_json(run.result_path.read_text(encoding="utf-8")), end="")
     else:
         _print_tables(result, run.report_path)
-    raise typer.Exit(0 if result.verdict in (None, "good") else 1)
+    raise typer.Exit(0 if (result.verdict in (None, "good") if good is None else good) else 1)
+
+
+def print_claims(shown: "Circle | Single") -> None:
+    """What an emulated board was started with and why, and what the demonstration was to show."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for words in shown.told:
+        console.print(printable(f"machine  {words}"), markup=False)
+    for claim in shown.claims:
+        style, word = ("green", "shown") if claim.held else ("red", "not shown")
+        console.print(f"[{style}]{word:<9}[/{style}]", end="")
+        console.print(printable(claim.words), markup=False)
+    console.print()
 
 
 def print_before_and_after(circle: "Circle") -> None:
@@ -197,6 +212,8 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "turnaround p50, p99, p99.9", result.turnaround_us.line
     if result.ledger_us is not None:
         yield "sample to effect p50, p99, p99.9", result.ledger_us.total.line
+    if result.holds is not None:
+        yield "this machine holds", result.holds.line
     if result.board_clock is not None:
         yield "board's clock", result.board_clock.line
     if result.load is not None:

@@ -57,7 +57,7 @@ def rows(state: dict[str, Any]) -> list[tuple[str, str]]:
         done = f" {100 * state['done'] / state['total']:.0f} %" if state["total"] else ""
         told.append(("run", f"{state['run'] or ''} {state['stage']}{done}".strip()))
     if "t_s" in now:
-        told.append(("bench time", f"{now['t_s']:.2f} s of {state['duration_s'] or 0:g} s"))
+        told.append(("time", f"{now['elapsed_s']:.2f} s of {state['duration_s'] or 0:g} s"))
         told.append(("angle", _with_u(now.get("angle_rad"), now.get("angle_u_rad"), "rad")))
         told.append(("rate", _with_u(now.get("rate_rad_s"), now.get("rate_u"), "rad/s")))
         innovation, drive = now.get("innovation") or {}, now.get("drive") or {}

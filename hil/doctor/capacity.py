@@ -4,6 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from hil.wire.can_format import ROOM
+from hil.wire.spec import SPEC
 
 CORE = 0.5
 """Share of one core that gain mode may take: the rest of it is for what a shared machine does now and then."""
@@ -19,6 +20,12 @@ _UART_BITS = 10.0
 _ARBITRATION_BITS, _DATA_BITS = 30.0, 600.0
 
 
+LATENCIES = 1, 4
+"""Of boards in force mode of which it is told what rate they can have."""
+
+LARGEST_BLOCK = int(SPEC.registers["BLOCK"].maximum)
+
+
 class Capacity(NamedTuple):
     """Rates in samples a second; None where it was not measured. `limit` says what the lower one depends on."""
 
@@ -26,6 +33,43 @@ class Capacity(NamedTuple):
     force_limit: str
     gain_Hz: float | None
     gain_limit: str
+
+
+def holds(probed: dict[str, Any], held: Capacity) -> list[tuple[str, str, str]]:
+    """What the machine holds on that link, a row each: mode, setting of the board, and what it may be."""
+    tick, rate_Hz = probed["tick_us"], float(probed["identity"]["tick_rate_Hz"])
+    rows = []
+    if tick is not None:
+        answer_us = probed["round_trip_us"]["p99"] + tick["p99"]
+        core_Hz = CORE * 1e6 / (PATH * (probed["busy_us"] + tick["p50"]))
+        for latency in LATENCIES:
+            most = min(latency * 1e6 / answer_us, core_Hz)
+            setting = f"latency {latency} tick{'s' if latency > 1 else ''}"
+            rows.append(("force", setting, f"up to {rounded(most):g} Hz"))
+    if held.gain_Hz is not None:
+        rows.append(("gain", "any block", f"up to {rounded(held.gain_Hz):g} Hz"))
+        block = least_block(probed["round_trip_us"]["p99"], PATH * probed["block_us_per_row"], rate_Hz)
+        few = f"blocks of {block} samples or more" if block else "no block is long enough"
+        rows.append(("gain", f"{rate_Hz:g} Hz", few))
+    return rows
+
+
+def least_block(round_trip_us: float, row_us: float, rate_Hz: float) -> int | None:
+    """The smallest block within whose length a block comes, is observed at `row_us` a sample, and is answered; None
+    where none is.
+
+    >>> least_block(100.0, 4.0, 1e5), least_block(100.0, 11.0, 1e5)
+    (17, None)
+    """
+    spare_us = 1e6 / rate_Hz - row_us
+    block = math.ceil(round_trip_us / spare_us) if spare_us > 0.0 else LARGEST_BLOCK + 1
+    return block if block <= LARGEST_BLOCK else None
+
+
+def rounded(rate_Hz: float) -> float:
+    """Two significant digits, downward: nobody should plan with the rest."""
+    scale = 10.0 ** (len(str(int(rate_Hz))) - 2)
+    return int(rate_Hz / scale) * scale
 
 
 def capacity(

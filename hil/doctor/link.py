@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.doctor import ports
-from hil.doctor.capacity import Capacity, capacity
+from hil.doctor.capacity import Capacity, capacity, holds, rounded
 from hil.doctor.finding import Finding
 from hil.emulation import is_emulated, served
 from hil.errors import InputError
@@ -37,6 +37,7 @@ def examine(link: str) -> tuple[list[Finding], dict[str, Any] | None]:
         return [Finding("link", "bad", told, f"sudo {remedy}" if remedy else "")], None
     held = capacity(probed, baud=uart_baud(link), bit_rates=_bit_rates(link))
     probed["force_Hz"], probed["gain_Hz"] = held.force_Hz, held.gain_Hz
+    probed["holds"] = holds(probed, held)
     return list(judge(link, probed, held)), probed
 
 
@@ -65,19 +66,15 @@ def judge(link: str, probed: dict[str, Any], held: Capacity) -> Iterator[Finding
             yield Finding(mode, "missing", f"{told}; the board does not offer it")
         elif held_Hz < rate:
             remedy = (
-                'use [loop] mode = "gain", or clock = "lockstep" on an emulated board'
+                "use a larger latency in its firmware (hil emulate --latency)"
                 if mode == "force mode"
-                else ("use a faster wire, or a lower sample rate")
+                else "use a faster wire, or a lower sample rate"
             )
+            if mode == "force mode" and Capabilities.GAIN_MODE in able:
+                remedy += ', or [loop] mode = "gain"'
             yield Finding(mode, "missing", f"{told}; too slow for this board", remedy)
         else:
             yield Finding(mode, "good", told)
-
-
-def rounded(rate_Hz: float) -> float:
-    """Two significant digits, downward: nobody should plan with the rest."""
-    scale = 10.0 ** (len(str(int(rate_Hz))) - 2)
-    return int(rate_Hz / scale) * scale
 
 
 def uart_baud(link: str) -> float | None:

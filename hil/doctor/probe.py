@@ -46,9 +46,13 @@ def probe(url: str, *, stream: bool) -> dict[str, Any]:
             client.write_register(endpoint, "CLOCK_MODE", ClockMode.PACED)
             client.arm(endpoint)
         refused = realtime.prepare()
+        begun_s = time.process_time()
+        trips = round_trips(endpoint)
+        busy_s = time.process_time() - begun_s
         return {
             "identity": identity._asdict(),
-            "round_trip_us": percentiles(round_trips(endpoint)),
+            "round_trip_us": percentiles(trips),
+            "busy_us": 1e6 * busy_s / len(trips),
             "wake_up_us": percentiles(wake_ups()),
             "refused": refused,
             "streaming": stream,

@@ -73,6 +73,8 @@ class ForceLoop(Loop):
         if first is None:
             first = self._first = rows[0][0]
         newest = rows[-1][0]
+        # What came with newer rows is answered where that can still act in time; in lockstep no tick passes meanwhile.
+        oldest = newest - (0 if self._lockstep else max(self._latency - 1, 0))
         for row in rows:
             tick = row[0]
             if tick != self._next and self._next is not None:
@@ -83,12 +85,13 @@ class ForceLoop(Loop):
             self._step_target(tick - first)
             codes = observer.tick(row[1], row[2], row[3], row[4])
             estimated_ns = time.monotonic_ns()
-            if tick == newest:
+            if tick >= oldest:
                 endpoint.send_drive(codes[0], codes[1], tick + self._latency)
                 sent_ns = endpoint.sent_ns
                 self._drives += 1
                 self._timing.put(tick, endpoint.received_ns, estimated_ns, sent_ns)
-                self._give_way()
+                if tick == newest:
+                    self._give_way()
                 self._shown.sent(codes[0], codes[1], tick + self._latency)
                 if sent_ns - self._answered_ns > self._suspicious_ns:
                     self._answered(sent_ns)

@@ -86,15 +86,35 @@ def require_suitable(bench: Bench, identity: Identity, link: str) -> None:
             f"{link}: IDENTITY.capabilities is {identity.capabilities}, neither force nor gain mode: nothing could be "
             "driven; correct the firmware"
         )
-    if clock is ClockMode.LOCKSTEP and Capabilities.LOCKSTEP not in able:
-        raise InputError(f'{link}: the board cannot wait for the host; use [loop] clock = "real"')
-    if clock is ClockMode.PACED and Capabilities.PACED not in able:
-        raise InputError(f'{link}: this board has no wall clock of its own; use [loop] clock = "lockstep"')
+    if (kept := clock_kept(able, clock)) is not clock:
+        refused = {
+            ClockMode.LOCKSTEP: "the board cannot wait for the host",
+            ClockMode.PACED: "this board is not paced by an emulator",
+            ClockMode.REAL: "this board is an emulated one, which keeps no clock of hardware",
+        }
+        raise InputError(f'{link}: {refused[clock]}; use [loop] clock = "{kept.name.lower()}"')
     if bench.loop.mode == "gain" and Capabilities.GAIN_MODE not in able:
         raise InputError(f'{link}: the board cannot close the loop itself; use [loop] mode = "force"')
     if bench.loop.mode == "force" and Capabilities.FORCE_MODE not in able:
         raise InputError(f'{link}: the board does not take a drive for each sample; use [loop] mode = "gain"')
     _require_range(bench, identity, link)
+
+
+def clock_kept(able: Capabilities, asked: ClockMode) -> ClockMode:
+    """The clock asked for where the board keeps it, else one that it keeps, as far as IDENTITY tells.
+
+    PACED is kept by emulated boards, REAL by hardware, so a board keeps one of the two (docs/wire.md, Clock modes); an
+    emulated board inside the host's process keeps LOCKSTEP only.
+    """
+    if asked is ClockMode.LOCKSTEP:
+        if Capabilities.LOCKSTEP in able:
+            return asked
+        return ClockMode.PACED if Capabilities.PACED in able else ClockMode.REAL
+    if Capabilities.PACED in able:
+        return ClockMode.PACED
+    if asked is ClockMode.PACED:
+        return ClockMode.LOCKSTEP if Capabilities.LOCKSTEP in able else ClockMode.REAL
+    return asked
 
 
 def _require_range(bench: Bench, identity: Identity, link: str) -> None:
@@ -144,7 +164,12 @@ def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> dict[str,
     if "SESSION" in SPEC.registers:
         registers["SESSION"] = 1 + secrets.randbelow(0xFFFFFFFF)
     for name, value in registers.items():
-        client.write_register(endpoint, name, value, bench.link.timeout_s)
+        try:
+            client.write_register(endpoint, name, value, bench.link.timeout_s)
+        except ProtocolError as error:
+            if name == "CLOCK_MODE" and Capabilities.LOCKSTEP in Capabilities(identity.capabilities):
+                raise ProtocolError(f'{error}; use [loop] clock = "lockstep"') from None
+            raise
     for name, value in registers.items():  # all of them again: writing one may have changed another
         held = client.read_register(endpoint, name, bench.link.timeout_s)
         if held != value:

@@ -82,7 +82,7 @@ def run(
     said = "nothing was armed"
     try:
         with (
-            nullcontext(board) if board is not None else served(link, truth=truth, seed=bench.loop.seed) as board,
+            _served(board, link, truth, bench, progress) as board,
             _logged(log, board.url) as logged,
             ExitStack() as held,
         ):
@@ -130,6 +130,15 @@ def run(
     if not (dry_run or recorded):
         raise as_raised(outcome.get("failed", ["LinkError"]), outcome["stopped"])
     return RunResult(folder if recorded else None, outcome.get("identity", {}))
+
+
+def _served(
+    board: Served | None, link: str, truth: Path | None, bench: Bench, progress: Watcher
+) -> "AbstractContextManager[Served]":
+    """The board that serves already, or one that is started."""
+    if board is not None:
+        return nullcontext(board)
+    return served(link, truth=truth, seed=bench.loop.seed, progress=progress)
 
 
 def _what_was_done(safety: dict[str, Any]) -> str:

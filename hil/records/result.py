@@ -6,7 +6,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from hil.numbers import percent
 from hil.records import json_file
+from hil.records.setting import Setting
+
+_SPACE = "\N{NO-BREAK SPACE}"
 
 
 class _Model(BaseModel):
@@ -168,6 +172,28 @@ class Answers(_Model):
         if sum(self.parts.values()) != self.ticks:
             raise ValueError(f"the parts are {sum(self.parts.values())} samples, ticks is {self.ticks}")
         return self
+
+
+class Holds(_Model):
+    """The quickest setting of a board at which this machine, as it was in the run, answers it in time on that link."""
+
+    latency_ticks: Count = Field(description="Force mode: from a sample to the interval its answer acts on; else 0")
+    block: Count = Field(description="Gain mode: samples of a SENSE; 1 else")
+    rate_Hz: NonNegative = Field(description="Samples a second")
+    expected: Fraction = Field(description="Late answers of a run of that length, by how late those of the record were")
+    at_most: Fraction = Field(description="Upper end of the one-sided 95 % prediction interval of that")
+    safely: bool = Field(description="Whether it leaves a margin to [limits] late_fraction: a third of it is expected")
+
+    @property
+    def setting(self) -> Setting:
+        """The setting itself."""
+        return Setting(self.latency_ticks, self.block, self.rate_Hz)
+
+    @property
+    def line(self) -> str:
+        """In one line."""
+        late = f"{percent(self.expected, 2)} of the answers late expected"
+        return f"{self.setting.words}: {late} (95{_SPACE}%: at most {percent(self.at_most, 2)})"
 
 
 class Parameter(_Model):
@@ -370,6 +396,9 @@ class Result(json_file.Sealed, _Model):
     load: Load | None = Field(default=None, description="What the host needed of a core, from ARM to SAFE")
     bare_turnaround_us: Percentiles | None = Field(
         default=None, description="A bare read and write, paced alike in the same run"
+    )
+    holds: Holds | None = Field(
+        default=None, description="Null in lockstep, and where no setting of the board would be answered in time"
     )
     scan: Scan | None = Field(default=None, description="Null where nothing was recorded that could be scanned")
     diagnosis: dict[str, Any] | None = None

@@ -114,6 +114,8 @@ def ledger(material: Material) -> str:
     """The board's clock, where the time of a block went, and what the host needed of a core."""
     result = material.result
     parts = []
+    if result.holds is not None:
+        parts.append(paragraph(f"What this machine, as it was, holds on that link: {result.holds.line}."))
     if result.board_clock is not None:
         clock = result.board_clock
         parts.append(paragraph(f"Times are in {clock.time_base}. The board's clock: {clock.line}."))

@@ -8,9 +8,12 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from hil.bench import Bench, load_bench
-from hil.records.result import Part, Result, RunVerdict
+from hil.emulation import is_emulated
+from hil.records.lateness import lateness_of
+from hil.records.result import Holds, Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
+from hil.verdict.holds import held, own_setting
 from hil.verdict.machine import judge_machine, mishaps
 from hil.verdict.model import judge_model, trace_command
 from hil.verdict.safety import judge_safety
@@ -19,22 +22,23 @@ from hil.verdict.safety import remarks as stops_survived
 __all__ = ["Judgement", "judge"]
 
 
-_DOUBTS = {
-    "model": "the machine part failed too: repeat in lockstep to check",
-    "angle": "fix the late answers first",
-}
+_DOUBTS = {"model": "the machine part failed too", "angle": "fix the late answers first"}
 """Said of a part that failed beside the machine's."""
+
+_EMULATED = ": repeat in lockstep to check"
+"""Said of the model as well where the board can wait."""
 
 
 class Judgement(NamedTuple):
     """The verdict as in result.json: its four parts by name (worst first), one line per limit that was not kept, one
-    per mishap that ended nothing, and the command that comes next."""
+    per mishap that ended nothing, the command that comes next, and what this machine would hold on that link."""
 
     verdict: RunVerdict
     parts: dict[str, Part]
     reasons: tuple[str, ...]
     remarks: tuple[str, ...]
     next: str
+    holds: Holds | None = None
 
 
 def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str, Any]) -> Judgement:
@@ -46,20 +50,25 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     ended_early = bool(stopped) or not result.complete
     too_slow = "HostTooSlow" in outcome.get("failed", ())
     bench_file = shlex.quote(str(folder.bench_path))
+    late = lateness_of(folder, result.answers)
+    latency_ticks = 0 if late is None or folder.capture is None else folder.capture.latency_ticks
     parts = {
         "safety": judge_safety(outcome),
-        "machine": judge_machine(result, bench, refused, bench_file, stopped if too_slow else ""),
+        "machine": judge_machine(
+            result, bench, refused, bench_file, stopped if too_slow else "", late=late, latency_ticks=latency_ticks
+        ),
         "model": judge_model(folder, result, bench, ended_early=ended_early),
         "angle": judge_angle(folder, result, bench),
     }
-    parts = _doubted(parts)
+    parts = _doubted(parts, result.link)
     told = [part.reason for part in parts.values() if part.against]
     # What concerns the board's safety comes before everything else.
     at = int(parts["safety"].against)
     reasons = told[:at] + ([stopped] if stopped and not any(stopped in line for line in told) else []) + told[at:]
     remarks = (*stops_survived(outcome), *refused, *mishaps(result, outcome.get("counters", {})))
     verdict = _verdict(parts, ended_early)
-    return Judgement(verdict, parts, tuple(reasons), remarks, _next(verdict, parts, folder, result))
+    holds = None if late is None else held(late, bench, own_setting(bench, min(latency_ticks, 1)))
+    return Judgement(verdict, parts, tuple(reasons), remarks, _next(verdict, parts, folder, result), holds)
 
 
 def judge_again(folder: RunFolder, result: Result) -> Result:
@@ -67,7 +76,7 @@ def judge_again(folder: RunFolder, result: Result) -> Result:
     before = result.parts.get("angle")
     if before is None:
         return result
-    parts = _doubted({**result.parts, "angle": judge_angle(folder, result, load_bench(folder.bench_path))})
+    parts = _doubted({**result.parts, "angle": judge_angle(folder, result, load_bench(folder.bench_path))}, result.link)
     others = [reason for reason in result.reasons if reason != before.reason]
     told = [parts["angle"].reason] if parts["angle"].against else []
     verdict = _verdict(parts, result.verdict == "interrupted")
@@ -81,12 +90,14 @@ def judge_again(folder: RunFolder, result: Result) -> Result:
     )
 
 
-def _doubted(parts: Mapping[Any, Part]) -> dict[Any, Part]:
+def _doubted(parts: Mapping[Any, Part], link: str | None) -> dict[Any, Part]:
     """The parts, those that failed beside the machine's with what that leaves in doubt."""
     doubted = dict(parts)
     if "machine" not in parts or not parts["machine"].against:
         return doubted
     for name, doubt in _DOUBTS.items():
+        if name == "model" and is_emulated(link or ""):
+            doubt += _EMULATED
         if parts[name].against and not parts[name].reason.endswith(doubt):
             doubted[name] = parts[name].model_copy(update={"reason": f"{parts[name].reason}; {doubt}"})
     return doubted

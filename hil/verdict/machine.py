@@ -10,14 +10,23 @@ from collections.abc import Collection, Mapping
 from hil.bench import Bench
 from hil.emulation import is_emulated
 from hil.numbers import count, counted, percent, times
+from hil.records.lateness import Lateness
 from hil.records.result import Answers, Load, Part, Result
+from hil.verdict.holds import advise, own_setting
 
 _NO_PRIORITY = "no real-time scheduling"
 _MOST = 0.5  # of the missed answers, which a cause must account for to be named
 
 
 def judge_machine(
-    result: Result, bench: Bench, refused: Collection[str] = (), bench_file: str = "BENCH", too_slow: str = ""
+    result: Result,
+    bench: Bench,
+    refused: Collection[str] = (),
+    bench_file: str = "BENCH",
+    too_slow: str = "",
+    *,
+    late: Lateness | None = None,
+    latency_ticks: int = 0,
 ) -> Part:
     """Missed and lost samples beside their limits.
 
@@ -27,6 +36,8 @@ def judge_machine(
         refused: what the system did not permit the loop's process.
         bench_file: what to name in the command that comes next.
         too_slow: how the run ended, where this machine's being too slow ended it.
+        late: how late the answers were, where the record tells it.
+        latency_ticks: the board's latency as run.
     """
     answers = result.answers
     if answers is None:
@@ -46,11 +57,12 @@ def judge_machine(
         share, samples = answers.in_time / answers.ticks, counted(answers.ticks, "sample")
         return Part(outcome="good", reason=f"{_cautious(share)} of {samples} answered in time")
     mine = bool(too_slow) or (missed > limits.late_fraction and by_host(result))
-    return Part(
-        outcome="failed",
-        reason="; ".join(reasons),
-        next=_next(result, by_host=mine, refused=refused, file=bench_file),
-    )
+    after = None
+    if late is not None and missed > limits.late_fraction:
+        after = advise(late, bench, own_setting(bench, latency_ticks), result.link or "", bench_file)
+    if after is None or _not_permitted(refused):
+        after = _next(result, by_host=mine, refused=refused, file=bench_file)
+    return Part(outcome="failed", reason="; ".join(reasons), next=after)
 
 
 def by_host(result: Result) -> bool:
@@ -128,9 +140,14 @@ def _waits(load: Load) -> str:
 def _next(result: Result, *, by_host: bool, refused: Collection[str], file: str) -> str:
     """The command to paste: what the machine lacks, the same run without deadlines, or what the link can hold."""
     link = result.link or ""
-    if by_host and not any(_NO_PRIORITY in line for line in refused) and is_emulated(link):
+    if by_host and not _not_permitted(refused) and is_emulated(link):
         return f"hil run {file} --link {shlex.quote(link)} --clock lockstep"
     return "hil doctor" if by_host or not link else f"hil doctor --link {shlex.quote(link)}"
+
+
+def _not_permitted(refused: Collection[str]) -> bool:
+    """Whether the loop lacked what most makes answers late."""
+    return any(_NO_PRIORITY in line for line in refused)
 
 
 def _cautious(share: float) -> str:

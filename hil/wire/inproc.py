@@ -57,15 +57,17 @@ class InprocLink(Link):
             board.close()
 
 
-def open_inproc(scenario: str, truth: str | None = None, seed: int | None = None) -> InprocLink:
-    """A link to the emulated board that is installed as entry point of the group `hil.emulators`.
+def open_inproc(place: str, truth: str | None = None, seed: int | None = None) -> InprocLink:
+    """A link to the emulated board that is installed as entry point of the group `hil.emulators`; `place` is what
+    stands behind `inproc:`.
 
     Raises:
-        LinkError: no emulator is installed.
+        LinkError: no emulator is installed, or a bad option.
         Whatever the emulator raises on a bad scenario.
     """
+    from hil.wire.links import parse_emulated  # which opens this kind of link
+
+    board = parse_emulated(place)
     for entry in entry_points(group=ENTRY_POINT_GROUP):
-        return InprocLink(entry.load()(scenario, truth, seed))
-    raise LinkError(
-        f"inproc:{scenario}: no emulator is installed; install the package that provides {ENTRY_POINT_GROUP}"
-    )
+        return InprocLink(entry.load()(board.scenario, truth, seed, **board.changes))
+    raise LinkError(f"inproc:{place}: no emulator is installed; install the package that provides {ENTRY_POINT_GROUP}")

@@ -4,6 +4,7 @@ Others come from packages, as entry points of the group `hil.links`: a scheme, a
 of what stands behind it.
 """
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import parse_qsl
@@ -25,7 +26,7 @@ def open_link(url: str) -> Link:
     `serial:PATH[?baud=N]` a serial port or the host's end of a pty; `can:NAME[?node=N]` a Linux CAN interface;
     `can:INTERFACE:CHANNEL[?node=N&…]` any other adapter, with the options python-can has for it;
     `udp:GROUP:PORT[?interface=ADDRESS&key=FILE]` a multicast group, on loopback unless an interface is named;
-    `inproc:SCENARIO` an emulated board in this process; any other scheme that a package brings.
+    `inproc:SCENARIO[?latency=TICKS&rate=HZ]` an emulated board in this process; any other scheme that a package brings.
 
     Raises:
         LinkError: unknown scheme or option, or the link cannot be opened; one line that names the link and
@@ -118,6 +119,43 @@ def parse_can(rest: str) -> CanPlace:
     if options and not interface:
         raise LinkError(f"link 'can:{rest}': bad option; expected can:NAME or can:NAME?node=2")
     return CanPlace(interface, channel, int(number), options)
+
+
+class EmulatedBoard(NamedTuple):
+    """What stands behind `pty:` or `inproc:`: the scenario, and what of its board is another than it says."""
+
+    scenario: str
+    latency_ticks: int | None = None
+    rate_Hz: float | None = None
+
+    @property
+    def changes(self) -> dict[str, int | float]:
+        """What is another, by the name of its field."""
+        return {name: value for name, value in self._asdict().items() if name != "scenario" and value is not None}
+
+    @property
+    def text(self) -> str:
+        """As it stands in a link."""
+        given = [f"{name.partition('_')[0]}={value:.10g}" for name, value in self.changes.items()]
+        return f"{self.scenario}?{'&'.join(given)}" if given else self.scenario
+
+
+def parse_emulated(rest: str) -> EmulatedBoard:
+    """What stands behind `pty:` or `inproc:` in a link's name. Raises LinkError, one line."""
+    scenario, options = _options(rest)
+    latency, rate = options.pop("latency", None), options.pop("rate", None)
+    try:
+        if options or not scenario or not (latency is None or (latency.isascii() and latency.isdigit())):
+            raise ValueError
+        rate_Hz = None if rate is None else float(rate)
+        if rate_Hz is not None and not 0.0 < rate_Hz < math.inf:
+            raise ValueError
+    except ValueError:
+        raise LinkError(
+            f"link {rest!r}: bad option; expected SCENARIO, or SCENARIO?latency=TICKS&rate=HZ; "
+            "samples a SENSE are [loop] block of the bench file"
+        ) from None
+    return EmulatedBoard(scenario, None if latency is None else int(latency), rate_Hz)
 
 
 def _can(rest: str, sender: Sender = HOST) -> BoardLink:

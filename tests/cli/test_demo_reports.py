@@ -31,8 +31,9 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 @pytest.mark.long
 @pytest.mark.realtime
 def test_in_gain_mode(drawn: Counter[str], tmp_path: Path) -> None:
-    folder = demo.in_gain_mode(tmp_path, duration_s=4.0, progress=lambda _: None)
-    assert drawn == {folder.name: 1}
+    folder = demo.in_gain_mode(tmp_path, duration_s=4.0, progress=lambda _: None).last
+    assert drawn[folder.name] == 1
+    assert set(drawn.values()) == {1}  # one that was late, and repeated, has its own
     assert (folder / "report.html").exists()
 
 
@@ -67,4 +68,5 @@ def test_before_and_after(drawn: Counter[str], tmp_path: Path) -> None:
     """On a machine that is busy, too: a run that is cut short has its page once."""
     circle = demo.demo(tmp_path, duration_s=12.0, progress=lambda _: None)
     runs = [run.name for run in (circle.before, circle.after) if run is not None]
-    assert drawn == dict.fromkeys(runs, 1)
+    assert set(runs) <= set(drawn)
+    assert set(drawn.values()) == {1}  # one that was late, and repeated, has its own

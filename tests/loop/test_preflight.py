@@ -120,7 +120,7 @@ def test_a_board_that_does_not_agree_with_the_bench_file_is_refused() -> None:
 @pytest.mark.parametrize(
     ("lacks", "changes", "words"),
     [
-        (Capabilities.LOCKSTEP, {"clock": "lockstep"}, 'use [loop] clock = "real"'),
+        (Capabilities.LOCKSTEP, {"clock": "lockstep"}, 'use [loop] clock = "paced"'),
         (Capabilities.PACED, {"clock": "paced"}, 'use [loop] clock = "lockstep"'),
         (Capabilities.FORCE_MODE, {"loop": {"mode": "force"}}, 'use [loop] mode = "gain"'),
         (

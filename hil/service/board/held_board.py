@@ -177,7 +177,9 @@ class HeldBoard:
                 open_link(link).close()
                 self._board, identity = Served(link), None
             else:
-                self._board = self._stack.enter_context(served(link))
+                self._board = self._stack.enter_context(
+                    served(link, progress=lambda told: self._change(words=told.note))
+                )
                 endpoint = self._open(self._board.url)
                 identity = client.connect(endpoint, _CONNECT_S)
                 self._ask(endpoint)

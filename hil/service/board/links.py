@@ -2,16 +2,19 @@
 
 from pathlib import Path
 
+from hil.emulation import is_emulated
 from hil.errors import InputError
 from hil.service.bench_files import found
 from hil.service.service import Service
+from hil.wire.links import parse_emulated
 
 
 def allowed(service: Service, link: str) -> str:
     """`link` with the path of its scenario or key as it is here. Raises InputError where a request may not name it."""
     kind, _, place = link.partition(":")
-    if kind in ("pty", "inproc"):
-        return f"{kind}:{found(service.folder, 'scenario', place)}"
+    if is_emulated(link):
+        board = parse_emulated(place)
+        return f"{kind}:{board._replace(scenario=str(found(service.folder, 'scenario', board.scenario))).text}"
     if kind == "serial":
         port, mark, options = place.partition("?")
         if not str(Path(port).resolve()).startswith("/dev/"):

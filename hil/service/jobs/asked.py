@@ -13,11 +13,12 @@ from hil.errors import InputError
 from hil.records.run_name import RUN_NAME
 from hil.service.bench_files import found
 from hil.service.jobs.uploads import Uploads
+from hil.wire.links import parse_emulated
 
 Name = Annotated[str, StringConstraints(pattern=RUN_NAME, max_length=60)]
 Word = Annotated[str, StringConstraints(max_length=200)]
 Seconds = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
-_EMULATED = re.compile(r"(inproc|pty):([A-Za-z0-9][A-Za-z0-9._-]{0,150})")
+_SCENARIO = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,150}")
 
 
 class _Asked(BaseModel):
@@ -120,9 +121,11 @@ def _link(link: str | None, bench: Path, runs: Path) -> str | None:
                 "inproc:SCENARIO or pty:SCENARIO"
             )
         return None
-    if (parts := _EMULATED.fullmatch(link)) is None:
+    kind, _, place = link.partition(":")
+    board = parse_emulated(place) if is_emulated(link) else None
+    if board is None or not _SCENARIO.fullmatch(board.scenario):
         raise InputError(
             f"link {link[:100]}: a job runs emulated boards only; give inproc:SCENARIO or pty:SCENARIO, or connect and "
             "start the board itself"
         )
-    return f"{parts[1]}:{found(runs, 'scenario', parts[2])}"
+    return f"{kind}:{board._replace(scenario=str(found(runs, 'scenario', board.scenario))).text}"

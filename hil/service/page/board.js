@@ -5,6 +5,7 @@
 /**
  * @typedef {object} RunNow what the loop says of itself, several times a second
  * @property {number} t_s bench time
+ * @property {number} elapsed_s of it since the run began
  * @property {number | null} [angle_rad]
  * @property {number | null} [angle_u_rad] standard uncertainty, k = 1
  * @property {number | null} [rate_rad_s]

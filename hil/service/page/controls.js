@@ -156,7 +156,7 @@ export class Controls {
     const { stage, done, total } = board;
     const running = stage === "run" || stage === "";
     byId("run-bar", HTMLProgressElement).value = total ? Math.min(1, done / total) : 0;
-    const t = board.run?.t_s ?? (total ? (done / total) * (board.seconds ?? 0) : 0);
+    const t = board.run?.elapsed_s ?? (total ? (done / total) * (board.seconds ?? 0) : 0);
     say(byId("run-time"), running ? `${number(t, t < 10 ? 2 : 3)} s of ${duration(board.seconds)}` : `${stage} …`);
   }
 }

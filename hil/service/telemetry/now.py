@@ -65,10 +65,18 @@ class Now:
         return told
 
     def run(self, tracks: Tracks) -> dict[str, Any] | None:
-        """Angle, rate, estimates, innovation, drive, as they are now; None before the first sample."""
+        """Bench time, how much of it since the run's first sample, angle, rate, estimates, innovation, drive; None
+        before the first sample.
+        """
         if self._first is None:
             return None
-        told: dict[str, Any] = {"t_s": self._last / tracks.rate_Hz, "samples": self._samples}
+        # The ticks of a board that has run before go on counting: how far this run is, is told apart from bench time.
+        elapsed_s = (self._last - self._first + 1) / tracks.rate_Hz
+        told: dict[str, Any] = {
+            "t_s": self._last / tracks.rate_Hz,
+            "elapsed_s": elapsed_s,
+            "samples": self._samples,
+        }
         if (estimates := tracks.get("estimates")) is not None:
             told |= _estimates(estimates)
         if (innovation := tracks.get("innovation")) is not None:

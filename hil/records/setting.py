@@ -1,0 +1,28 @@
+"""What leaves a host time for its answers, of a board: its latency or its block, and its sample rate."""
+
+from typing import NamedTuple
+
+
+class Setting(NamedTuple):
+    """In force mode `latency_ticks` from a sample to the interval that its answer acts on, and blocks of 1; in gain
+    mode `block` samples a SENSE, and latency 0."""
+
+    latency_ticks: int
+    block: int
+    rate_Hz: float
+
+    @property
+    def waits_s(self) -> float:
+        """How long the board waits for an answer."""
+        return (self.latency_ticks or self.block) / self.rate_Hz
+
+    @property
+    def words(self) -> str:
+        """As a reader needs it.
+
+        >>> Setting(1, 1, 4000.0).words, Setting(0, 500, 1e5).words
+        ('latency 1 tick', 'blocks of 500 samples at 100000 Hz')
+        """
+        if self.latency_ticks:
+            return f"latency {self.latency_ticks} tick{'' if self.latency_ticks == 1 else 's'}"
+        return f"blocks of {self.block} samples at {self.rate_Hz:.10g} Hz"
