@@ -30,9 +30,14 @@ class Scaling:
     angular_gain: float = 1.0
 
     @property
+    def force(self) -> float:
+        """m/s² per scaled unit of force."""
+        return self.length * self.omega0**2
+
+    @property
     def drive(self) -> float:
         """Drive channel units (m/s², N or V) per scaled unit of force."""
-        return self.length * self.omega0**2 / self.drive_gain
+        return self.force / self.drive_gain
 
     def sense(self, axis: int) -> float:
         """Volts per scaled unit of position."""

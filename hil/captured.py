@@ -148,7 +148,7 @@ def control_of(bench: Bench, record: Capture) -> ControllerSettings | None:
     return ControllerSettings(
         latency=record.latency_ticks,
         force_quantum=1.0,
-        force_limit=bench.device.drive.full_scale,
+        force_limit=float(bench.drive_limit_mps2),
         sense_quantum=1.0,
         virtual_rotation=bench.controller.virtual_rotation_rad_s,
         virtual_reversal=bench.virtual_reversal_s,

@@ -28,11 +28,11 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     from estimator.completeness.closing import closing_scan
     from estimator.completeness.stretch import Stretch, stretches_of
     from hil.captured import control_of, drives_of, record_of
-    from hil.declared import device_of, observer_settings_of
+    from hil.declared import observer_settings_of, recorded_device_of
 
     progress(Progress("scan", 0, 0))
     first, last = capture.ends
-    device, stretches = device_of(bench), []
+    device, stretches = recorded_device_of(bench, capture), []
     drives = drives_of(capture, device)
     for part in stretches_of(last - first + 1):
         rows = capture.between(first + part.start, first + part.stop - 1)

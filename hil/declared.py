@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import replace
-from typing import Any
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
 
 from estimator import settings
 from estimator.envelope.record import Resonator
 from estimator.gain_matrix import BoardFilter, luenberger, pair
 from estimator.uncertainty import Calibration
 from hil.bench import Bench
+from hil.bench.device import DriveUnit
 from hil.bench.template import IN_MPS2
 from hil.errors import InputError
 from hil.own_effects import carried, own_effects
@@ -18,10 +20,13 @@ from hil.wire.links import open_link
 from hil.wire.messages import Identity
 from hil.wire.spec import SPEC
 
+if TYPE_CHECKING:
+    from hil.records.capture import Capture
 
-def device_of(bench: Bench, noise_gain: float = 1.0) -> settings.Device:
+
+def device_of(bench: Bench, noise_gain: float = 1.0, drive_unit: DriveUnit | None = None) -> settings.Device:
     """The declared device per unit mass, with the effects beside the catalogue that it can have; noise_gain: what a
-    filter that its record passed left of the noise.
+    filter that its record passed left of the noise; drive_unit: that of the drive it is given, without it the bench's.
 
     Raises InputError for one of which only the envelope is sensed: no observer follows an amplitude.
     """
@@ -30,20 +35,38 @@ def device_of(bench: Bench, noise_gain: float = 1.0) -> settings.Device:
             f'{bench.device.name}: [device.sense] senses = "envelope" is an amplitude without its waveform, which only '
             "hil trace can judge; give the bench file of a record of the motion"
         )
-    return _declared(bench, noise_gain)
+    return _declared(bench, noise_gain, drive_unit or bench.device.drive.unit)
+
+
+def board_device_of(bench: Bench) -> settings.Device:
+    """The device behind a board, whose codes are m/s² on the wire, whatever unit the bench file declares a drive in."""
+    return device_of(bench, drive_unit="mps2")
+
+
+def recorded_device_of(bench: Bench, record: "Capture") -> settings.Device:
+    """The device as a record shows it: with the record's noise and its drive's unit.
+
+    Raises InputError as `device_of`, and where the bench file does not tell what a volt of that drive does.
+    """
+    return device_of(bench, record.noise_gain, record.drive_unit if record.has_drive else None)
 
 
 def resonator_of(bench: Bench) -> Resonator:
     """The declared device of which the envelope of a ring-down was recorded."""
     device, spread = bench.device, bench.observer.initial_sd
     damping = device.damping_per_s[0]
-    return Resonator(
-        _declared(bench, 1.0), (damping, spread.damping * damping), 0.5 * spread.stiffness, device.sense.noise_V
-    )
+    declared = _declared(bench, 1.0, bench.device.drive.unit)
+    return Resonator(declared, (damping, spread.damping * damping), 0.5 * spread.stiffness, device.sense.noise_V)
 
 
-def _declared(bench: Bench, noise_gain: float) -> settings.Device:
+def _declared(bench: Bench, noise_gain: float, drive_unit: DriveUnit) -> settings.Device:
     device = bench.device
+    mps2_per_unit = device.drive_mps2_per(drive_unit)
+    if mps2_per_unit is None:
+        raise InputError(
+            f'{device.name}: a drive in V, but [device.drive] unit = "{device.drive.unit}" does not tell what a volt '
+            'does; set unit = "V" and gain_N_per_V'
+        )
     axes, order = device.axes, device.sense.order
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
     declared = settings.Device(
@@ -54,7 +77,7 @@ def _declared(bench: Bench, noise_gain: float) -> settings.Device:
         sense_gain=tuple(gain * omega0**order for gain in device.sense_gains_V_per_m),
         noise=(noise_gain * device.sense.noise_V,) * axes,
         mass=device.mass_kg,
-        drive_gain=device.drive_mps2_per_unit,
+        drive_gain=float(mps2_per_unit),
         target_stiffness=bench.target_stiffness_per_s2,
         angular_gain=device.calibration.angular_gain,
         sensed=(settings.Sensed(order),) * axes,
@@ -108,11 +131,10 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
 def controller_settings_of(bench: Bench, identity: Identity) -> settings.ControllerSettings:
     """Control law and holds, with the board's own codes and latency."""
     controller = bench.controller
-    limit = controller.force_limit_mps2 or bench.device.drive.full_scale
     return settings.ControllerSettings(
         latency=identity.latency_ticks,
         force_quantum=identity.drive_scale_mps2,
-        force_limit=min(limit, identity.drive_scale_mps2 * (2 ** (identity.drive_bits - 1) - 1)),
+        force_limit=drive_limit_of(bench, identity) * identity.drive_scale_mps2,
         sense_quantum=identity.sense_scale_V,
         energy_gain=controller.energy_gain,
         quadrature_gain=controller.quadrature_gain,
@@ -142,13 +164,18 @@ def board_filter_of(bench: Bench) -> BoardFilter:
 def board_dither_of(bench: Bench, identity: Identity) -> tuple[int, int]:
     """Amplitude in drive codes and start of the dither that the board itself adds in gain mode."""
     amplitude = bench.controller.dither_mps2 if bench.controller.enabled else 0.0
-    return round(amplitude / identity.drive_scale_mps2), (bench.loop.seed or 0) % 0xFFFFFFFF + 1
+    codes = min(_codes(Fraction(amplitude), identity), drive_limit_of(bench, identity))
+    return codes, (bench.loop.seed or 0) % 0xFFFFFFFF + 1
 
 
 def drive_limit_of(bench: Bench, identity: Identity) -> int:
-    """Largest drive code the board is to apply."""
-    limit = bench.controller.force_limit_mps2 or bench.device.drive.full_scale
-    return int(min(int(limit / identity.drive_scale_mps2), 2 ** (identity.drive_bits - 1) - 1))
+    """Largest drive code the board is to apply, whose force is not beyond the limit that is declared."""
+    return min(_codes(bench.drive_limit_mps2, identity), 2 ** (identity.drive_bits - 1) - 1)
+
+
+def _codes(force_mps2: Fraction, identity: Identity) -> int:
+    """Whole drive codes of a force per mass, rounded towards zero: never more force than asked for."""
+    return int(force_mps2 / Fraction(identity.drive_scale_mps2))
 
 
 def require_agreement(bench: Bench, identity: Identity, link: str) -> None:

@@ -14,7 +14,7 @@ from hil.also import effects_asked
 from hil.bench import RateSensorBench, load_any_bench, override
 from hil.captured import drives_of, record_of
 from hil.compiler import require_compiler
-from hil.declared import device_of, observer_settings_of
+from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
@@ -60,7 +60,8 @@ def trace_pool_files(
     for place, record in zip(captures, records, strict=True):
         require_fit(record, bench, place)
     names = _names(captures)
-    device = device_of(bench, _noise_gain(captures, records))
+    _require_alike(captures, records)
+    device = recorded_device_of(bench, records[0])
     members = []
     for place, record, each in zip(captures, records, names, strict=True):
         numbers = record_of(record, drives_of(record, device))
@@ -118,12 +119,17 @@ def _covariate(place: Path, record: Capture, name: str | None) -> float:
     return record.covariates[name]
 
 
-def _noise_gain(captures: Sequence[Path], records: Sequence[Capture]) -> float:
-    first = records[0].noise_gain
+def _require_alike(captures: Sequence[Path], records: Sequence[Capture]) -> None:
+    """One device is fitted to all records: InputError for one with another filter, or another unit of the drive."""
+    first = records[0]
     for place, record in zip(captures, records, strict=True):
-        if not math.isclose(record.noise_gain, first, rel_tol=_ALIKE):
+        if not math.isclose(record.noise_gain, first.noise_gain, rel_tol=_ALIKE):
             raise InputError(f"{place}: filtered otherwise than {captures[0]}; import all records with one [filter]")
-    return first
+        if (record.has_drive, record.drive_unit) != (first.has_drive, first.drive_unit):
+            units = [one.drive_unit if one.has_drive else "no unit, as there is none" for one in (record, first)]
+            raise InputError(
+                f"{place}: drive in {units[0]}, of {captures[0]} in {units[1]}; import all records with one unit"
+            )
 
 
 def _judges(names: Sequence[str], held_out: Sequence[str]) -> tuple[int, ...]:

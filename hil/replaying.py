@@ -15,7 +15,7 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
 from hil.compiler import require_compiler
-from hil.declared import device_of, observer_settings_of
+from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
 from hil.loop.live_settings import LiveSettings
@@ -47,7 +47,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     try:
         observer = make_observer(
             backend or bench.observer.backend,
-            device_of(bench, record.noise_gain),
+            recorded_device_of(bench, record),
             observer_settings_of(bench),
             control_of(bench, record),
         )
@@ -78,10 +78,10 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
         raise InputError(
             f"{place}: a record of {record.axes} axes, but [device] axes = {device.axes}; give its own bench file"
         )
-    if record.has_drive and record.drive_unit != device.drive.unit:
+    if record.has_drive and device.drive_mps2_per(record.drive_unit) is None:
         raise InputError(
             f"{place}: drive recorded in {record.drive_unit}, but [device.drive] unit = "
-            f"{device.drive.unit!r}; give its own bench file"
+            f"{device.drive.unit!r} does not tell what a volt does; give its own bench file"
         )
     if record.sense_unit != device.sense.unit:
         raise InputError(

@@ -18,7 +18,7 @@ from hil.also import effects_asked, not_tried
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
-from hil.declared import device_of, observer_settings_of
+from hil.declared import observer_settings_of, recorded_device_of
 from hil.envelope import trace_ring_down
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -101,7 +101,7 @@ def trace(
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)
-    device, settings = device_of(bench, captured.noise_gain), observer_settings_of(bench)
+    device, settings = recorded_device_of(bench, captured), observer_settings_of(bench)
     asked = effects_asked(also, device)
     part = Part(captured, record_of(captured, drives_of(captured, device)), sample_of(captured, held_out))
     if fraction is None and "train" not in captured.segments:

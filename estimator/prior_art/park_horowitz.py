@@ -54,7 +54,7 @@ class ParkHorowitz:
         self._gains = gains = gains or Gains()
         omega0 = math.sqrt(device.target)
         self._omega0, self._h = omega0, omega0 / device.sample_rate
-        force = device.amplitude * omega0**2 / device.drive_gain
+        force = device.amplitude * omega0**2
         self._limit = control.force_limit / force
         self._quantum = control.force_quantum / force
         self._volts = [control.sense_quantum / (gain * device.amplitude) for gain in device.sense_gain]

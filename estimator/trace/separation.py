@@ -221,7 +221,7 @@ def loop_record(
     long it turns at least [s], as far as that is worth its time.
     """
     omega0 = math.sqrt(device.target)
-    scale = device.amplitude * device.target / device.drive_gain
+    scale = device.amplitude * device.target
     law = ControllerSettings(
         latency=latency,
         force_quantum=_SET.force_quantum * scale,

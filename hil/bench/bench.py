@@ -1,6 +1,8 @@
 """A whole bench file: its tables together, and how it is read."""
 
+import math
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Self
 
@@ -91,6 +93,18 @@ class Bench(Section):
         device, target = self.device, self.controller.target_stiffness_N_per_m
         diagonal = device.stiffness_N_per_m[: device.axes]
         return (sum(diagonal) / len(diagonal) if target is None else target) / device.mass_kg
+
+    @property
+    def swing_V(self) -> tuple[float, ...]:
+        """Declared amplitude at the sense output of each axis, whatever it senses."""
+        per_m = math.sqrt(self.target_stiffness_per_s2) ** self.device.sense.order * self.device.amplitude_m
+        return tuple(abs(gain) * per_m for gain in self.device.sense_gains_V_per_m)
+
+    @property
+    def drive_limit_mps2(self) -> Fraction:
+        """Largest drive that a board may be asked for: the drive's full scale, or the controller's limit below it."""
+        full, limit = self.device.drive_full_scale_mps2, self.controller.force_limit_mps2
+        return full if limit is None else min(full, Fraction(limit))
 
     @property
     def virtual_reversal_s(self) -> float:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, GetJsonSchemaHandler, model_validator
@@ -10,6 +11,8 @@ from pydantic_core import CoreSchema
 from hil.bench.calibration import Calibration
 from hil.bench.modes import STANDS_BESIDE, STANDS_FOR, Modes, in_stiffness_and_damping
 from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix, offer_instead
+
+DriveUnit = Literal["mps2", "N", "V"]
 
 
 class Sense(Section):
@@ -46,8 +49,9 @@ class Sense(Section):
 class Drive(Section):
     """The drive chain: what a drive value means and how it acts between two samples."""
 
-    unit: Literal["mps2", "N", "V"] = "mps2"
-    """unit of the drive channel: force per mass, force, or a voltage"""
+    unit: DriveUnit = "mps2"
+    """unit of the drive channel: force per mass, force, or a voltage; a board counts in m/s² whatever stands here, to
+    which full_scale is converted"""
     full_scale: Positive = Field(examples=[10.0])
     """largest drive magnitude, in `unit`"""
     gain_N_per_V: float | None = None
@@ -170,9 +174,26 @@ class Device(Section):
         gains = self.sense.gain_V_per_m
         return gains if len(gains) == self.axes else gains * self.axes
 
+    def drive_mps2_per(self, unit: DriveUnit) -> Fraction | None:
+        """Force per mass for a drive value of one `unit`; None for a volt whose force the bench file does not tell.
+
+        Every conversion of a drive goes through here. It is exact, so that no limit is rounded up on its way to a code.
+        """
+        if unit == "mps2":
+            return Fraction(1)
+        newton = Fraction(1) if unit == "N" else self.drive.gain_N_per_V
+        return None if newton is None else Fraction(newton) / Fraction(self.mass_kg)
+
     @property
     def drive_mps2_per_unit(self) -> float:
-        """Force per mass for a drive value of one `unit`."""
-        if self.drive.unit == "mps2":
-            return 1.0
-        return (1.0 if self.drive.gain_N_per_V is None else self.drive.gain_N_per_V) / self.mass_kg
+        """Force per mass for a drive value of one `[device.drive] unit`, signed."""
+        scale = self.drive_mps2_per(self.drive.unit)
+        assert scale is not None  # a volt has its force: `Drive` refuses one without
+        return float(scale)
+
+    @property
+    def drive_full_scale_mps2(self) -> Fraction:
+        """Largest drive as a force per mass."""
+        scale = self.drive_mps2_per(self.drive.unit)
+        assert scale is not None
+        return abs(scale) * Fraction(self.drive.full_scale)

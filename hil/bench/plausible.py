@@ -39,7 +39,7 @@ def _device(bench: "Bench") -> Iterator[str]:
     if bench.controller.enabled and device.amplitude_m > LARGEST_M:  # a record from elsewhere may have units of its own
         yield f"[device] amplitude_m: {device.amplitude_m:g} m is beyond {LARGEST_M:g}; the unit is metres"
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
-    volts = device.amplitude_m * max(abs(gain) for gain in device.sense_gains_V_per_m) * omega0**device.sense.order
+    volts = max(bench.swing_V)
     if device.sense.is_in_decibels:
         volts = device.sense.noise_V  # a noise in dB has no ratio to an amplitude
     if volts > LARGEST_V and device.sense.unit == "V":
@@ -117,7 +117,7 @@ def _controller(bench: "Bench") -> Iterator[str]:
                 f"[controller] {key}: {getattr(controller, key):g} acts within less than a cycle; it is in units "
                 "of the target frequency, usually 0.003 to 0.1"
             )
-    full_scale = device.drive.full_scale * abs(device.drive_mps2_per_unit)
+    full_scale = float(device.drive_full_scale_mps2)
     if controller.dither_mps2 > full_scale:
         yield (
             f"[controller] dither_mps2: {controller.dither_mps2:g} m/s² is beyond the drive's full scale of "

@@ -107,12 +107,12 @@ def _observer() -> "Observer | None":
         return None
     from estimator.observer import Observer
     from hil.bench import load_bench
-    from hil.declared import controller_settings_of, device_of, observer_settings_of
+    from hil.declared import board_device_of, controller_settings_of, observer_settings_of
     from hil.examples import find
 
     bench = load_bench(find("bench", "s-slow"))
     board = Identity(0, 0, 0, 0, bench.device.sample_rate_Hz, 2, 16, 16, 1e-5, 1e-3, 1, 0)
-    observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, board))
+    observer = Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, board))
     observer.tick(0.0, 0.0, 0.0, 0.0)
     observer.run(np.zeros((_BLOCK, 2)), np.zeros((_BLOCK, 2)), every=_BLOCK)
     return observer

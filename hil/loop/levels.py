@@ -37,7 +37,7 @@ class Levels:
         self._ends = -(2 ** (identity.sense_bits - 1)), 2 ** (identity.sense_bits - 1) - 1
         self._noise_V = device.sense.noise_V
         self._offset_V = _OFFSET_SD * bench.offset_sd_V
-        self._swing_V = [abs(gain) * device.amplitude_m for gain in device.sense_gains_V_per_m]
+        self._swing_V = bench.swing_V
 
     def wrong(self, codes: NDArray[np.int64]) -> str:
         """The first thing that is wrong with `codes` (n, 2) of the first rows, one line; "" if nothing is."""

@@ -119,10 +119,8 @@ def clock_kept(able: Capabilities, asked: ClockMode) -> ClockMode:
 
 def _require_range(bench: Bench, identity: Identity, link: str) -> None:
     """The declared motion has to fit into the sense converter, and the declared drive to move a code."""
-    device = bench.device
     full_V = identity.sense_scale_V * 2 ** (identity.sense_bits - 1)
-    for axis, gain in zip("xy", device.sense_gains_V_per_m, strict=False):
-        swing_V = abs(gain) * device.amplitude_m
+    for axis, swing_V in zip("xy", bench.swing_V, strict=False):
         told = f"[device] amplitude_m × [device.sense] gain_V_per_m is {swing_V:.3g} V on {axis}"
         if swing_V > full_V:
             raise InputError(
@@ -137,6 +135,12 @@ def _require_range(bench: Bench, identity: Identity, link: str) -> None:
         raise InputError(
             f"{link}: the largest drive declared is less than one code, {identity.drive_scale_mps2:.3g} m/s²; "
             "correct [device.drive] full_scale"
+        )
+    dither = bench.controller.dither_mps2
+    if bench.loop.mode == "gain" and bench.controller.enabled and dither and not board_dither_of(bench, identity)[0]:
+        raise InputError(
+            f"{link}: [controller] dither_mps2 is {dither:g} m/s², a drive code {identity.drive_scale_mps2:.3g} m/s²: "
+            "the board would add nothing; give a code at least, or 0"
         )
 
 

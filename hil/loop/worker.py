@@ -122,14 +122,14 @@ def _loop(
     _have_compiled(bench, tell)
     from estimator.foresight import rehearse
     from estimator.observer import Observer
-    from hil.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
+    from hil.declared import board_device_of, board_filter_of, controller_settings_of, observer_settings_of
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here
 
     lockstep = bench.loop.clock == "lockstep"
 
     def declared_observer() -> Observer:
-        return Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+        return Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
 
     # In lockstep at some kHz, to compile a step takes longer than it saves.
     own_step = (not lockstep or bench.loop.mode == "gain") and declared_observer().may_have_step

@@ -12,7 +12,7 @@ from estimator.rotation import Rotation
 from estimator.scaling import Array
 from hil.bench import Bench, override
 from hil.captured import gaps_of
-from hil.declared import device_of, observer_settings_of
+from hil.declared import observer_settings_of, recorded_device_of
 from hil.loop.angle import ReportedAngle
 from hil.methods.course import DAMPING, STIFFNESS, Course
 from hil.methods.record import Given
@@ -67,7 +67,7 @@ def course_of(
     """The observer of `bench` over the record; with `rotation`, the angle is that of a state of its own.  Raises
     ModelError where there is no such observer.
     """
-    device, settings = device_of(bench, given.captured.noise_gain), observer_settings_of(bench)
+    device, settings = recorded_device_of(bench, given.captured), observer_settings_of(bench)
     observer = Observer(device, settings, given.control)
     beside = Rotation(observer) if rotation else None
     begun = time.process_time()
@@ -100,7 +100,7 @@ def course_of(
 
 def integrated(given: Given, bench: Bench, name: str) -> Course:
     """∫Ω̂ dt of the observer of `bench`, as a method of the prior art."""
-    device, settings = device_of(bench, given.captured.noise_gain), observer_settings_of(bench)
+    device, settings = recorded_device_of(bench, given.captured), observer_settings_of(bench)
     begun = time.process_time()
     seen = observed(given, Observer(device, settings, given.control), bench)
     cost_us = 1e6 * (time.process_time() - begun) / len(given.samples.tick)

@@ -18,7 +18,7 @@ import numpy as np
 from estimator.observer import Observer
 from estimator.prior_art.park_horowitz import ParkHorowitz
 from hil.bench import Bench, override
-from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.emulation import is_emulated, located, served
 from hil.errors import InputError
 from hil.loop.preflight import configure, require_suitable
@@ -74,7 +74,7 @@ class Adaptive:
     """Park & Horowitz's controller."""
 
     def __init__(self, bench: Bench, identity: Identity) -> None:
-        self._controller = ParkHorowitz(device_of(bench), controller_settings_of(bench, identity))
+        self._controller = ParkHorowitz(board_device_of(bench), controller_settings_of(bench, identity))
         self._every = bench.loop.estimate_every
         self.tick = self._controller.tick
 
@@ -98,7 +98,7 @@ class Eleven:
 
     def __init__(self, bench: Bench, identity: Identity) -> None:
         self._observer = Observer(
-            device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity)
+            board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity)
         )
         self._observer.enable_control(False)
         self._acquired = math.ceil(bench.observer.acquisition_s * identity.tick_rate_Hz)

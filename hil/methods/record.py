@@ -8,7 +8,7 @@ from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from hil.bench import Bench
 from hil.captured import Samples, control_of, drives_of, samples_of
-from hil.declared import device_of, observer_settings_of
+from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
 from hil.records.capture import Capture, read_capture
 from hil.replaying import require_fit
@@ -26,7 +26,7 @@ class Given:
     @property
     def device(self) -> Device:
         """What the data sheet declares."""
-        return device_of(self.bench, self.captured.noise_gain)
+        return recorded_device_of(self.bench, self.captured)
 
     @property
     def settings(self) -> ObserverSettings:
@@ -57,5 +57,5 @@ def given(capture: Path, bench: Bench) -> Given:
     require_fit(captured, bench, capture)
     if not captured.uniform:
         raise InputError(f"{capture}: unevenly sampled, which only the observers can read; `hil replay` runs one")
-    drives = drives_of(captured, device_of(bench, captured.noise_gain))
+    drives = drives_of(captured, recorded_device_of(bench, captured))
     return Given(captured, bench, samples_of(captured, drives), drives)

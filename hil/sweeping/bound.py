@@ -34,14 +34,14 @@ def least_deviation(
     """
     from estimator.bound import posterior_bound
     from estimator.observer import Observer
-    from hil.declared import device_of, observer_settings_of
+    from hil.declared import observer_settings_of, recorded_device_of
 
     capture, estimates = folder.capture, folder.estimates
     if capture is None or estimates is None or not len(estimates):
         return None
     tick = capture.tick
     known, _ = truth.at(tick)
-    device, settings = device_of(bench), observer_settings_of(bench)
+    device, settings = recorded_device_of(bench, capture), observer_settings_of(bench)
     observer = Observer(device, settings)
     base = len(observer.model.names)
     names = [column_of(name) for name in observer.names[:base]]
@@ -60,7 +60,7 @@ def least_deviation(
         device,
         settings,
         true,
-        device.drive_gain * capture.drive,
+        capture.drive,
         every=every,
         virtual_rotation=bench.controller.virtual_rotation_rad_s,
     )

@@ -430,7 +430,7 @@ def test_an_experiment_is_played_by_the_loop_that_it_asks_for(monkeypatch: pytes
     experiment = Experiment("any", "do it", virtual=2e-3, modulation=0.4, dither=3e-3, stiffness=0.02, turning=True)
     turn = Turn(5e-3 * omega0, 2.0 * np.pi * 130.0 / omega0)
     record = loop_record(experiment, device, SETTINGS, latency=4, turn=turn)
-    force = 1e-4 * TARGET / 2.0
+    force = 1e-4 * TARGET  # m/s², whatever unit the drive has
     (law,) = laws
     assert law.latency == 4
     assert (law.force_quantum, law.force_limit) == (pytest.approx(1e-6 * force), pytest.approx(10.0 * force))
@@ -448,5 +448,5 @@ def test_an_experiment_is_played_by_the_loop_that_it_asks_for(monkeypatch: pytes
     np.testing.assert_allclose(plan.stiffness, 1.0 + 0.02 * np.sign(np.sin(phase / 120.0)), atol=1e-9)
     np.testing.assert_allclose(np.std(plan.noise, axis=0) * 1e-4 * np.array([890.0, 900.0]), device.noise, rtol=0.05)
     np.testing.assert_allclose(record.sense, [[-0.5 * 890.0 * 1e-4, 2.0 * 900.0 * 1e-4]] * len(n))
-    np.testing.assert_allclose(record.drive[:, :, 0], [[0.25 * force, -force]] * len(n))
+    np.testing.assert_allclose(record.drive[:, :, 0], [[0.25 * force / 2.0, -force / 2.0]] * len(n))
     np.testing.assert_array_equal(record.step, 1 / RATE)

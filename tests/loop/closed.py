@@ -21,7 +21,7 @@ from device_emulator.scenario import load
 from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.clock import ClockExchanges
 from hil.loop.preflight import configure
 from hil.loop.skeleton import Counters
@@ -121,7 +121,7 @@ def close_loop(
     bench = override(bench, {"limits": {"overtime": 100.0}}, "test")  # no wall time runs here
     endpoint = Endpoint(link)
     identity = client.connect(endpoint)
-    observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+    observer = Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     registers = configure(endpoint, identity, bench)
     samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
     folder.mkdir()

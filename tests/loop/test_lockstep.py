@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.preflight import configure
 from hil.loop.run import run
 from hil.records.recorder import record_here
@@ -127,7 +127,7 @@ def test_a_host_that_stands_still_behind_its_last_answer_is_no_silence_of_the_bo
     bench = gyro.bench(0.2, loop={"clock": "lockstep", **mode}, link={"timeout_s": 0.1})
     endpoint = Endpoint(closed.waiting(gyro.scenario(tmp_path / "board.toml")))
     identity = client.connect(endpoint)
-    observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+    observer = Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     registers = configure(endpoint, identity, bench)
     folder = tmp_path / "run"
     folder.mkdir()

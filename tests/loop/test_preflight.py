@@ -448,6 +448,15 @@ def test_a_drive_of_a_single_code_is_a_drive() -> None:
     require_suitable(bench(device=device), GOOD._replace(drive_scale_mps2=0.1 / 1.01), LINK)
 
 
+def test_a_dither_of_less_than_a_code_is_refused_where_the_board_adds_it() -> None:
+    declared = bench(loop=GAIN)
+    code = declared.controller.dither_mps2
+    closes = GOOD._replace(capabilities=GOOD.capabilities | Capabilities.GAIN_MODE)
+    require_suitable(declared, closes._replace(drive_scale_mps2=0.99 * code), LINK)
+    assert "the board would add nothing" in refused(closes._replace(drive_scale_mps2=1.01 * code), bench=declared)
+    require_suitable(bench(), GOOD._replace(drive_scale_mps2=1.01 * code), LINK)
+
+
 def test_a_watchdog_is_two_ticks_at_least(ends: tuple[Endpoint, Far]) -> None:
     Registers(ends[1])
     short = bench(link={"timeout_s": 0.5, "watchdog_s": 0.02})

@@ -151,8 +151,9 @@ def test_an_interrupted_record_is_replayed_as_far_as_it_goes(tmp_path: Path) -> 
             "recorded at 4000 Hz, but [device] sample_rate_Hz = 4200; correct the bench file",
         ),
         (
-            {"drive": {"unit": "N"}},
-            "drive recorded in mps2, but [device.drive] unit = 'N'; give its own bench file",
+            {"sense": {"unit": "px"}},
+            "sensed in V, but [device.sense] unit = 'px'; set unit = \"V\" with gain and noise in it, "
+            "or give its own bench file",
         ),
     ],
 )

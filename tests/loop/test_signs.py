@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.observer import Observer
-from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.opening import Opening
 from hil.loop.preflight import configure
 from hil.loop.run import run
@@ -36,7 +36,7 @@ def told_of(
     identity: Identity = client.connect(endpoint)
 
     def observer() -> Observer:
-        return Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+        return Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
 
     registers = configure(endpoint, identity, bench)
     ours = observer()
