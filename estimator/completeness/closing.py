@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.information import Coefficient, Information
-from estimator.completeness.lacking import HARMLESS, in_words, leading, tries
+from estimator.completeness.lacking import HARMLESS, Nearest, in_words, leading, tries
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.turning import Turning
 from estimator.effects.catalogue import effect_for
@@ -50,20 +50,22 @@ def closing_scan(
     *,
     scored_s: tuple[float, float],
     limit_rad: float = 0.0,
+    limit_ratio: float = 1.5,
     progress: Progress = lambda stage, done, total: None,
 ) -> Completeness:
     """Judge a run by stretches of its record (`stretches_of`), with the observer settings of the run.
 
     scored_s: first and last scored instant, s from the start of the run; limit_rad: an effect that moves the angle by
-    less than this is told and not held against the run.  Never raises for a record that cannot be judged: the outcome
-    is then unknown, with the reason.
+    less than this is told and not held against the run; limit_ratio: of the innovation to what is predicted of it, rms,
+    up to which a model counts as one: an effect that leaves more is not named.  Never raises for a record that cannot
+    be judged: the outcome is then unknown, with the reason.
     """
     samples = sum(len(stretch.record) for stretch in stretches)
     seconds = sum(float(np.sum(stretch.record.step)) for stretch in stretches)
     try:
         require_scannable(stretches, device)
         with np.errstate(all="ignore"):
-            answer = _scanned(stretches, device, settings, controller, scored_s, limit_rad, progress)
+            answer = _scanned(stretches, device, settings, controller, scored_s, (limit_rad, limit_ratio), progress)
     except (ModelError, np.linalg.LinAlgError) as error:
         return Completeness(Outcome.UNKNOWN, f"not scanned: {error}", samples=samples, seconds=seconds)
     return replace(answer, samples=samples, seconds=seconds)
@@ -94,9 +96,10 @@ def _scanned(
     settings: ObserverSettings,
     controller: ControllerSettings | None,
     scored_s: tuple[float, float],
-    limit_rad: float,
+    limits: tuple[float, float],
     progress: Progress,
 ) -> Completeness:
+    limit_rad, limit_ratio = limits
     records = weighed_of(stretches)
     first = records[0]
     progress("scan", 0, 2 + _ROUNDS)
@@ -110,6 +113,7 @@ def _scanned(
     known = dict(watched)
     ratio: float | None = None
     lacks: list[Lacking] = []
+    nearest: Nearest | None = None
     harmless: list[Lacking] = []
     for done in range(_ROUNDS):
         progress("scan", 2 + done, 2 + _ROUNDS)
@@ -123,8 +127,11 @@ def _scanned(
             if item.significance > threshold(len(found) * tries(watched[item.name], len(first)))
             and not _is_of_the_rate(watched[item.name], item.gain, device, seen)
         ]
-        taken = leading(problem, base, watched, seen, serious, turning) if serious else None
+        taken = leading(problem, base, watched, seen, serious, turning, limit_ratio) if serious else None
         if taken is None:
+            break
+        if isinstance(taken, Nearest):
+            nearest = taken
             break
         if taken.lacking.angle.high >= HARMLESS * limit_rad:
             lacks.append(taken.lacking)
@@ -141,10 +148,10 @@ def _scanned(
             if kind(name) != kind(taken.name) or (name != taken.name and "omega" in given)
         }
     progress("scan", 2 + _ROUNDS, 2 + _ROUNDS)
-    left = () if lacks else unexplained(base, first, float(np.sqrt(device.target)) / (2.0 * np.pi))
+    left = () if lacks or nearest else unexplained(base, first, float(np.sqrt(device.target)) / (2.0 * np.pi))
     return Completeness(
-        Outcome.LACKS if lacks or left else Outcome.COMPLETE,
-        in_words(lacks, harmless, left, len({kind(name) for name in known})),
+        Outcome.LACKS if lacks or nearest or left else Outcome.COMPLETE,
+        in_words(lacks, harmless, left, len({kind(name) for name in known}), nearest),
         tuple(lacks), tuple(harmless), information_of(seen, turning, device), ratio,
     )  # fmt: skip
 

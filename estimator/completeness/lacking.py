@@ -49,8 +49,30 @@ class Taken:
     given: dict[str, float]
 
 
-def in_words(lacks: Sequence[Lacking], harmless: Sequence[Lacking], left: Sequence[str], watched: int) -> str:
+@dataclass(frozen=True)
+class Nearest:
+    """The effect that explains most of a record, and not what is missing: with it the innovation is still `ratio` times
+    what is predicted of it, rms, so that its coefficients are those of something else.
+    """
+
+    effect: str
+    ratio: float
+
+
+def in_words(
+    lacks: Sequence[Lacking],
+    harmless: Sequence[Lacking],
+    left: Sequence[str],
+    watched: int,
+    nearest: Nearest | None = None,
+) -> str:
     """Why the outcome is what it is, one line."""
+    if nearest is not None:
+        missing = (
+            f"something is missing that no effect explains by itself: {nearest.effect} comes nearest and leaves "
+            f"{nearest.ratio:.3g} × the noise; hil trace tells"
+        )
+        return "; ".join([missing, *map(told, harmless)])
     if lacks:
         return "; ".join([*map(told, lacks), *map(_small, harmless)])
     if left:
@@ -91,8 +113,14 @@ def leading(
     seen: Scan,
     serious: list[Evidence],
     turning: Turning,
-) -> Taken | None:
-    """The effect that explains most once it is carried, None where none explains more than chance would."""
+    enough: float,
+) -> Taken | Nearest | None:
+    """The effect that explains most once it is included in the model, None where none explains more than chance would;
+    the nearest where the innovation stays above `enough` times what is predicted of it, rms.
+
+    Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
+    of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.
+    """
     record, device = problem.record, problem.device
     problem = problem.under(base.settings)
     names = shortlist(seen, serious)[:_TRIED]
@@ -113,6 +141,9 @@ def leading(
     if gains[best] < _ENOUGH and not carries_over(compared, without, models[best], best):
         return None
     model = models[best]
+    ratio = ratio_of(model)
+    if not ratio <= enough:
+        return Nearest(kind(best), ratio)
     covariance = covariance_of(best, model, NOTHING)
     given = coefficients_of(model.observer)[best]
     found = estimates_of(model, {})[best]
@@ -134,6 +165,13 @@ def leading(
         ),
     )
     return Taken(best, lacking, values, np.asarray(covariance), given)
+
+
+def ratio_of(model: Fitted) -> float:
+    """Innovation of a model over what it predicts of it, rms."""
+    with np.errstate(all="ignore"):
+        normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
+    return float(np.sqrt(np.nanmean(normalised)))
 
 
 def tries(parameters: Parameters, samples: int) -> int:

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 
 from estimator.completeness.answer import Lacking, Outcome
 from estimator.completeness.closing import _is_of_the_rate, closing_scan, information_of, require_scannable, together
-from estimator.completeness.lacking import HARMLESS, angle_of, in_words, price, tries
+from estimator.completeness.lacking import HARMLESS, Nearest, angle_of, in_words, price, tries
 from estimator.completeness.stretch import Stretch
 from estimator.completeness.turning import Turning
 from estimator.diagnosis import Interval
@@ -233,6 +233,15 @@ def test_what_no_effect_explains_is_told() -> None:
 
 def test_nothing_at_all_says_how_much_was_looked_for() -> None:
     assert in_words([], [], [], 30) == "none of the 30 effects looked for explains more than chance would"
+
+
+def test_what_leaves_most_of_itself_is_said_to_be_nearest_and_has_no_interval() -> None:
+    words = in_words([], [lacking("clipping", 0.01)], [], 30, Nearest("drive_saturation", 5.234))
+    assert words.startswith(
+        "something is missing that no effect explains by itself: drive_saturation comes nearest and leaves 5.23 × the "
+        "noise; hil trace tells; "
+    )
+    assert "drive_saturation:" not in words  # no coefficients
 
 
 def test_a_scan_of_an_observer_that_diverged_is_not_sound() -> None:

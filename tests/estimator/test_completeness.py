@@ -112,6 +112,21 @@ def test_the_sensitivity_is_the_emulated_angle_error_sign_included(name: str) ->
     assert np.sqrt(np.mean((moved + at) ** 2)) < 0.05 * np.sqrt(np.mean(at**2)) + 0.003
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("coupling", [6e12, -2e12])
+def test_what_a_score_test_cannot_reach_gets_no_name_and_no_interval(coupling: float) -> None:
+    """A coupling x y², x² y, an isotropic cubic spring less one of each axis: a cubic spring alone takes up nearly all
+    of the residual, and leaves far more than the noise.
+    """
+    less = ("cubic_stiffness", (("k3x", -coupling), ("k3y", -coupling)))
+    found = scanned(record_of(loop(("cubic_isotropic", (("k3", coupling),)), less, samples=20_000)))
+    assert found.outcome is Outcome.LACKS
+    assert found.lacks == ()
+    assert found.reason.startswith("something is missing that no effect explains by itself: ")
+    assert "hil trace" in found.reason
+    assert "±" not in found.reason
+
+
 @pytest.mark.long
 def test_a_clean_run_is_complete() -> None:
     found = scanned(record_of(loop()))
