@@ -1,12 +1,14 @@
 """The scan that closes every run and replay: the capture read in stretches, the estimator's answer for result.json."""
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hil.bench import Bench
 from hil.progress import Progress, Watcher
+from hil.ratio import drive_words
 from hil.records.result import Lacking, Parameter, Scan, Unexcluded
 from hil.records.runfolder import RunFolder
 
@@ -38,15 +40,18 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
         rows = capture.between(first + part.start, first + part.stop - 1)
         if len(rows) > 1:
             stretches.append(Stretch(record_of(rows, drives), begin_s_of(rows), from_start=part.start == 0))
-    return closing_scan(
+    found = closing_scan(
         stretches,
         device,
         observer_settings_of(bench),
         control_of(bench, capture),
         scored_s=(bench.loop.settle_s, end_s_of(capture)),
         limit_rad=bench.limits.angle_rad,
+        limit_ratio=bench.limits.innovation_ratio,
         progress=lambda stage, done, total: progress(Progress(stage, done, total)),
     )
+    blamed = [(item.effect, item.coefficients) for item in (*found.lacks, *found.harmless)]
+    return replace(found, reason="; ".join([found.reason, *drive_words(blamed, bench.device.mass_kg)]))
 
 
 def begin_s_of(rows: "Capture") -> float:

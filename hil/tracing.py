@@ -16,6 +16,7 @@ from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
 from hil.also import effects_asked, not_tried
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
+from hil.bench.by_verb import require_usable
 from hil.captured import control_of, drives_of, record_of
 from hil.compiler import require_compiler
 from hil.declared import observer_settings_of, recorded_device_of
@@ -25,7 +26,9 @@ from hil.loop.run import new_folder
 from hil.parts import FRACTION, Part, moving, parts_of, sample_of
 from hil.progress import Progress, Watcher
 from hil.rate_sensor import fitting_rows, trace_rate_sensor
+from hil.ratio import drive_words
 from hil.records.atomic import make_run_folder, require_place, write_sealed
+from hil.records.atomic import make_run_folder, require_place, write_text
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
 from hil.records.diagnosis import MissingForce as WrittenForce
@@ -95,6 +98,7 @@ def trace(
         if also:
             raise InputError("--also: all laws of an envelope are tried anyway; leave it out")
         return _trace_envelope(capture, bench, out, fraction=fraction, report=report, force=force, progress=progress)
+    require_usable(bench, "trace")
     require_compiler()
     workers()  # no number of them is told before minutes are spent
     require_place(out)
@@ -124,6 +128,8 @@ def trace(
     if found.verdict.is_open:
         tried = {one.name for one in found.effects} | {one.name for one in found.rejected}
         found = replace(found, reasons=(*found.reasons, *not_tried(device, tried)))
+    blamed = [(one.name, one.coefficients) for one in found.effects]
+    found = replace(found, reasons=(*found.reasons, *drive_words(blamed, device.mass)))
     unnamed: MissingForce | None = None
     about: WrittenForce | None = None
     if force or (force is None and report and found.verdict.is_open):

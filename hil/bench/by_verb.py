@@ -1,0 +1,120 @@
+"""What a verb does not do with a bench file: keys that it has no use for, and values that it refuses.
+
+A bench file serves several verbs, and a run keeps it as it was given: a key that does not act must not look as if it
+had.  Where the verb has no use for a key at all, the reference page says so (`NOT_OF`); where it would do something
+else than the value says, it refuses.
+"""
+
+from collections.abc import Iterator
+from typing import Literal
+
+from hil.bench.bench import Bench
+from hil.errors import InputError
+
+Verb = Literal["run", "replay", "trace", "compare"]
+
+_BOARD = ("link.url", "link.watchdog_s", "link.timeout_s", "loop.clock", "loop.seed", "loop.filter", "loop.block")
+_STEPS = ("controller.stiffness_step", "controller.stiffness_step_Hz")
+_LAW = ("energy_gain", "quadrature_gain", "amplitude_modulation", "modulation_Hz")
+_CONTROL = (*_STEPS, *(f"controller.{key}" for key in _LAW))
+_GUARDS = tuple(f"limits.{key}" for key in ("overtime", "rearm", "standstill_s"))
+_MACHINE = ("limits.late_fraction", "limits.lost_fraction")
+_ANGLE = ("angle_rad", "energy_error", "quadrature", "innovation_ratio", "invalid_fraction")
+_JUDGED = tuple(f"limits.{key}" for key in _ANGLE)
+_CALIBRATION = tuple(
+    f"device.calibration.{key}"
+    for key in (
+        "angular_gain_u", "clock_u", "drive_gain_u", "drive_misalignment_u", "drive_delay_u_s", "sense_gain_ratio_u",
+        "sense_cross_coupling_u", "sense_delay_u_s",
+    )
+)  # fmt: skip
+
+_OF_A_BOARD, _DRIVEN = "of a board", "what the loop drove is in the record"
+_STOPPED, _VERDICT = "nothing has to be stopped", "of a run's verdict"
+
+NOT_OF: dict[Verb, dict[str, str]] = {
+    "run": {},
+    "replay": {
+        **dict.fromkeys((*_BOARD, "loop.duration_s"), _OF_A_BOARD),
+        **dict.fromkeys(_CONTROL, _DRIVEN),
+        **dict.fromkeys((*_GUARDS, "limits.residual_safe"), _STOPPED),
+        **dict.fromkeys(_MACHINE, _OF_A_BOARD),
+    },
+    "trace": {
+        **dict.fromkeys((*_BOARD, "loop.duration_s"), _OF_A_BOARD),
+        **dict.fromkeys((*_CONTROL, "controller.dither_mps2"), _DRIVEN),
+        **dict.fromkeys((*_GUARDS, "limits.residual_safe"), _STOPPED),
+        **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
+        **dict.fromkeys(("loop.estimate_every", "loop.covariance_every"), "every sample counts"),
+        **dict.fromkeys(_CALIBRATION, "of the angle's uncertainty"),
+        "device.normalised": "a trace tells effects, per unit mass",
+    },
+    "compare": {
+        **dict.fromkeys(
+            ("link.url", "loop.filter", "loop.block"), "the board is given as --link, and runs in force mode"
+        ),
+        **dict.fromkeys(_STEPS, _DRIVEN),
+        **dict.fromkeys(_GUARDS, _STOPPED),
+        **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
+        "loop.covariance_every": "no covariance is kept",
+        "device.normalised": "parameters are compared per unit mass",
+    },
+}
+"""Keys that a verb has no use for, by `section.key`, each with the reason."""
+
+
+def page() -> str:
+    """The section of the reference page."""
+    reasons: dict[str, dict[str, list[str]]] = {}
+    for verb, keys in NOT_OF.items():
+        for key, why in keys.items():
+            reasons.setdefault(why, {}).setdefault(verb, []).append(key)
+    rows = "".join(
+        f"| {why} | `hil {verb}` | {', '.join(f'`{key}`' for key in keys)} |\n"
+        for why, by_verb in reasons.items()
+        for verb, keys in by_verb.items()
+    )
+    return f"{_PAGE}{rows}"
+
+
+_PAGE = """
+## Keys that a verb has no use for
+
+One bench file serves several verbs. `hil run` uses every key. The others have no use for those below; a value that
+a verb would not do as it says is refused (`[observer] backend` by all but `hil replay`, for example).
+
+| because | verb | keys |
+|---|---|---|
+"""
+
+
+def require_usable(bench: Bench, verb: Verb) -> None:
+    """InputError, one line, for the first value that the verb would not do as it says."""
+    for where, why in _refused(bench, verb):
+        raise InputError(f"{bench.device.name}: {where}: {why}")
+
+
+def _refused(bench: Bench, verb: Verb) -> Iterator[tuple[str, str]]:
+    observer, device = bench.observer, bench.device
+    if verb != "replay" and observer.backend != "numba":
+        yield (
+            "[observer] backend",
+            f'"{observer.backend}" is for hil replay alone, hil {verb} has "numba"; take the key out, and give '
+            f"hil replay --backend {observer.backend}",
+        )
+    if verb in ("run", "replay") and observer.variant == "gyro" and observer.gain == "stationary" and bench.offset_sd_V:
+        yield (
+            "[observer] variant",
+            f'"gyro" with gain = "stationary" takes the sense offsets as zero, offset_sd_V is {bench.offset_sd_V:g} V; '
+            'use variant = "full", which estimates them (hil compare runs "gyro" as prior art)',
+        )
+    if verb == "run" and device.drive.hold != "zoh":
+        yield (
+            "[device.drive] hold",
+            f'"{device.drive.hold}" is of imported records, a board holds each drive; take the key out',
+        )
+    if verb == "run" and device.sense.unit != "V":
+        yield (
+            "[device.sense] unit",
+            f'"{device.sense.unit}" is of imported records, a board counts in volts; give gain and noise in V',
+        )
