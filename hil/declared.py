@@ -170,7 +170,7 @@ def board_dither_of(bench: Bench, identity: Identity) -> tuple[int, int]:
 
 def drive_limit_of(bench: Bench, identity: Identity) -> int:
     """Largest drive code the board is to apply, whose force is not beyond the limit that is declared."""
-    return min(_codes(bench.drive_limit_mps2, identity), 2 ** (identity.drive_bits - 1) - 1)
+    return min(_codes(bench.drive_limit_mps2, identity), (1 << (identity.drive_bits - 1)) - 1)
 
 
 def _codes(force_mps2: Fraction, identity: Identity) -> int:

@@ -12,6 +12,7 @@ from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.pool.members import Member, Pool, held_out_by_default
 from hil.also import effects_asked
 from hil.bench import RateSensorBench, load_any_bench, override
+from hil.bench.by_verb import require_usable
 from hil.captured import drives_of, record_of
 from hil.compiler import require_compiler
 from hil.declared import observer_settings_of, recorded_device_of
@@ -55,6 +56,7 @@ def trace_pool_files(
     if isinstance(declared, RateSensorBench):
         raise InputError(f"{bench_path}: a rate sensor; its records are traced one by one")
     bench = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench_path))
+    require_usable(bench, "trace")
     require_place(out)
     records = [read_capture(place) for place in captures]
     for place, record in zip(captures, records, strict=True):

@@ -13,6 +13,7 @@ from estimator.errors import ModelError
 from estimator.gaps import observe
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.bench.by_verb import require_usable
 from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
 from hil.compiler import require_compiler
 from hil.declared import observer_settings_of, recorded_device_of
@@ -42,6 +43,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     """
     if backend != "numpy":
         require_compiler()
+    require_usable(bench, "replay")
     record = read_capture(capture)
     require_fit(record, bench, capture)
     try:
@@ -82,6 +84,11 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
         raise InputError(
             f"{place}: drive recorded in {record.drive_unit}, but [device.drive] unit = "
             f"{device.drive.unit!r} does not tell what a volt does; give its own bench file"
+        )
+    if record.has_drive and device.drive.hold not in ("zoh", record.hold):
+        raise InputError(
+            f"{place}: the drive is {record.hold} between samples by the record, [device.drive] hold = "
+            f'"{device.drive.hold}" by the bench file; take that out, or import the record with it'
         )
     if record.sense_unit != device.sense.unit:
         raise InputError(

@@ -28,7 +28,6 @@ from hil.progress import Progress, Watcher
 from hil.rate_sensor import fitting_rows, trace_rate_sensor
 from hil.ratio import drive_words
 from hil.records.atomic import make_run_folder, require_place, write_sealed
-from hil.records.atomic import make_run_folder, require_place, write_text
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
 from hil.records.diagnosis import MissingForce as WrittenForce

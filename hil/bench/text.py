@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 from estimator.custom.grammar import DEEPEST, FUNCTIONS, LARGEST_EXPONENT, LONGEST
 from estimator.custom.names import QUANTITIES
 from hil.bench.bench import Bench
+from hil.bench.by_verb import page
 from hil.bench.device import Device
 from hil.bench.field_units import FIELD_UNITS, other_key
 from hil.bench.modes import Modes
@@ -95,7 +96,7 @@ def reference() -> str:
     effects = " ".join((Bench.model_fields["effects"].description or "").split())
     units = "".join(f"| `…{one.end}` | `…{one.other}` | {one.symbol} |\n" for one in FIELD_UNITS)
     parts = [INTRODUCTION.format(units=units), *_tables(Bench, sections(Bench)), f"\n## [effects.NAME]\n\n{effects}\n"]
-    parts += [*_tables(Bench, OWN), _grammar(), SENSOR, *_tables(RateSensorBench, sections(RateSensorBench))]
+    parts += [*_tables(Bench, OWN), _grammar(), page(), SENSOR, *_tables(RateSensorBench, sections(RateSensorBench))]
     return "".join(parts)
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hil.bench import Bench
+from hil.bench.by_verb import require_usable
 from hil.bench.template import template, values_of
 from hil.compiler import require_compiler
 from hil.emulation import Served, served
@@ -76,6 +77,7 @@ def run(
     when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
     require_compiler()
+    require_usable(bench, "run")
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})

@@ -11,6 +11,7 @@ from estimator.errors import ModelError
 from estimator.observer import Observer
 from hil.addition import additions
 from hil.bench import Bench, override
+from hil.bench.by_verb import require_usable
 from hil.compiler import require_compiler
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -69,6 +70,7 @@ def compare(
     does not belong to the bench file or cannot be compared; nothing is left then.
     """
     require_compiler()
+    require_usable(bench, "compare")
     place = None if link is None else require_emulated(link)
     subject = given(capture, bench)
     require_place(out)
@@ -118,6 +120,11 @@ def methods_on(
         for title, run in own_runs(bench, link, subject.seconds):
             rows.add(title, run)
     remarks += rows.failed
+    if bench.offset_sd_V:
+        remarks.append(
+            f"{STATES['gyro']} states and {prior_art.WITHOUT_OFFSETS}: take the sense offsets as zero, of which "
+            f"{bench.offset_sd_V:g} V are declared; their U leaves them out"
+        )
     if truth is not None:
         progress(Progress("bound", 0, 0))
         try:
