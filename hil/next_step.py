@@ -53,7 +53,7 @@ def after_trace(
         return f"{again} --live"
     missing = diagnosis.missing_force
     if missing is None:
-        return f"{again} --force"
+        return f"{again} --missing-force"
     if any(term.declarable for term in missing.form):
         return f"{again} --add {_ADDED}"
     if missing.refused is None:

@@ -62,6 +62,23 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     return f"{significant(value * factor, digits)}{_SPACE}{prefix}{unit}".rstrip()
 
 
+def beside_degrees(text: str, value: float, unit: str) -> str:
+    """`text`, which tells `value` in rad or rad/s, with the same in degrees or °/s behind it; of other units as it is.
+
+    >>> beside_degrees("1.50 mrad", 1.5e-3, "rad"), beside_degrees("3.0 V", 3.0, "V")
+    ('1.50 mrad (0.0859°)', '3.0 V')
+    """
+    symbol = {"rad": "°", "rad/s": f"{_SPACE}°/s"}.get(unit)
+    return (
+        text if symbol is None or not math.isfinite(value) else f"{text} ({significant(math.degrees(value))}{symbol})"
+    )
+
+
+def in_both(value: float, unit: str, digits: int = 3) -> str:
+    """As `quantity`, an angle or a rate in degrees or °/s too."""
+    return beside_degrees(quantity(value, unit, digits), value, unit)
+
+
 def sensed(value: float, unit: str, digits: int = 3) -> str:
     """What a sense channel shows: volts with a prefix, a sensor's own unit, as px or µstrain, as it is."""
     return quantity(value, unit, digits) if unit in PREFIXED else f"{significant(value, digits)}{_SPACE}{unit}"

@@ -55,7 +55,7 @@ def trace_file(
     name: str | None,
     fraction: float | None,
     report: bool = True,
-    force: bool | None = None,
+    missing_force: bool | None = None,
     also: Sequence[str] = (),
     progress: Watcher,
 ) -> Traced:
@@ -68,7 +68,9 @@ def trace_file(
             raise InputError("--also: all effects of a rate sensor are tried anyway; leave it out")
         return _trace_sensor(capture, declared, bench, out, name or "trace", report=report, progress=progress)
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
-    return trace(capture, named, out, fraction=fraction, report=report, force=force, also=also, progress=progress)
+    return trace(
+        capture, named, out, fraction=fraction, report=report, missing_force=missing_force, also=also, progress=progress
+    )
 
 
 @one_blas_thread()
@@ -80,7 +82,7 @@ def trace(
     *,
     fraction: float | None = None,
     report: bool = True,
-    force: bool | None = None,
+    missing_force: bool | None = None,
     also: Sequence[str] = (),
     progress: Watcher,
 ) -> Traced:
@@ -96,7 +98,9 @@ def trace(
     if bench.device.sense.is_envelope:
         if also:
             raise InputError("--also: all laws of an envelope are tried anyway; leave it out")
-        return _trace_envelope(capture, bench, out, fraction=fraction, report=report, force=force, progress=progress)
+        return _trace_envelope(
+            capture, bench, out, fraction=fraction, report=report, missing_force=missing_force, progress=progress
+        )
     require_usable(bench, "trace")
     require_compiler()
     workers()  # no number of them is told before minutes are spent
@@ -131,7 +135,7 @@ def trace(
     found = replace(found, reasons=(*found.reasons, *drive_words(blamed, device.mass)))
     unnamed: MissingForce | None = None
     about: WrittenForce | None = None
-    if force or (force is None and report and found.verdict.is_open):
+    if missing_force or (missing_force is None and report and found.verdict.is_open):
         progress(Progress("missing force", 0, 0))
         unnamed, about = _unnamed(problem, split)
     diagnosis = to_model(
@@ -214,12 +218,12 @@ def _trace_envelope(
     *,
     fraction: float | None,
     report: bool,
-    force: bool | None,
+    missing_force: bool | None,
     progress: Watcher,
 ) -> Traced:
     """The same of a ring-down whose amplitude was recorded: a law of damping."""
-    if force:
-        raise InputError(f"{capture}: an envelope, which shows no force at an instant; leave out --force")
+    if missing_force:
+        raise InputError(f"{capture}: an envelope, which shows no force at an instant; leave out --missing-force")
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     split = None

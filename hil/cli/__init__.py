@@ -13,6 +13,7 @@ from hil.errors import printable, told_to_user
 from hil.interruption import take_signals
 
 INTERRUPTED = 130
+_RENAMED = {("trace", "--force"): "--missing-force", ("trace", "--no-force"): "--no-missing-force"}
 
 
 def main() -> None:
@@ -59,6 +60,9 @@ def _sentence(error: Exception, arguments: list[str]) -> str | None:
         from hil.cli.app import app
 
         verb = next((one.name for one in app.registered_commands if [one.name] == arguments[:1]), None)
+        option = getattr(error, "option_name", "")
+        if verb is not None and (now := _RENAMED.get((verb, option))) is not None:
+            return f"{option}: is called {now} now (see hil {verb} --help)"
         said = error.format_message().replace("Value error, ", "")  # pydantic's, before what typer says
         return f"{said} (see {f'hil {verb}' if verb else 'hil'} --help)"
     return told_to_user(error)

@@ -27,10 +27,12 @@ Traced = Annotated[
     Path | None,
     typer.Option(
         "--diagnosis",
-        help="Folder of a trace of the record, or `last`, the newest trace: its effect is carried by the 13 states.",
+        help="Folder of a trace of the record, or `last`, the newest trace: the 13-state observer includes its effect.",
     ),
 ]
-Trace = Annotated[bool, typer.Option("--trace", help="Trace the record first, and do so with what is found.")]
+Trace = Annotated[
+    bool, typer.Option("--trace", help="Trace the record first; the 13-state observer then includes the effect found.")
+]
 _WIDTH = 400  # the table is not cut where nobody says how wide the terminal is
 
 

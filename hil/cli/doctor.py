@@ -20,9 +20,9 @@ _STYLES = {"good": "green", "missing": "yellow", "bad": "red"}
 def doctor(link: DoctorLink = None, json: Json = False) -> None:
     """Look at what a loop needs here, and say in one line each what is missing and how to get it.
 
-    With --link the board is asked who it is, the round trip and its jitter are measured on this very link, and a table
-    says what this machine holds there: the highest rate in force mode at a board latency of 1 and 4 ticks, the highest
-    rate in gain mode, and the smallest block at the board's own rate. Exit code 1: something is in the way.
+    With --link it asks the board for its IDENTITY and measures round trip and jitter on that link. A table says what
+    this machine holds there: the highest rate in force mode at a board latency of 1 and 4 ticks, the highest rate in
+    gain mode, and the smallest block at the board's own rate. Exit code 1: something is in the way.
 
     Examples:
 

@@ -20,7 +20,7 @@ def record(
     report: Report = True,
     json: Json = False,
 ) -> None:
-    """Record a sensor that puts out rates and cannot be driven, and check the record.
+    """Record a sensor that outputs rates and has no drive, and check the record.
 
     The verdict counts checksum errors, gaps in the sensor's own counter, its status bits and its latency. report.html
     has the rates and, with its Allan deviation, the noise of each axis: let the sensor stand still for that. Adapters

@@ -23,8 +23,8 @@ def replay(
 ) -> None:
     """Run the observer of a bench file over a record.
 
-    The record is an imported one or that of an earlier run, whose own bench file is taken unless --bench names another;
-    the outcome is a new run folder.
+    The record is an imported one, or that of an earlier run. A run has its own bench file; --bench names another.
+    The outcome is a new run folder.
 
     Examples:
 

@@ -27,8 +27,8 @@ Place = Annotated[
 def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: Replace = False) -> None:
     """List the runs and traces of a folder, oldest first, with their verdicts.
 
-    Behind a verdict that failed stand the parts that failed, and why. Each name is what other verbs take for the run,
-    as in `hil show NAME`; its beginning will do.
+    A failed verdict is followed by the parts that failed, and by the reason. Other verbs take each name as it is
+    listed, or its beginning: `hil show NAME`.
 
     Examples:
 

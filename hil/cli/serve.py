@@ -17,12 +17,12 @@ Insecure = Annotated[bool, typer.Option("--insecure", help="Consent to --listen 
 Certificate = Annotated[Path | None, typer.Option("--tls-cert", help="File with the certificate, for https.")]
 Key = Annotated[Path | None, typer.Option("--tls-key", help="File with its key.")]
 Names = Annotated[list[str] | None, typer.Option("--name", help="Another name that this machine may be called by.")]
-ReadOnly = Annotated[bool, typer.Option("--read-only", help="Nobody can do more than look, and send SAFE.")]
+ReadOnly = Annotated[bool, typer.Option("--read-only", help="Clients may only look, and send SAFE.")]
 
 
 Foxglove = Annotated[
     int | None,
-    typer.Option("--foxglove", min=0, max=65535, help="Port on loopback for Foxglove's viewers, open to all."),
+    typer.Option("--foxglove", min=0, max=65535, help="Port on loopback for Foxglove's viewers; it needs no token."),
 ]
 
 

@@ -191,7 +191,7 @@ def _print_verdict(console: "Console", result: "Result") -> None:
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     from hil.emulation import shown
-    from hil.numbers import count, counted, percent, quantity, signed, significant
+    from hil.numbers import count, counted, in_both, percent, quantity, signed, significant
 
     if result.link is not None:
         yield "link, clock", f"{shown(result.link)}, {result.clock}"
@@ -239,11 +239,11 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "innovation, rms", f"{quantity(result.innovation_rms, 'V')}{floor}"
     yield from _angle(result)
     if result.angle_error_rms_rad is not None:
-        yield "angle error, rms", quantity(result.angle_error_rms_rad, "rad")
+        yield "angle error, rms", in_both(result.angle_error_rms_rad, "rad")
     if result.score is not None and result.score.angle_per_rotation is not None:
         yield "angle per rotation", f"{result.score.angle_per_rotation:.6f}"
     if result.rate_error_rms_rad_s is not None:
-        yield "rate error, rms", quantity(result.rate_error_rms_rad_s, "rad/s")
+        yield "rate error, rms", in_both(result.rate_error_rms_rad_s, "rad/s")
     if result.score is not None and (nees := result.score.nees) is not None:
         low, high = nees.band
         yield "NEES per entry", f"{significant(nees.mean)} of {nees.entries} entries; 95 % band {low:.2f} to {high:.2f}"
@@ -253,18 +253,20 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
     """The angle at the end of the scored window with its uncertainty, and the source's own beside it."""
     if (angle := result.angle) is None or (u := result.angle_u_rad) is None:
         return
-    from hil.numbers import plus_minus, prefix_for, quantity
+    from hil.numbers import in_both, plus_minus, prefix_for, quantity
     from hil.verdict.budget import COVERAGE
 
     factor, prefix = prefix_for(max(abs(angle.rad), u), 0)
-    yield "angle since scoring starts", f"{plus_minus(angle.rad * factor, u * factor)} {prefix}rad (k = 2)"
+    told = f"{plus_minus(angle.rad * factor, u * factor)} {prefix}rad"
+    degrees = plus_minus(math.degrees(angle.rad), math.degrees(u))
+    yield "angle since scoring starts", f"{told} ({degrees}°), k = 2"
     if result.uncertainty:
         largest = result.uncertainty[0]
         told = " (assumed)" if largest.assumed else ""
         share = quantity(COVERAGE * largest.contribution_rad, "rad", 2)
         yield "largest source", f"{largest.source}{told}, U = {share}"
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
-        yield "by the patent's formula (11)", quantity(angle.plain_rad, "rad", 5)
+        yield "by the patent's formula (11)", in_both(angle.plain_rad, "rad", 5)
         imperfection = quantity(angle.control_imperfection_rms_rad, "rad", 2)
         yield "turn caused by drive forces, rms", f"{imperfection} (already subtracted)"
 

@@ -10,7 +10,7 @@ from hil.cli.options import RUNS, Json
 Url = Annotated[
     str | None, typer.Argument(metavar="[URL]", help="Address with the token, as hil serve prints it; else --folder.")
 ]
-Folder = Annotated[Path, typer.Option("--folder", "-o", help="Folder of runs whose service is looked at.")]
+Folder = Annotated[Path, typer.Option("--folder", "-o", help="Folder of runs whose service is shown.")]
 Once = Annotated[bool, typer.Option("--once", help="Show it once and end.")]
 
 

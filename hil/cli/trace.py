@@ -45,10 +45,10 @@ HoldOut = Annotated[
     list[str] | None,
     typer.Option("--hold-out", help="Name of a record that only judges; repeatable.  [default: a third of them]"),
 ]
-Force = Annotated[
+MissingForce = Annotated[
     bool | None,
     typer.Option(
-        "--force/--no-force",
+        "--missing-force/--no-missing-force",
         help="Estimate the missing force without a name.  [default: where something is left and a report is drawn]",
     ),
 ]
@@ -78,13 +78,13 @@ def trace(
     link: Link = None,
     arm: Arm = False,
     report: Report = True,
-    force: Force = None,
+    missing_force: MissingForce = None,
     also: Also = None,
     json: Json = False,
 ) -> None:
     """Find the effect that the model lacks.
 
-    Runs the observer of the bench file, by default the run's own, over the record and looks at what it leaves.
+    Runs the observer of the bench file over the record and examines the residual.
     Tries the effects of the catalogue, and those that the bench file or a package declares, on one part of the
     record, and judges them on the rest. Several records are traced together; each has a start of its own, and whole
     records are kept to judge by. Writes diagnosis.json and report.html. Exit code 0: nothing is missing, or what is
@@ -100,7 +100,7 @@ def trace(
       hil trace runs/first --bench my.bench.toml --live --link serial:/dev/ttyACM0 --arm
       hil trace silverbox.arrow --bench silverbox --json
       hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
-      hil trace runs/first --bench s-undeclared --force
+      hil trace runs/first --bench s-undeclared --missing-force
       hil trace runs/first --bench s-undeclared --also drag_radial,cubic_damping_radial
     """
     from hil.bench import RateSensorBench, load_any_bench
@@ -128,8 +128,8 @@ def trace(
     if not isinstance(declared, RateSensorBench) and not envelope:
         prepare(declared)
     if more:
-        if live or force or fraction is not None:
-            raise InputError("several records: they are held out whole, and there is no --live and no --force; leave "
+        if live or missing_force or fraction is not None:
+            raise InputError("several records: they are held out whole, without --live and --missing-force; leave "
                              "out these and --fraction")  # fmt: skip
         among = _Among(covariate, tuple(hold_out or ()), tuple(also or ()))
         _together([capture, *more], path, out, name, among, add, report=report, json=json)
@@ -138,8 +138,8 @@ def trace(
     board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
     with watching("trace", whole=True) as watch:
         done = hil.trace(
-            record, path, name=name, fraction=fraction, report=report, force=force, also=also or (), out=out,
-            progress=watch,
+            record, path, name=name, fraction=fraction, report=report, missing_force=missing_force, also=also or (),
+            out=out, progress=watch,
         )  # fmt: skip
     taken = None if board is not None else record
     if board is not None and not isinstance(declared, RateSensorBench):

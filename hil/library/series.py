@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 Floats = npt.NDArray[np.float64]
+_DEGREES = {"_rad_s": ("_dps", "°/s"), "_rad": ("_deg", "°")}  # end of a column: its end and unit in degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,21 @@ class Series:
     def unit(self) -> str:
         """Unit of `values`."""
         return self.units[next(iter(self._columns))]
+
+    def in_degrees(self) -> "Series":
+        """The same with every column in rad, rad/s or their like in degrees: angle_rad as angle_deg, rate_rad_s as
+        rate_dps; other columns as they are.
+
+        >>> Series(np.array([0.0]), {"angle_rad": np.array([np.pi])}, {"angle_rad": "rad"}).in_degrees()["angle_deg"]
+        array([180.])
+        """
+        columns, units = {}, {}
+        for name, values in self._columns.items():
+            end = next((end for end in _DEGREES if name.endswith(end)), None)
+            other = name if end is None else name.removesuffix(end) + _DEGREES[end][0]
+            columns[other] = values if end is None else np.degrees(values)
+            units[other] = self.units[name] if end is None else _DEGREES[end][1]
+        return Series(self.t_s, columns, units, self.header)
 
     def since(self, t_s: float) -> "Series":
         """The part from that bench time on."""

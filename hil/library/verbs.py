@@ -29,7 +29,7 @@ from hil.library.loading import load_trace
 from hil.library.places import bench_file, folder_of, path_of, require
 from hil.library.series import Series
 from hil.library.tracing import Trace
-from hil.library.words import said_of_arguments
+from hil.library.words import renamed, said_of_arguments
 from hil.next_step import PASSING
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
@@ -149,6 +149,7 @@ def replay(
 
 
 @said_of_arguments()
+@renamed(force="missing_force")
 def trace(
     record: Record,
     bench: AnyBench | None = None,
@@ -158,7 +159,7 @@ def trace(
     hold: Hold = "zoh",
     nonuniform: bool = False,
     report: bool = True,
-    force: bool | None = None,
+    missing_force: bool | None = None,
     also: str | Sequence[str] = (),
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
@@ -166,9 +167,9 @@ def trace(
     """Find the effect that the model lacks on a record; the answer is kept below `out`.
 
     bench: default that of a run.  fraction: share of the record that is fitted, the rest only judges.  hold: what the
-    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.  force: whether the
-    missing force is estimated without a name, by default where something is left and a page is drawn.  also: effects
-    to try that a trace tries on request only, a name or several.
+    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.  missing_force: whether
+    the missing force is estimated without a name, by default where something is left and a page is drawn.  also:
+    effects to try that a trace tries on request only, a name or several.
     """
     from hil.tracing import trace as trace_record
     from hil.tracing import trace_file
@@ -182,12 +183,13 @@ def trace(
                 raise InputError(f"{declared.device.name}: a rate sensor; give the path of its bench file")
             done = trace_file(
                 capture, bench_file("bench", bench), place,
-                name=name, fraction=fraction, report=report, force=force, also=asked_for, progress=watcher,
+                name=name, fraction=fraction, report=report, missing_force=missing_force, also=asked_for,
+                progress=watcher,
             )  # fmt: skip
         else:
             declared = declared.with_(loop={"name": name or f"{declared.loop.name}-trace"})
             done = trace_record(
-                capture, declared, place, fraction=fraction, report=report, force=force, also=asked_for,
+                capture, declared, place, fraction=fraction, report=report, missing_force=missing_force, also=asked_for,
                 progress=watcher,
             )  # fmt: skip
     return Trace(done.folder, done.diagnosis)

@@ -1,7 +1,7 @@
 """The tables of the page."""
 
 from hil.errors import InputError
-from hil.numbers import count, percent, plus_minus, prefix_for, quantity, relative, significant
+from hil.numbers import count, in_both, percent, plus_minus, prefix_for, relative, significant
 from hil.records.result import Parameter
 from hil.records.units import symbol_of
 from hil.report.markup import paragraph, table
@@ -45,8 +45,8 @@ def angle(material: Material) -> str:
     rows = [
         (
             name,
-            quantity(rms, unit),
-            "" if largest is None else quantity(largest, unit),
+            in_both(rms, unit),
+            "" if largest is None else in_both(largest, unit),
         )
         for name, rms, largest, unit in entries
         if rms is not None

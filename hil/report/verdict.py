@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from hil.numbers import count, counted, percent, quantity, relative, share, significant
+from hil.numbers import count, counted, in_both, percent, quantity, relative, share, significant
 from hil.records.result import Result
 
 _WORDS = {"lacks": "lacks something"}
@@ -73,13 +73,13 @@ def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str
     entries: list[tuple[str, str, str]] = []
     if result.angle is not None and result.angle_u_rad is not None:
         remark = f"± {quantity(result.angle_u_rad, 'rad', 2)} (k = 2), since scoring starts"
-        entries.append(("Angle", quantity(result.angle.rad, "rad"), remark))
+        entries.append(("Angle", in_both(result.angle.rad, "rad"), remark))
     if result.angle_error_rms_rad is not None:
         remark = "rms" + before(first.angle_error_rms_rad, "rad")
-        entries.append(("Angle error", quantity(result.angle_error_rms_rad, "rad"), remark))
+        entries.append(("Angle error", in_both(result.angle_error_rms_rad, "rad"), remark))
     if result.rate_error_rms_rad_s is not None:
         remark = "rms" + before(first.rate_error_rms_rad_s, "rad/s")
-        entries.append(("Rate error", quantity(result.rate_error_rms_rad_s, "rad/s"), remark))
+        entries.append(("Rate error", in_both(result.rate_error_rms_rad_s, "rad/s"), remark))
     score = result.score
     if score is not None and score.angle_per_rotation is not None:
         remark = f"from 1, over {significant(score.turns)} turns"

@@ -236,7 +236,7 @@ def _traced(run: RunFolder, bench: Bench, place: Path) -> tuple[Row, Bench | Non
     try:
         done = trace_file(
             run.capture_path, run.bench_path, place / "traces",
-            name=None, fraction=None, report=False, force=False, progress=lambda _: None,
+            name=None, fraction=None, report=False, missing_force=False, progress=lambda _: None,
         )  # fmt: skip
     except InputError as refusal:
         return {"traced": f"refused: {refusal}".replace(f"{place}/", "")}, None

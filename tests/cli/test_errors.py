@@ -6,6 +6,7 @@ import pytest
 
 from hil import cli, examples
 from hil.cli.app import app
+from hil.errors import InputError
 from tests.cli.conftest import Hil
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference" / "cli.md"
@@ -273,3 +274,17 @@ def test_what_is_asked_for_is_overwritten_but_never_a_folder(hil: Hil, tmp_path:
     before = (tmp_path / "ride.arrow").read_bytes()
     refused(hil("import", "bad.csv", "--out", "ride.arrow", "--replace"))
     assert (tmp_path / "ride.arrow").read_bytes() == before
+
+
+def test_an_option_that_has_another_name_now_is_refused_with_it(hil: Hil) -> None:
+    for old, new in (("--force", "--missing-force"), ("--no-force", "--no-missing-force")):
+        assert refused(hil("trace", "runs/a", old)) == f"{old}: is called {new} now (see hil trace --help)"
+
+
+def test_an_argument_that_has_another_name_now_is_refused_with_it() -> None:
+    import hil as library
+
+    with pytest.raises(
+        InputError, match=r"^force: this argument is called missing_force now; give missing_force=True$"
+    ):
+        library.trace("runs/a", force=True)  # type: ignore[call-arg]

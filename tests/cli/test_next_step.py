@@ -56,7 +56,7 @@ ALIKE = Confusable.model_validate(
         (found("explained"), f"{AGAIN} --add better.bench.toml"),
         (found("adequate"), "hil export runs/ride --what angle"),
         (found("partly explained", confusable=(ALIKE,)), f"{AGAIN} --live"),
-        (found("unexplained"), f"{AGAIN} --force"),
+        (found("unexplained"), f"{AGAIN} --missing-force"),
         (found("unexplained", missing_force=missing((1.0, 3.0))), f"{AGAIN} --add better.bench.toml"),
         (found("unexplained", missing_force=missing((-1.0, 3.0))), "hil export runs/trace --what force"),
         (found("unexplained", missing_force=missing()), "hil export runs/trace --what force"),
@@ -79,7 +79,7 @@ def test_an_imported_record_is_named_by_its_file(folder: Path) -> None:
     told = after_trace(folder, found("adequate"), record=there)
     assert told == f"hil replay 'records/my ride.arrow' --bench {folder}/bench.toml"
     alike = found("partly explained", confusable=(ALIKE,))  # of which there is no board to make the experiment on
-    assert after_trace(folder, alike, record=there) == f"{again} --force"
+    assert after_trace(folder, alike, record=there) == f"{again} --missing-force"
     kept = found("explained", record="elsewhere")  # shown again, nobody knows where it was
     assert after_trace(folder, kept) == f"hil trace elsewhere.arrow --bench {folder}/bench.toml --add better.bench.toml"
 

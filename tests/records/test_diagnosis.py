@@ -432,6 +432,6 @@ def test_where_no_effect_accounts_for_it_the_form_is_what_comes_next(tmp_path: P
     size = {"value": 2.0, "ci95": (1.0, 3.0), "unit": "1/(m²·s²)"}
     term = {"form": "q³", "sensed": False, "coefficients": {"x": size}, "laws": {"x": ("x**3", "")}}
     form = MissingForce.model_validate({"form": (term,), "text": "a form", **figures})
-    assert after_trace(folder, said) == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --force"
+    assert after_trace(folder, said) == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --missing-force"
     asked = after_trace(folder, said.model_copy(update={"missing_force": form}))
     assert asked == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"
