@@ -86,8 +86,8 @@ def test_a_file_is_linear_between_its_rows(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("time, rate\n0, 1\n", "csv:1: expected the header `t_s, rate_rad_s`"),
-        ("", "csv:1: expected the header `t_s, rate_rad_s`"),
+        ("time, rate\n0, 1\n", "csv:1: expected the header `t_s, rate_rad_s`, or `t_s, rate_dps`"),
+        ("", "csv:1: expected the header `t_s, rate_rad_s`, or `t_s, rate_dps`"),
         ("t_s, rate_rad_s\n0, 1\n1, two\n", "csv:3: expected two numbers, t_s and rate_rad_s"),
         ("t_s, rate_rad_s\n0, 1\n1\n", "csv:3: expected two numbers, t_s and rate_rad_s"),
         ("t_s, rate_rad_s\n0, 1\n1, nan\n", "csv:3: expected finite numbers"),
