@@ -46,6 +46,13 @@ class Gaps:
     def __len__(self) -> int:
         return len(self.last)
 
+    @property
+    def behind(self) -> NDArray[np.int64]:
+        """The first sample behind each gap that adds to the motion: what was before it does not tell of the motion
+        there.
+        """
+        return np.asarray(self.last[np.any(self.spread != 0.0, axis=(1, 2))] + 1)
+
     def part(self, rows: slice) -> "Gaps":
         """Those that end within the samples of `rows`, counted from its first."""
         begin, end = np.searchsorted(self.last, [rows.start, rows.stop])
@@ -64,11 +71,14 @@ class Drives:
     """How the drive of a record goes with the rows around it, learnt where none is missing.
 
     sense (n, axes) V, NaN where there is none; drive (n, axes); known (n,): whether the drive is; omega: of the
-    resonance, rad/s; step: s; gain: force per mass of one unit of the drive, m/s².
+    resonance, rad/s; step: s; gain: force per mass of one unit of the drive, m/s²; held: whether the drive is held from
+    sample to sample, without which nothing is known of it in a gap.
     """
 
-    def __init__(self, sense: Array, drive: Array, known: Flags, *, omega: float, step: float, gain: float) -> None:
-        self._axes = drive.shape[1]
+    def __init__(
+        self, sense: Array, drive: Array, known: Flags, *, omega: float, step: float, gain: float, held: bool = True
+    ) -> None:
+        self._axes, self._held = drive.shape[1], held
         self._sense, self._drive = sense, drive
         self._omega, self._step, self._gain = omega, step, gain
         # A drive that is off goes by no law.
@@ -104,7 +114,7 @@ class Drives:
         on = [bool(np.any(drive[row] != 0.0)) for row in (begin - 1, end)]
         if not any(on):
             return np.zeros((length, self._axes)), _NOTHING
-        if all(on):
+        if all(on) and self._held:
             sensed = np.all(np.isfinite(sense[max(begin - ROWS_BEFORE, 0) : begin]), axis=1)
             rows = 1
             while rows < len(sensed) and sensed[-1 - rows] and known[begin - 1 - rows]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,6 +34,12 @@ class Record:
         channels = {name: series[rows] for name, series in self.channels.items()}
         gaps = None if self.gaps is None else self.gaps.part(slice(*rows.indices(len(self))))
         return Record(self.sense[rows], self.drive[rows], self.step[rows], channels, gaps)
+
+    @property
+    def stretches(self) -> tuple[slice, ...]:
+        """The record cut behind its gaps: over each part the drive is known from its first sample on."""
+        behind = [] if self.gaps is None else self.gaps.behind.tolist()
+        return tuple(slice(begin, end) for begin, end in pairwise([0, *behind, len(self)]) if end > begin)
 
     @property
     def time(self) -> Array:

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from estimator.errors import ModelError
+from estimator.free_stretches import FreeRuns
 from estimator.observer import Observer
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
-from estimator.simulation import simulate
 
 _T95 = 1.959963984540054
 _BLIND = 1e-9  # of the largest singular value: below it the record says nothing of a direction
@@ -75,12 +75,14 @@ def refine(
     rows: slice | NDArray[np.bool_] | None = None,
     runs: int = 60,
     known: Mapping[str, Declared] | None = None,
+    stretches: Sequence[slice] = (),
 ) -> Refined:
     """Fit a free run to a record: sense (n, axes) V (NaN where lost), drive and step as for `simulate`.
 
     start (states + constants,) SI, by default what the observer holds; free: the names that may change, by default all
     that the observer estimates; rows: the samples whose residual counts, by default all; runs: free runs at most;
-    known: what is declared, of any of the free ones.
+    known: what is declared, of any of the free ones; stretches: parts of the record that gaps keep apart, each of which
+    has a start of its own (`estimator.free_stretches`).
 
     Raises ModelError for unknown names, for rows without samples, and for a start from which the run leaves all bounds.
     """
@@ -92,7 +94,8 @@ def refine(
     state = np.array(observer.state if start is None else start, dtype=float)
     chosen = np.zeros(sense.shape, dtype=bool)
     chosen[slice(None) if rows is None else rows] = True
-    chosen &= np.isfinite(sense)
+    runs_of = FreeRuns(observer, sense, drive, step, stretches)
+    chosen &= runs_of.told
     if int(np.sum(chosen)) < len(index):
         raise ModelError(f"{int(np.sum(chosen))} samples for {len(index)} unknowns; give a longer record")
     noise = np.asarray(observer.device.noise)
@@ -109,7 +112,7 @@ def refine(
             trial = state.copy()
             trial[index] = scaled * scale
             try:
-                simulation = simulate(observer, trial, drive, step=step, sensitive=True)
+                simulation = runs_of.simulate(trial, sensitive=True)
             except ModelError:
                 if scaled is origin:
                     raise
@@ -139,7 +142,7 @@ def refine(
     told = np.zeros(len(index))
     told[at] = (worth / sure) ** 2
     deviation[index] = np.sqrt(np.diagonal(covariance_of(jacobian, weighted, told, worth))) * np.abs(scale)
-    residual = sense - simulate(observer, state, drive, step=step).sensed
+    residual = sense - runs_of.simulate(state).sensed
     rmse = np.array([np.sqrt(np.mean(r[c] ** 2)) for r, c in zip(residual.T, chosen.T, strict=True)])
     information = _information(jacobian, weighted) / np.outer(scale, scale)
     return Refined(names, wanted, state, deviation, residual, rmse, given, information)

@@ -13,7 +13,7 @@ from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device
 from hil.bench import Bench
-from hil.records.capture import Capture, RowFlag
+from hil.records.capture import Capture, Hold, RowFlag
 
 _LEARNT = 50_000  # rows from which is learnt how the drive goes
 _STRETCHES = 10  # of a longer record
@@ -51,11 +51,6 @@ def samples_of(record: Capture, drives: Drives | None = None) -> Samples:
     have changed evenly.
     """
     tick = record.tick
-    step = np.full(len(record), 1.0 / record.tick_rate_Hz)
-    if not record.uniform:
-        step[1:] = np.diff(record.t_s)
-        drive = drive_polynomials(record.drive, record.hold)
-        return Samples(tick, record.sense_V, drive, step, np.zeros(len(tick), np.int64))
     every = np.arange(tick[0], tick[-1] + 1)
     sense, drive, known = _spread_out(record)
     gap = np.zeros(len(every), np.int64)
@@ -63,14 +58,32 @@ def samples_of(record: Capture, drives: Drives | None = None) -> Samples:
         drive = np.column_stack([np.interp(every, tick, channel) for channel in record.drive.T])
     else:
         drive, gap = drives.fill(sense, drive, known)
-    return Samples(every, sense, drive_polynomials(drive, record.hold), np.full(len(every), step[0]), gap)
+    step = np.full(len(every), 1.0 / record.tick_rate_Hz)
+    if not record.uniform:
+        step[1:] = np.diff(np.interp(every, tick, record.t_s))
+    return Samples(every, sense, _polynomials(drive, known, record.hold), step, gap)
+
+
+def _polynomials(drive: Array, known: NDArray[np.bool_], hold: Hold) -> Array:
+    """`drive_polynomials` of a drive (n, axes), each stretch that is known by itself: what lies in a gap says nothing
+    of the derivatives beside it.
+    """
+    if hold == "zoh" or known.all():
+        return drive_polynomials(drive, hold)
+    straight = drive_polynomials(drive, "foh")
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int))).reshape(-1, 2).tolist()
+    pieces = [drive_polynomials(drive[begin:end], hold) for begin, end in edges]
+    made = np.zeros((*drive.shape, pieces[0].shape[2]))
+    made[:, :, : straight.shape[2]] = straight
+    for (begin, end), piece in zip(edges, pieces, strict=True):
+        own = slice(0 if begin == 0 else 1, None)  # the interval up to a stretch is part of the gap
+        made[begin:end][own] = piece[own]
+    return made
 
 
 def drives_of(record: Capture, device: Device) -> Drives | None:
-    """How the drive of a record goes with the rows around it, by some of its rows; None where none is missing, or where
-    the drive is no step from sample to sample.
-    """
-    if not record.uniform or record.hold != "zoh" or len(record) < 2:
+    """How the drive of a record goes with the rows around it, by some of its rows; None where none is missing."""
+    if len(record) < 2:
         return None
     first, last = record.ends
     if last - first + 1 == len(record):
@@ -86,7 +99,13 @@ def drives_of(record: Capture, device: Device) -> Drives | None:
         np.concatenate([array for part in parts for array in (part[k], between[k])]) for k in range(3)
     )
     return Drives(
-        sense, drive, known, omega=math.sqrt(device.target), step=1.0 / record.tick_rate_Hz, gain=device.drive_gain
+        sense,
+        drive,
+        known,
+        omega=math.sqrt(device.target),
+        step=1.0 / record.tick_rate_Hz,
+        gain=device.drive_gain,
+        held=record.hold == "zoh",
     )
 
 

@@ -41,8 +41,8 @@ def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:
 
 
 def sample_of(captured: Capture, row: int) -> int:
-    """The sample of `hil.captured.record_of` that is this row: a record with a clock has one a tick."""
-    return int(captured.tick[row] - captured.tick[0]) if captured.uniform else row
+    """The sample of `hil.captured.record_of` that is this row: there is one a tick."""
+    return int(captured.tick[row] - captured.tick[0])
 
 
 def moving(part: Part, device: Device) -> Part:
@@ -55,7 +55,7 @@ def moving(part: Part, device: Device) -> Part:
     if until > part.split:
         return part
     whole = part.captured
-    rows = int(np.searchsorted(whole.tick - whole.tick[0], until)) if whole.uniform else until
+    rows = int(np.searchsorted(whole.tick - whole.tick[0], until))
     captured, held_out = parts_of(whole.part(0, rows), FRACTION)
     record, split = part.record.part(slice(0, until)), sample_of(captured, held_out)
     try:

@@ -111,7 +111,7 @@ def _estimate(
     every, reported = bench.loop.estimate_every, ReportedAngle(bench)
     stride = bench.loop.covariance_stride(record.tick_rate_Hz)
     first, last = record.ends
-    total = last - first + 1 if record.uniform else len(record)
+    total = last - first + 1
     done = 0
     drives = drives_of(record, observer.device)
     settings, due = LiveSettings(observer, bench), deque(_as_recorded(changes, bench, record.latency_ticks))

@@ -12,13 +12,13 @@ import numpy as np
 from estimator.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
 from estimator.effects.equation import equations
+from estimator.errors import ModelError
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.record import Record
-from estimator.refinement import Refined, refine
+from estimator.refinement import Refined
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.simulation import simulate
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
@@ -27,6 +27,7 @@ from estimator.trace.determined import declared, undetermined
 from estimator.trace.engine import leaves_the_rest
 from estimator.trace.examination import Examination, examine
 from estimator.trace.free_run_model import estimates_of
+from estimator.trace.held_out_error import held_out_error
 from estimator.trace.nameless import Innovations, contest
 from estimator.trace.probability import stated
 from estimator.trace.problem import Problem
@@ -139,6 +140,11 @@ def claimed(part: Problem, found: SimulationTrace, later: Record) -> Claim:
     """What is to be said of `later`, which the choice on the record of `part` never saw."""
     runs = ((found.observer_before, found.before), (found.observer, found.after))
     errors = [free_run_error(seen, fit, later, _SET.scored_from) for seen, fit in runs]
+    if not np.any(np.isfinite(errors[0])):
+        raise ModelError(
+            f"gaps leave no stretch of more than {_SET.scored_from} samples to the part that is held out; "
+            "mend the link and record again"
+        )
     before, after = (float(np.sqrt(np.nanmean(error**2))) for error in errors)
     split = len(part.record)
     deviation = np.broadcast_to(np.array(part.device.noise), (split + len(later), part.device.axes))
@@ -191,17 +197,10 @@ def _summary(verdict: Verdict, named: tuple[str, ...], errors: Errors, unit: str
 
 
 def free_run_error(observer: Observer, fit: Refined, record: Record, first: int) -> Array:
-    """Residual (n, axes) V of a free run on another record; its first outputs set the state and are NaN."""
-    state = fit.state.copy()
-    state[: observer.states] = 0.0
-    own = [c.name for _, effect in observer.effects for c in effect.coefficients if c.own]
-    motion = (*observer.names[: observer.states], *own)
-    state[[observer.names.index(name) for name in own]] = 0.0
-    beginning = record.part(slice(0, first))
-    state = refine(observer, beginning.sense, beginning.drive, start=state, free=motion, step=beginning.step).state
-    residual = record.sense - simulate(observer, state, record.drive, step=record.step).sensed
-    residual[:first] = np.nan
-    return np.asarray(residual)
+    """Residual (n, axes) V of a free run on another record; its first outputs, and those behind each gap, set the state
+    and are NaN.
+    """
+    return held_out_error(observer, fit.state, record, first)
 
 
 def verdict_of(before: float, after: float, noise: float, effects: Collection[str]) -> Verdict:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
 from estimator.errors import ModelError
+from estimator.free_stretches import FreeRuns
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined, refine
@@ -153,7 +154,7 @@ def fitted(problem: Problem, effects: tuple[str, ...], current: Refined | None, 
     free = unsettled(observer)
     refined = refine(
         observer, record.sense, record.drive, start=start, free=free, step=record.step, rows=rows,
-        known=declared(observer),
+        known=declared(observer), stretches=record.stretches,
     )  # fmt: skip
     return FreeRun(effects, observer, refined)
 
@@ -209,8 +210,9 @@ def promises_of(
     """
     observer, record = _observer(part, (*taken, *left)), part.record
     state = _carried_over(observer, current)
-    simulation = simulate(observer, state, record.drive, step=record.step, sensitive=True)
-    valid = np.isfinite(record.sense[choice])
+    runs = FreeRuns(observer, record.sense, record.drive, record.step, record.stretches)
+    simulation = runs.simulate(state, sensitive=True)
+    valid = runs.told[choice]
     residual = (record.sense[choice] - simulation.sensed[choice])[valid]
     derivative = simulation.sensitivity[choice][valid]
     carried = [observer.names.index(name) for name in current.free]

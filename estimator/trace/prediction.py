@@ -46,7 +46,9 @@ def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
     while begin + free <= last:
         rows = slice(begin, begin + free)
         with observer.noisier(_SET.unseen):
-            errors[rows] = run(observer, record.part(rows)).innovation
+            part = record.part(rows)
+            errors[rows] = run(observer, part).innovation
+            errors[rows][part.stretches[0].stop :] = np.nan  # behind a gap nothing is known of the motion
         begin = rows.stop + _SET.followed * free
         if begin + free <= last:
             run(observer, record.part(slice(rows.stop, begin)))

@@ -20,7 +20,12 @@ Hold = Annotated[
     Literal["zoh", "foh", "bandlimited"] | None,
     typer.Option("--hold", help="What the drive did between samples.  [default: the map's, or zoh]"),
 ]
-Nonuniform = Annotated[bool, typer.Option("--nonuniform", help="Accept uneven time; each step has its length.")]
+Nonuniform = Annotated[
+    bool,
+    typer.Option(
+        "--nonuniform", help="Accept uneven time and missing samples: each step has its length, a gap is a gap."
+    ),
+]
 
 
 def import_(
@@ -48,6 +53,7 @@ def import_(
     from hil.cli.show import print_json, say
     from hil.examples import find
     from hil.interchange.importer import import_record
+    from hil.records.capture import missing
 
     out = out or Path(csv.name.removesuffix(".gz").removesuffix(".csv") + ".arrow")
     target = fresh(out, replace=replace, source=csv)
@@ -59,8 +65,11 @@ def import_(
             "samples": len(capture),
             "axes": capture.axes,
             "hold": capture.hold,
+            "lost": capture.lost,
+            "gaps": capture.gaps,
         }
         print_json({**figures, "tick_rate_Hz": capture.tick_rate_Hz, "segments": capture.segments})
     else:
         axes = "one axis" if capture.axes == 1 else "two axes"
-        say(f"{target}: {len(capture)} samples at {capture.tick_rate_Hz:g} Hz, {axes}, {capture.hold}")
+        gone = f"; {missing(capture.lost, capture.gaps)}" if capture.lost else ""
+        say(f"{target}: {len(capture)} samples at {capture.tick_rate_Hz:g} Hz, {axes}, {capture.hold}{gone}")

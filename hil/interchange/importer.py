@@ -15,7 +15,7 @@ from hil.interchange.matlab import is_matlab, read_vectors
 from hil.interchange.parquet import is_parquet, read_parquet
 from hil.interchange.preparation import prepared
 from hil.interchange.table import Table, read_columns, read_header
-from hil.interchange.uniformity import first_not_increasing, odd_step, spacing
+from hil.interchange.uniformity import Numbered, first_not_increasing, numbered, odd_step, spacing
 from hil.records.capture import Capture, Hold, import_layout, read_capture
 
 
@@ -44,21 +44,21 @@ def import_record(
 
     Without `map_file` the header must be the interchange one: t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N),
     and optionally rate_rad_s, temp_C; a single-axis record leaves out y. `hold` says what the drive did
-    between
-    samples: by default what the map says, or zoh. Time must increase, and be even unless `nonuniform`.
+    between samples: by default what the map says, or zoh. Time must increase, and be even unless `nonuniform`; samples
+    that are missing then leave a gap in `tick`, where nothing is known of the drive.
 
     Raises InputError with file, line or column, and the remedy; `target` is then left as it was.
     """
     record = _read_plain(source) if map_file is None else _read_mapped(source, read_map(map_file))
-    rate_Hz, uniform = _time_base(source, record, nonuniform)
+    time = _time_base(source, record, nonuniform)
     if hold is not None:
         record = record._replace(hold=hold)
     channels = dict(record.channels)
     if "t_s" not in channels:
-        channels["t_s"] = np.arange(record.lines.size) / rate_Hz
+        channels["t_s"] = time.tick / time.rate_Hz
     record = record._replace(channels=channels)
     try:
-        made = prepared(record.channels, record.segments, record.hold, rate_Hz, uniform, record.mapping)
+        made = prepared(record.channels, record.segments, record.hold, time, record.mapping)
     except ValueError as error:
         raise InputError(f"{source if map_file is None else map_file}: {error}") from None
     channels = made.channels
@@ -66,14 +66,15 @@ def import_record(
     layout = import_layout(
         names,
         tick_rate_Hz=made.rate_Hz,
-        uniform=uniform,
+        uniform=time.uniform,
         hold=record.hold,
         segments=made.segments,
         steady=record.steady,
         sense_unit="V" if record.mapping is None else record.mapping.sense_unit,
         told=made.told,
     )
-    write_columns(target, layout, {name: channels[name] for name in names})
+    tick = time.tick if time.lost else None
+    write_columns(target, layout, {name: channels[name] for name in names}, tick)
     return read_capture(target)
 
 
@@ -144,12 +145,13 @@ def _segments(source: Path, mapping: RecordMap, table: Table) -> dict[str, tuple
     return {name: (start - first, end - first) for name, (start, end) in mapping.segments.items()}
 
 
-def _time_base(source: Path, record: _Record, nonuniform: bool) -> tuple[float, bool]:
-    """Sampling rate, and whether samples are evenly spaced."""
-    if record.lines.size < 2:
+def _time_base(source: Path, record: _Record, nonuniform: bool) -> Numbered:
+    """Sampling rate, whether samples are evenly spaced, and the number of each among those that are missing."""
+    rows = record.lines.size
+    if rows < 2:
         raise InputError(f"{source}: one row only; a record needs at least two")
     if record.rate_Hz is not None:
-        return record.rate_Hz, True
+        return Numbered(np.arange(rows), record.rate_Hz, True)
     t_s = record.channels["t_s"]
     row = first_not_increasing(t_s)
     if row is not None:
@@ -158,10 +160,16 @@ def _time_base(source: Path, record: _Record, nonuniform: bool) -> tuple[float, 
             f"{source}:{record.lines[row]}: column t_s: {later:.9g} s is not later than {earlier:.9g} s "
             "on the row before; sort or mend the time column"
         )
-    rate_Hz, off = spacing(t_s)
+    _, off = spacing(t_s)
+    time = numbered(t_s)
     if off is not None and not nonuniform:
+        remedy = f"{time.missing()}; give --nonuniform to keep them as gaps" if time.lost else None
         raise InputError(
             f"{source}:{record.lines[off]}: column t_s: {odd_step(t_s, off)}; "
-            "give --nonuniform if the record is meant so"
+            f"{remedy or 'give --nonuniform if the record is meant so'}"
         )
-    return rate_Hz, off is None
+    if time.mostly_lost:
+        raise InputError(
+            f"{source}: column t_s: {time.missing()}, more than there are; import what lies before and behind by itself"
+        )
+    return time

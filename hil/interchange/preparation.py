@@ -9,6 +9,7 @@ import numpy.typing as npt
 from hil.interchange.base_motion import FEWEST, Base
 from hil.interchange.channels import OWN, SENSED
 from hil.interchange.mapping import RecordMap
+from hil.interchange.uniformity import Numbered
 from hil.interchange.units import MOTIONS, NAMES
 from hil.records.capture import Hold
 
@@ -29,26 +30,25 @@ def prepared(
     channels: Mapping[str, Floats],
     segments: Mapping[str, tuple[int, int]],
     hold: Hold,
-    rate_Hz: float,
-    uniform: bool,
+    time: Numbered,
     mapping: RecordMap | None,
 ) -> Prepared:
     """What `mapping` asks for, done to channels in SI, `t_s` among them. Raises ValueError with key and remedy."""
     if mapping is None:
-        return Prepared(dict(channels), dict(segments), rate_Hz, {})
+        return Prepared(dict(channels), dict(segments), time.rate_Hz, {})
     said: list[str] = []
-    made = _on_its_base(dict(channels), hold, mapping, said)
+    made = _on_its_base(dict(channels), hold, time, mapping, said)
     told: dict[str, Any] = {"covariates": dict(mapping.covariates)} if mapping.covariates else {}
     made = {SENSED.get(name, name): values for name, values in made.items()}
-    result = Prepared(made, dict(segments), rate_Hz, told)
+    result = Prepared(made, dict(segments), time.rate_Hz, told)
     if mapping.filter is not None:
-        result = _in_its_band(result, hold, uniform, mapping, said)
+        result = _in_its_band(result, hold, time, mapping, said)
     if said:
         result.told["prepared"] = said
     return result
 
 
-def _on_its_base(channels: Channels, hold: Hold, mapping: RecordMap, said: list[str]) -> Channels:
+def _on_its_base(channels: Channels, hold: Hold, time: Numbered, mapping: RecordMap, said: list[str]) -> Channels:
     motion, source = mapping.base_motion, mapping.columns.base
     if motion is None or source is None:
         return channels
@@ -57,6 +57,10 @@ def _on_its_base(channels: Channels, hold: Hold, mapping: RecordMap, said: list[
     values = channels.pop("base")
     if len(values) < FEWEST:
         raise ValueError(f"[columns.base]: {len(values)} rows; the acceleration of a base takes {FEWEST}")
+    if time.lost and motion.order < 2:
+        raise ValueError(
+            f"[columns.base]: {time.missing()}, and a motion cannot be differentiated over a gap; import the parts"
+        )
     base = Base(channels["t_s"], values, motion.order)
     channels["ux_mps2"] = base.force_mps2
     given = f"the base's {NAMES[motion.order]}, in {source.unit},"
@@ -71,10 +75,14 @@ def _on_its_base(channels: Channels, hold: Hold, mapping: RecordMap, said: list[
     return channels
 
 
-def _in_its_band(record: Prepared, hold: Hold, uniform: bool, mapping: RecordMap, said: list[str]) -> Prepared:
+def _in_its_band(record: Prepared, hold: Hold, time: Numbered, mapping: RecordMap, said: list[str]) -> Prepared:
     band = mapping.band(record.rate_Hz)
     assert band is not None  # asked for
-    if mapping.steady or not uniform:
+    if time.lost:
+        raise ValueError(
+            f"[filter] needs samples without a gap, but {time.missing()}; import the parts, or leave it out"
+        )
+    if mapping.steady or not time.uniform:
         raise ValueError("[filter] needs samples that are evenly spaced in time; resample the record, or leave it out")
     drives = [name for name in record.channels if name.startswith(("ux_", "uy_"))]
     if drives and hold == "zoh":

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.interchange.channels import CHANNELS, fault_in
 from hil.interchange.columns import write_columns
-from hil.interchange.uniformity import first_not_increasing, odd_step, spacing
+from hil.interchange.uniformity import first_not_increasing, numbered, odd_step, spacing
 from hil.library.series import Series
 from hil.records.capture import Hold, import_layout
 
@@ -69,11 +69,17 @@ def write_capture(
         raise InputError(
             f"t_s[{row}]: {t_s[row]:.9g} s is not later than {t_s[row - 1]:.9g} s before it; sort the rows"
         )
-    rate_Hz, off = spacing(t_s)
+    _, off = spacing(t_s)
+    time = numbered(t_s)
     if off is not None and not nonuniform:
-        raise InputError(f"t_s[{off}]: {odd_step(t_s, off)}; give nonuniform=True if the record is meant so")
-    layout = import_layout(names, tick_rate_Hz=rate_Hz, uniform=off is None, hold=hold, segments={})
-    write_columns(target, layout, values)
+        remedy = f"{time.missing()}; give nonuniform=True to keep them as gaps" if time.lost else None
+        raise InputError(
+            f"t_s[{off}]: {odd_step(t_s, off)}; {remedy or 'give nonuniform=True if the record is meant so'}"
+        )
+    if time.mostly_lost:
+        raise InputError(f"t_s: {time.missing()}, more than there are; give what lies before and behind by itself")
+    layout = import_layout(names, tick_rate_Hz=time.rate_Hz, uniform=time.uniform, hold=hold, segments={})
+    write_columns(target, layout, values, time.tick if time.lost else None)
 
 
 def _numbers(name: str, given: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -43,6 +43,12 @@ class RowFlag(IntFlag):
     GAP_BEFORE = 8
 
 
+def missing(lost: int, gaps: int) -> str:
+    """So many samples in so many gaps, in words."""
+    samples = "1 sample is" if lost == 1 else f"{lost} samples are"
+    return f"{samples} missing, in {gaps} gap{'' if gaps == 1 else 's'}"
+
+
 @dataclass(frozen=True)
 class Capture(Table):
     """One record. `sealed` is False when it is from before there were checksums."""
@@ -130,6 +136,17 @@ class Capture(Table):
         flags = np.zeros(len(self), np.uint8) if stored is None else stored.copy()
         flags[1:][np.diff(self.tick) != 1] |= np.uint8(RowFlag.GAP_BEFORE)
         return flags
+
+    @property
+    def lost(self) -> int:
+        """How many samples are missing between its first and its last."""
+        first, last = self.ends
+        return last + 1 - first - len(self)
+
+    @property
+    def gaps(self) -> int:
+        """In how many places."""
+        return int(np.count_nonzero(np.diff(self.tick) > 1))
 
     @property
     def rate_rad_s(self) -> Floats | None:

@@ -12,6 +12,7 @@ import numpy as np
 from hil.errors import InputError
 from hil.records.atomic import read_json, replacing
 from hil.records.blocks import Scan, StoredColumns, pieces_of, scan_blocks
+from hil.records.capture import missing
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
 from hil.records.text_seal import is_sealed
@@ -149,7 +150,7 @@ def _count(found: Checked, scan: Scan) -> None:
     if back and scan.header.get("kind") in _STEADY:
         found.problems.append(f"{back} rows do not come after the one before them")
     if found.gaps:
-        found.remarks.append(f"{found.lost} samples are missing, in {found.gaps} gaps")
+        found.remarks.append(missing(found.lost, found.gaps))
 
 
 def _compare(found: list[Checked]) -> None:

@@ -8,19 +8,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.errors import ModelError
+from estimator.free_stretches import FreeRuns
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Declared, covariance_of, least_squares_beside, least_values, refine, scales, worth_of
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.side_by_side import stop_if_abandoned
-from estimator.simulation import simulate
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate
+from estimator.trace.held_out_error import held_out_error
 from estimator.trace.pool.members import Level, Pool, Rows
 
 _SET = THRESHOLDS.pools
@@ -109,8 +111,17 @@ def state_of(observer: Observer, own: Array, shared: Array) -> Array:
 
 def simulated(run: PooledRun, record: Record, state: Array, *, sensitive: bool = False) -> tuple[Array, Array]:
     """sensed (n, axes), sensitivity (n, axes, all) of one record."""
-    made = simulate(run.observer, state, record.drive, step=record.step, sensitive=sensitive)
+    made = _runs(run.observer, record).simulate(state, sensitive=sensitive)
     return made.sensed, made.sensitivity
+
+
+def told(observer: Observer, record: Record) -> NDArray[np.bool_]:
+    """Which readings (n, axes) of a record a free run is compared with."""
+    return _runs(observer, record).told
+
+
+def _runs(observer: Observer, record: Record) -> FreeRuns:
+    return FreeRuns(observer, record.sense, record.drive, record.step, record.stretches)
 
 
 def columns_of(own: int, record: int, records: int, z: float, sensitivity: Array, slopes: Sequence[int]) -> Array:
@@ -153,7 +164,7 @@ def fitted(
     at_slopes = [observer.names.index(name) for name in slopes]
     z = [level.scaled(member.covariate) for member in pool.members]
     noise = np.array(pool.device.noise)
-    chosen = [mask[:, None] & np.isfinite(m.record.sense) for mask, m in zip(rows.masks, pool.members, strict=True)]
+    chosen = [mask[:, None] & told(observer, m.record) for mask, m in zip(rows.masks, pool.members, strict=True)]
     known = {name: one for name, one in declared(observer).items() if name in free and one.deviation > 0.0}
     bound = dict(zip(observer.names, least_values(observer).tolist(), strict=True))
     lowest = [*np.full(own * records, -np.inf), *(bound[name] for name in free), *np.full(len(slopes), -np.inf)]
@@ -230,9 +241,9 @@ def fitted(
     if worth > 1.0 and in_earnest:
         theta = solved(theta, worth)
     weighted, jacobian = rows_of(theta)
-    told = np.zeros(len(theta))
-    told[places] = (max(worth, 1.0) / sure) ** 2
-    deviation = np.sqrt(np.diagonal(covariance_of(jacobian, weighted, told, max(worth, 1.0)))) * np.abs(unknowns)
+    sureness = np.zeros(len(theta))
+    sureness[places] = (max(worth, 1.0) / sure) ** 2
+    deviation = np.sqrt(np.diagonal(covariance_of(jacobian, weighted, sureness, max(worth, 1.0)))) * np.abs(unknowns)
     tail = dict(zip([*free, *map(slope_name, slopes)], deviation[own * records :].tolist(), strict=True))
     found = run_of(theta)
     tail = dict.fromkeys(names, 0.0) | tail
@@ -260,13 +271,11 @@ def error_on(run: PooledRun, pool: Pool) -> tuple[Array, ...]:
         start = state_of(observer, np.zeros(len(own)), run.constants(run.level.scaled(member.covariate)))
         start[sensed] = np.mean(before, axis=0)
         first = max(_FREE_RUNS.scored_from, len(record) // _SET.beginning)
-        begun = record.part(slice(0, first))
+        begun = record.part(slice(0, min(first, record.stretches[0].stop)))
         free = [name for name in own if name in observer.estimated]
         state = refine(
             observer, begun.sense, begun.drive, start=start, free=free, step=begun.step,
             known={name: one for name, one in known.items() if name in free},
         ).state  # fmt: skip
-        error = record.sense - simulate(observer, state, record.drive, step=record.step).sensed
-        error[:first] = np.nan
-        errors.append(np.asarray(error))
+        errors.append(held_out_error(observer, state, record, first))
     return tuple(errors)

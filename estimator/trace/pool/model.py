@@ -17,7 +17,7 @@ from estimator.trace.criterion import extended
 from estimator.trace.determined import unsettled
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.free_run_model import Promise, Promises, each_of
-from estimator.trace.pool.fit import PooledRun, columns_of, fitted, observer_of, own_names, simulated
+from estimator.trace.pool.fit import PooledRun, columns_of, fitted, observer_of, own_names, simulated, told
 from estimator.trace.pool.members import Pool, Rows
 
 _SET = THRESHOLDS.free_runs
@@ -86,7 +86,7 @@ class PooledModel:
                 current.effects, wide, current.level, current.own, {}, {}, {}, (), {}
             )  # only its observer is asked
             sensed, sensitivity = simulated(run, member.record, state, sensitive=True)
-            keep = self.choice.masks[number][:, None] & np.isfinite(member.record.sense)
+            keep = self.choice.masks[number][:, None] & told(run.observer, member.record)
             mine = sensitivity[keep]
             narrowed = mine[:, [*mine_at, *carried]]
             at = [own + carried.index(place) for place in tilts]
