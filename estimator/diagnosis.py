@@ -165,7 +165,8 @@ class Diagnosis:
     the effects, where something is left; probabilities: one for each effect that is named, one where none is, none
     where nobody was carried; undetermined: sentences on constants that the record does not determine; dependences: of
     several records, what goes with their covariate; free_run: of what was traced by the free run, measured less
-    simulated volts (m, axes) from the split on, as far as is shown, before and after, NaN where that set its state.
+    simulated volts (m, axes) from the split on, as far as is shown, before and after, NaN where that set its state;
+    base: of a rate sensor, the line V0 + S Ω as fitted.
     """
 
     verdict: Verdict
@@ -188,3 +189,4 @@ class Diagnosis:
     undetermined: tuple[str, ...] = ()
     dependences: tuple[Dependence, ...] = ()
     free_run: tuple[Array, Array] | None = None
+    base: Mapping[str, Interval] = field(default_factory=dict)

@@ -32,7 +32,6 @@ class FreeRuns:
         self._observer, self._sense, self._drive, self._step = observer, sense, drive, step
         self._first, *self._later = stretches or (slice(0, len(sense)),)
         self._motion = [np.zeros(observer.states) for _ in self._later]
-        self._weight = 1.0 / np.asarray(observer.device.noise)
 
     @property
     def told(self) -> Array:
@@ -70,7 +69,7 @@ class FreeRuns:
             return Simulation(np.full((rows, axes), np.nan), np.zeros((rows if sensitive else 0, axes, unknowns)))
         start = np.array(state, dtype=float)
         start[motion] = self._motion[number]
-        weight = np.broadcast_to(self._weight, told.shape)[told]
+        weight = np.broadcast_to(1.0 / np.asarray(self._observer.device.noise), told.shape)[told]
         scale = np.abs(self._observer.factors[motion])
         for _ in range(_ROUNDS):
             run = self._simulated(start, stretch, True)

@@ -5,15 +5,19 @@ from pathlib import Path
 import numpy as np
 
 from estimator.errors import ModelError
+from estimator.rate_sensor.agreement import Line
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.model import Rows
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import SensorDiagnosis, alternate_blocks, trace_sensor
 from hil.bench import RateSensorBench
+from hil.bench.rate_sensor import RateSensor
 from hil.errors import InputError
-from hil.records.capture import Capture, read_capture
+from hil.records.capture import Capture, missing, read_capture
 
 _BLOCK = 4  # samples; a step's transient is a few tens long
+_OFFSET = 0.1  # of what full rate adds, where no tolerance of the offset is declared
+_RATE = 1e-2  # relative, of the sampling rate: stamps of a logger are no better
 
 
 def trace_rate_sensor(capture: Path, bench: RateSensorBench) -> SensorDiagnosis:
@@ -23,12 +27,35 @@ def trace_rate_sensor(capture: Path, bench: RateSensorBench) -> SensorDiagnosis:
     """
     record = read_capture(capture)
     device = bench.device
+    require_sensor_fit(record, device, capture)
+    full = abs(device.scale_V_s_per_rad) * device.range_rad_s
+    line = Line(
+        offset=device.offset_V,
+        scale=device.scale_V_s_per_rad,
+        offset_tolerance=_OFFSET * full if device.offset_tolerance_V is None else device.offset_tolerance_V,
+        scale_tolerance=device.scale_tolerance,
+        unit=device.unit,
+    )
     try:
         samples = sensor_record(record, capture)
-        declared = Range(device.range_rad_s, abs(device.scale_V_s_per_rad) * device.range_rad_s)
-        return trace_sensor(samples, declared, device.noise_V, fitting_rows(record))
+        return trace_sensor(samples, Range(device.range_rad_s, full), device.noise_V, fitting_rows(record), line)
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
+
+
+def require_sensor_fit(record: Capture, device: RateSensor, place: Path) -> None:
+    """InputError naming the first thing in which record and bench file differ."""
+    if record.sense_unit != device.unit:
+        raise InputError(
+            f"{place}: the output is in {record.sense_unit}, but [device] unit = {device.unit!r}; set unit = "
+            f'"{record.sense_unit}" with scale, offset and noise in it, or give its own bench file'
+        )
+    rate = device.sample_rate_Hz
+    if rate and not record.steady and abs(record.tick_rate_Hz / rate - 1.0) > _RATE:
+        raise InputError(
+            f"{place}: recorded at {record.tick_rate_Hz:g} Hz, but [device] sample_rate_Hz = {rate:g}; correct the "
+            "bench file, or the time of the record"
+        )
 
 
 def sensor_record(record: Capture, place: Path) -> SensorRecord:
@@ -37,8 +64,10 @@ def sensor_record(record: Capture, place: Path) -> SensorRecord:
         raise InputError(f"{place}: no column rate_rad_s; a rate sensor is judged beside a reference for the rate")
     if record.axes != 1:
         raise InputError(f"{place}: {record.axes} outputs; import one sensor at a time")
-    step = None if record.steady else 1.0 / record.tick_rate_Hz
-    return SensorRecord(record.rate_rad_s, record.sense_V[:, 0], step, record.temp_C)
+    if record.steady or not record.uniform:  # uneven time tells no response from another
+        return SensorRecord(record.rate_rad_s, record.sense_V[:, 0], None, record.temp_C)
+    step = 1.0 / record.tick_rate_Hz
+    return SensorRecord(record.rate_rad_s, record.sense_V[:, 0], step, record.temp_C, record.tick)
 
 
 def fitting_rows(record: Capture) -> Rows:
@@ -49,3 +78,13 @@ def fitting_rows(record: Capture) -> Rows:
         rows[slice(*segments["train"])] = True
         return rows
     return alternate_blocks(len(record), 1 if record.steady else _BLOCK)
+
+
+def sensor_remarks(record: Capture) -> tuple[str, ...]:
+    """What of a record is left aside, or passed over, a sentence each."""
+    said = []
+    if not record.steady and not record.uniform:
+        said.append("uneven time: no response is looked for, only the static curve")
+    if record.lost:
+        said.append(missing(record.lost, record.gaps))
+    return tuple(said)

@@ -1,6 +1,6 @@
 """From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.parts import FRACTION, Part, moving, parts_of, sample_of
 from hil.progress import Progress, Watcher
-from hil.rate_sensor import fitting_rows, trace_rate_sensor
+from hil.rate_sensor import fitting_rows, sensor_remarks, trace_rate_sensor
 from hil.ratio import drive_words
 from hil.records.atomic import make_run_folder, require_place, write_sealed
 from hil.records.capture import Capture, RowFlag, read_capture
@@ -184,7 +184,9 @@ def _trace_sensor(
 
     answer = traced.Diagnosis(
         verdict=found.verdict,
-        effects=found.effects,
+        effects=tuple(
+            replace(effect, coefficients=_in_unit(effect.coefficients, bench.device.unit)) for effect in found.effects
+        ),
         confusable=found.confusable,
         rejected=found.rejected,
         findings=(),
@@ -198,8 +200,12 @@ def _trace_sensor(
         reasons=found.reasons,
         share=found.share,
         probabilities=found.probabilities,
+        base=_in_unit(found.base, bench.device.unit),
     )
-    diagnosis = to_model(answer, record=called(capture), bench=bench.device.name)
+    said = (*captured.prepared, *sensor_remarks(captured))
+    diagnosis = to_model(
+        answer, record=called(capture), bench=bench.device.name, sense_unit=bench.device.unit, prepared=said
+    )
     folder = make_run_folder(out, name)
     write_sealed(folder / "bench.toml", source.read_text(encoding="utf-8"))
     save_diagnosis(folder / "diagnosis.json", diagnosis)
@@ -209,6 +215,11 @@ def _trace_sensor(
         assert captured.rate_rad_s is not None  # or it could not have been traced
         write_sensor_report(folder, found, diagnosis, captured.rate_rad_s)
     return Traced(folder, diagnosis)
+
+
+def _in_unit(found: Mapping[str, traced.Interval], unit: str) -> dict[str, traced.Interval]:
+    """Estimates of a sensor whose output has a unit of its own in place of the volt."""
+    return {name: replace(one, unit=one.unit.replace("V", unit)) for name, one in found.items()}
 
 
 def _trace_envelope(

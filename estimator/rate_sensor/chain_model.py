@@ -55,7 +55,7 @@ class ChainModel:
         scores = {}
         for name, trial in fits.items():
             gain = _gain(current, trial, effective)
-            added = len(trial.parameters) - len(current.parameters)
+            added = trial.unknowns - current.unknowns
             bar = extended(added, effective, len(self.candidates))
             scores[name] = Score(gain, gain, schwarz(added, effective), bar)
         return scores
@@ -97,6 +97,6 @@ def with_effect(current: SensorFit, effect: Effect, rows: Rows) -> SensorFit:
 
 def _gain(current: SensorFit, trial: SensorFit, effective: float) -> float:
     """Twice the gain of log-likelihood, counted in independent samples."""
-    freedom = max(effective - len(trial.parameters), 1.0)
+    freedom = max(effective - trial.unknowns, 1.0)
     tiny = 1e-300  # a perfect fit has a gain, however large
     return freedom * math.log(max(current.cost, tiny) / max(trial.cost, tiny))

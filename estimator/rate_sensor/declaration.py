@@ -40,6 +40,7 @@ class Coefficient:
 
 
 Act = Callable[[Array, Array, SensorRecord, Range], Array]
+Transient = Callable[[Array, SensorRecord], Array]
 Starts = Callable[[SensorRecord, Range], tuple[tuple[float, ...], ...]]
 
 
@@ -50,7 +51,8 @@ class Effect:
     act(signal, coefficients, record, range) → the signal after the stage (REFERENCE, RATE, LIMIT), or what is added to
     it (CHARACTERISTIC, SURROUNDINGS); lower, upper: bounds of the coefficients given the record and the range;
     starts: first values to refine from, several where the cost has several minima; needs: "time" (a record with a
-    sampling interval), "temperature" (its channel) or nothing.
+    sampling interval), "temperature" (its channel) or nothing; transient(coefficients, record) → (n, k): what a
+    response adds that was not at rest where a stretch of the record begins, a column for each number that is unknown.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Effect:
     undone: str
     needs: str = ""
     look_alikes: Mapping[str, str] = field(default_factory=dict)
+    transient: Transient | None = None
 
     def applies_to(self, record: SensorRecord) -> bool:
         """Whether the record has what the effect needs in order to be seen."""

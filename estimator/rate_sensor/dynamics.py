@@ -1,6 +1,7 @@
 """What time does to a rate on its way: lags, delays, and a reference that is itself a sensor."""
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.signal import butter, cont2discrete, filtfilt, lfilter, ss2tf
@@ -9,7 +10,10 @@ from estimator.rate_sensor.declaration import Coefficient, Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
 
-_LONGEST = 0.1  # s, the slowest response that is searched
+_SHARE = 0.1  # of the record, the slowest response that it tells of
+_SAMPLES = 4.0  # the same at least, of a record of few samples
+_DIES = 1e-3  # of an interval: a response as quick as that is none
+_WIDEST = 100.0  # longest over shortest start, from which on one between them is tried too
 
 
 def _step(record: SensorRecord) -> float:
@@ -26,7 +30,7 @@ def _filtered(rate: Array, a: Array, b: Array, c: Array, step: float) -> Array:
 
 def first_order(rate: Array, tau: float, step: float) -> Array:
     """Rate behind τ ẏ + y = Ω, started at rest with the first sample."""
-    if tau < 1e-3 * step:
+    if tau < _DIES * step:
         return rate
     return _filtered(rate, np.array([[-1.0 / tau]]), np.array([[1.0 / tau]]), np.array([[1.0]]), step)
 
@@ -42,15 +46,74 @@ def _quickest(record: SensorRecord) -> float:
     return 0.5 * _step(record)
 
 
+def _longest(record: SensorRecord) -> float:
+    """The slowest response that a record tells of, s."""
+    return max(_SHARE * float(record.time[-1]), _SAMPLES * _step(record))
+
+
+def _times(record: SensorRecord, first: float, *others: float) -> tuple[tuple[float, ...], ...]:
+    """Starts of a time, in steps; of a long record one that is far longer, too."""
+    step, longest = _step(record), _longest(record)
+    last = max(first, *others) if others else first
+    far = (math.sqrt(last * step * longest),) if longest > _WIDEST * last * step else ()
+    return tuple((min(value, longest),) for value in (*(one * step for one in (first, *others)), *far))
+
+
+def _up_to_longest(record: SensorRecord, declared: Range) -> tuple[tuple[float, float], ...]:
+    return ((0.0, _longest(record)),)
+
+
+def _each(record: SensorRecord, rate: Array, act: Callable[[Array], Array]) -> Array:
+    """What acts on a rate with a memory, on each stretch by itself."""
+    return np.concatenate([act(rate[stretch]) for stretch in record.stretches])
+
+
+def _free(record: SensorRecord, responses: Callable[[Array], Sequence[Array]]) -> Array:
+    """Free responses (n, k) of each stretch, from times (m,) since its first sample; none where it is not that one."""
+    columns = []
+    for stretch in record.stretches:
+        since = record.time[stretch] - record.time[stretch][0]
+        for response in responses(since):
+            column = np.zeros(len(record))
+            column[stretch] = response
+            columns.append(column)
+    return np.array(columns).T
+
+
+def _decay(c: Array, record: SensorRecord) -> Array:
+    """Of a first-order lag, started elsewhere."""
+    tau = max(float(c[0]), _DIES * _step(record))
+    return _free(record, lambda since: [np.exp(-since / tau)])
+
+
+def _ring(c: Array, record: SensorRecord) -> Array:
+    """Of a second-order low-pass, started elsewhere and at another rate: its two modes, as real functions that stay
+    apart where the damping is critical.
+    """
+    w, zeta = 2.0 * math.pi * float(c[0]), float(c[1])
+    root = np.sqrt(complex(zeta**2 - 1.0))
+
+    def modes(since: Array) -> list[Array]:
+        x = w * since
+        lead, other = np.exp((-zeta + root) * x), np.exp((-zeta - root) * x)
+        apart = (lead - other) / (2.0 * root) if abs(root) > 1e-6 else x * np.exp(-zeta * x)
+        return [np.real(lead + other) / 2.0, np.real(apart)]
+
+    return _free(record, modes)
+
+
 LAG = Effect(
     name="lag",
     title="First-order lag",
     equation="τ ẏ + y = Ω",
     coefficients=(Coefficient("tau", "s"),),
     stage=Stage.RATE,
-    act=lambda rate, c, record, declared: first_order(rate, float(c[0]), _step(record)),
-    starts=lambda record, declared: ((2.0 * _step(record),), (10.0 * _step(record),)),
-    bounds=lambda record, declared: ((0.0, _LONGEST),),
+    act=lambda rate, c, record, declared: _each(
+        record, rate, lambda part: first_order(part, float(c[0]), _step(record))
+    ),
+    starts=lambda record, declared: _times(record, 2.0, 10.0),
+    bounds=_up_to_longest,
+    transient=_decay,
     source="output filter of one pole",
     undone="the lag is inverted, at the cost of noise",
     needs="time",
@@ -63,9 +126,12 @@ SECOND_ORDER = Effect(
     equation="ÿ + 2ζω ẏ + ω² y = ω² Ω",
     coefficients=(Coefficient("f", "Hz"), Coefficient("zeta", "1")),
     stage=Stage.RATE,
-    act=lambda rate, c, record, declared: second_order(rate, float(c[0]), float(c[1]), _step(record)),
-    starts=lambda record, declared: ((0.03 / _step(record), 0.7), (0.1 / _step(record), 0.7)),
-    bounds=lambda record, declared: ((0.5 / _LONGEST, 0.5 / _step(record)), (0.05, 5.0)),
+    act=lambda rate, c, record, declared: _each(
+        record, rate, lambda part: second_order(part, float(c[0]), float(c[1]), _step(record))
+    ),
+    starts=lambda record, declared: tuple((0.3 / time, 0.7) for (time,) in _times(record, 10.0, 3.0)),
+    bounds=lambda record, declared: ((0.1 / _longest(record), 0.5 / _step(record)), (0.05, 5.0)),
+    transient=_ring,
     source="bandwidth of a vibrating sensor, its demodulator and filter; IEEE Std 1431",
     undone="the filter is inverted, at the cost of noise",
     needs="time",
@@ -74,8 +140,13 @@ SECOND_ORDER = Effect(
 
 
 def _delayed(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Array:
-    rows = np.arange(len(rate))
-    return np.asarray(np.interp(rows - c[0] / _step(record), rows, rate))
+    late = float(c[0]) / _step(record)
+
+    def shifted(part: Array) -> Array:
+        rows = np.arange(len(part)) - late
+        return np.asarray(np.interp(rows, np.arange(len(part)), part))
+
+    return _each(record, rate, shifted)
 
 
 DELAY = Effect(
@@ -85,8 +156,8 @@ DELAY = Effect(
     coefficients=(Coefficient("delay", "s"),),
     stage=Stage.RATE,
     act=_delayed,
-    starts=lambda record, declared: ((_quickest(record),), (5.0 * _step(record),)),
-    bounds=lambda record, declared: ((0.0, _LONGEST),),
+    starts=lambda record, declared: _times(record, 0.5, 5.0),
+    bounds=_up_to_longest,
     source="transport through a digital output",
     undone="the estimate is predicted over it",
     needs="time",
@@ -98,7 +169,7 @@ def moving_mean(rate: Array, window: float, step: float) -> Array:
     """Mean of the rate over the last `window` seconds, the rate straight between its samples and at rest before."""
     times = np.arange(len(rate)) * step
     turned = np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])
-    if window < 1e-3 * step:
+    if window < _DIES * step or len(rate) < 2:
         return rate
     before = times - window
     row = np.clip(np.floor(before / step).astype(int), 0, max(len(rate) - 2, 0))
@@ -114,9 +185,11 @@ MOVING_MEAN = Effect(
     equation="Ω → (1/T) ∫ Ω dt over the last T",
     coefficients=(Coefficient("T", "s"),),
     stage=Stage.RATE,
-    act=lambda rate, c, record, declared: moving_mean(rate, float(c[0]), _step(record)),
-    starts=lambda record, declared: ((3.0 * _step(record),), (15.0 * _step(record),)),
-    bounds=lambda record, declared: ((0.0, _LONGEST),),
+    act=lambda rate, c, record, declared: _each(
+        record, rate, lambda part: moving_mean(part, float(c[0]), _step(record))
+    ),
+    starts=lambda record, declared: _times(record, 3.0, 15.0),
+    bounds=_up_to_longest,
     source="digital output that averages: a comb filter of first order; Hogenauer 1981",
     undone="nothing: its zeros take rates at multiples of 1/T out of the record",
     needs="time",
@@ -125,7 +198,10 @@ MOVING_MEAN = Effect(
 
 
 def _lead(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Array:
-    return np.asarray(rate + c[0] * np.gradient(rate, _step(record)))
+    def led(part: Array) -> Array:
+        return np.asarray(part + c[0] * np.gradient(part, _step(record))) if len(part) > 1 else part
+
+    return _each(record, rate, led)
 
 
 REFERENCE_LAG = Effect(
@@ -135,8 +211,8 @@ REFERENCE_LAG = Effect(
     coefficients=(Coefficient("tau_r", "s"),),
     stage=Stage.REFERENCE,
     act=_lead,
-    starts=lambda record, declared: ((_step(record),),),
-    bounds=lambda record, declared: ((0.0, _LONGEST),),
+    starts=lambda record, declared: _times(record, 1.0),
+    bounds=_up_to_longest,
     source="a reference that is a sensor has a bandwidth of its own",
     undone="nothing to undo in the sensor",
     needs="time",
@@ -146,7 +222,12 @@ REFERENCE_LAG = Effect(
 
 def _quiet(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Array:
     numerator, denominator = butter(2, min(2.0 * float(c[0]) * _step(record), 0.99))
-    return np.asarray(filtfilt(numerator, denominator, rate))
+
+    def quiet(part: Array) -> Array:
+        reach = min(3 * len(denominator), len(part) - 1)
+        return np.asarray(filtfilt(numerator, denominator, part, padlen=reach)) if reach > 0 else part
+
+    return _each(record, rate, quiet)
 
 
 REFERENCE_NOISE = Effect(

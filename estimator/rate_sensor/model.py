@@ -15,6 +15,7 @@ Rows = NDArray[np.bool_]
 _STEP = 1e-6  # relative step of the numerical Jacobian
 _T95 = 1.96
 _MOST = 100  # evaluations of a fit
+_BLIND = 1e-9  # of the largest singular value
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,11 @@ class Chain:
                 total += effect.act(signal, c, self.record, self.declared)
         return total
 
+    def transients(self, parameters: Array) -> Array:
+        """What the output (n, k) may hold beside `volts` of a start that was not at rest, each of unknown size."""
+        columns = [effect.transient(c, self.record) for effect, c in self._coefficients(parameters) if effect.transient]
+        return np.concatenate([np.zeros((len(self.record), 0)), *columns], axis=1)
+
     def jacobian(self, parameters: Array) -> Array:
         """Derivative of `volts` by the parameters (n, parameters), by central differences."""
         scales = self.scales
@@ -105,6 +111,11 @@ class SensorFit:
     residual: Array
     cost: float
 
+    @property
+    def unknowns(self) -> int:
+        """How many numbers were fitted: the parameters, and the start of each response."""
+        return len(self.parameters) + self.chain.transients(self.parameters).shape[1]
+
     def rms(self, rows: Rows) -> float:
         """Rms residual of the rows, V."""
         return float(np.sqrt(np.mean(self.residual[rows] ** 2)))
@@ -112,7 +123,9 @@ class SensorFit:
     def half_widths(self, rows: Rows, effective: float) -> Array:
         """Half-widths of the 95 % intervals from the Jacobian, residuals counted as `effective` independent ones."""
         jacobian = self.chain.jacobian(self.parameters)[rows] * self.chain.scales
-        freedom = max(effective - len(self.parameters), 1.0)
+        starts = self.chain.transients(self.parameters)[rows]
+        jacobian = jacobian - starts @ _sizes(starts, jacobian)
+        freedom = max(effective - self.unknowns, 1.0)
         variance = self.cost / int(np.sum(rows)) * effective / freedom
         covariance = np.linalg.pinv(jacobian.T @ jacobian) * variance * int(np.sum(rows)) / effective
         return np.asarray(_T95 * np.sqrt(np.diagonal(covariance)) * self.chain.scales)
@@ -134,8 +147,13 @@ def fit(chain: Chain, rows: Rows, starts: Sequence[Array]) -> SensorFit:
     low, high = chain.bounds()
     margin = 1e-9 * chain.scales
 
+    def left(parameters: Array) -> Array:
+        off = chain.record.voltage - chain.volts(parameters)
+        starts = chain.transients(parameters)
+        return np.asarray(off - starts @ _sizes(starts[rows], off[rows]))
+
     def residual(parameters: Array) -> Array:
-        return np.asarray(chain.volts(parameters)[rows] - chain.record.voltage[rows])
+        return np.asarray(-left(parameters)[rows])
 
     best = None
     for start in starts:
@@ -145,4 +163,11 @@ def fit(chain: Chain, rows: Rows, starts: Sequence[Array]) -> SensorFit:
             best = solution
     assert best is not None  # every effect has a start
     parameters = np.asarray(best.x)
-    return SensorFit(chain, parameters, chain.record.voltage - chain.volts(parameters), 2.0 * float(best.cost))
+    return SensorFit(chain, parameters, left(parameters), 2.0 * float(best.cost))
+
+
+def _sizes(starts: Array, off: Array) -> Array:
+    """Of transients (m, k), as they take up most of `off` (m, …)."""
+    if not starts.shape[1]:
+        return np.zeros((0, *off.shape[1:]))
+    return np.asarray(np.linalg.lstsq(starts, off, rcond=_BLIND)[0])

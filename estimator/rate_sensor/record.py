@@ -1,8 +1,10 @@
 """Samples of one rate sensor beside a reference for the rate."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.errors import ModelError
 from estimator.scaling import Array
@@ -15,7 +17,8 @@ class SensorRecord:
     """What was turned and what was read.
 
     rate (n,) rad/s of the reference; voltage (n,) V; step [s] between samples, None where every row is a steady state
-    of its own (a table of means), which says nothing of dynamics; temperature (n,) °C or None.
+    of its own (a table of means), which says nothing of dynamics; temperature (n,) °C or None; number (n,): of each
+    sample among those that are missing too, None where none is.
     Raises ModelError for series of unequal length, too few samples, and values that are not numbers.
     """
 
@@ -23,6 +26,7 @@ class SensorRecord:
     voltage: Array
     step: float | None = None
     temperature: Array | None = None
+    number: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         series = {"rate": self.rate, "voltage": self.voltage}
@@ -43,4 +47,11 @@ class SensorRecord:
     @property
     def time(self) -> Array:
         """Time of each sample (n,) from the first, s; for steady states their number."""
-        return np.asarray(np.arange(len(self)) * (1.0 if self.step is None else self.step), dtype=np.float64)
+        number = np.arange(len(self)) if self.number is None else self.number - self.number[0]
+        return np.asarray(number * (1.0 if self.step is None else self.step), dtype=np.float64)
+
+    @property
+    def stretches(self) -> tuple[slice, ...]:
+        """Its parts between gaps: what the rate was in one nobody knows, so that each has a start of its own."""
+        cuts = [] if self.number is None else (np.flatnonzero(np.diff(self.number) > 1) + 1).tolist()
+        return tuple(slice(begin, end) for begin, end in pairwise([0, *cuts, len(self)]))

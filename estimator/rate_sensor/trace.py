@@ -13,6 +13,7 @@ import numpy as np
 
 from estimator.diagnosis import Classes, Confusable, Fit, Found, Interval, Rejected, Verdict
 from estimator.errors import ModelError
+from estimator.rate_sensor.agreement import Line, against
 from estimator.rate_sensor.catalogue import EFFECTS
 from estimator.rate_sensor.chain_model import ChainModel, with_effect
 from estimator.rate_sensor.declaration import Effect, Range, Stage
@@ -47,9 +48,9 @@ RULES = Rules(most=_SET.most, dissent=Dissent.CUTS)
 class SensorDiagnosis:
     """The answer for one sensor.
 
-    base: V0 and S with intervals; before: the straight line, after: with the effects; fits over the fitting rows and
-    over the held-out ones; residuals (n,) V of the whole record; share, probabilities:
-    as of `estimator.diagnosis.Diagnosis`.
+    base: V0 and S with intervals, beside the effects; before: the straight line, after: with the effects; fits over the
+    fitting rows and over the held-out ones; residuals (n,) V of the whole record; share, probabilities: as of
+    `estimator.diagnosis.Diagnosis`.
     """
 
     verdict: Verdict
@@ -73,11 +74,14 @@ def alternate_blocks(count: int, length: int) -> Rows:
     return np.asarray(np.arange(count) // length % 2 == 0)
 
 
-def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: Rows) -> SensorDiagnosis:
+def trace_sensor(
+    record: SensorRecord, declared: Range, noise: float, fitting: Rows, line: Line | None = None
+) -> SensorDiagnosis:
     """Find what the straight line lacks on the rows `fitting` and score it on the others.
 
-    noise: rms of one sample as declared, V; repeated rates of a table of steady states give it instead.  Raises
-    ModelError when one of the two parts is empty or the rate never changes.
+    noise: rms of one sample as declared, V; repeated rates of a table of steady states give it instead; line: what the
+    data sheet declares, which what is fitted must agree with.  Raises ModelError when one of the two parts is empty or
+    the rate never changes.
     """
     if not fitting.any() or fitting.all():
         raise ModelError("every row is in one part; keep some rows to fit and some to score")
@@ -91,13 +95,15 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
     found = _promised(chosen, before, fitting, floor, freedom)
     after, gains = found.fit, found.gains
     rejected = _rejected(candidates, chosen, found.why)
-    verdict, reasons = _verdict(found.claim, after, fitting)
     effective = effective_samples(after.residual[fitting])
     half = after.half_widths(fitting, effective)
     intervals = {
         name: Interval(float(value), float(value - width), float(value + width), unit)
         for name, unit, value, width in zip(after.chain.names, after.chain.units, after.parameters, half, strict=True)
     }
+    base = {name: intervals[name] for name in ("V0", "S")}
+    limits = () if line is None else against(base, line)
+    verdict, reasons = _verdict(found.claim, after, fitting, (*limits, *beyond_the_model(after, floor)))
     effects = tuple(
         Found(
             effect.name,
@@ -115,7 +121,7 @@ def trace_sensor(record: SensorRecord, declared: Range, noise: float, fitting: R
     held_out = ~fitting
     return SensorDiagnosis(
         verdict,
-        {name: intervals[name] for name in ("V0", "S")},
+        base,
         effects if named else (),
         _confusable(after, candidates, fitting, as_near(chosen.rounds)) if named else (),
         rejected,
@@ -264,23 +270,56 @@ def _why(name: str, rounds: Sequence[Round[tuple[str, ...]]]) -> str:
     return why_not(rounds, name.__eq__) or "not looked at: as many effects as may be were taken"
 
 
-def _verdict(claim: Claim, after: SensorFit, fitting: Rows) -> tuple[Verdict, tuple[str, ...]]:
+def beyond_the_model(after: SensorFit, floor: float) -> tuple[str, ...]:
+    """What the model of a response that was found cannot do on this record, a sentence each.
+
+    It takes the rate as straight between its samples, and a memory of limited length as filled at rest.
+    """
+    record, scale = after.chain.record, abs(float(after.parameters[1]))
+    timed = [effect for effect in after.chain.effects if effect.needs == "time" and effect.stage <= Stage.RATE]
+    if not timed or record.step is None:
+        return ()
+    said = []
+    bends = [np.diff(record.rate[stretch], 2) for stretch in record.stretches]
+    bent = scale * float(np.median(np.abs(np.concatenate(bends)))) / 8.0
+    if bent > floor:
+        said.append(
+            f"the rate bends by {bent:.3g} between its samples, more than the noise of {floor:.3g}, and the model of a "
+            "response takes it as straight: sample faster, or turn more slowly"
+        )
+    starts = [np.diff(record.rate[stretch][:2]) for stretch in record.stretches]
+    begins = float(np.max(np.abs(np.concatenate(starts)), initial=0.0))
+    for effect in timed:
+        if effect.transient is None and effect.stage is Stage.RATE:
+            place = after.chain.names.index(effect.coefficients[0].name)
+            unknown = scale * begins / record.step * float(after.parameters[place])
+            if unknown > floor:
+                said.append(
+                    f"the record begins in motion, and {effect.name.replace('_', ' ')} needs the rate before: begin "
+                    "the record at rest"
+                )
+    return tuple(said)
+
+
+def _verdict(claim: Claim, after: SensorFit, fitting: Rows, limits: tuple[str, ...]) -> tuple[Verdict, tuple[str, ...]]:
+    """limits: what speaks against the line that was fitted, and against the model of its response."""
     held_out = ~fitting
     record, errors = after.chain.record, claim.residual
     beyond = float(np.max(np.abs(record.rate[held_out]))) > _SET.beyond * float(np.max(np.abs(record.rate[fitting])))
     outside = "the rates held out lie beyond those of the fitting part, which cannot tell what happens there"
     if not claim.effects:
         if _is_adequate(errors.after, errors.floor):
-            return Verdict.ADEQUATE, ()
-        return Verdict.UNEXPLAINED, ("; ".join((*promises.at_floor(claim), *((outside,) if beyond else ()))),)
-    against = promises.broken(claim)
-    if not against:
+            return (Verdict.UNEXPLAINED if limits else Verdict.ADEQUATE), limits
+        left = "; ".join((*promises.at_floor(claim), *((outside,) if beyond else ())))
+        return Verdict.UNEXPLAINED, (left, *limits)
+    broken = (*promises.broken(claim), *limits)
+    if not broken:
         return Verdict.EXPLAINED, ()
-    against = (*against, *((outside,) if beyond else ()))
+    broken = (*broken, *((outside,) if beyond else ()))
     if not promises.holds_in_part(claim):
-        return Verdict.UNEXPLAINED, against
+        return Verdict.UNEXPLAINED, broken
     said = f"{promises.acts_like(claim.effects)}: {errors.share:.1%} of the power above the noise floor goes"
-    return Verdict.PARTLY, (said, *against)
+    return Verdict.PARTLY, (said, *broken)
 
 
 def _is_adequate(error: float, floor: float) -> bool:

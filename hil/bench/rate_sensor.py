@@ -1,6 +1,8 @@
 """A sensor that puts out a rate as a voltage, as its data sheet describes it."""
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from hil.bench.section import NotNegative, Positive, Section
 
@@ -14,8 +16,14 @@ class RateSensor(Section):
     """0: a rate-output sensor"""
     scale_V_s_per_rad: float
     """scale factor, signed: volts per rad/s (57.3 times volts per °/s)"""
+    scale_tolerance: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """how far the scale factor of a good sensor may be from it, as a fraction"""
     offset_V: float = 0.0
     """output at rest"""
+    offset_tolerance_V: Positive | None = None
+    """how far the output of a good sensor at rest may be from it; without it a tenth of what full rate adds"""
+    unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
+    """what a volt of this table is, where the output has a unit of its own: LSB, deg/s; as in its record"""
     range_rad_s: Positive
     """largest rate for which the data sheet promises the scale factor"""
     noise_V: Positive

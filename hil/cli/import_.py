@@ -22,9 +22,7 @@ Hold = Annotated[
 ]
 Nonuniform = Annotated[
     bool,
-    typer.Option(
-        "--nonuniform", help="Accept uneven time and missing samples: each step has its length, a gap is a gap."
-    ),
+    typer.Option("--nonuniform", help="Accept uneven time, each step with its length, and gaps."),
 ]
 
 

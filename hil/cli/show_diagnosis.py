@@ -77,6 +77,11 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
         say(f"  {effect.undone}{rest}")
+    if diagnosis.base:
+        console.print()
+        say("straight line V0 + S Ω, as fitted", style="bold")
+        for symbol, found in diagnosis.base.items():
+            say(f"  {symbol} = {estimate(found)}, 95 %")
     for goes in diagnosis.dependences:
         console.print()
         say(f"{goes.name} depends on {goes.covariate}", style="bold")

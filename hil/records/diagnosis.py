@@ -220,6 +220,9 @@ class Diagnosis(json_file.Sealed, _Model):
     missing_force: MissingForce | None = Field(
         default=None, description="What the model lacks, as a force without a name, where something is left"
     )
+    base: dict[str, Coefficient] = Field(
+        default_factory=dict, description="Of a rate sensor: the line V0 + S Ω as fitted beside its effects"
+    )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, by all that brings the residual down"
@@ -275,6 +278,7 @@ def to_model(
         ),
         undetermined=found.undetermined,
         dependences=tuple(_dependence(one) for one in found.dependences),
+        base={name: coefficient(interval) for name, interval in found.base.items()},
         sense_unit=sense_unit,
         prepared=prepared,
         missing_force=missing_force,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator import free_stretches
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.record import Record
@@ -72,7 +73,7 @@ class Played:
             return SimpleNamespace(sensed=self.sensed, sensitivity=self.sensitivity)
 
         monkeypatch.setattr(free_run_model, "_observer", observer)
-        monkeypatch.setattr(free_run_model, "simulate", simulate)
+        monkeypatch.setattr(free_stretches, "simulate", simulate)
         monkeypatch.setattr(free_run_model, "effective_samples", lambda residual: 77.0 + len(residual) % 2)
 
 

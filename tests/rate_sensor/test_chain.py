@@ -74,7 +74,7 @@ def test_an_unknown_effect_is_told_with_those_that_are() -> None:
 
 def test_a_perfect_fit_has_a_gain_however_large() -> None:
     current: Any = SimpleNamespace(cost=1.0)
-    perfect: Any = SimpleNamespace(cost=0.0, parameters=np.zeros(3))
+    perfect: Any = SimpleNamespace(cost=0.0, unknowns=3)
     assert chain_model._gain(current, perfect, 50.0) == pytest.approx(47.0 * 300.0 * math.log(10.0))
     assert chain_model._gain(perfect, perfect, 50.0) == 0.0
 

@@ -118,18 +118,19 @@ def test_stages_follow_one_another_whatever_the_order_in_which_effects_were_take
 
 
 def test_searches_begin_within_bounds_that_are_those_of_a_sensor() -> None:
-    """Half of the range for a curve or a band, a tenth of a second for a response, the voltages seen for a limit."""
+    """Half of the range for a curve or a band, a tenth of the record for a response, the voltages seen for a limit."""
     low, high = float(np.min(PLAIN.voltage)), float(np.max(PLAIN.voltage))
     span, middle = high - low, 0.5 * (low + high)
     limits = ((low - 0.02 * span, middle), (middle, high + 0.02 * span))
     fraction, volts = ((-0.5, 0.5),), ((-2.0, 2.0),)
+    longest = 0.1 * float(TIME[-1])
     expected = {
         "quadratic": fraction, "cubic": fraction, "scale_asymmetry": fraction,
         "dead_band": ((0.0, 2.0),), "hysteresis": ((0.0, 2.0),), "saturation": limits,
         "soft_saturation": (*limits, (2e-3, 0.6), (2e-3, 0.6)),
-        "fold_back": (*limits, (0.0, 3.0)), "moving_mean": ((0.0, 0.1),),
-        "lag": ((0.0, 0.1),), "delay": ((0.0, 0.1),), "reference_lag": ((0.0, 0.1),),
-        "second_order": ((5.0, 500.0), (0.05, 5.0)), "reference_noise": ((10.0, 490.0),),
+        "fold_back": (*limits, (0.0, 3.0)), "moving_mean": ((0.0, longest),),
+        "lag": ((0.0, longest),), "delay": ((0.0, longest),), "reference_lag": ((0.0, longest),),
+        "second_order": ((0.1 / longest, 500.0), (0.05, 5.0)), "reference_noise": ((10.0, 490.0),),
         "drift": volts, "temperature_offset": volts, "temperature_scale": ((-0.1, 0.1),),
     }  # fmt: skip
     inside = 0.05 * span
@@ -172,7 +173,7 @@ def test_sizes_are_those_of_the_starts_or_a_tenth_of_the_bounds() -> None:
     chain = Chain((effect_for("quadratic"), effect_for("second_order")), PLAIN, DECLARED)
     np.testing.assert_allclose(chain.scales, [2.0, 0.5, 0.1, 30.0, 0.7])
     low, high = chain.bounds()
-    np.testing.assert_array_equal(low, [-np.inf, -np.inf, -0.5, 5.0, 0.05])
+    np.testing.assert_allclose(low, [-np.inf, -np.inf, -0.5, 1.0 / TIME[-1], 0.05])
     np.testing.assert_array_equal(high, [np.inf, np.inf, 0.5, 500.0, 5.0])
 
 

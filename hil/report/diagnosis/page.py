@@ -153,6 +153,7 @@ def page_of(
             tables.dependences(diagnosis),
             pictures.effect,
         ),
+        markup.section("line", "Straight line", tables.line(diagnosis)),
         markup.section("error", error, tables.fits(diagnosis), pictures.error),
         markup.section("force", "The missing force, without a name", *_force(diagnosis, pictures.force)),
         markup.section("left", "What is left", tables.findings(diagnosis.left, diagnosis.sense_unit)),

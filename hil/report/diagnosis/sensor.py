@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.rate_sensor.trace import SensorDiagnosis
 from estimator.scaling import Array
-from hil.numbers import count, counted, prefix_for
+from hil.numbers import count, counted, unit_for
 from hil.records.diagnosis import Diagnosis
 from hil.report.diagnosis.page import Pictures, write_page
 from hil.report.figures.drawing import Drawing
@@ -17,15 +17,15 @@ from hil.report.theme import FIRST, INK, SECOND, legend, new_figure
 def write_sensor_report(folder: Path, found: SensorDiagnosis, diagnosis: Diagnosis, rate_rad_s: Array) -> Path:
     """Write `folder/report.html`, whole or not at all, and return its path. rate_rad_s (n,): the reference."""
     figures = Figures()
-    pictures = Pictures(error=figures.add(lambda: draw(found, rate_rad_s)))
+    pictures = Pictures(error=figures.add(lambda: draw(found, rate_rad_s, diagnosis.sense_unit)))
     record = ("Record", count(diagnosis.samples), f"samples, {count(diagnosis.split)} of them fitted")
     length = counted(diagnosis.samples, "sample")
     return write_page(folder, diagnosis, pictures, record, length, declarable=False)
 
 
-def draw(found: SensorDiagnosis, rate_rad_s: Array) -> Drawing:
-    """What the model leaves of the output, against the rate."""
-    factor, prefix = prefix_for(float(np.max(np.abs(found.residual_before))))
+def draw(found: SensorDiagnosis, rate_rad_s: Array, unit: str = "V") -> Drawing:
+    """What the model leaves of the output, in its unit, against the rate."""
+    factor, named = unit_for(float(np.max(np.abs(found.residual_before))), unit)
     figure = new_figure(2.7)
     ax = figure.subplots()
     drawn = [(found.residual_before, FIRST, "residual")]
@@ -37,7 +37,7 @@ def draw(found: SensorDiagnosis, rate_rad_s: Array) -> Drawing:
     ax.axhline(0.0, color=INK, linewidth=0.6)
     ax.margins(x=0.03)
     ax.set_xlabel("rate / (deg/s)")
-    ax.set_ylabel(f"output minus model / {prefix}V")
+    ax.set_ylabel(f"output minus model / {named}")
     legend(ax)
     caption = "Output minus model at every sample, against the reference rate: the straight line V0 + S Ω leaves what "
     caption += "curves, lags or saturates."

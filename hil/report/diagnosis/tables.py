@@ -68,6 +68,13 @@ def coefficients(diagnosis: Diagnosis, truth: Mapping[str, float | None] | None 
     return table(caption, head, rows, range(1, len(head) - 1 - len(of))) if rows else ""
 
 
+def line(diagnosis: Diagnosis) -> str:
+    """The straight line of a rate sensor, as fitted beside its effects."""
+    rows = [(name, _estimate(found), interval(found), shown_unit(found.unit)) for name, found in diagnosis.base.items()]
+    caption = "The line V0 + S Ω as fitted, ± half of the 95 % interval"
+    return table(caption, ("constant", "estimate", "95 % interval", "unit"), rows, (1, 2)) if rows else ""
+
+
 def dependences(diagnosis: Diagnosis) -> str:
     """What goes with the covariate of the records."""
     rows = [
