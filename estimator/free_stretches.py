@@ -17,6 +17,7 @@ from estimator.simulation import Simulation, simulate
 _ROUNDS = 8  # of Gauss and Newton; a linear model takes one
 _SETTLED = 1e-9  # of the scale of a motion
 _BLIND = 1e-9
+_FARTHEST = 1e12  # × the noise
 
 
 class FreeRuns:
@@ -75,9 +76,9 @@ class FreeRuns:
             run = self._simulated(start, stretch, True)
             jacobian = run.sensitivity[told][:, motion] * scale * weight[:, None]
             residual = (self._sense[stretch] - run.sensed)[told] * weight
-            change = np.linalg.lstsq(jacobian, residual, rcond=_BLIND)[0]
-            if not np.all(np.isfinite(change)):
+            if not float(np.max(np.abs(residual))) < _FARTHEST:
                 raise ModelError("the free run behind a gap leaves all bounds; start nearer, or bound the coefficients")
+            change = np.linalg.lstsq(jacobian, residual, rcond=_BLIND)[0]
             if float(np.max(np.abs(change))) < _SETTLED:
                 break
             start[motion] += change * scale

@@ -23,6 +23,7 @@ from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
 
 _T95 = 1.959963984540054
+_FARTHEST = 1e12  # × the noise: a run that is so far off has left the record, and its squares all numbers
 _BLIND = 1e-9  # of the largest singular value: below it the record says nothing of a direction
 
 
@@ -113,11 +114,13 @@ def refine(
             trial[index] = scaled * scale
             try:
                 simulation = runs_of.simulate(trial, sensitive=True)
+                if not float(np.max(np.abs(simulation.sensed[chosen] * weight), initial=0.0)) < _FARTHEST:
+                    raise ModelError("the free run leaves all bounds; start nearer, or correct the bench file")
             except ModelError:
                 if scaled is origin:
                     raise
                 # Beyond all bounds: the search is told to come back.
-                return np.full(len(weight), 1e6), np.zeros((len(weight), len(index)))
+                return np.full(len(weight), _FARTHEST), np.zeros((len(weight), len(index)))
             residual = (simulation.sensed - sense)[chosen] * weight
             jacobian = simulation.sensitivity[chosen][:, index] * scale * weight[:, None]
             cache[key] = residual, jacobian

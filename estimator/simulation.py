@@ -72,6 +72,8 @@ def simulate(
     if not np.all(np.isfinite(sensed)):
         row = int(np.argmin(np.all(np.isfinite(sensed), axis=1)))
         raise ModelError(f"the free run leaves all bounds at sample {row}; start nearer, or bound the coefficients")
+    if not np.all(np.isfinite(sensitivity)):
+        raise ModelError("the free run's derivatives leave all bounds; start nearer, or bound the coefficients")
     volts = np.array([observer.scaling.sense(axis) for axis in range(axes)])
     return Simulation(sensed * volts, sensitivity * volts[:, None] / observer.factors)
 

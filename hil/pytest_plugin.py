@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from hil.acceptance import BoardUnderTest
     from hil.bench import Bench
 
+_FAULT = pytest.StashKey[bool]()
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Options, and keys of pytest's ini file of the same names."""
@@ -84,14 +86,37 @@ def board(request: pytest.FixtureRequest, bench: "Bench", tmp_path: Path) -> Ite
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_call() -> Iterator[None]:
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """A test that finds out on its way that this board cannot do what it needs is skipped."""
     try:
         return (yield)
     except Exception as error:
         if type(error).__name__ == "CannotDo" and type(error).__module__ == "hil.acceptance":
             pytest.skip(str(error))
+        if _is_ours(error):
+            item.session.config.stash[_FAULT] = True
         raise
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A fault of the bench is no verdict on a board: the exit code is 3, as of `hil`."""
+    if session.config.stash.get(_FAULT, False):
+        from hil.exit_codes import ExitCode
+
+        session.exitstatus = int(ExitCode.FAULT)
+
+
+def _is_ours(error: Exception) -> bool:
+    """Whether it was raised by the bench's own code, and is nothing that a user can mend."""
+    from traceback import walk_tb
+
+    modules = {frame.f_globals.get("__name__") for frame, _ in walk_tb(error.__traceback__)}
+    if isinstance(error, AssertionError) or "hil.acceptance" not in modules:
+        return False
+    from hil.errors import told_to_user
+
+    return told_to_user(error) is None
 
 
 def _bench_path(config: pytest.Config) -> Path:

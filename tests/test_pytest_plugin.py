@@ -145,3 +145,20 @@ def test_the_examples_find_a_noisy_board(pytester: pytest.Pytester, tmp_path: Pa
     noisy = gyro.scenario(tmp_path / "noisy.toml", sense={"noise_V": 1.5e-4})
     result = pytester.runpytest_subprocess(*PLUGIN, "--hil-link", f"inproc:{noisy}", "-k", "noise or says")
     result.assert_outcomes(passed=1, failed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("error", "code"), [("KeyError('x')", 3), ("AssertionError()", 1)])
+def test_a_fault_of_the_bench_is_no_verdict_on_a_board(pytester: pytest.Pytester, error: str, code: int) -> None:
+    text = f"""
+        from hil.acceptance import BoardUnderTest
+
+        def test_it(monkeypatch):
+            def broken(*_):
+                raise {error}
+            monkeypatch.setattr(BoardUnderTest, "_connected", broken)
+            board = object.__new__(BoardUnderTest)
+            board._connection = None
+            board.endpoint
+    """
+    assert run(pytester, text).ret == code

@@ -47,8 +47,8 @@ def against(base: Mapping[str, Interval], line: Line) -> tuple[str, ...]:
     reach, off = line.offset_tolerance, abs(offset.value - line.offset)
     if offset.high < line.offset - reach or offset.low > line.offset + reach:
         said.append(
-            f"the offset V0 comes out at {offset.value:.4g} {line.unit}, {off:.3g} from the declared {line.offset:.4g}, "
-            f"which may be off by {reach:.3g}: correct the bench file"
+            f"the offset V0 comes out at {offset.value:.4g} {line.unit}, {off:.3g} from the declared "
+            f"{line.offset:.4g}, which may be off by {reach:.3g}: correct the bench file"
         )
     return tuple(said)
 

@@ -1,6 +1,6 @@
 """The command line: one verb per module; this file turns what goes wrong into one line and an exit code.
 
-Exit codes: 0 good, 1 the verdict failed, 2 bad input, 130 interrupted.  Verb modules import nothing heavy at
+Exit codes are those of `hil.exit_codes`.  Verb modules import nothing heavy at
 the top, so that ``hil --help`` answers at once.
 """
 
@@ -10,9 +10,9 @@ import sys
 from typing import Any
 
 from hil.errors import printable, told_to_user
+from hil.exit_codes import ExitCode
 from hil.interruption import take_signals
 
-INTERRUPTED = 130
 _RENAMED = {("trace", "--force"): "--missing-force", ("trace", "--no-force"): "--no-missing-force"}
 
 
@@ -23,7 +23,7 @@ def main() -> None:
     # each product of matrices only wait for those.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = execute(sys.argv[1:])
-    if code == INTERRUPTED:  # to take all modules and compiled code apart would take a second more
+    if code == ExitCode.INTERRUPTED:  # to take all modules and compiled code apart would take a second more
         atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
@@ -32,7 +32,9 @@ def main() -> None:
 
 
 def execute(arguments: list[str]) -> int:
-    """Run one command line and return its exit code; a user's mistake becomes one line on standard error."""
+    """Run one command line and return its exit code; a user's mistake becomes one line on standard error, and so
+    does a fault of ours.
+    """
     import typer
 
     from hil.cli.app import app
@@ -40,19 +42,22 @@ def execute(arguments: list[str]) -> int:
     try:
         code = app(args=arguments or ["--help"], prog_name="hil", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
-        code = INTERRUPTED
-    except Exception as error:
-        if (sentence := _sentence(error, arguments)) is None:
-            raise
-        _say(sentence)
-        return 2
-    if code == INTERRUPTED:  # newer typers return it, older ones raise
+        code = ExitCode.INTERRUPTED
+    except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
+        if (sentence := _sentence(error, arguments)) is not None:
+            _say(sentence)
+            return ExitCode.BAD_INPUT
+        from hil.faults import kept_fault
+
+        _say(kept_fault(error))
+        return ExitCode.FAULT
+    if code == ExitCode.INTERRUPTED:  # newer typers return it, older ones raise
         _say("interrupted")
     return int(code or 0)
 
 
 def _sentence(error: Exception, arguments: list[str]) -> str | None:
-    """What a user has to know about ``error``, or None when the fault is ours and the traceback is due."""
+    """What a user has to know about ``error``, or None when the fault is ours."""
     import typer
 
     usage: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")

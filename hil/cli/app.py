@@ -45,7 +45,8 @@ app = typer.Typer(
     callback=_hil,
     help="Hardware-in-the-loop bench for angle-measuring gyros: close the loop with a board, real or "
     "emulated, record everything, and judge the angle.",
-    epilog="Start with: hil demo",
+    epilog="Start with: hil demo. Exit codes: 0 good, 1 the verdict is against it, 2 bad input, 3 a fault of the "
+    "program, 130 interrupted.",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain text: [link] is a table of a file here, not a style

@@ -35,6 +35,8 @@ def doctor(link: DoctorLink = None, json: Json = False) -> None:
     from hil.doctor import link as link_
     from hil.doctor import machine, ports
     from hil.emulation import located
+    from hil.exit_codes import ExitCode
+    from hil.faults import is_fault
 
     findings = [*machine.examine(), *ports.examine()]
     measured = None
@@ -51,7 +53,8 @@ def doctor(link: DoctorLink = None, json: Json = False) -> None:
         _print(findings)
         if measured is not None:
             print_holds(measured["holds"])
-    raise typer.Exit(1 if wrong else 0)
+    fault = any(is_fault(finding.told) for finding in findings)
+    raise typer.Exit(ExitCode.FAULT if fault else ExitCode.AGAINST if wrong else ExitCode.GOOD)
 
 
 def print_holds(rows: "list[tuple[str, str, str]]") -> None:

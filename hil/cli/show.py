@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 
 from hil.errors import printable, printable_json
+from hil.exit_codes import ExitCode
+from hil.faults import is_fault
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,7 +54,10 @@ def finish(folder: Path, *, as_json: bool, good: bool | None = None) -> NoReturn
         print(printable_json(run.result_path.read_text(encoding="utf-8")), end="")
     else:
         _print_tables(result, run.report_path)
-    raise typer.Exit(0 if (result.verdict in (None, "good") if good is None else good) else 1)
+    if any(map(is_fault, result.reasons)):
+        raise typer.Exit(ExitCode.FAULT)
+    is_good = result.verdict in (None, "good") if good is None else good
+    raise typer.Exit(ExitCode.GOOD if is_good else ExitCode.AGAINST)
 
 
 def print_claims(shown: "Circle | Single") -> None:

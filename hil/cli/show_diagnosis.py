@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NoReturn
 import typer
 
 from hil.errors import printable, printable_json
+from hil.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,7 +19,6 @@ _STYLE = {"adequate": "green", "explained": "green", "partly explained": "yellow
 _COMPLETE = ("adequate", "explained")
 _FINDINGS = 6
 _REJECTED = 5
-SOMETHING_LEFT = 1
 
 
 def finish(
@@ -44,7 +44,7 @@ def finish(
             print(printable(f"report     {page}"))
         if (command := after_trace(folder, diagnosis, added, record=record)) is not None:
             print(printable(f"next       {command}"))
-    raise typer.Exit(0 if diagnosis.verdict in _COMPLETE else SOMETHING_LEFT)
+    raise typer.Exit(ExitCode.GOOD if diagnosis.verdict in _COMPLETE else ExitCode.AGAINST)
 
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:

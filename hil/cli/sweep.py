@@ -49,7 +49,8 @@ def sweep(
     Each run is an emulated board and the host in lockstep, scored against the board's truth. The campaign file says
     what differs from run to run (docs/reference/campaigns.md). The rows are Parquet files in OUT/results. The same
     command again goes on where it was, after Ctrl-C or after a kill, and makes no run twice. OUT/report.html says what
-    the error depends on, and which runs were the worst. Exit code 1: some runs did not run to their end.
+    the error depends on, and which runs were the worst. Exit code 1: some runs did not run to their end; 3: one of
+    them by a fault of the program.
 
     Examples:
 
@@ -148,13 +149,17 @@ def _told(watch: "Watcher") -> "Watcher":
 
 def _finish(plan: "Plan", found: "Sweep", made: int, seconds: float, *, as_json: bool) -> NoReturn:
     from hil.cli.show import print_json
+    from hil.exit_codes import ExitCode
+    from hil.faults import is_fault
 
     told = summary(plan, found) | {"made": made, "seconds": round(seconds, 1), "report": str(found.report())}
     if as_json:
         print_json(told)
     else:
         _print(told)
-    raise typer.Exit(0 if told["outcomes"].get("ran", 0) == told["runs"] else 1)
+    if any(map(is_fault, found.table["reason"].to_pylist())):
+        raise typer.Exit(ExitCode.FAULT)
+    raise typer.Exit(ExitCode.GOOD if told["outcomes"].get("ran", 0) == told["runs"] else ExitCode.AGAINST)
 
 
 def summary(plan: "Plan", found: "Sweep") -> dict[str, Any]:

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hil.errors import told_to_user
+from hil.exit_codes import ExitCode
+from hil.faults import kept_fault
 from hil.loop import realtime
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -139,11 +141,12 @@ def main() -> int:
     """Probe the link on the command line."""
     try:
         print(json.dumps(probe(sys.argv[1], stream="--stream" in sys.argv[2:])))
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
         if (message := told_to_user(error)) is None:
-            raise
+            print(json.dumps({"error": kept_fault(error)}))
+            return ExitCode.FAULT
         print(json.dumps({"error": message}))
-        return 2
+        return ExitCode.BAD_INPUT
     return 0
 
 

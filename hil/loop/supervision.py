@@ -106,7 +106,7 @@ def supervise(
     if not ended.outcome:
         code = worker.returncode
         how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-        fault = f"the loop failed, which is a fault of hil: {followed.fault}"
+        fault = f"the loop failed, {followed.fault}"
         ended.outcome["stopped"] = fault if followed.fault else f"the loop's process {how}"
     ended.outcome.setdefault("safety", followed.safety if followed.safety is not None else Safety().told)
     return ended

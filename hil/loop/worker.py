@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hil.bench import Bench
 from hil.errors import told_to_user
+from hil.exit_codes import ExitCode
+from hil.faults import kept_fault
 from hil.loop import realtime
 from hil.loop.control import LOOKS_PER_S, Control
 from hil.loop.load import LoadMeter
@@ -422,12 +424,12 @@ def main() -> int:
         outcome = work(order)
     except InterruptedError:  # nobody is left to be told
         return 1
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
         if (message := told_to_user(error)) is None:
-            tell(fault=" ".join(f"{type(error).__name__}: {error}".split()))
-            raise
+            tell(fault=kept_fault(error))
+            return ExitCode.FAULT
         tell(error=_kinds(error), message=message)
-        return 2
+        return ExitCode.BAD_INPUT
     tell(outcome=outcome)
     return 0
 

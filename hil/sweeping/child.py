@@ -26,11 +26,15 @@ def main() -> int:
 
     def fault(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         sys.__excepthook__(kind, error, trace)
-        answer(died=" ".join(f"{kind.__name__}: {error}".split()))
+        answer(died=fault_line(error))
+        sys.stderr.flush()
+        os._exit(ExitCode.FAULT)
 
     sys.excepthook = fault
     from estimator.side_by_side import one_worker_each
     from hil.errors import told_to_user
+    from hil.exit_codes import ExitCode
+    from hil.faults import fault_line
     from hil.sweeping.tasks import Task, carrier_of
 
     one_worker_each()

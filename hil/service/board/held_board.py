@@ -17,6 +17,7 @@ from typing import Any
 from hil.bench import Bench
 from hil.emulation import Served, is_emulated, served
 from hil.errors import InputError, told_to_user
+from hil.faults import fault_line
 from hil.loop.live_settings import in_force
 from hil.loop.stops import reason_name
 from hil.progress import Progress
@@ -326,7 +327,7 @@ class HeldBoard:
         except Interrupted as interrupted:
             outcome["words"] = str(interrupted)
         except Exception as error:  # noqa: BLE001 - of a thread: it is told, and the board is seen to either way
-            words = told_to_user(error) or f"a fault of hil: {type(error).__name__}: {error}"
+            words = told_to_user(error) or fault_line(error)
             outcome["words"] = words
         finally:
             self._interrupt = None

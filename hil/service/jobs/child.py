@@ -18,6 +18,8 @@ from types import FrameType
 from typing import Any
 
 from hil.errors import told_to_user
+from hil.exit_codes import ExitCode
+from hil.faults import fault_line, is_fault
 from hil.interruption import interrupt
 from hil.progress import Progress
 from hil.records.atomic import write_text
@@ -102,12 +104,21 @@ def main(place: Path) -> None:
             words = "; ".join(one for one in (ending.why or "interrupted", str(interruption)) if one)
             outcome |= {"state": "cancelled" if ending.why == CANCELLED else "failed", "error": words}
         except Exception as error:  # noqa: BLE001 - whatever it was, the job has an outcome that says so
-            outcome["error"] = told_to_user(error) or f"a fault of hil: {type(error).__name__}: {error}"
+            outcome["error"] = told_to_user(error) or fault_line(error)
             traceback.print_exc()
         ending.done.set()
         write_text(place / OUTCOME, json.dumps({**outcome, "ended": time.time()}) + "\n")
     sys.stdout.flush()
-    os._exit(0)  # what a library leaves running has nothing to say any more
+    os._exit(_code(outcome))  # what a library leaves running has nothing to say any more
+
+
+def _code(outcome: dict[str, Any]) -> int:
+    """As of the command line."""
+    if outcome["state"] == "done":
+        return ExitCode.GOOD
+    if outcome["state"] == "cancelled":
+        return ExitCode.INTERRUPTED
+    return ExitCode.FAULT if is_fault(outcome["error"]) else ExitCode.BAD_INPUT
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

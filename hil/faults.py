@@ -1,0 +1,30 @@
+"""A fault of the program: one line for the user, the traceback in a file of its own."""
+
+import os
+import tempfile
+import traceback
+
+_OF_HIL = "a fault of hil"
+
+
+def fault_line(error: BaseException) -> str:
+    """What is said of an error that nobody but the authors can mend."""
+    return f"{_OF_HIL}: {' '.join(f'{type(error).__name__}: {error}'.split())}"
+
+
+def is_fault(said: str | None) -> bool:
+    """Whether a line of a result, a row or a job speaks of one."""
+    return said is not None and _OF_HIL in said
+
+
+def kept_fault(error: BaseException) -> str:
+    """The same with where the traceback is; where it cannot be written, it is printed."""
+    told = "".join(traceback.format_exception(error))
+    try:
+        number, place = tempfile.mkstemp(prefix="hil-fault-", suffix=".txt")
+        with os.fdopen(number, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(told)
+    except OSError:
+        traceback.print_exception(error)
+        return f"{fault_line(error)}; please report it with the lines above"
+    return f"{fault_line(error)}; please report it with {place}"
