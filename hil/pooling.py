@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.trace.fitness import remarks, require_traceable
@@ -74,15 +75,18 @@ def trace_pool_files(
         members.append(Member(each, numbers, _covariate(place, record, covariate)))
     pool = Pool(tuple(members), device, observer_settings_of(bench), covariate, effects_asked(also, device))
     judges = _judges(names, held_out) or held_out_by_default(pool)
-    from estimator.trace.pool.trace import trace_pool
-
     left = TimeLeft()
 
     def told(stage: str, done: int, total: int) -> None:
         progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
+    def searched() -> traced.Diagnosis:
+        from estimator.trace.pool.trace import trace_pool  # compiles
+
+        return trace_pool(pool, judges, told)
+
     try:
-        found = interruptible(lambda: trace_pool(pool, judges, told))
+        found = interruptible(searched)
     except ModelError as error:
         raise InputError(f"{len(captures)} records: {error}") from None
     said = [remark for record in records for remark in record.prepared]

@@ -117,15 +117,19 @@ def trace(
     try:
         _require_unclipped(captured)
         require_traceable(record, device, split)
-        from estimator.trace.tracing import trace as search  # compiles: after what can be refused without it
-
         left = TimeLeft(FRACTION * len(record) / min(split, THRESHOLDS.choice.compared))
         problem = Problem(record, device, settings, control_of(bench, captured), asked)
 
         def told(stage: str, done: int, total: int) -> None:
             progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
-        found = interruptible(lambda: search(problem, split=split, progress=told))
+        def searched() -> traced.Diagnosis:
+            # Compiles: after what can be refused without it, and where Ctrl-C need not wait for it.
+            from estimator.trace.tracing import trace as search
+
+            return search(problem, split=split, progress=told)
+
+        found = interruptible(searched)
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     if found.verdict.is_open:
@@ -160,10 +164,14 @@ def trace(
 
 def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, WrittenForce]":
     """The force that the model lacks, and what is written of it; none where it cannot be estimated."""
-    from estimator.missing_force.estimate import missing_force
+
+    def estimated() -> MissingForce:
+        from estimator.missing_force.estimate import missing_force  # compiles
+
+        return missing_force(problem, split)
 
     try:
-        found = interruptible(lambda: missing_force(problem, split))
+        found = interruptible(estimated)
     except ModelError as error:
         return None, refused(str(error))
     return found, force_model(found)

@@ -114,7 +114,7 @@ class SensorFit:
     @property
     def unknowns(self) -> int:
         """How many numbers were fitted: the parameters, and the start of each response."""
-        return len(self.parameters) + self.chain.transients(self.parameters).shape[1]
+        return len(self.parameters) + int(self.chain.transients(self.parameters).shape[1])
 
     def rms(self, rows: Rows) -> float:
         """Rms residual of the rows, V."""

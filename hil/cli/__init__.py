@@ -7,18 +7,21 @@ the top, so that ``hil --help`` answers at once.
 import atexit
 import os
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 from hil.errors import printable, told_to_user
 from hil.exit_codes import ExitCode
 from hil.interruption import take_signals
 
 _RENAMED = {("trace", "--force"): "--missing-force", ("trace", "--no-force"): "--no-missing-force"}
+_BARE = {"trace", "import", "export", "show", "ls", "check", "diff", "init"}
+"""Verbs that have no board, no processes and no run folder which an interruption has to bring to an end."""
 
 
 def main() -> None:
     """Entry point of ``hil``; SIGTERM is taken like Ctrl-C: a board is told to go SAFE in both cases."""
-    take_signals()
+    bare = bool(_BARE & set(sys.argv[1:2])) and "--live" not in sys.argv
+    take_signals(leave=_leave if bare else None)
     # Before NumPy is loaded.  Work is shared out in larger pieces (`estimator.side_by_side`), and threads of its own in
     # each product of matrices only wait for those.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -29,6 +32,12 @@ def main() -> None:
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)
+
+
+def _leave() -> NoReturn:
+    """End at once: nothing is open that would have to be brought to an end."""
+    os.write(2, b"hil: interrupted\n")
+    os._exit(ExitCode.INTERRUPTED)
 
 
 def execute(arguments: list[str]) -> int:

@@ -2,7 +2,9 @@
 
 import os
 import signal
+import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -68,3 +70,24 @@ def test_a_handler_of_later_gets_what_waited(
         if came:
             break
     assert came == [number]
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+@pytest.mark.parametrize("signalled", [signal.SIGINT, signal.SIGTERM])
+def test_a_trace_does_not_wait_for_an_import_that_compiles(tmp_path: Path, signalled: int) -> None:
+    """One that takes half a minute: under load, with an empty cache, kernels take minutes."""
+    (tmp_path / "typer.py").write_text("import time\nprint('begun', flush=True)\ntime.sleep(30.0)\n")
+    words = [sys.executable, "-c", "from hil.cli import main; main()", "trace"]
+    paths = os.pathsep.join([str(tmp_path), *sys.path])
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": paths}
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == "begun\n"
+        begin = time.monotonic()
+        process.send_signal(signalled)
+        assert process.wait(30.0) == 130
+        assert time.monotonic() - begin < 1.0
+        assert process.stderr.read() == "hil: interrupted\n"
