@@ -8,6 +8,7 @@ those beside it (variable projection: Golub & Pereyra 1973).
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.errors import ModelError
 from estimator.observer import Observer
@@ -35,13 +36,13 @@ class FreeRuns:
         self._motion = [np.zeros(observer.states) for _ in self._later]
 
     @property
-    def told(self) -> Array:
+    def told(self) -> NDArray[np.bool_]:
         """Whether each sample (n, axes) is there, and in a stretch that is long enough to tell its motion."""
         told = np.isfinite(self._sense)
         for stretch in self._later:
             if int(np.sum(told[stretch])) <= self._observer.states:
                 told[stretch] = False
-        return np.asarray(told)
+        return told
 
     def simulate(self, state: Array, *, sensitive: bool = False) -> Simulation:
         """As `estimator.simulation.simulate`, from `state` at the first sample; NaN over a stretch that does not tell
@@ -63,7 +64,9 @@ class FreeRuns:
         step = None if self._step is None else self._step[stretch]
         return simulate(self._observer, state, self._drive[stretch], step=step, sensitive=sensitive)
 
-    def _begun_anew(self, state: Array, number: int, stretch: slice, told: Array, sensitive: bool) -> Simulation:
+    def _begun_anew(
+        self, state: Array, number: int, stretch: slice, told: NDArray[np.bool_], sensitive: bool
+    ) -> Simulation:
         motion, rows = slice(0, self._observer.states), stretch.stop - stretch.start
         if not told.any():
             axes, unknowns = self._sense.shape[1], len(state)

@@ -13,6 +13,7 @@ from estimator.rate_sensor.trace import SensorDiagnosis, alternate_blocks, trace
 from hil.bench import RateSensorBench
 from hil.bench.rate_sensor import RateSensor
 from hil.errors import InputError
+from hil.ratio import slip
 from hil.records.capture import Capture, missing, read_capture
 
 _BLOCK = 4  # samples; a step's transient is a few tens long
@@ -35,6 +36,7 @@ def trace_rate_sensor(capture: Path, bench: RateSensorBench) -> SensorDiagnosis:
         offset_tolerance=_OFFSET * full if device.offset_tolerance_V is None else device.offset_tolerance_V,
         scale_tolerance=device.scale_tolerance,
         unit=device.unit,
+        meant=slip,
     )
     try:
         samples = sensor_record(record, capture)

@@ -16,11 +16,12 @@ from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import SensorDiagnosis, alternate_blocks, trace_sensor
 from hil.errors import InputError
+from hil.ratio import slip
 
 FULL = 100.0 * math.pi / 180.0
 DECLARED = Range(FULL, 2.0)
 S, V0, NOISE = -1.145916, 2.5, 3.7e-3
-LINE = Line(V0, S, 0.2, 0.1)
+LINE = Line(V0, S, 0.2, 0.1, meant=slip)
 BENCH = f"""[device]
 name = "RS"
 axes = 0
@@ -62,12 +63,12 @@ def test_a_sensor_as_declared_is_adequate_and_its_line_is_told(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("ratio", "said"),
     [
-        (180.0 / math.pi, "57.3 times the declared −1.146 (degrees for radians, or converted twice?)"),
-        (math.pi / 180.0, "0.0175 times the declared −1.146 (degrees for radians, or converted twice?)"),
-        (-1.0, "−1 times the declared −1.146 (the sign of the reference, of the output or of the declared scale"),
-        (2.0, "2 times the declared −1.146 (one of two outputs, or peak to peak?)"),
-        (-0.5, "−0.5 times the declared −1.146 (one of two outputs, or peak to peak, with the other sign?)"),
-        (1000.0, "1e+03 times the declared −1.146 (milli?)"),
+        (180.0 / math.pi, "57.3 times the declared −1.146 (180/π: degrees for radians, or the reverse)"),
+        (math.pi / 180.0, "0.0175 times the declared −1.146 (180/π: degrees for radians, or the reverse)"),
+        (-1.0, "−1 times the declared −1.146 (the other sign): correct"),
+        (2.0, "2 times the declared −1.146 (2: peak to peak"),
+        (-0.5, "−0.5 times the declared −1.146 (the other sign, 2: peak to peak"),
+        (1000.0, "1e+03 times the declared −1.146 (1000: a thousandth of the unit"),
         (1.3, "1.3 times the declared −1.146: correct the reference or the bench file"),
     ],
 )
