@@ -52,7 +52,7 @@ def judge(link: str, probed: dict[str, Any], held: Capacity) -> Iterator[Finding
         "round trip", "good", f"p50 {trip['p50']:.0f} µs, p99 {trip['p99']:.0f} µs, worst {trip['max']:.0f} µs"
     )
     yield Finding(
-        "waking up late", "good", f"p50 {nap['p50']:.0f} µs, p99 {nap['p99']:.0f} µs, worst {nap['max']:.0f} µs"
+        "wake-up delay", "good", f"p50 {nap['p50']:.0f} µs, p99 {nap['p99']:.0f} µs, worst {nap['max']:.0f} µs"
     )
     for mode, bit, held_Hz, limit in (
         ("force mode", Capabilities.FORCE_MODE, held.force_Hz, held.force_limit),

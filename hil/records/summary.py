@@ -10,7 +10,7 @@ from hil.records.answers import count_answers
 from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
 from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates
-from hil.records.innovation import Innovation
+from hil.records.innovation import Innovation, steady, usual_sd_V
 from hil.records.quantiles import quantiles
 from hil.records.result import Answers, BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
 from hil.records.runfolder import RunFolder
@@ -111,27 +111,24 @@ def parameters(
 
 
 def innovation_rms(innovation: Innovation, settle_s: float) -> float | None:
-    """Root mean square in volts over all axes from `settle_s` on; None when there is nothing after it."""
+    """Root mean square in volts over all axes from `settle_s` on, of the rows whose prediction is as sure as usual: what
+    comes right behind a gap is no residual. None where there are none, or one is not finite.
+    """
+    scored = innovation.since(settle_s)
+    if (usual := usual_sd_V(scored)) is None:
+        return None
     count, squares = 0, 0.0
-    for piece in innovation.since(settle_s).pieces():
-        count += piece.nu_V.size
-        squares += float(np.sum(piece.nu_V**2))
+    for piece in scored.pieces():
+        nu = piece.nu_V[steady(piece.sd_V, usual)]
+        count += nu.size
+        squares += float(np.sum(nu**2))
     return math.sqrt(squares / count) if count and math.isfinite(squares) else None
 
 
 def predicted_rms(innovation: Innovation, settle_s: float) -> float | None:
-    """What `innovation_rms` would be for a complete model: the predicted standard deviation, as the median,
-    since after a gap in the record the prediction is wide for a few samples and that is no noise floor.
-    """
-    scored = innovation.since(settle_s)
-
-    def of_axis(axis: int) -> list[float] | None:
-        return quantiles(lambda: (piece.sd_V[:, axis] for piece in scored.pieces()), (0.5,))
-
-    found = [of_axis(axis) for axis in range(innovation.axes)]
-    medians = np.array([median[0] for median in found if median is not None])
-    whole = len(medians) == innovation.axes and np.isfinite(medians).all()
-    return float(np.sqrt(np.mean(medians**2))) if whole else None
+    """What `innovation_rms` would be for a complete model: the predicted standard deviation, as the median."""
+    usual = usual_sd_V(innovation.since(settle_s))
+    return None if usual is None else float(np.sqrt(np.mean(usual**2)))
 
 
 def rms(values: npt.NDArray[np.float64]) -> float | None:

@@ -109,8 +109,8 @@ def _were(samples: int, remark: str = "") -> str:
 
 def _listed(answers: Answers) -> str:
     parts = (
-        (answers.late, "late"),
-        (answers.unanswered, "seen too late to be answered"),
+        (answers.late, "answered late"),
+        (answers.unanswered, "not answered"),
         (answers.lost_to_board, "lost on the way to the board"),
     )
     return ", ".join(f"{count(number)} {what}" for number, what in parts if number)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hil.numbers import prefix_for, quantity
-from hil.records.innovation import Innovation
+from hil.records.innovation import stretches, usual_sd_V
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.theme import AXIS_COLOURS, INK, MUTED, legend, new_figure, plain_log_ticks
@@ -25,18 +25,24 @@ def draw(material: Material) -> Drawing | None:
     if innovation is None:
         return None
     scored, rate_Hz = material.scored_innovation(innovation), innovation.tick_rate_Hz
-    variance = _mean_square(scored)
-    if len(scored) < _SHORTEST_SEGMENT or not np.isfinite(variance).all() or not variance.all():
+    usual = usual_sd_V(scored)
+    if usual is None or not usual.any():
         return None
-    frequency, density = amplitude_density_of((piece.nu_V for piece in scored.pieces()), len(scored), rate_Hz)
-    floor = float(np.sqrt(variance[1] * 2 / rate_Hz))
+    rows = _longest(stretches(scored, usual))
+    if rows < _SHORTEST_SEGMENT:
+        return None
+    segment = min(_segment(len(scored)), 2 ** int(np.log2(rows)))
+    frequency, density = amplitude_density_of(stretches(scored, usual), segment, rate_Hz)
+    if not np.isfinite(density).all() or not density.all():
+        return None
+    floor = float(np.sqrt(np.mean(usual**2) * 2 / rate_Hz))
     factor, prefix = prefix_for(float(np.median(density)))
     figure = new_figure(2.7)
     ax = figure.subplots()
     for axis, colour in zip(range(innovation.axes), AXIS_COLOURS, strict=False):
         ax.semilogy(frequency, density[:, axis] * factor, color=colour, linewidth=0.9, label=f"ν{'xy'[axis]}")
     ax.axhline(floor * factor, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
-    caption = f"Amplitude spectral density of the scored window (Welch, {_segment(len(scored))} samples a segment)."
+    caption = f"Amplitude spectral density of the scored window (Welch, {segment} samples a segment, gaps left out)."
     if material.resonance_Hz is not None:
         marked = _mark(ax, material.resonance_Hz, rate_Hz / 2)
         high = [n for n in marked if _peak(frequency, density, n * material.resonance_Hz) > _STANDS_OUT * floor]
@@ -56,21 +62,23 @@ def draw(material: Material) -> Drawing | None:
 
 def amplitude_density(values: Floats, rate_Hz: float) -> tuple[Floats, Floats]:
     """Frequencies (m,) and one-sided amplitude density (m, axes) per √Hz; white noise s gives s·√(2/rate)."""
-    return amplitude_density_of([values], len(values), rate_Hz)
+    return amplitude_density_of([values], _segment(len(values)), rate_Hz)
 
 
-def amplitude_density_of(parts: Iterable[Floats], rows: int, rate_Hz: float) -> tuple[Floats, Floats]:
-    """The same of values that come in parts (n, axes), `rows` in all: segments lie half over each other, across parts
-    as well.
+def amplitude_density_of(parts: Iterable[Floats | None], segment: int, rate_Hz: float) -> tuple[Floats, Floats]:
+    """The same of values that come in parts (n, axes): segments lie half over each other, across parts as well, but
+    not across None, which is a gap.
     """
     from scipy.signal import welch
 
-    segment = _segment(rows)
     step = segment // 2
     left = np.empty((0, 0))
     total: Floats | None = None
     frequency, done = np.empty(0), 0
     for part in parts:
+        if part is None:
+            left = np.empty((0, 0))
+            continue
         values = np.concatenate([left, part]) if left.size else part
         count = (len(values) - segment) // step + 1
         if count > 0:
@@ -82,12 +90,13 @@ def amplitude_density_of(parts: Iterable[Floats], rows: int, rate_Hz: float) -> 
     return frequency[1:], np.sqrt(total[1:] / done)  # the bin at 0 has the mean taken out of it
 
 
-def _mean_square(innovation: Innovation) -> Floats:
-    """Over all axes, of the innovation and of its predicted deviation (2,)."""
-    total = np.zeros(2)
-    for piece in innovation.pieces():
-        total += [np.sum(piece.nu_V**2), np.sum(piece.sd_V**2)]
-    return total / max(len(innovation) * innovation.axes, 1)
+def _longest(parts: Iterable[Floats | None]) -> int:
+    """Rows of the longest stretch without a gap."""
+    longest = rows = 0
+    for part in parts:
+        rows = 0 if part is None else rows + len(part)
+        longest = max(longest, rows)
+    return longest
 
 
 def _segment(rows: int) -> int:

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from hil.records.innovation import steady
+from hil.service.telemetry.deadlines import Deadlines
+from hil.service.telemetry.deadlines import told as deadlines
 from hil.service.telemetry.tracks import Track, Tracks
-from hil.wire.messages import SenseFlags
 
 _LOOKED_S = 1.0  # over which powers and peaks are taken
 _INNOVATION_S = 0.5
@@ -19,7 +21,8 @@ class Now:
     def __init__(self) -> None:
         self._first: int | None = None
         self._last = 0
-        self._samples = self._held = self._late = self._answers = 0
+        self._samples = 0
+        self._deadlines = Deadlines()
         self._heard_s = time.monotonic()
 
     def look(self, tracks: Tracks) -> None:
@@ -31,16 +34,12 @@ class Now:
                 self._first = int(rows["tick"][0])
             self._last = int(rows["tick"][-1])
             self._samples += len(rows)
-            self._held += int(np.count_nonzero(rows["flags"] & SenseFlags.HELD))
-        if timing is not None and len(rows := timing.new):
-            self._answers += len(rows)
-            self._late += _late(timing)
+        self._deadlines.look(capture, timing)
 
     def health(self, tracks: Tracks) -> dict[str, Any]:
         """Link and deadlines: samples seen and missing between two ticks; `held`, those at which the board held its
-        drive for want of an answer, by its own word; `late`, answers that left later than the deadline after their
-        sample had come, in gain mode matrices that came into force too late or not at all; the time from a sample's
-        arrival to its answer over the last second.
+        drive for want of an answer, by its own word; `late`, samples whose answer reached the board after its effective
+        tick, as result.json counts them; the time from a sample's arrival to its answer over the last second.
         """
         if self._first is None:
             return {}
@@ -49,12 +48,9 @@ class Now:
         told: dict[str, Any] = {
             "samples": self._samples + seen,
             "lost": max(missing, 0),
-            "held": self._held,
-            "late": self._late,
             "silent_s": round(time.monotonic() - self._heard_s, 2),
+            **deadlines(self._deadlines),
         }
-        if self._samples:
-            told["in_time"] = 1.0 - self._held / self._samples
         if (timing := tracks.get("timing")) is not None:
             rows = timing.kept.newest(1 << 13)
             rows = rows[rows["tick"] > self._last - _LOOKED_S * tracks.rate_Hz]
@@ -86,16 +82,6 @@ class Now:
         return {name: _finite(value) for name, value in told.items()}
 
 
-def _late(timing: Track) -> int:
-    rows, header = timing.new, timing.layout.header
-    if "applied_tick" in (rows.dtype.names or ()):
-        applied = rows["applied_tick"]
-        return int(np.count_nonzero((applied < 0) | (applied > rows["tick"] + int(header["block"]) + 1)))
-    if header.get("deadline_us") is None:
-        return 0
-    return int(np.count_nonzero(rows["t_send_ns"] - rows["t_receive_ns"] > 1e3 * float(header["deadline_us"])))
-
-
 def _estimates(track: Track) -> dict[str, Any]:
     rows = track.kept.newest(1)
     if not len(rows):
@@ -121,10 +107,13 @@ def _innovation(track: Track, count: int) -> dict[str, Any]:
     predicted = [name for name in names if name not in measured]
     if not len(rows) or not measured or not predicted:
         return {}
-    rms, expected = (
-        math.sqrt(float(np.mean([np.mean(np.square(rows[name], dtype=float)) for name in side])))
-        for side in (measured, predicted)
-    )
+    sd = np.stack([rows[name] for name in predicted], 1).astype(float)
+    usual = np.median(sd, axis=0)
+    sure = steady(sd, usual)  # behind a gap the prediction is wide, and what comes then is large by right
+    if not sure.any():
+        return {}
+    nu = np.stack([rows[name] for name in measured], 1).astype(float)[sure]
+    rms, expected = math.sqrt(float(np.mean(nu**2))), math.sqrt(float(np.mean(usual**2)))
     return {"rms_V": rms, "predicted_V": expected, "ratio": rms / expected if expected else None}
 
 

@@ -6,11 +6,14 @@ import math
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from hil.errors import InputError
+from hil.records.innovation import steady
 from hil.service.series import Frame
 from hil.service.telemetry.decimation import Roll, dense, stretches
+from hil.service.telemetry.history import Rows
 from hil.service.telemetry.tracks import Channel, Tracks
 
 _BEFORE = 5  # a trigger stands a part of the window, one in so many, after its beginning
@@ -223,16 +226,23 @@ class SpectrumView:
         if track is None or track.kept.added < self._next:
             return None
         rate = tracks.rate_Hz / self._channel.every
-        values = self._channel.values(track.kept.newest(_SEGMENT * (_SEGMENTS + 1) // 2)).astype(float)
+        rows = track.kept.newest(_SEGMENT * (_SEGMENTS + 1) // 2)
+        values = self._channel.values(rows).astype(float)
         length = _SEGMENT
         while length > len(values) and length > 64:
             length //= 2
         if len(values) < length:
             return None
         self._next = track.kept.added + round(_SPECTRUM_EVERY_S * rate)
+        # A segment in which a row is missing, or none that counts, would spread the gap over all frequencies.
+        broken = ~np.isfinite(values) | ~_steady(rows)
+        broken[1:] |= np.diff(rows["tick"]) != self._channel.every
+        windows = np.lib.stride_tricks.sliding_window_view(values, length)[:: length // 2]
+        whole = ~np.lib.stride_tricks.sliding_window_view(broken, length)[:: length // 2].any(axis=1)
+        if not whole.any():
+            return None
         self._frames += 1
-        values = np.where(np.isfinite(values), values, 0.0)
-        segments = np.lib.stride_tricks.sliding_window_view(values, length)[:: length // 2]
+        segments = windows[whole]
         window = np.hanning(length + 1)[:-1]
         lines = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window, axis=1)
         density = 2.0 * (np.abs(lines) ** 2).mean(axis=0) / (rate * (window @ window))
@@ -242,6 +252,15 @@ class SpectrumView:
 
     def close(self) -> None:
         """As of a view."""
+
+
+def _steady(rows: Rows) -> npt.NDArray[np.bool_]:
+    """Whether rows (n,) count in an average; of an innovation those behind a gap do not."""
+    names = [name for name in rows.dtype.names or () if name.startswith("s_") and name.endswith("_V")]
+    if not names:
+        return np.ones(len(rows), bool)
+    sd = np.stack([rows[name] for name in names], 1).astype(float)
+    return steady(sd, np.median(sd, axis=0))
 
 
 def require(names: list[str], tracks: Tracks) -> None:
