@@ -111,8 +111,8 @@ def parameters(
 
 
 def innovation_rms(innovation: Innovation, settle_s: float) -> float | None:
-    """Root mean square in volts over all axes from `settle_s` on, of the rows whose prediction is as sure as usual: what
-    comes right behind a gap is no residual. None where there are none, or one is not finite.
+    """Root mean square in volts over all axes from `settle_s` on, of the rows whose prediction is as sure as usual:
+    what comes right behind a gap is no residual. None where there are none, or one is not finite.
     """
     scored = innovation.since(settle_s)
     if (usual := usual_sd_V(scored)) is None:
