@@ -103,6 +103,7 @@ class Loop(ABC):
         self._begun_ns = self._answered_ns = self._listened_ns = time.monotonic_ns()
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
         self._drives = 0  # that were sent
+        self._excused = 0  # ticks missing around a stop, beside those of it
         self._turns = self._behind = 0  # in which samples came; of these: they were there already
         self._at_once_ns = round(1e9 * _AT_ONCE * self._block / rate)
         self._missing_before = self._missing_frames()
@@ -216,6 +217,8 @@ class Loop(ABC):
         # Whatever tick the board gave when it was armed again: it stood in SAFE between these two rows.
         through_stop = missing > 0 and self._pause is not None and tick > self._pause.safe
         stopped = self._paused(tick)
+        if through_stop:  # the block under way need not have been sent, nor are the board's ticks its own there
+            self._excused += missing - stopped
         if missing:
             self._require_possible(tick, missing, stopped)
         self.counters.lost += missing
@@ -258,8 +261,7 @@ class Loop(ABC):
         counters, before = self.counters, tick - missing - 1
         frames = self._missing_frames() - self._missing_before
         streamed = counters.lost - counters.stopped + missing - stopped
-        # What was under way at a stop need not be sent.
-        accounted = frames * self._block + counters.rearmed * (self._block + 1)
+        accounted = frames * self._block + self._excused
         skipped = streamed - accounted - counters.skipped
         if skipped > 0:
             counters.skipped += skipped

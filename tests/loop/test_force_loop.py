@@ -208,6 +208,15 @@ class Slow(HandPaced):
             self._owed = 0
 
 
+@pytest.mark.long
+def test_a_host_that_stood_still_for_long_accuses_nobody(tmp_path: Path) -> None:
+    """Of 12 s the board was SAFE for all but the watchdog: its ticks went on, as they must."""
+    device = board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED)
+    declared = gyro.bench(12.5, "paced", link={"watchdog_s": 0.02, "timeout_s": 0.5})
+    _, counters = close_loop(HandPaced(device, stops={1000: 48_000}), declared, tmp_path / "run")
+    assert (counters.rearmed, counters.skipped, counters.board["watchdog_trips"]) == (1, 0, 1)
+
+
 @pytest.mark.moderate
 @pytest.mark.parametrize("ticks", [100, 150, 300, 600])
 def test_whatever_tick_it_was_armed_at_the_stop_is_no_gap_in_a_driven_run(tmp_path: Path, ticks: int) -> None:
