@@ -80,5 +80,5 @@ def _chosen(told: str, late: Lateness, bench: Bench, own: Setting, after: Settin
     if best is None:
         return Started(None, f"{words}; {_LOCKSTEP}")
     margin = "" if best.safely else ", a margin that is smaller than wanted"
-    chosen = f"started with {best.line}{margin}"
+    chosen = f"the board is started with {best.line}{margin}"
     return Started(best.setting, f"{words}; {chosen}")

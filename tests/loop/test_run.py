@@ -162,7 +162,7 @@ def test_another_spec_is_refused_by_its_first_difference(tmp_path: Path) -> None
             "the board samples at 4001 Hz, [device] sample_rate_Hz says 4000; "
             "correct the bench file, or the board's IDENTITY",
         ),
-        ({"capabilities": 1 | 8}, 'the board cannot wait for the host; use [loop] clock = "real"'),
+        ({"capabilities": 1 | 8}, 'the board cannot wait for the host; use [loop] clock = "paced"'),
     ],
 )
 def test_a_board_that_does_not_fit_the_bench_is_refused(
