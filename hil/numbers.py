@@ -62,7 +62,7 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     return f"{significant(value * factor, digits)}{_SPACE}{prefix}{unit}".rstrip()
 
 
-def beside_degrees(text: str, value: float, unit: str) -> str:
+def beside_degrees(text: str, value: float, unit: str, digits: int = 3) -> str:
     """`text`, which tells `value` in rad or rad/s, with the same in degrees or °/s behind it; of other units as it is.
 
     >>> beside_degrees("1.50 mrad", 1.5e-3, "rad"), beside_degrees("3.0 V", 3.0, "V")
@@ -70,13 +70,15 @@ def beside_degrees(text: str, value: float, unit: str) -> str:
     """
     symbol = {"rad": "°", "rad/s": f"{_SPACE}°/s"}.get(unit)
     return (
-        text if symbol is None or not math.isfinite(value) else f"{text} ({significant(math.degrees(value))}{symbol})"
+        text
+        if symbol is None or not math.isfinite(value)
+        else f"{text} ({significant(math.degrees(value), digits)}{symbol})"
     )
 
 
 def in_both(value: float, unit: str, digits: int = 3) -> str:
     """As `quantity`, an angle or a rate in degrees or °/s too."""
-    return beside_degrees(quantity(value, unit, digits), value, unit)
+    return beside_degrees(quantity(value, unit, digits), value, unit, digits)
 
 
 def sensed(value: float, unit: str, digits: int = 3) -> str:
