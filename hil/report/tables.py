@@ -12,6 +12,7 @@ _COUNTED = {
     "samples": "rows of the capture",
     "lost": "samples missing between the first and the last",
     "stopped": "of these, while the board was SAFE until it was armed again",
+    "skipped": "of these, that the board left out: it streamed, and no frame is missing for them",
     "held": "samples before which the board held its last drive, whatever the reason",
     "clipped": "samples with the converter at its end",
     "saturated": "samples with the drive at its limit",
