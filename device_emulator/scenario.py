@@ -32,6 +32,7 @@ from device_emulator.section import (
     did_you_mean,
 )
 from device_emulator.temperature import Temperature
+from hil.wire.toml_bounds import MOST_BYTES, beyond
 
 MAX_LATENCY_SAMPLES = 64
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e8
@@ -191,9 +192,6 @@ def _beyond(scenario: Scenario) -> str | None:
     return next((text for held, text in checks if not held), None)
 
 
-_MOST_BYTES = 1 << 22
-
-
 def load(path: Path, *, latency_ticks: int | None = None, rate_Hz: float | None = None) -> Scenario:
     """The scenario in a TOML file, the board with another latency or sample rate where one is given.
 
@@ -201,13 +199,15 @@ def load(path: Path, *, latency_ticks: int | None = None, rate_Hz: float | None 
     """
     try:
         with path.open("rb") as file:
-            text = file.read(_MOST_BYTES + 1)
+            raw = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot read the scenario ({error.strerror})") from None
-    if len(text) > _MOST_BYTES:
-        raise ScenarioError(f"{path}: longer than {_MOST_BYTES >> 20} MB, which no scenario is")
+    if len(raw) > MOST_BYTES:
+        raise ScenarioError(f"{path}: longer than {MOST_BYTES >> 20} MB, which no scenario is")
+    if said := beyond(raw.decode("utf-8", "replace")):
+        raise ScenarioError(f"{path}: not a TOML file that can be used: {said}")
     try:
-        document = tomllib.loads(text.decode("utf-8"))
+        document = tomllib.loads(raw.decode("utf-8"))
     except RecursionError:
         raise ScenarioError(f"{path}: not a TOML file: nested too deeply") from None
     except ValueError as error:  # also of bytes that are no text, and of numbers with thousands of digits

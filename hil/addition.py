@@ -3,7 +3,7 @@
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,11 @@ from estimator.errors import ModelError
 from hil.bench import Bench
 from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter, own_table
 from hil.bench.toml import toml_key, toml_value
-from hil.emulation import is_emulated
 from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Coefficient, Diagnosis, MissingForce
 from hil.strict_toml import parse_table, table_of
-from hil.wire.links import parse_emulated
+from hil.wire.link_name import Emulated, parse_link
 
 _COLUMN = 36  # where the remarks begin
 
@@ -168,13 +167,14 @@ def _with_board(text: str, table: dict[str, Any], source: Path, target: Path) ->
     """The text, and what it says, with the scenario beside `source` named by its path, where `target` is elsewhere."""
     link = table.get("link")
     url = link.get("url") if isinstance(link, dict) else None
-    if not isinstance(link, dict) or not isinstance(url, str) or not is_emulated(url):
+    if not isinstance(link, dict) or not isinstance(url, str):
         return text, table
-    kind, _, place = url.partition(":")
-    board = parse_emulated(place)
-    if source.parent.resolve() == target.parent.resolve() or not (source.parent / board.scenario).is_file():
+    place = parse_link(url)
+    if source.parent.resolve() == target.parent.resolve() or not isinstance(place, Emulated):
         return text, table
-    moved = f"{kind}:{board._replace(scenario=str((source.parent / board.scenario).resolve())).text}"
+    if not (source.parent / place.scenario).is_file():
+        return text, table
+    moved = replace(place, scenario=str((source.parent / place.scenario).resolve())).url
     return text.replace(toml_value(url), toml_value(moved), 1), {**table, "link": {**link, "url": moved}}
 
 

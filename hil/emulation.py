@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -20,7 +21,7 @@ from hil import examples
 from hil.compiler import require_compiler
 from hil.errors import InputError
 from hil.progress import Progress, Watcher, untold
-from hil.wire.links import parse_emulated, require_known
+from hil.wire.link_name import Emulated, parse_link
 
 _READY = "ready "
 _TOLD_S = 1.0  # how often it is told that a board is still waited for …
@@ -142,11 +143,10 @@ def is_emulated(link: str) -> bool:
 
 def shown(link: str) -> str:
     """``link`` as a reader needs it: of an emulated board the scenario's name, not where its file lies."""
-    kind, _, place = link.partition(":")
     if not is_emulated(link):
         return link
-    board = parse_emulated(place)
-    return f"{kind}:{board._replace(scenario=Path(board.scenario).name).text}"
+    board = parse_link(link)
+    return replace(board, scenario=Path(board.scenario).name).url if isinstance(board, Emulated) else link
 
 
 class Served(NamedTuple):
@@ -174,9 +174,8 @@ def served(
     link: str, *, truth: Path | None = None, seed: int | None = None, progress: Watcher = untold
 ) -> Iterator[Served]:
     """``link`` as something to open; behind ``pty:SCENARIO`` a board serves for the length of the block."""
-    kind, _, place = link.partition(":")
-    if kind == "pty":
-        what = parse_emulated(place)
+    what = parse_link(link)
+    if isinstance(what, Emulated) and what.kind == "pty":
         serving = emulator(
             Path(what.scenario), truth=truth, seed=seed, latency_ticks=what.latency_ticks, rate_Hz=what.rate_Hz,
             progress=progress,
@@ -188,12 +187,10 @@ def served(
 
 
 def located(link: str, *, beside: Path | None = None) -> str:
-    """``link`` with the scenario of an emulated board as a path; `InputError` where there is none, `LinkError` for an
-    unknown kind of link or a bad option.
+    """``link`` by the name that says the same, with the scenario of an emulated board as a path; `InputError` where
+    there is none, `LinkError` for what is no link.
     """
-    kind, _, place = link.partition(":")
-    if is_emulated(link):
-        board = parse_emulated(place)
-        return f"{kind}:{board._replace(scenario=str(examples.find('scenario', board.scenario, beside=beside))).text}"
-    require_known(link)
-    return link
+    place = parse_link(link)
+    if isinstance(place, Emulated):
+        return replace(place, scenario=str(examples.find("scenario", place.scenario, beside=beside))).url
+    return place.url

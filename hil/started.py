@@ -1,6 +1,6 @@
 """What an emulated board is started with, and how the bench is changed for it: what the machine holds, measured."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hil.bench import Bench, override
@@ -11,7 +11,7 @@ from hil.records.lateness import Lateness, lateness_of
 from hil.records.runfolder import RunFolder
 from hil.records.setting import Setting
 from hil.verdict.holds import held, loop_changes, own_setting
-from hil.wire.links import parse_emulated
+from hil.wire.link_name import Emulated, parse_link
 
 _LOCKSTEP = "no setting of the board holds here, so the run is in lockstep, without a clock"
 
@@ -39,11 +39,10 @@ class Started:
         """The link for that board, to be started with it."""
         if self.setting is None:
             return link
-        kind, _, place = link.partition(":")
         latency_ticks, _, rate_Hz = self.setting
-        board = parse_emulated(place)
-        board = board._replace(latency_ticks=latency_ticks) if latency_ticks else board._replace(rate_Hz=rate_Hz)
-        return f"{kind}:{board.text}"
+        board = parse_link(link)
+        assert isinstance(board, Emulated)
+        return (replace(board, latency_ticks=latency_ticks) if latency_ticks else replace(board, rate_Hz=rate_Hz)).url
 
 
 def measured(bench: Bench, link: str, progress: Watcher) -> Started:

@@ -13,10 +13,9 @@ from typing import Any, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import InputError
+from hil.wire.toml_bounds import MOST_BYTES, beyond
 
 Model = TypeVar("Model", bound=BaseModel)
-
-_MOST_BYTES = 1 << 22
 
 _EXPECTED = {
     "float_type": "a number",
@@ -40,18 +39,23 @@ def read_table(path: Path) -> dict[str, Any]:
     """The file at ``path`` as plain tables; `InputError` when it is not TOML."""
     try:
         with path.open("rb") as file:
-            raw = file.read(_MOST_BYTES + 1)
+            raw = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise InputError(f"{path}: {(error.strerror or 'cannot be read').lower()}") from None
-    if len(raw) > _MOST_BYTES:
-        raise InputError(f"{path}: longer than {_MOST_BYTES >> 20} MB, which no such file is; give a TOML file")
     return table_of(raw, str(path))
 
 
 def table_of(raw: bytes, source: str) -> dict[str, Any]:
-    """TOML text as plain tables; `source` is the name that stands before the error."""
+    """TOML text as plain tables, `InputError` when it is none, or beyond any file of a bench; `source` is the name that
+    stands before the error.
+    """
+    if len(raw) > MOST_BYTES:
+        raise InputError(f"{source}: longer than {MOST_BYTES >> 20} MB, which no such file is; give a TOML file")
     try:
-        return tomllib.loads(raw.decode("utf-8"))
+        text = raw.decode("utf-8")
+        if said := beyond(text):
+            raise InputError(f"{source}: not TOML that can be used: {said}")
+        return tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise InputError(f"{source}: byte {error.start} is not UTF-8; a TOML file is UTF-8 text") from None
     except RecursionError:

@@ -8,10 +8,10 @@ The name of the entry point is the scheme of its links, `stim300:/dev/ttyUSB0`.
 
 from importlib.metadata import entry_points
 from typing import NamedTuple, Protocol
-from urllib.parse import parse_qsl
 
 from hil.errors import InputError
 from hil.records.layout import Column
+from hil.wire.link_name import serial_port
 
 GROUP = "hil.boards"
 
@@ -66,15 +66,12 @@ class Port(NamedTuple):
 def find_port(link: str) -> Port:
     """The adapter and port behind `NAME:PATH[?baud=N]`. Raises InputError that lists the names there are."""
     name, colon, rest = link.partition(":")
-    path, _, query = rest.partition("?")
     known = {entry.name: entry for entry in entry_points(group=GROUP)}
-    if name not in known or not colon or not path:
+    if name not in known or not colon or not rest.partition("?")[0]:
         raise InputError(
             f"link {link!r}: no adapter of that name; known: {', '.join(sorted(known)) or 'none'} (NAME:PATH)"
         )
     adapter: Adapter = known[name].load()()
-    options = dict(parse_qsl(query, keep_blank_values=True))
-    baud = options.pop("baud", str(adapter.baud))
-    if options or not (baud.isascii() and baud.isdigit() and int(baud)):
-        raise InputError(f"link {link!r}: bad option; expected {name}:PATH or {name}:PATH?baud={adapter.baud}")
-    return Port(adapter, path, int(baud))
+    expected = f"{name}:PATH or {name}:PATH?baud={adapter.baud}"
+    port = serial_port(link, rest, expected, adapter.baud)
+    return Port(adapter, port.path, port.baud)

@@ -28,7 +28,7 @@ def run_live(bench: "Bench", link: str, out: Path, *, note: str | None, open_loo
     """
     from hil.client import connect
 
-    with _served(out) as said, connect(said["links"]["administer"]) as service:
+    with _served(out, link) as said, connect(said["links"]["administer"]) as service:
         print(f"live: {said['links']['administer']}", file=sys.stderr, flush=True)
         _show(said["links"]["administer"])
         with service.board("hil run --live") as board:
@@ -53,10 +53,10 @@ def _follow(service: Any, run: str | None, progress: Watcher) -> None:
 
 
 @contextmanager
-def _served(out: Path) -> Iterator[dict[str, Any]]:
+def _served(out: Path, link: str) -> Iterator[dict[str, Any]]:
     # A session of its own: Ctrl-C comes here, and the service is told in its own way.
     process = subprocess.Popen(
-        [sys.executable, "-m", "hil", "serve", "--port", "0", "--json", "--folder", str(out)],
+        [sys.executable, "-m", "hil", "serve", "--port", "0", "--json", "--folder", str(out), "--link", link],
         stdout=subprocess.PIPE,
         start_new_session=True,
     )

@@ -18,8 +18,10 @@ Certificate = Annotated[Path | None, typer.Option("--tls-cert", help="File with 
 Key = Annotated[Path | None, typer.Option("--tls-key", help="File with its key.")]
 Names = Annotated[list[str] | None, typer.Option("--name", help="Another name that this machine may be called by.")]
 ReadOnly = Annotated[bool, typer.Option("--read-only", help="Clients may only look, and send SAFE.")]
-
-
+Links = Annotated[
+    list[str] | None,
+    typer.Option("--link", help="A link that requests may name, beside the bench's own, exactly so; may be repeated."),
+]
 Foxglove = Annotated[
     int | None,
     typer.Option("--foxglove", min=0, max=65535, help="Port on loopback for Foxglove's viewers; it needs no token."),
@@ -35,6 +37,7 @@ def serve(
     tls_key: Key = None,
     name: Names = None,
     read_only: ReadOnly = False,
+    link: Links = None,
     foxglove: Foxglove = None,
     json: Json = False,
 ) -> None:
@@ -48,6 +51,7 @@ def serve(
     \b
       hil serve
       hil serve --port 0 --json
+      hil serve --link can:slcan:/dev/ttyACM0
       hil serve --listen 192.168.1.20 --tls-cert bench.pem --tls-key bench.key
     """
     import sys
@@ -69,4 +73,5 @@ def serve(
         if begun.foxglove is not None:
             print(f"foxglove   ws://127.0.0.1:{begun.foxglove}", flush=True)
 
-    serve_at(Where(folder, port, listen, insecure, tls_cert, tls_key, tuple(name or ()), read_only, foxglove), tell)
+    names, links = tuple(name or ()), tuple(link or ())
+    serve_at(Where(folder, port, listen, insecure, tls_cert, tls_key, names, read_only, foxglove, links), tell)

@@ -14,6 +14,7 @@ from hil.emulation import is_emulated, served
 from hil.errors import InputError
 from hil.loop import line_workers
 from hil.wire.errors import WireError
+from hil.wire.link_name import CanInterface, SerialPort, parse_link
 from hil.wire.messages import Capabilities
 
 
@@ -79,17 +80,16 @@ def judge(link: str, probed: dict[str, Any], held: Capacity) -> Iterator[Finding
 
 def uart_baud(link: str) -> float | None:
     """Baud rate of a real UART; None of ptys, of USB devices that have none, and of other links."""
-    kind, _, rest = link.partition(":")
-    path, _, query = rest.partition("?")
-    if kind != "serial" or path.startswith("/dev/pts/") or Path(path).name.startswith("ttyACM"):
+    port = parse_link(link)
+    if (
+        not isinstance(port, SerialPort)
+        or port.path.startswith("/dev/pts/")
+        or Path(port.path).name.startswith("ttyACM")
+    ):
         return None
-    from hil.wire.serial_link import DEFAULT_BAUD
-
-    given = dict(part.partition("=")[::2] for part in query.split("&")).get("baud", "")
-    return float(given) if given.isdigit() else float(DEFAULT_BAUD)
+    return float(port.baud)
 
 
 def _bit_rates(link: str) -> tuple[float, float] | None:
-    kind, _, rest = link.partition(":")
-    name = rest.partition("?")[0]
-    return ports.bit_rates(name) if kind == "can" and ":" not in name else None
+    bus = parse_link(link)
+    return ports.bit_rates(bus.channel) if isinstance(bus, CanInterface) else None

@@ -30,6 +30,7 @@ from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError
 from hil.wire.link import Link
+from hil.wire.link_name import Emulated, parse_link
 from hil.wire.links import open_link
 from hil.wire.messages import Identity, SafeReason, Status
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from hil.loop.skeleton import Loop
     from hil.records.recorder import Recording, Track
 
+INTERRUPTED = 130
 REPORTS = 200  # progress lines over a run; more where the board is asked for its time along with them
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 _COVARIANCE_ROWS = {"covariance": 1 << 10}  # which are long, and few
@@ -56,9 +58,10 @@ class Order:
     control: int | None = None  # descriptor of a socket to whoever looks at the run
 
     @classmethod
-    def read(cls) -> Self:
-        """The order on standard input."""
-        return cls(**json.loads(sys.stdin.readline()))
+    def read(cls) -> Self | None:
+        """The order on standard input; None where whoever started this process has gone before it gave one."""
+        line = sys.stdin.readline()
+        return cls(**json.loads(line)) if line.endswith("\n") else None
 
 
 def tell(**line: Any) -> None:
@@ -76,12 +79,12 @@ def untold(**_: Any) -> None:
 
 def connect(order: Order, bench: Bench) -> Link:
     """The link of the order; an in-process board gets its truth file and seed."""
-    kind, _, place = order.link.partition(":")
-    if kind == "inproc":
+    link = parse_link(order.link)
+    if isinstance(link, Emulated):
         from hil.wire.inproc import open_inproc
 
-        return open_inproc(place, order.truth, bench.loop.seed)
-    return open_link(order.link)
+        return open_inproc(link, order.truth, bench.loop.seed)
+    return open_link(link)
 
 
 def work(order: Order, tell: Say = tell, *, own_process: bool = True) -> dict[str, Any]:
@@ -420,6 +423,8 @@ def main() -> int:
     """Read the order, carry it out, report."""
     realtime.end_with_parent()
     order = Order.read()
+    if order is None:  # an early Ctrl-C: nobody is left to be told
+        return INTERRUPTED
     try:
         outcome = work(order)
     except InterruptedError:  # nobody is left to be told

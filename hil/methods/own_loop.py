@@ -30,6 +30,7 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, ProtocolError
 from hil.wire.inproc import open_inproc
 from hil.wire.link import Link
+from hil.wire.link_name import Emulated, parse_link
 from hil.wire.links import open_link
 from hil.wire.messages import Identity, SafeReason
 
@@ -184,8 +185,8 @@ def _answered(endpoint: Endpoint, controller: Controller, samples: int, latency:
 @contextmanager
 def _board(link: str, truth: Path, seed: int | None) -> Iterator[Link]:
     """An emulated board, opened; its truth is whole afterwards."""
-    kind, _, place = link.partition(":")
-    if kind == "inproc":
+    place = parse_link(link)
+    if isinstance(place, Emulated) and place.kind == "inproc":
         with closing(open_inproc(place, str(truth), seed)) as opened:
             yield opened
         return

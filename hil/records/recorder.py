@@ -348,7 +348,10 @@ def serve() -> None:
     """The child: attach to the rings named on standard input, drain them until it closes, then end the
     files.
     """
-    order = json.loads(sys.stdin.buffer.readline())
+    line = sys.stdin.buffer.readline()
+    if not line.endswith(b"\n"):  # whoever was to say it has gone, as by an early Ctrl-C
+        sys.exit(130)
+    order = json.loads(line)
     at = ""
     try:
         files = []

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import socket
+import ssl
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from hil.service.security.hosts import Hosts
 from hil.service.security.roles import Role
 from hil.service.security.tokens import Holder, Tokens
 from hil.service.service import PRIVATE, Service
+from hil.wire.link_name import parse_link
 
 PORT = 8417
 FOUND_BY = "serve.json"
@@ -41,6 +43,7 @@ class Where:
         certificate, key: files for TLS.
         names: other names that this service may be called by.
         read_only: no token can do more than look.
+        links: links that requests may name beside those of the bench itself.
         foxglove: port on loopback for Foxglove's viewers, None for none, 0 for any that is free.
     """
 
@@ -53,6 +56,7 @@ class Where:
     names: Sequence[str] = ()
     read_only: bool = False
     foxglove: int | None = None
+    links: Sequence[str] = ()
 
 
 class Begun(NamedTuple):
@@ -139,6 +143,8 @@ class _Server(uvicorn.Server):
 def _require_secure(where: Where) -> None:
     if (where.certificate is None) != (where.key is None):
         raise InputError("--tls-cert and --tls-key belong together: give both")
+    if where.certificate is not None and where.key is not None:
+        _require_usable(where.certificate, where.key)
     if where.listen is None:
         return
     try:
@@ -152,8 +158,27 @@ def _require_secure(where: Where) -> None:
         )
 
 
+def _require_usable(certificate: Path, key: Path) -> None:
+    """InputError where no TLS can be spoken with these files."""
+    for option, path in (("--tls-cert", certificate), ("--tls-key", key)):
+        try:
+            path.open("rb").close()
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            raise InputError(f"{option}: {path}: {why.lower()}; give a PEM file that can be read") from None
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
+    except (OSError, ValueError) as error:  # of OpenSSL too
+        why = getattr(error, "reason", None) or str(error)
+        raise InputError(
+            f"--tls-cert {certificate}, --tls-key {key}: no certificate with its key without a password "
+            f"({why.replace('_', ' ').lower()}); give both as PEM files"
+        ) from None
+
+
 def _service(where: Where) -> tuple[Service, dict[str, str]]:
     """The service, and the tokens given out by role: on loopback one that may do everything."""
+    links = tuple(parse_link(link) for link in where.links)
     try:
         (where.folder / PRIVATE).mkdir(parents=True, exist_ok=True, mode=0o700)
         audit = Audit(where.folder / PRIVATE / "audit.jsonl")
@@ -163,7 +188,7 @@ def _service(where: Where) -> tuple[Service, dict[str, str]]:
     roles = [Role.LOOK] if where.read_only else [Role.ADMINISTER] if where.listen is None else list(Role)
     given = {role.name.lower(): tokens.make(Holder(role.name.lower(), role)) for role in roles}
     hosts = Hosts(where.names, local=where.listen is None)
-    return Service(where.folder, hosts, tokens, audit), given
+    return Service(where.folder, hosts, tokens, audit, links), given
 
 
 def listening_socket(where: Where) -> socket.socket:

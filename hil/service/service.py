@@ -12,6 +12,7 @@ from hil.service.security.audit import Audit
 from hil.service.security.hosts import Hosts
 from hil.service.security.tickets import Tickets
 from hil.service.security.tokens import Holder, Tokens
+from hil.wire.link_name import LinkName
 
 PRIVATE = ".service"
 """Folder beside the runs in which the service keeps what is its own."""
@@ -23,6 +24,7 @@ class Service:
 
     Attributes:
         folder: where the run folders are.
+        links: links that its operator listed.
         tell: what every live client is told as JSON text, such as {"kind": "job", …}.
         at_signal: what is called at once when the service is told to end, before open requests are waited for.
         parts: what a part of the service shares with others, by its name; set in its `lifespan`.
@@ -32,6 +34,7 @@ class Service:
     hosts: Hosts
     tokens: Tokens
     audit: Audit
+    links: tuple[LinkName, ...] = ()
     tickets: Tickets = field(default_factory=Tickets)
     tell: LiveMessages = field(default_factory=LiveMessages)
     parts: dict[str, Any] = field(default_factory=dict)

@@ -148,13 +148,14 @@ class Plan:
         import tempfile
 
         from hil.wire.inproc import open_inproc
+        from hil.wire.link_name import Emulated
 
         scenario, _ = self.tables(self.run(0))
         with tempfile.TemporaryDirectory() as place:
             file = Path(place) / "board.scenario.toml"
             file.write_text(toml_of(scenario, "The board."), encoding="utf-8")
             try:
-                open_inproc(str(file)).close()
+                open_inproc(Emulated("inproc", str(file))).close()
             except ValueError as error:
                 raise InputError(f"{self.source}: run 0: {str(error).replace(f'{file}: ', 'the scenario: ')}") from None
 

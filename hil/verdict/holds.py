@@ -6,6 +6,7 @@ run, or exchanges of time with a board that is not armed.
 
 import shlex
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from hil.emulation import is_emulated
 from hil.records.lateness import Lateness
 from hil.records.result import Holds
 from hil.records.setting import Setting
-from hil.wire.links import parse_emulated
+from hil.wire.link_name import Emulated, parse_link
 from hil.wire.spec import SPEC
 
 MARGIN = 3.0
@@ -90,14 +91,12 @@ def advise(late: Lateness, bench: Bench, own: Setting, link: str, file: str) -> 
     if setting.rate_Hz != own.rate_Hz:
         changes.append(f"[device] sample_rate_Hz = {setting.rate_Hz:g}")
     before = f"{' and '.join(changes)} in {file}, then " if changes else ""
-    if is_emulated(link):
-        kind, _, place = link.partition(":")
-        board = parse_emulated(place)
+    if is_emulated(link) and isinstance(board := parse_link(link), Emulated):
         if setting.latency_ticks:
-            board = board._replace(latency_ticks=setting.latency_ticks)
+            board = replace(board, latency_ticks=setting.latency_ticks)
         elif setting.rate_Hz != own.rate_Hz:
-            board = board._replace(rate_Hz=setting.rate_Hz)
-        return f"{before}{again} {shlex.quote(f'{kind}:{board.text}')}"
+            board = replace(board, rate_Hz=setting.rate_Hz)
+        return f"{before}{again} {shlex.quote(board.url)}"
     if setting.latency_ticks:
         before = f"a latency of {setting.latency_ticks} ticks in the board's firmware (hil emulate --latency), then "
     elif setting.rate_Hz != own.rate_Hz:

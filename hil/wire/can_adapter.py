@@ -4,25 +4,40 @@ A thread reads the adapter and hands records over through a socket, so that the 
 and does not lag.  That is for convenience, not for the fast loop: Linux interfaces have `hil.wire.can_link`.
 """
 
+import importlib
+import inspect
 import logging
 import select
 import socket
 import threading
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import can
+from can.interfaces import BACKENDS
 
 from hil.wire.can_format import BRS, CAN, FDF, HEAD, RECORD_SIZE, CanFormat
 from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import HOST, FrameFormat, Sender
+from hil.wire.link_name import CanAdapter, CanInterface
 
 LISTEN_S = 0.05
 """How long a host listens for another one before it speaks."""
 
+OPEN_S = 6.0
+"""How long a bus may take to open."""
+
 _LOOK_S = 0.1  # how often the thread looks whether it is still wanted
 _BUFFER = 1 << 20
+_OURS = frozenset(
+    {"self", "args", "kwargs", "channel", "interface", "fd", "protocol", "can_filters", "timing", "state"}
+)
+_TIMING = (
+    *("bitrate", "data_bitrate", "f_clock", "f_clock_mhz"),
+    *(f"{phase}_{name}" for phase in ("nom", "data") for name in ("brp", "tseg1", "tseg2", "sjw", "sam")),
+)
 _REFUSALS = (can.CanError, ImportError, OSError, ValueError, TypeError, AttributeError, NameError, NotImplementedError)
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # what it has to say comes as an error of ours
@@ -112,29 +127,25 @@ class AdapterLink:
                     return
 
 
-def open_adapter(
-    name: str, interface: str, channel: str, node: int, sender: Sender, options: dict[str, str]
-) -> AdapterLink:
-    """A link, by its full `name`, to or of the board that is `node` on a python-can bus; `options` are those of its
-    `can.Bus`.
+def open_adapter(link: CanAdapter, sender: Sender) -> AdapterLink:
+    """A link to or of the board that is `link.node` on a python-can bus.
 
     Raises:
-        LinkError: no such interface, its driver is missing, it cannot be opened so, or another host is there.
+        LinkError: no such interface or option, its driver is missing, it cannot be opened so, or another host is there.
     """
-    if interface not in can.VALID_INTERFACES:
-        known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise LinkError(f"{name}: python-can knows no interface {interface!r}; it knows {known}")
-    if interface == "socketcan":
-        raise LinkError(f"{name}: Linux interfaces are opened by their own name: can:{channel}")
+    name, node = link.url, link.node
+    if link.interface == "socketcan":
+        raise LinkError(f"{name}: Linux interfaces are opened by their own name: can:{link.channel}")
+    _require_known(name, link)
     claim = Claim(
-        f"can/{interface}:{channel}/{node}/{sender}",
+        f"can/{link.interface}:{link.channel}/{node}/{sender}",
         name,
         "another host on this machine has this link; end it there"
         if sender == HOST
         else f"another board serves node {node} here; take another node, such as ?node={node + 1}",
     )
     try:
-        bus = open_bus(name, interface, channel, options)
+        bus = _opened(name, link)
         try:
             if sender == HOST:
                 _require_silence(bus, name, node)
@@ -147,17 +158,87 @@ def open_adapter(
         raise
 
 
-def open_bus(name: str, interface: str, channel: str, options: dict[str, str]) -> can.BusABC:
-    """The python-can bus, with CAN FD. Raises LinkError, one line, if it cannot be opened."""
-    extra: dict[str, Any] = {key: _value(value) for key, value in options.items()}
-    if interface == "virtual":
+def open_bus(name: str, link: CanInterface | CanAdapter) -> can.BusABC:
+    """The python-can bus of a link, with CAN FD; `name` stands before an error. Raises LinkError, one line, if it
+    cannot be opened."""
+    if isinstance(link, CanInterface):
+        return _opened(name, CanAdapter("socketcan", link.channel))
+    _require_known(name, link)
+    return _opened(name, link)
+
+
+def _require_known(name: str, link: CanAdapter) -> None:
+    """LinkError for an interface that python-can does not have, or an option that is none of it."""
+    if link.interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise LinkError(f"{name}: python-can knows no interface {link.interface!r}; it knows {known}")
+    known_options = _options_of(link.interface)
+    for option, _ in link.options:
+        if option not in known_options:
+            raise LinkError(f"{name}: {option} is no option of {link.interface}; it has {', '.join(known_options)}")
+
+
+def _options_of(interface: str) -> list[str]:
+    """What can be said of a python-can bus in a link's name: what its class names, and the bit timing, which classes
+    take without naming it."""
+    named: Iterable[str]
+    try:
+        module, name = BACKENDS[interface]
+        named = inspect.signature(getattr(importlib.import_module(module), name).__init__).parameters
+    except (*_REFUSALS, KeyError):
+        named = ()  # its driver is missing: opening it says so
+    return sorted({*named, *_TIMING} - _OURS)
+
+
+def _opened(name: str, link: CanAdapter) -> can.BusABC:
+    extra: dict[str, Any] = {option: _value(value) for option, value in link.options}
+    if link.interface == "virtual":
         extra["protocol"] = can.CanProtocol.CAN_FD
     else:
         extra["fd"] = True
+    opening = _BusOpening({"channel": link.channel, "interface": link.interface, "ignore_config": True, **extra})
     try:
-        return can.Bus(channel=channel, interface=interface, ignore_config=True, **extra)
+        return opening.bus_within(OPEN_S)
+    except TimeoutError:
+        raise LinkError(f"{name}: not open within {OPEN_S:g} s; does whatever serves the adapter answer?") from None
     except _REFUSALS as error:
         raise LinkError(f"{name}: {_line(error)}; is its driver installed, the adapter plugged in?") from None
+
+
+class _BusOpening:
+    """A bus that is opened by a thread: a driver, or a server that says nothing, may never come to an end."""
+
+    def __init__(self, how: dict[str, Any]) -> None:
+        self._how = how
+        self._lock = threading.Lock()
+        self._bus: can.BusABC | None = None
+        self._error: Exception | None = None
+        self._left = False
+        self._thread = threading.Thread(target=self._open, name="can.Bus", daemon=True)
+        self._thread.start()
+
+    def bus_within(self, limit_s: float) -> can.BusABC:
+        """The bus. Raises TimeoutError, and what refuses it."""
+        self._thread.join(limit_s)
+        with self._lock:
+            self._left = True
+            if self._error is not None:
+                raise self._error
+            if self._bus is None:
+                raise TimeoutError
+            return self._bus
+
+    def _open(self) -> None:
+        try:
+            bus = can.Bus(**self._how)
+        except Exception as error:  # noqa: BLE001 - of a thread: raised where it is waited for
+            self._error = error
+            return
+        with self._lock:
+            if not self._left:
+                self._bus = bus
+                return
+        bus.shutdown()  # too late
 
 
 def message_of(record: bytes) -> can.Message:

@@ -19,7 +19,9 @@ class Claim:
             self._holder.bind(f"\0gyrohil/{what}")  # an abstract name: no file to be left behind
         except OSError as error:
             self._holder.close()
-            raise LinkError(f"{link}: {remedy if error.errno == errno.EADDRINUSE else error.strerror}") from None
+            raise LinkError(
+                f"{link}: {remedy if error.errno == errno.EADDRINUSE else error.strerror or error}"
+            ) from None
 
     def release(self) -> None:
         """Let the next one have it; a second call does nothing."""

@@ -5,6 +5,7 @@ from typing import Protocol
 
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.link import Link
+from hil.wire.link_name import Emulated
 
 ENTRY_POINT_GROUP = "hil.emulators"
 
@@ -57,17 +58,13 @@ class InprocLink(Link):
             board.close()
 
 
-def open_inproc(place: str, truth: str | None = None, seed: int | None = None) -> InprocLink:
-    """A link to the emulated board that is installed as entry point of the group `hil.emulators`; `place` is what
-    stands behind `inproc:`.
+def open_inproc(board: Emulated, truth: str | None = None, seed: int | None = None) -> InprocLink:
+    """A link to the emulated board that is installed as entry point of the group `hil.emulators`.
 
     Raises:
-        LinkError: no emulator is installed, or a bad option.
+        LinkError: no emulator is installed.
         Whatever the emulator raises on a bad scenario.
     """
-    from hil.wire.links import parse_emulated  # which opens this kind of link
-
-    board = parse_emulated(place)
     for entry in entry_points(group=ENTRY_POINT_GROUP):
         return InprocLink(entry.load()(board.scenario, truth, seed, **board.changes))
-    raise LinkError(f"inproc:{place}: no emulator is installed; install the package that provides {ENTRY_POINT_GROUP}")
+    raise LinkError(f"{board.url}: no emulator is installed; install the package that provides {ENTRY_POINT_GROUP}")

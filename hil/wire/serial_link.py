@@ -10,9 +10,7 @@ from serial.tools import list_ports
 
 from hil.wire.errors import LinkError
 from hil.wire.fd_link import FdLink
-
-DEFAULT_BAUD = 3_000_000
-"""Enough for 4 kHz sample by sample; USB devices and ptys ignore it."""
+from hil.wire.link_name import DEFAULT_BAUD
 
 
 class SerialLink(FdLink):

@@ -20,11 +20,9 @@ from hil.wire.errors import LinkError
 from hil.wire.frame_format import HOST, Sender
 from hil.wire.key_file import read_key
 from hil.wire.keyed import KeyedBoard, KeyedHost
+from hil.wire.link_name import UdpGroup
 from hil.wire.serial_format import SERIAL
 from hil.wire.session import Address, Heard, Peer, PlainBoard, PlainHost
-
-LOOPBACK = "127.0.0.1"
-"""The interface where none is named."""
 
 _BUFFER = 1 << 22  # bytes to hold while a reader is away; the system may allow less
 _IP_MULTICAST_ALL = 49
@@ -159,19 +157,17 @@ class UdpBoard(_UdpLink):
         return frame
 
 
-def open_udp(place: str, interface: str | None, key: str | None, sender: Sender) -> UdpHost | UdpBoard:
-    """A link by GROUP:PORT; `interface` is the address of the network interface to use, by default that of the
-    loopback; `key` names a key file, without which the link stays on the loopback.
+def open_udp(link: UdpGroup, sender: Sender) -> UdpHost | UdpBoard:
+    """A link to a multicast group; its `interface` is the address of the network interface to use, by default that of
+    the loopback; its `key` names a key file, without which the link stays on the loopback.
 
     Raises:
         LinkError: not a multicast group and port, no such interface, no key for it, a bad key file, or another host
             (for a board: another board) is there.
     """
-    options = "&".join(f"{name}={value}" for name, value in (("interface", interface), ("key", key)) if value)
-    name = f"udp:{place}" + (f"?{options}" if options else "")
-    group, port = _parse(place, name)
-    local = _interface(name, interface)
-    secret = None if key is None else read_key(Path(key).expanduser())
+    name = link.url
+    (group, port), local = link.address, link.local
+    secret = None if link.key is None else read_key(Path(link.key).expanduser())
     if secret is None and not ipaddress.IPv4Address(local).is_loopback:
         raise LinkError(
             f"{name}: off this machine anybody could command the board; make a key with `hil key FILE`, give it to "
@@ -199,26 +195,6 @@ def open_udp(place: str, interface: str | None, key: str | None, sender: Sender)
     except LinkError:
         claim.release()
         raise
-
-
-def _parse(place: str, name: str) -> Address:
-    group, _, port = place.rpartition(":")
-    try:
-        if ipaddress.IPv4Address(group).is_multicast and 0 < int(port) < 65535:
-            return group, int(port)
-    except ValueError:
-        pass
-    raise LinkError(f"{name}: expected a multicast group and a port, such as udp:239.0.0.1:4242")
-
-
-def _interface(name: str, interface: str | None) -> str:
-    try:
-        local = ipaddress.IPv4Address(interface or LOOPBACK)
-        if not (local.is_unspecified or local.is_multicast):
-            return str(local)
-    except ValueError:
-        pass
-    raise LinkError(f"{name}: expected the address of one network interface, such as ?interface={LOOPBACK}")
 
 
 def _bound(name: str, local: str, address: Address, group: str | None) -> socket.socket:

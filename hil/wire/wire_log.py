@@ -16,7 +16,7 @@ from can.interfaces.socketcan import SocketcanBus
 
 from hil.wire.can_adapter import open_bus
 from hil.wire.errors import LinkError
-from hil.wire.links import parse_can
+from hil.wire.link_name import CanAdapter, CanInterface, parse_link
 
 FORMATS = (".log", ".blf", ".asc")
 """candump, Vector's binary format, Vector's text format."""
@@ -63,13 +63,12 @@ def wire_log(path: Path, url: str) -> Iterator[WireLog]:
         LinkError: not a CAN link, not one of FORMATS, the file cannot be written, or the adapter serves only one
             program.
     """
-    kind, _, rest = url.partition(":")
-    if kind != "can":
+    link = parse_link(url)
+    if not isinstance(link, CanInterface | CanAdapter):
         raise LinkError(f"wire log: {url} has no CAN frames to log; use a link can:…")
     if path.suffix not in FORMATS:
         raise LinkError(f"wire log: {path}: expected a name that ends in {', '.join(FORMATS)}")
-    where = parse_can(rest)
-    bus = open_bus(f"wire log: {url}", where.interface or "socketcan", where.channel, where.options)
+    bus = open_bus(f"wire log: {url}", link)
     try:
         try:
             log = can.Logger(path)

@@ -14,7 +14,8 @@ from hil.progress import untold
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError
-from hil.wire.links import EmulatedBoard, open_link, parse_emulated
+from hil.wire.link_name import Emulated, parse_link
+from hil.wire.links import open_link
 
 SLOW = examples.find("scenario", "s-slow")
 
@@ -22,22 +23,22 @@ SLOW = examples.find("scenario", "s-slow")
 @pytest.mark.parametrize(
     ("text", "board"),
     [
-        ("s-slow", EmulatedBoard("s-slow")),
-        ("s-slow?latency=4", EmulatedBoard("s-slow", 4)),
-        ("a/b.toml?latency=0&rate=8e3", EmulatedBoard("a/b.toml", 0, 8000.0)),
+        ("s-slow", Emulated("inproc", "s-slow")),
+        ("s-slow?latency=4", Emulated("inproc", "s-slow", 4)),
+        ("a/b.toml?latency=0&rate=8e3", Emulated("inproc", "a/b.toml", 0, 8000.0)),
     ],
 )
-def test_options_are_parsed_in_one_place(text: str, board: EmulatedBoard) -> None:
-    assert parse_emulated(text) == board
-    assert parse_emulated(board.text) == board
+def test_options_are_parsed_in_one_place(text: str, board: Emulated) -> None:
+    assert parse_link(f"inproc:{text}") == board
+    assert parse_link(board.url) == board
 
 
 @pytest.mark.parametrize(
-    "text", ["", "?latency=4", "s?latency=", "s?latency=-1", "s?latency=1.5", "s?rate=0", "s?rate=inf", "s?block=4"]
+    "text", ["?latency=4", "s?latency=", "s?latency=-1", "s?latency=1.5", "s?rate=0", "s?rate=inf", "s?block=4"]
 )
 def test_a_bad_option_is_one_line(text: str) -> None:
     with pytest.raises(LinkError, match=r"expected SCENARIO, or SCENARIO\?latency=TICKS&rate=HZ") as caught:
-        parse_emulated(text)
+        parse_link(f"inproc:{text}")
     assert "\n" not in str(caught.value)
 
 

@@ -15,6 +15,7 @@ from hil.wire.can_format import CanFormat
 from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import BOARD, HOST
+from hil.wire.link_name import CanAdapter
 from hil.wire.messages import Arm, Hello
 from hil.wire.stream import Transmitter
 
@@ -67,13 +68,14 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> Bus:
 
 @pytest.fixture
 def link(bus: Bus) -> Iterator[AdapterLink]:
-    found = open_adapter(NAME, "pcan", "PCAN_USBBUS1", 2, HOST, {"bitrate": "500000"})
+    found = open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2, (("bitrate", "500000"),)), HOST)
     yield found
     found.close()
 
 
 def test_a_link_before_anything_came(link: AdapterLink) -> None:
-    assert (link.name, link.url, link.arrived_ns, link.drop_when_full) == (NAME, NAME, 0, False)
+    name = f"{NAME}&bitrate=500000"
+    assert (link.name, link.url, link.arrived_ns, link.drop_when_full) == (name, name, 0, False)
     assert link.advice == "is the board on, is it node 2, and is the bit timing right?"
     assert link.fileno() >= 0
     assert link.receive(0.0) == b""
@@ -86,11 +88,11 @@ def test_a_link_before_anything_came(link: AdapterLink) -> None:
 def test_a_bus_is_opened_with_can_fd_and_the_options_of_the_name(
     bus: Bus, interface: str, kind: dict[str, Any]
 ) -> None:
-    options = {"bitrate": "500000", "sample_point": "0.8", "receive_own": "True", "echo": "false", "serial": "A7x"}
-    assert open_bus("log", interface, "one", options) is bus
+    options = (("bitrate", "500000"), ("f_clock_mhz", "0.8"), ("nom_sam", "A7x"), ("receive_own_messages", "True"))
+    assert open_bus("log", CanAdapter(interface, "one", 0, options)) is bus
     assert bus.how == {
         "channel": "one", "interface": interface, "ignore_config": True, **kind,
-        "bitrate": 500000, "sample_point": 0.8, "receive_own": True, "echo": False, "serial": "A7x",
+        "bitrate": 500000, "f_clock_mhz": 0.8, "nom_sam": "A7x", "receive_own_messages": True,
     }  # fmt: skip
     assert type(bus.how["bitrate"]) is int
 
@@ -103,7 +105,7 @@ def test_a_bus_that_cannot_be_opened_is_one_line(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(can, "Bus", fail)
     for _ in range(2):  # the name is free again
         with pytest.raises(LinkError) as told:
-            open_adapter(NAME, "pcan", "PCAN_USBBUS1", 2, HOST, {})
+            open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), HOST)
         said = str(what).partition("\n")[0] or "NotImplementedError"
         assert str(told.value) == f"{NAME}: {said}; is its driver installed, the adapter plugged in?"
 
@@ -111,17 +113,17 @@ def test_a_bus_that_cannot_be_opened_is_one_line(monkeypatch: pytest.MonkeyPatch
 def test_a_host_elsewhere_is_noticed_by_its_identifier(bus: Bus) -> None:
     for other in (CanFormat(3, HOST), CanFormat(2, BOARD)):
         bus.arrives = [message_of(Transmitter(other).encode(Hello(1, 2), 0))]
-        open_adapter(NAME, "pcan", "a", 2, HOST, {}).close()
+        open_adapter(CanAdapter("pcan", "a", 2), HOST).close()
     bus.shutdowns = 0
     for frame in (HELLO, ARM):  # of any type
         bus.arrives = [message_of(Transmitter(CanFormat(3, HOST)).encode(Arm(), 0)), message_of(frame)]
         with pytest.raises(LinkError, match="another host on this bus is using node 2; end it there"):
-            open_adapter(NAME, "pcan", "a", 2, HOST, {})
+            open_adapter(CanAdapter("pcan", "a", 2), HOST)
     assert bus.shutdowns == 2
     bus.arrives = [message_of(HELLO)]
-    open_adapter(NAME, "pcan", "a", 2, BOARD, {}).close()  # a board does not mind
+    open_adapter(CanAdapter("pcan", "a", 2), BOARD).close()  # a board does not mind
     begin = time.monotonic()
-    open_adapter(NAME, "pcan", "a", 2, HOST, {}).close()
+    open_adapter(CanAdapter("pcan", "a", 2), HOST).close()
     assert time.monotonic() - begin >= 0.03
 
 
@@ -131,10 +133,10 @@ def test_a_host_listens_for_a_twentieth_of_a_second() -> None:
 
 def test_a_second_host_or_board_is_refused(link: AdapterLink) -> None:
     with pytest.raises(LinkError, match="another host on this machine has this link; end it there"):
-        open_adapter(NAME, "pcan", "PCAN_USBBUS1", 2, HOST, {})
-    board = open_adapter(NAME, "pcan", "PCAN_USBBUS1", 2, BOARD, {})
+        open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), HOST)
+    board = open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), BOARD)
     with pytest.raises(LinkError, match=r"another board serves node 2 here; .* \?node=3"):
-        open_adapter(NAME, "pcan", "PCAN_USBBUS1", 2, BOARD, {})
+        open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), BOARD)
     board.close()
 
 
@@ -183,7 +185,7 @@ def test_an_adapter_that_fails_gives_what_came_first(link: AdapterLink, bus: Bus
 
 
 def test_closed_it_gives_adapter_and_name_back_once(bus: Bus) -> None:
-    link = open_adapter(NAME, "pcan", "PCAN_USBBUS1", 2, HOST, {})
+    link = open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), HOST)
     link.close()
     link.close()
     assert (bus.shutdowns, link.fileno()) == (1, -1)

@@ -9,6 +9,7 @@ import pytest
 from hil.wire.can_adapter import open_adapter
 from hil.wire.errors import LinkClosed
 from hil.wire.frame_format import HOST
+from hil.wire.link_name import CanAdapter
 
 FRAMES = 20_000
 """More than the socket between the reading thread and the link has room for."""
@@ -17,7 +18,7 @@ FRAMES = 20_000
 @pytest.mark.slow
 def test_a_link_on_a_busy_bus_is_closed_although_nobody_reads() -> None:
     channel = "busy"
-    link = open_adapter(f"can:virtual:{channel}", "virtual", channel, 1, HOST, {})
+    link = open_adapter(CanAdapter("virtual", channel, 1), HOST)
     bus = can.Bus(channel=channel, interface="virtual", protocol=can.CanProtocol.CAN_FD)
     frame = can.Message(arbitration_id=0x100, is_extended_id=False, is_fd=True, data=bytes(64))
     for _ in range(FRAMES):

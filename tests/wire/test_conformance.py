@@ -7,6 +7,7 @@ import pytest
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import open_inproc
 from hil.wire.key_file import make_key
+from hil.wire.link_name import Emulated
 from tests.emulator.gyro import EXAMPLES
 from tests.loop import gyro
 
@@ -26,7 +27,7 @@ class InprocBoard(Board):
     """The entry point's board, a new one for every host."""
 
     def open(self):
-        return open_inproc(SCENARIO)
+        return open_inproc(Emulated("inproc", SCENARIO))
 
 
 class TestInproc(Conformance):
@@ -93,7 +94,7 @@ class TestRealSerial(Conformance):
 
 def test_the_window_of_a_matrix_without_latency(tmp_path):
     path = gyro.scenario(tmp_path / "board.scenario.toml", drive={"latency_samples": 0})
-    host = Endpoint(open_inproc(str(path)))
+    host = Endpoint(open_inproc(Emulated("inproc", str(path))))
     Rules().test_the_window_of_a_matrix(host)
     leave(host)
     host.close()

@@ -15,6 +15,7 @@ from hil.wire.client import arm, connect
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.inproc import InprocLink, open_inproc
+from hil.wire.link_name import Emulated
 from hil.wire.links import open_link
 from hil.wire.pty_link import PtyLink, open_pty
 from hil.wire.serial_link import open_serial
@@ -294,13 +295,13 @@ def test_inproc_finds_the_installed_emulator(monkeypatch):
 
     class Entry(EntryPoint):
         def load(self):
-            return lambda *arguments: opened.append(arguments) or SmallBoard()
+            return lambda *arguments, **changes: opened.append((*arguments, changes)) or SmallBoard()
 
     monkeypatch.setattr(inproc, "entry_points", lambda group: [Entry("small", "m:a", group)])
-    link = open_inproc("a.scenario.toml", truth="truth.arrow", seed=3)
+    link = open_inproc(Emulated("inproc", "a.scenario.toml", 4), truth="truth.arrow", seed=3)
     assert connect(Endpoint(link)).axes == 2
     assert isinstance(open_link("inproc:b.scenario.toml"), InprocLink)
-    assert opened == [("a.scenario.toml", "truth.arrow", 3), ("b.scenario.toml", None, None)]
+    assert opened == [("a.scenario.toml", "truth.arrow", 3, {"latency_ticks": 4}), ("b.scenario.toml", None, None, {})]
 
 
 def test_inproc_without_an_emulator(monkeypatch):

@@ -16,6 +16,7 @@ from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import BOARD, HOST
 from hil.wire.key_file import make_key
+from hil.wire.link_name import UdpGroup
 from hil.wire.links import open_board_link, open_link
 from hil.wire.session import LEFT, Heard
 from hil.wire.udp_link import UdpBoard, UdpHost, open_udp
@@ -289,7 +290,7 @@ def test_options_are_in_the_name(tmp_path: Path) -> None:
             link = opened(f"udp:{PLACE}{query}")
             assert link.name == f"udp:{PLACE}{query}"
             link.close()
-    link = open_udp(PLACE, "127.0.0.1", str(tmp_path / "a.key"), HOST)
+    link = open_udp(UdpGroup(PLACE, "127.0.0.1", str(tmp_path / "a.key")), HOST)
     assert link.name == f"udp:{PLACE}?interface=127.0.0.1&key={tmp_path / 'a.key'}"
     link.close()
 
@@ -303,8 +304,8 @@ def test_ports_of_a_group(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
         return wire()
 
     monkeypatch.setattr(udp_link, "_bound", note)
-    open_udp(f"239.0.0.1:{port}", None, None, HOST).close()
-    open_udp(f"239.0.0.1:{port}", None, None, BOARD).close()
+    open_udp(UdpGroup(f"239.0.0.1:{port}"), HOST).close()
+    open_udp(UdpGroup(f"239.0.0.1:{port}"), BOARD).close()
     local = "127.0.0.1"
     assert bound == [(local, (local, 0), None), (local, ("239.0.0.1", port), "239.0.0.1"), (local, (local, port), None)]
 
@@ -312,7 +313,7 @@ def test_ports_of_a_group(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
 @pytest.mark.parametrize("place", ["239.0.0.1:0", "239.0.0.1:65535", "239.0.0.1:x", "x:1", "240.0.0.1:1", ":1", "1"])
 def test_what_is_no_group_and_port(place: str) -> None:
     with pytest.raises(LinkError, match=f"udp:{place}: expected a multicast group and a port"):
-        open_udp(place, None, None, HOST)
+        open_udp(UdpGroup(place), HOST)
 
 
 @pytest.mark.parametrize(
@@ -340,14 +341,14 @@ def test_what_a_socket_is_refused_for(monkeypatch: pytest.MonkeyPatch, number: i
     monkeypatch.setattr(udp_link, "socket", Sockets(Refusing))
     for _ in range(2):
         with pytest.raises(LinkError) as told:
-            open_udp(PLACE, None, None, BOARD)
+            open_udp(UdpGroup(PLACE), BOARD)
         assert str(told.value) == f"udp:{PLACE}: {words.format(port=GROUP[1])}"
     assert all(one.fileno() == -1 for one in bound)
 
 
 def test_one_program_has_each_end() -> None:
     for sender, words in ((HOST, "another host on this machine has this link"), (BOARD, "another board serves this")):
-        first = open_udp(PLACE, None, None, sender)
+        first = open_udp(UdpGroup(PLACE), sender)
         with pytest.raises(LinkError, match=words):
-            open_udp(PLACE, None, None, sender)
+            open_udp(UdpGroup(PLACE), sender)
         first.close()

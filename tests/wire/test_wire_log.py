@@ -8,7 +8,8 @@ import pytest
 from hil.wire.can_adapter import record_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError
-from hil.wire.links import open_board_link, open_link, parse_can
+from hil.wire.link_name import CanAdapter, CanInterface, parse_link
+from hil.wire.links import open_board_link, open_link
 from hil.wire.messages import Arm, Hello, Nack, Status
 from hil.wire.stream import Receiver
 from hil.wire.wire_log import wire_log
@@ -69,6 +70,7 @@ def test_what_cannot_be_logged(tmp_path):
 
 
 def test_places():
-    assert parse_can("can0") == ("", "can0", 0, {})
-    assert parse_can("can0?node=7") == ("", "can0", 7, {})
-    assert parse_can("udp_multicast:ff15::1?port=5&node=1") == ("udp_multicast", "ff15::1", 1, {"port": "5"})
+    assert parse_link("can:can0") == CanInterface("can0")
+    assert parse_link("can:can0?node=7") == CanInterface("can0", 7)
+    adapter = CanAdapter("udp_multicast", "ff15::1", 1, (("port", "5"),))
+    assert parse_link("can:udp_multicast:ff15::1?port=5&node=1") == adapter

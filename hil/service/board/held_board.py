@@ -1,7 +1,8 @@
 """The board at the end of a link, while nobody runs a loop with it and while somebody does.
 
-A thread of its own does what takes time: it opens the link, asks the board now and then whether it is still there, and
-runs the loop, which is in a process of its own again.  While the loop runs, nothing here touches the link.
+A thread of its own asks the board now and then whether it is still there, and runs the loop; whatever may hang is in a
+process of its own, with a limit: the opening of a link, what is said on it, the loop.  So SAFE and disconnect never
+wait for it.  While the loop runs, nothing here touches the link.
 """
 
 import queue
@@ -12,26 +13,29 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
-from hil.emulation import Served, is_emulated, served
+from hil.emulation import Served
 from hil.errors import InputError, told_to_user
 from hil.faults import fault_line
 from hil.loop.live_settings import in_force
 from hil.loop.stops import reason_name
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
+from hil.service.board.link_process import LinkProcess
 from hil.service.board.messages import NOBODY
-from hil.wire import client
-from hil.wire.endpoint import Endpoint
-from hil.wire.errors import WireError
-from hil.wire.links import open_link
-from hil.wire.messages import Identity, SafeReason, State
+from hil.service.board.opening import PATIENCE_S, Opening
+from hil.wire.errors import LinkError, WireError
+from hil.wire.link_name import Emulated, LinkName
+from hil.wire.messages import SafeReason, State
+
+if TYPE_CHECKING:
+    from hil.records.result import Result
 
 _ASK_EVERY_S = 0.2
-_PATIENCE_S = 0.35  # for an answer of a board that nobody drives
-_CONNECT_S = 2.0
+_SAFE_S = 0.6  # for a board without a loop to say that it is SAFE
+_OWED_S = 0.6  # for a link to be there again, through which SAFE can be said
 _OF_THE_LOOP = ("connect", "prepare", "run", "stop")  # stages while which its process has the link
 _LEFT = "the run has ended, and the board has left: in lockstep it ends with its host"
 _INSIST_S = 3.0  # after which a second SAFE ends the loop's process, whose board is then told SAFE from here
@@ -61,8 +65,13 @@ class HeldBoard:
         self._state: dict[str, Any] = dict(NOBODY)
         self._stack = ExitStack()
         self._board: Served | None = None
-        self._endpoint: Endpoint | None = None
-        self._link = ""
+        self._held: LinkProcess | None = None
+        self._link: LinkName | None = None
+        self._opening: Opening | None = None
+        self._connecting: Answer | None = None  # who asked for the opening that is under way
+        self._again_s = 0.0  # when a link that was lost is tried again
+        self._owed: list[tuple[Answer, float]] = []  # SAFEs that wait for the link, and until when
+        self._after: list[Callable[[], None]] = []  # what waits for the opening to come to its end
         self._running: threading.Thread | None = None
         self._interrupt: Callable[[], None] | None = None
         self._interrupted_s: float | None = None
@@ -88,12 +97,12 @@ class HeldBoard:
         """Whether a run is under way, its report included."""
         return self._running is not None and self._running.is_alive()
 
-    def connect(self, link: str, answer: Answer) -> None:
+    def connect(self, link: LinkName, answer: Answer) -> None:
         """Open `link`, look at the board; nothing is armed."""
-        self._jobs.put(lambda: self._answered(answer, lambda: self._connect(link)))
+        self._jobs.put(lambda: self._connect(link, answer))
 
     def disconnect(self, answer: Answer) -> None:
-        """Let the link go; a board that was started for it ends."""
+        """Let the link go, or give up its opening; a board that was started for it ends."""
         self._jobs.put(lambda: self._answered(answer, self._disconnect))
 
     def start(self, start: Start, answer: Answer) -> None:
@@ -105,7 +114,7 @@ class HeldBoard:
         only that it was told; what the board says to it comes over the loop's own line.
         """
         if not self._tell_loop():
-            self._jobs.put(lambda: self._answered(answer, self._safe))
+            self._jobs.put(lambda: self._safe(answer))
             return
         answer({"said": {"told": True, "loop": True}})
 
@@ -168,115 +177,171 @@ class HeldBoard:
         else:
             answer({"said": said})
 
-    def _connect(self, link: str) -> dict[str, Any]:
+    def _connect(self, link: LinkName, answer: Answer) -> None:
         if self.busy:
-            raise InputError("a run is under way; stop it first")
+            answer({"refused": "a run is under way; stop it first"})
+            return
         self._disconnect()
-        self._change(link=link, emulated=is_emulated(link), words="connecting")
-        try:
-            if link.startswith("inproc:"):
-                open_link(link).close()
-                self._board, identity = Served(link), None
+        self._change(link=link.url, emulated=isinstance(link, Emulated), words="connecting")
+        self._connecting = answer
+        self._open(link, None, greet=True)
+
+    def _open(self, link: LinkName, board: Served | None, *, greet: bool) -> None:
+        """Begin to open the link; `_opened` is called when that has come to its end."""
+        reason = SafeReason.HOST_REQUEST if self._owed else SafeReason.LINK_LOST
+        self._opening = Opening(link, board, greet=greet, reason=reason, done=self._put_opened)
+
+    def _put_opened(self, opening: Opening) -> None:
+        self._jobs.put(lambda: self._opened(opening))
+
+    def _opened(self, opening: Opening) -> None:
+        if opening is not self._opening:  # given up meanwhile
+            opening.close()
+            return
+        self._opening = None
+        self._again_s = time.monotonic() + _ASK_EVERY_S
+        connecting, self._connecting = self._connecting, None
+        if opening.error:
+            if connecting is None:
+                self._miss(_LEFT if self._leaves else opening.error)
             else:
-                self._board = self._stack.enter_context(
-                    served(link, progress=lambda told: self._change(words=told.note))
-                )
-                endpoint = self._open(self._board.url)
-                identity = client.connect(endpoint, _CONNECT_S)
-                self._ask(endpoint)
-        except BaseException:
-            self._disconnect()
-            raise
-        self._link = link
+                self._disconnect()
+                connecting({"refused": opening.error})
+            self._go_on()
+            return
+        self._held, self._board, self._link = opening.process, opening.board, opening.link
+        if connecting is not None or not opening.resumed:
+            self._stack = opening.stack
         self._leaves = False
-        self._change(connected=True, lost=False, left=False, words="", identity=_told_identity(identity))
-        if identity is None:
+        known = {} if opening.identity is None else {"identity": _told_identity(opening.identity)}
+        self._change(connected=True, lost=False, left=False, words="", **known)
+        if opening.status is None:
             self._change(state="IDLE", reason="")
-        return self.state
+        else:
+            self._heard(opening.status)
+            self._settle(opening)
+        if connecting is not None:
+            connecting({"said": self.state})
+        self._go_on()
+
+    def _settle(self, opening: Opening) -> None:
+        """Answer the SAFEs that waited for the link."""
+        if self._owed and opening.reason is not SafeReason.HOST_REQUEST:
+            return  # asked for while it was opened: said now
+        status = opening.status
+        assert status is not None
+        owed, self._owed = self._owed, []
+        for answer, _ in owed:
+            answer({"said": _told_safe(status)})
+
+    def _go_on(self) -> None:
+        """What waited for the link's opening, whatever came of it."""
+        after, self._after = self._after, []
+        for act in after:
+            act()
 
     def _disconnect(self) -> dict[str, Any]:
         if self.busy:
             raise InputError("a run is under way; stop it first")
+        if self._opening is not None:
+            self._opening.give_up()
+            self._opening = None
+        if self._connecting is not None:
+            connecting, self._connecting = self._connecting, None
+            connecting({"refused": "given up: the board was disconnected meanwhile"})
         self._close()
-        self._board, self._link = None, ""
+        self._board, self._link = None, None
         with suppress(InputError):  # of a board that died meanwhile
             self._stack.close()
         self._stack = ExitStack()
         self._change(**NOBODY)
+        self._refuse_owed("no board is connected")
+        self._go_on()
         return self.state
 
-    def _open(self, url: str) -> Endpoint:
-        self._endpoint = Endpoint(open_link(url))
-        return self._endpoint
-
     def _close(self) -> None:
-        if self._endpoint is not None:
-            with suppress(WireError, OSError):
-                self._endpoint.close()
-            self._endpoint = None
+        if self._held is not None:
+            self._held.close()
+            self._held = None
 
     def _see_to_it(self) -> None:
         """Whether the board is still there, unless a loop sees to that."""
-        if not self._link or self._loop_has_link or self._link.startswith("inproc:"):
+        if any(time.monotonic() > until for _, until in self._owed):
+            self._refuse_owed(f"the board cannot be told: {self.state['words'] or 'its link is being opened'}")
+        if self._link is None or self._loop_has_link or self._opening is not None or self._in_process:
+            return
+        if self._held is None:
+            if time.monotonic() >= self._again_s:
+                self._open_again()
             return
         try:
-            if self._endpoint is None:
-                self._ask(self._opened_again())
-                self._leaves = False
-                self._change(lost=False, left=False, words="")
-            else:
-                self._ask(self._endpoint)
-        except (InputError, WireError, OSError) as error:
+            self._heard(self._held.safe(SafeReason.LINK_LOST, PATIENCE_S))
+        except LinkError as error:
             self._close()
-            self._miss(_LEFT if self._leaves else told_to_user(error) or str(error))
+            self._miss(_LEFT if self._leaves else str(error))
+
+    @property
+    def _in_process(self) -> bool:
+        return isinstance(self._link, Emulated) and self._link.kind == "inproc"
 
     def _miss(self, words: str) -> None:
         """The board does not answer; say why."""
         if not self.state["lost"] or self.state["words"] != words:
             self._change(lost=True, left=self._leaves, state="LOST", reason="", words=words)
 
-    def _opened_again(self) -> Endpoint:
+    def _open_again(self) -> None:
         """The link once more, without a HELLO where that can be: it would lift a latch that nobody has looked at."""
         assert self._board is not None
-        if self._board.board is not None and self._board.board.process.poll() is not None:
-            if self._leaves:
-                self._miss(f"{_LEFT}; the emulated one is started anew")
-            with suppress(InputError):
-                self._stack.close()
-            self._stack = ExitStack()
-            self._board = self._stack.enter_context(served(self._link))
-            endpoint = self._open(self._board.url)
-            client.connect(endpoint, _CONNECT_S)
-            return endpoint
-        endpoint = self._open(self._board.url)
-        if self._link.startswith("udp:"):  # where a session begins with it
-            client.connect(endpoint, _PATIENCE_S)
-        return endpoint
+        assert self._link is not None
+        if self._board.board is None or self._board.board.process.poll() is None:
+            self._open(self._link, self._board, greet=False)
+            return
+        if self._leaves:
+            self._miss(f"{_LEFT}; the emulated one is started anew")
+        with suppress(InputError):
+            self._stack.close()
+        self._stack = ExitStack()
+        self._open(self._link, None, greet=True)
 
-    def _ask(self, endpoint: Endpoint) -> None:
-        """SAFE for a reason that covers no other: the board says where it is and why, and stays there."""
-        self._heard(client.make_safe(endpoint, SafeReason.LINK_LOST, _PATIENCE_S))
-
-    def _safe(self) -> dict[str, Any]:
+    def _safe(self, answer: Answer) -> None:
+        """SAFE to a board without a loop; answered within a second, whatever the link does."""
         if self._tell_loop():  # it began meanwhile
-            return {"told": True, "loop": True}
-        if self._link.startswith("inproc:") or not self._link:
-            return {"state": self.state["state"], "told": False}
-        endpoint = self._endpoint or self._opened_again()
-        status = client.make_safe(endpoint, SafeReason.HOST_REQUEST, _CONNECT_S)
-        self._heard(status)
-        return {"state": "SAFE", "told": True, "tick": status.tick, "reason": reason_name(status.reason)}
+            answer({"said": {"told": True, "loop": True}})
+        elif self._in_process or self._link is None:
+            answer({"said": {"state": self.state["state"], "told": False, "words": "no board is connected"}})
+        elif self._held is None:
+            self._owed.append((answer, time.monotonic() + _OWED_S))
+            if self._opening is None:
+                self._open_again()
+        else:
+            try:
+                status = self._held.safe(SafeReason.HOST_REQUEST, _SAFE_S)
+            except LinkError as error:
+                self._close()
+                self._miss(str(error))
+                answer({"said": _untold(str(error))})
+            else:
+                self._heard(status)
+                answer({"said": _told_safe(status)})
 
-    def _heard(self, status: Any) -> None:
-        state = next((member.name for member in State if member == status.state), str(status.state))
-        reason = reason_name(status.reason)
+    def _refuse_owed(self, words: str) -> None:
+        owed, self._owed = self._owed, []
+        for answer, _ in owed:
+            answer({"said": _untold(words)})
+
+    def _heard(self, status: dict[str, Any]) -> None:
+        state = next((member.name for member in State if member == status["state"]), str(status["state"]))
+        reason = reason_name(status["reason"])
         if (state, reason) != (self.state["state"], self.state["reason"]):
             self._change(state=state, reason=reason)
 
     # -- a run ---------------------------------------------------------------------------------------------------------
 
     def _start(self, start: Start, answer: Answer) -> None:
-        if not self._link or self.busy:
+        if self._opening is not None and self._connecting is None:
+            self._after.append(lambda: self._start(start, answer))
+            return
+        if self._link is None or self.busy:
             start.control.close()
             answer({"refused": "a run is under way" if self.busy else "no board is connected"})
             return
@@ -300,6 +365,8 @@ class HeldBoard:
     def _run(self, start: Start) -> None:
         from hil.loop.run import Interrupted, run
 
+        link = self._link
+        assert link is not None
         outcome: dict[str, Any] = {"run": None, "words": ""}
 
         def begun(folder: Path, interrupt: Callable[[], None]) -> None:
@@ -312,7 +379,7 @@ class HeldBoard:
         try:
             done = run(
                 start.bench,
-                self._link,
+                link.url,
                 start.out,
                 open_loop=start.open_loop,
                 note=start.note,
@@ -323,7 +390,9 @@ class HeldBoard:
             )
             if done.folder is not None:
                 result = RunFolder(done.folder).result
-                outcome["words"] = "" if result is None or result.verdict == "good" else next(iter(result.reasons), "")
+                if result is not None:
+                    outcome["verdict"] = _told_verdict(result)
+                    outcome["words"] = "" if result.verdict == "good" else next(iter(result.reasons), "")
         except Interrupted as interrupted:
             outcome["words"] = str(interrupted)
         except Exception as error:  # noqa: BLE001 - of a thread: it is told, and the board is seen to either way
@@ -336,7 +405,14 @@ class HeldBoard:
             outcome["run"] = outcome["run"] if kept else None
             outcome["words"] = self._alarm or outcome["words"]
             start.control.close()
-            self._change(run=None, stage="", words=outcome["words"], settings={}, last_run=outcome["run"])
+            self._change(
+                run=None,
+                stage="",
+                words=outcome["words"],
+                settings={},
+                last_run=outcome["run"],
+                last_verdict=outcome.pop("verdict", None),
+            )
             self._begun({"said": outcome} if kept else {"refused": outcome["words"]})
             self._told({"run": outcome["run"], "words": outcome["words"]})
 
@@ -364,10 +440,24 @@ class HeldBoard:
         self._told({"board": state})
 
 
-def _told_identity(identity: Identity | None) -> dict[str, Any] | None:
-    if identity is None:
-        return None
-    return {**identity._asdict(), "serial": f"{identity.unique_id:016x}"}
+def _told_identity(identity: dict[str, Any]) -> dict[str, Any]:
+    return {**identity, "serial": f"{identity['unique_id']:016x}"}
+
+
+def _told_verdict(result: "Result") -> dict[str, Any]:
+    """A run's verdict, and which parts speak against it and why."""
+    against = {name: part.reason for name, part in result.parts.items() if part.against}
+    return {"verdict": result.verdict, "against": against}
+
+
+def _told_safe(status: dict[str, Any]) -> dict[str, Any]:
+    """What a SAFE is answered with that the board has answered."""
+    return {"state": "SAFE", "told": True, "tick": status["tick"], "reason": reason_name(status["reason"])}
+
+
+def _untold(words: str) -> dict[str, Any]:
+    """What a SAFE is answered with that no board has answered."""
+    return {"state": "LOST", "told": True, "unanswered": True, "words": words}
 
 
 def _nobody(_: dict[str, Any]) -> None:

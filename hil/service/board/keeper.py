@@ -23,6 +23,7 @@ from hil.bench import Bench
 from hil.records.changes import note_change
 from hil.service.board.held_board import HeldBoard, Start
 from hil.service.board.messages import LARGEST, LOOP, Message, in_folder, receive, send
+from hil.wire.link_name import parse_link
 
 _ALONE_S = 15.0  # without a service and without a run
 _LOOK_S = 1.0
@@ -118,7 +119,7 @@ class _Keeper:
     def _do(self, message: Message, answer: Any) -> None:
         match message["do"]:
             case "connect":
-                self._board.connect(message["link"], answer)
+                self._board.connect(parse_link(message["link"]), answer)
             case "disconnect":
                 self._board.disconnect(answer)
             case "start":

@@ -1,37 +1,93 @@
-"""Which links a request may name: no path in it reaches the file system but a device, or a file of this bench."""
+"""Which links a request may name: what this bench has, and what its operator listed. Nothing else is opened.
 
+Without being listed: an emulated board of a scenario of this bench, a serial port that is there, a CAN interface of the
+kernel, a UDP group on loopback or with a key that lies beside the runs.  Listed are links of `hil serve --link` and
+those of the bench files of this bench.
+"""
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
-from hil.emulation import is_emulated
+from hil.bench import Bench, load_any_bench
 from hil.errors import InputError
-from hil.service.bench_files import found
+from hil.service.bench_files import files, found
 from hil.service.service import Service
-from hil.wire.links import parse_emulated
+from hil.wire.errors import LinkError
+from hil.wire.link_name import LOOPBACK, CanInterface, Emulated, LinkName, SerialPort, UdpGroup, parse_link
 
 
-def allowed(service: Service, link: str) -> str:
-    """`link` with the path of its scenario or key as it is here. Raises InputError where a request may not name it."""
-    kind, _, place = link.partition(":")
-    if is_emulated(link):
-        board = parse_emulated(place)
-        return f"{kind}:{board._replace(scenario=str(found(service.folder, 'scenario', board.scenario))).text}"
-    if kind == "serial":
-        port, mark, options = place.partition("?")
-        if not str(Path(port).resolve()).startswith("/dev/"):
-            raise InputError(f"serial:{port}: no device; give one below /dev, such as serial:/dev/ttyACM0")
-        return f"serial:{port}{mark}{options}"
-    if kind == "udp" and "key=" in place:
-        before, _, rest = place.partition("key=")
-        name, mark, after = rest.partition("&")
-        return f"udp:{before}key={_own_file(service, name)}{mark}{after}"
-    if kind in ("can", "udp"):
+def allowed(service: Service, text: str) -> LinkName:
+    """The link of that name, with the path of its scenario or key as it is here. Raises InputError, or LinkError for
+    what is no link, where a request may not name it.
+    """
+    link = parse_link(text)
+    if isinstance(link, Emulated):
+        return replace(link, scenario=str(found(service.folder, "scenario", link.scenario)))
+    if link in service.links or link in _of_benches(service.folder):
         return link
-    raise InputError(f"{link}: no link; give serial:PORT, can:NAME, udp:GROUP:PORT, pty:SCENARIO or inproc:SCENARIO")
+    match link:
+        case SerialPort(path):
+            if not is_port(path):
+                raise InputError(f"{link.url}: no serial port of this machine; {_listing(link)}")
+        case CanInterface(channel):
+            if channel not in (name for _, name in socket.if_nameindex()):
+                raise InputError(f"{link.url}: no CAN interface of this machine; {_listing(link)}")
+        case UdpGroup(_, interface, key):
+            if key is not None:
+                return replace(link, key=str(_own_file(service, key)))
+            if interface not in (None, LOOPBACK):
+                raise InputError(f"{link.url}: leaves this machine without a key; give one with &key=NAME")
+        case _:
+            raise InputError(f"{link.url}: not of this bench; {_listing(link)}")
+    return link
+
+
+def is_port(path: str) -> bool:
+    """Whether that is a serial port: a device that the system lists as one, or a pty that is nobody's terminal."""
+    from serial.tools import list_ports
+
+    real = os.path.realpath(path)
+    if not path.startswith("/dev/"):
+        return False
+    if Path(real).parent == Path("/dev/pts"):
+        with suppress(OSError):
+            return Path(real).stat().st_rdev not in _terminals()
+        return False
+    return real in {os.path.realpath(port.device) for port in list_ports.comports(include_links=True)}
+
+
+def _terminals() -> set[int]:
+    """Devices that programs have as their terminal: what is typed there is not for a bench."""
+    return set(_told_terminals())
+
+
+def _told_terminals() -> Iterator[int]:
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, ValueError, IndexError):  # it has ended
+            number = int(entry.read_text().rpartition(")")[2].split()[4])
+            yield os.makedev((number >> 8) & 0xFFF, (number & 0xFF) | ((number >> 12) & 0xFFF00))
+
+
+def _of_benches(folder: Path) -> Iterator[LinkName]:
+    """Links that the bench files of this bench name: whoever wrote these operates it."""
+    for path in files(folder, "bench").values():
+        with suppress(InputError, LinkError):
+            bench = load_any_bench(path)
+            if isinstance(bench, Bench) and bench.link.url is not None:
+                yield parse_link(bench.link.url)
+
+
+def _listing(link: LinkName) -> str:
+    return f"connect it, or have it listed: hil serve --link '{link.url}'"
 
 
 def _own_file(service: Service, name: str) -> Path:
     folder = service.folder.resolve().parent
     path = folder / name
-    if "/" in name or not path.is_file():
+    if "/" in name or name in (".", "..") or not path.is_file():
         raise InputError(f"key={name}: no file of this bench; put it into {folder.name}/ and give its name")
     return path

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,7 @@ from hil.errors import InputError
 from hil.records.run_name import RUN_NAME
 from hil.service.bench_files import found
 from hil.service.jobs.uploads import Uploads
-from hil.wire.links import parse_emulated
+from hil.wire.link_name import Emulated, parse_link
 
 Name = Annotated[str, StringConstraints(pattern=RUN_NAME, max_length=60)]
 Word = Annotated[str, StringConstraints(max_length=200)]
@@ -121,11 +122,10 @@ def _link(link: str | None, bench: Path, runs: Path) -> str | None:
                 "inproc:SCENARIO or pty:SCENARIO"
             )
         return None
-    kind, _, place = link.partition(":")
-    board = parse_emulated(place) if is_emulated(link) else None
-    if board is None or not _SCENARIO.fullmatch(board.scenario):
+    board = parse_link(link)
+    if not isinstance(board, Emulated) or not _SCENARIO.fullmatch(board.scenario):
         raise InputError(
             f"link {link[:100]}: a job runs emulated boards only; give inproc:SCENARIO or pty:SCENARIO, or connect and "
             "start the board itself"
         )
-    return f"{kind}:{board._replace(scenario=str(found(runs, 'scenario', board.scenario))).text}"
+    return replace(board, scenario=str(found(runs, "scenario", board.scenario))).url
