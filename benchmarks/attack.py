@@ -30,11 +30,12 @@ from hil.wire.framing import encode_frame
 from hil.wire.key_file import make_key, read_key
 from hil.wire.keyed import CALL, CHALLENGE, FRAME, NONCE_SIZE, OPEN, TAG_SIZE, KeyedBoard, KeyedHost
 from hil.wire.link import BoardLink, Link
+from hil.wire.link_name import LOOPBACK
 from hil.wire.links import open_board_link, open_link
 from hil.wire.messages import Arm, DriveForce, Hello, Message, Safe, Status, TimeSync
 from hil.wire.sense import Sense
 from hil.wire.stream import Transmitter
-from hil.wire.udp_link import LOOPBACK, UdpBoard
+from hil.wire.udp_link import UdpBoard
 
 C_ATTACKS = 10_000_000
 PYTHON_ATTACKS = 1_000_000

@@ -13,17 +13,17 @@ if TYPE_CHECKING:
 _BY_HAND_S = 1.0  # a period of a turn that a hand can make
 
 
-def require(link: str, bench: "Bench", *, given: bool, open_loop: bool) -> None:
+def require(link: str, bench: "Bench", *, given: bool) -> None:
     """Return when arming is allowed: ``given`` by --arm or by a yes at the terminal; else `InputError`."""
     if given:
         return
     if not _at_terminal():
         raise InputError(f"{link}: arming a board needs --arm (--dry-run looks without arming)")
-    if open_loop:
-        force = "the drive held at zero"
-    else:
-        force = f"up to {bench.device.drive.full_scale:g} {_UNITS[bench.device.drive.unit]} of drive"
-    print(printable(f"{link} will be armed for {bench.loop.duration_s:g} s with {force}."), file=sys.stderr)
+    from hil.loop.drives import drives
+
+    print(printable(f"{link} will be armed, and driven with:"), file=sys.stderr)
+    for name, value in drives(bench, link)[1:]:
+        print(printable(f"  {name:<20} {value}"), file=sys.stderr)
     print("Arm it? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError(f"{link}: not armed, as you wished")
@@ -47,6 +47,3 @@ def have_it_turned(turn: "Turn") -> None:
 def _at_terminal() -> bool:
     """Whether somebody reads what is asked and can answer."""
     return sys.stdin.isatty() and sys.stderr.isatty()
-
-
-_UNITS = {"mps2": "m/s²", "N": "N", "V": "V"}

@@ -83,7 +83,7 @@ def run(
     if not dry_run:
         question(declared)
     if not dry_run and not request.emulated:
-        consent.require(url, declared, given=arm, open_loop=open_loop)
+        consent.require(url, declared, given=arm)
     prepare(declared)
     if truth is not None and not dry_run:
         truth.unlink(missing_ok=True)  # asked for, or it is not there: the board makes it anew

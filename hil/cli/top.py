@@ -56,6 +56,10 @@ def rows(state: dict[str, Any]) -> list[tuple[str, str]]:
     if state["run"] or state["stage"]:
         done = f" {100 * state['done'] / state['total']:.0f} %" if state["total"] else ""
         told.append(("run", f"{state['run'] or ''} {state['stage']}{done}".strip()))
+    elif state["last_verdict"]:
+        last = state["last_verdict"]
+        told.append(("last run", f"{state['last_run']}: {last['verdict']}"))
+        told += [(f"  {part}", reason) for part, reason in last["against"].items()]
     if "t_s" in now:
         told.append(("time", f"{now['elapsed_s']:.2f} s of {state['duration_s'] or 0:g} s"))
         told.append(("angle", _with_u(now.get("angle_rad"), now.get("angle_u_rad"), "rad")))

@@ -218,7 +218,7 @@ def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> s
         raise InputError(f"{path}: [link] url: missing; give it there or as --link")
     url = located(place, beside=path)
     if not is_emulated(url):
-        consent.require(url, declared, given=armed, open_loop=False)
+        consent.require(url, declared, given=armed)
     return url
 
 

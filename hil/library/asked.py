@@ -8,6 +8,7 @@ from hil.bench import Bench, load_bench, override
 from hil.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.library.places import bench_file, path_of, require
+from hil.loop.drives import drives, in_one_line
 from hil.records.kind import require_unowned
 
 
@@ -64,6 +65,7 @@ def asked(
 
 
 def require_consent(request: Asked, *, given: bool) -> None:
-    """InputError where the board may move, and nobody said that it may."""
+    """InputError, which says what would drive it, where the board may move, and nobody said that it may."""
     if not request.emulated and not given:
-        raise InputError(f"{request.url}: arming a board needs arm=True")
+        told = in_one_line(drives(request.bench, request.url)[1:])
+        raise InputError(f"{request.url}: arming a board needs arm=True; it would be driven with {told}")

@@ -18,7 +18,7 @@ _SWING = 0.5, 1.5  # of the declared amplitude
 class Settings(BaseModel):
     """What may be asked for; what is left out stays. Units and limits are those of the bench file."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     target_stiffness: float | None = Field(default=None, gt=0.0)
     """[controller] target_stiffness_N_per_m"""

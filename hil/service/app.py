@@ -12,6 +12,7 @@ from starlette.staticfiles import StaticFiles
 
 from hil.service.page_files import PAGE
 from hil.service.problems import Problem, ProblemBody, answer_problems
+from hil.service.security.bodies import Bodies
 from hil.service.security.guard import Guard
 from hil.service.service import Service, holder_of, service_of
 
@@ -20,7 +21,7 @@ PARTS = ("routes_runs", "routes_jobs", "routes_benches", "routes_board", "routes
 async context manager around all of the service's life."""
 
 _REFUSALS: dict[int | str, dict[str, Any]] = {
-    code: {"model": ProblemBody} for code in (400, 401, 403, 404, 409, 413, 422, 503)
+    code: {"model": ProblemBody} for code in (400, 401, 403, 404, 409, 413, 422, 503, 507)
 }
 _own = APIRouter(tags=["service"])
 
@@ -42,7 +43,7 @@ def make_app(service: Service) -> FastAPI:
         version=version("gyrohil"),
         summary="A hardware-in-the-loop bench for angle-measuring gyroscopes, as a service",
         lifespan=lifespan,
-        docs_url=None,  # they load scripts from elsewhere
+        docs_url=None,  # they load scripts from elsewhere; page/docs has what they show
         redoc_url=None,
         responses=_REFUSALS,
     )
@@ -51,6 +52,7 @@ def make_app(service: Service) -> FastAPI:
     for router in (_own, *(module.router for module in modules)):
         app.include_router(router)
     app.mount("/", StaticFiles(directory=PAGE, html=True), name="page")
+    app.add_middleware(Bodies)  # after the guard: only who may ask is listened to
     app.add_middleware(Guard, hosts=service.hosts, tokens=service.tokens, tickets=service.tickets)
     return app
 

@@ -1,6 +1,7 @@
 """What a request is refused with: one line that says what is wrong, and one that says what to do."""
 
 import logging
+import sqlite3
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -9,12 +10,14 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from estimator.errors import ModelError
-from hil.errors import InputError, printable
+from hil.errors import InputError, printable, told_to_user
 from hil.wire.errors import WireError
 
+_UNDONE = "nothing was done; make room and ask again"
+_LONGEST = 400  # characters of a line: what was sent may be quoted in it
 _LOG = logging.getLogger("hil.service")
 _UNKNOWN = {
-    404: ("there is nothing here", "GET /openapi.json lists what there is"),
+    404: ("there is nothing here", "GET /openapi.json, or /docs for people, lists what there is"),
     405: ("this is not done to it", "GET /openapi.json lists what is"),
 }
 
@@ -67,6 +70,18 @@ def answer_problems(app: FastAPI) -> None:
     async def _told(_: Request, error: Exception) -> JSONResponse:
         return problem_response(400, str(error))
 
+    @app.exception_handler(OSError)
+    async def _disk(_: Request, error: OSError) -> JSONResponse:
+        if isinstance(error, WireError):
+            return problem_response(400, str(error))
+        if (told := told_to_user(error)) is None:
+            return await _fault(_, error)
+        return problem_response(507, told, _UNDONE)
+
+    @app.exception_handler(sqlite3.OperationalError)
+    async def _catalogue(_: Request, error: sqlite3.OperationalError) -> JSONResponse:
+        return problem_response(507, f"the catalogue: {error}", _UNDONE)
+
     @app.exception_handler(Exception)
     async def _fault(_: Request, error: Exception) -> JSONResponse:
         _LOG.error("a fault of hil", exc_info=error)
@@ -74,4 +89,5 @@ def answer_problems(app: FastAPI) -> None:
 
 
 def _line(text: str) -> str:
-    return printable(" ".join(text.split()))
+    line = printable(" ".join(text[: 4 * _LONGEST].split()))
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"

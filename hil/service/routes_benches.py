@@ -72,7 +72,11 @@ def add(request: Request, name: BenchName, adding: Adding) -> dict[str, Any]:
     if not written:
         raise Problem(400, f"{diagnosis.verdict}: there is nothing to add", "only what is explained is declared")
     made = target.name.removesuffix(".bench.toml")
-    service.audit.note(holder_of(request), "effects added", trace=adding.trace, bench=name, made=made)
+    try:
+        service.audit.note(holder_of(request), "effects added", trace=adding.trace, bench=name, made=made)
+    except Problem:
+        target.unlink()
+        raise
     return {"name": made, "effects": written}
 
 

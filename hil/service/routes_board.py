@@ -8,6 +8,7 @@ from fastapi import APIRouter, Header, Request
 from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from hil.loop.live_settings import Settings
+from hil.service.board import part
 from hil.service.board.lease import LONGEST_S
 from hil.service.board.part import BoardPart
 from hil.service.problems import Problem
@@ -32,8 +33,8 @@ class Connect(_Body):
     """name of a bench file of this bench, or of an example, that a start takes when it names none"""
 
 
-class Start(_Body):
-    """What is to be run."""
+class Drives(_Body):
+    """What would be run."""
 
     bench: str | None = Field(default=None, max_length=200)
     bench_toml: str | None = Field(default=None, max_length=100_000)
@@ -41,12 +42,25 @@ class Start(_Body):
     duration_s: float | None = Field(default=None, gt=0.0, le=1e6)
     clock: Literal["lockstep", "paced", "real"] | None = None
     name: str | None = Field(default=None, max_length=100)
-    note: str | None = Field(default=None, max_length=2000)
     seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
     open_loop: StrictBool = False
+    settings: Settings = Settings()
+
+    @property
+    def start(self) -> part.Start:
+        """As the board's part has it."""
+        loop = {"duration_s": self.duration_s, "clock": self.clock, "name": self.name, "seed": self.seed}
+        return part.Start(self.bench, self.bench_toml, self.open_loop, self.settings.given, loop)
+
+
+class Start(Drives):
+    """What is to be run."""
+
+    note: str | None = Field(default=None, max_length=2000)
     consent: StrictBool = False
     """that the board may be armed: said for each run anew, needed for every board that was not started here"""
-    settings: Settings = Settings()
+    agreed: str | None = Field(default=None, max_length=64)
+    """digest of POST /api/board/drives: the start is refused where what would drive is no longer that"""
 
 
 class TakeLease(_Body):
@@ -62,14 +76,13 @@ class TakeLease(_Body):
 @asynccontextmanager
 async def lifespan(service: Service) -> AsyncIterator[None]:
     """The board's part, as long as the service lives; a board that was held before is found again."""
-    part = BoardPart(service)
-    service.parts["board"] = part
-    service.at_signal.append(part.line.end_soon)
-
+    held = BoardPart(service)
+    service.parts["board"] = held
+    service.at_signal.append(held.line.end_soon)
     try:
         yield
     finally:
-        await part.close()
+        await held.close()
 
 
 def board_of(request: Request) -> BoardPart:
@@ -78,11 +91,19 @@ def board_of(request: Request) -> BoardPart:
 
 
 def _operated(request: Request, lease: str | None, what: str, **details: Any) -> BoardPart:
-    """The board, for the holder of its lease, with an entry in the audit log."""
-    part = board_of(request)
-    holder = part.leases.require(lease)
+    """The board, for the holder of its lease, with an entry in the audit log; without one nothing is to be done."""
+    held = board_of(request)
+    holder = held.leases.require(lease)
     service_of(request).audit.note(holder_of(request), what, lease=holder, **details)
-    return part
+    return held
+
+
+def _stopped(request: Request, lease: str | None, what: str) -> BoardPart:
+    """The same for what stops, or lets go: that does not depend on the log."""
+    held = board_of(request)
+    holder = held.leases.require(lease)
+    service_of(request).audit.note_anyway(holder_of(request), what, lease=holder)
+    return held
 
 
 @router.get("/api/board")
@@ -100,42 +121,41 @@ async def connect(request: Request, wanted: Connect, x_lease: Lease = None) -> d
 @router.post("/api/board/disconnect")
 async def disconnect(request: Request, x_lease: Lease = None) -> dict[str, Any]:
     """Let the link go; an emulated board ends."""
-    return await _operated(request, x_lease, "disconnect").disconnect()
+    return await _stopped(request, x_lease, "disconnect").disconnect()
+
+
+@router.post("/api/board/drives")
+async def drives(request: Request, wanted: Drives) -> dict[str, Any]:
+    """What a start with this body would drive the board with, and a digest of it for `agreed`; starts nothing."""
+    return await board_of(request).drives(wanted.start)
 
 
 @router.post("/api/board/start")
 async def start(request: Request, wanted: Start, x_lease: Lease = None) -> dict[str, Any]:
     """Arm the board and close the loop; answers when it is armed, with the run's folder."""
     said = wanted.model_dump(exclude={"bench_toml"}, exclude_none=True)
-    part = _operated(request, x_lease, "start", **said)
-    return await part.start(
-        bench=wanted.bench,
-        bench_toml=wanted.bench_toml,
-        consent=wanted.consent,
-        open_loop=wanted.open_loop,
-        note=wanted.note,
-        settings=wanted.settings.given,
-        loop={"duration_s": wanted.duration_s, "clock": wanted.clock, "name": wanted.name, "seed": wanted.seed},
-    )
+    held = _operated(request, x_lease, "start", **said)
+    return await held.start(wanted.start, consent=wanted.consent, agreed=wanted.agreed, note=wanted.note)
 
 
 @router.post("/api/board/stop")
 async def stop(request: Request, x_lease: Lease = None) -> dict[str, Any]:
     """End the run: SAFE, the record closed, its figures made."""
-    return await _operated(request, x_lease, "stop").stop()
+    return await _stopped(request, x_lease, "stop").stop()
 
 
 @router.post("/api/board/safe")
 async def safe(request: Request) -> dict[str, Any]:
     """Bring the board to SAFE: for everybody who may look, without a lease. Answers when the board has said so."""
     said = await board_of(request).safe()
-    service_of(request).audit.note(holder_of(request), "safe", **said)
+    service_of(request).audit.note_anyway(holder_of(request), "safe", **said)
     return said
 
 
 @router.patch("/api/board/settings")
 async def settings(request: Request, wanted: Settings, x_lease: Lease = None) -> dict[str, Any]:
-    """Change settings: at once where the loop can, else at the next start; the answer says which, and why."""
+    """Change settings: at once where the loop can, else at the next start, if that comes under the same lease and the
+    board stays connected; the answer says which, and why."""
     return await _operated(request, x_lease, "settings", **wanted.given).settings(wanted)
 
 
@@ -148,8 +168,13 @@ async def lease(request: Request) -> dict[str, Any]:
 @router.post("/api/lease")
 async def take_lease(request: Request, wanted: TakeLease) -> dict[str, Any]:
     """Take the board, or with `wait` a place in the queue (`place` > 0); renew either by PUT before it ends."""
-    said = board_of(request).leases.take(wanted.holder, wanted.purpose, wanted.seconds, wait=wanted.wait)
-    service_of(request).audit.note(holder_of(request), "lease", **wanted.model_dump(), place=said["place"])
+    leases = board_of(request).leases
+    said = leases.take(wanted.holder, wanted.purpose, wanted.seconds, wait=wanted.wait)
+    try:
+        service_of(request).audit.note(holder_of(request), "lease", **wanted.model_dump(), place=said["place"])
+    except Problem:
+        leases.give_back(said["lease"])  # nobody has heard its key
+        raise
     return said
 
 
@@ -171,5 +196,5 @@ async def end_lease(request: Request, x_lease: Lease = None) -> dict[str, Any]:
         leases.end()
     else:
         raise Problem(403, "only an administrator ends another one's lease", "send X-Lease to give yours back")
-    service_of(request).audit.note(holder_of(request), "lease ended")
+    service_of(request).audit.note_anyway(holder_of(request), "lease ended")
     return leases.told()

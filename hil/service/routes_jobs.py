@@ -83,12 +83,16 @@ def add(request: Request, asked: Annotated[Asked, Body()]) -> dict[str, Any]:
     try:
         order = order_of(asked, service.folder, catalogue_of(request).path_of, service.parts["uploads"])
         told = asked.model_dump(exclude_none=True, exclude_defaults=True)
-        row = _jobs(request).add(order, told, by=holder_of(request).name)
+        holder = holder_of(request)
+
+        def noted(name: str) -> None:
+            service.audit.note(holder, "job asked for", job=name, **told)
+
+        row = _jobs(request).add(order, told, by=holder.name, noted=noted)
     except KeyError as error:
         raise Problem(404, f"no such run: {error.args[0]}", "GET /api/runs lists them") from None
     except InputError as error:
         raise Problem(400, str(error)) from None
-    service.audit.note(holder_of(request), "job asked for", job=row["id"], **told)
     return row
 
 
@@ -127,7 +131,7 @@ def cancel(request: Request, job: JobId) -> dict[str, Any]:
         row = _jobs(request).cancel(job)
     except KeyError:
         raise _unknown(job) from None
-    service_of(request).audit.note(holder_of(request), "job cancelled", job=job)
+    service_of(request).audit.note_anyway(holder_of(request), "job cancelled", job=job)
     return row
 
 
@@ -139,7 +143,8 @@ async def upload(request: Request) -> dict[str, Any]:
     most = uploads.most_bytes + _ROUND_IT
     bounded = Request(request.scope, _bounded(request.receive, most))
     try:
-        if int(request.headers.get("content-length", "0")) > most:
+        announced = request.headers.get("content-length", "0")
+        if not announced.isascii() or not announced.isdigit() or len(announced) > 18 or int(announced) > most:
             raise TooLarge(f"larger than the {uploads.most_bytes >> 20} MB that are taken; import it with hil import")
         async with bounded.form(max_files=2, max_fields=4) as form:
             record, given = form.get("record"), form.get("map")
@@ -156,9 +161,16 @@ async def upload(request: Request) -> dict[str, Any]:
                 raise
     except TooLarge as error:
         raise Problem(413, str(error)) from None
+    except OSError as error:  # of the form's own temporary file, or of this bench's folder
+        room = "make room where TMPDIR is and beside the runs, or import it with hil import"
+        raise Problem(507, f"the upload: {(error.strerror or 'cannot be written').lower()}", room) from None
     except (InputError, ClientDisconnect, ValueError) as error:
         raise Problem(400, str(error) or "the upload was cut off") from None
-    service_of(request).audit.note(holder_of(request), "record uploaded", upload=found.id, bytes=found.bytes)
+    try:
+        service_of(request).audit.note(holder_of(request), "record uploaded", upload=found.id, bytes=found.bytes)
+    except Problem:
+        uploads.remove(found.id)
+        raise
     return {"id": found.id, "bytes": found.bytes, "map": found.map is not None}
 
 

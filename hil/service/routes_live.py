@@ -33,6 +33,7 @@ class _Live:
         self.clients: set[Client] = set()
         self.viewers: Viewers | None = None
         self._changed = asyncio.Event()
+        self._ended: dict[str, Any] | None = None  # what the last run said of itself, for pages that come after it
         board.on_track = self.hub.attach
         board.on_state.append(self._changed.set)
         board.on_run.append(lambda _: self.hub.end())
@@ -43,7 +44,10 @@ class _Live:
         told = self.board.state
         if self.hub.live and told["run"] is None and not told["stage"]:
             self.hub.end()
-        return {"kind": "state", **told, "now": self.now()}
+        now = self.now()
+        if now is not None and told["run"] is not None:
+            self._ended = {"run": told["run"], **now}
+        return {"kind": "state", **told, "now": now, "ended": None if now is not None else self._ended}
 
     def now(self) -> dict[str, Any] | None:
         """The figures of the run that lasts."""
@@ -75,7 +79,7 @@ class _Live:
     async def safe(self, holder: Holder) -> dict[str, Any]:
         """SAFE, and what came of it."""
         said = await self.board.safe()
-        self.service.audit.note(holder, "safe", **said)
+        self.service.audit.note_anyway(holder, "safe", **said)
         return said
 
     def _line(self, message: dict[str, Any]) -> None:
@@ -142,7 +146,7 @@ async def _greeted(socket: WebSocket, service: Service) -> Holder | None:
     """Whose token the first message brings."""
     try:
         message = json.loads(await asyncio.wait_for(socket.receive_text(), _HELLO_S))
-    except (TimeoutError, ValueError, KeyError, WebSocketDisconnect, RuntimeError):
+    except (TimeoutError, ValueError, RecursionError, KeyError, WebSocketDisconnect, RuntimeError):
         return None
     if not isinstance(message, dict) or message.get("op") != "hello" or not isinstance(message.get("token"), str):
         return None

@@ -157,7 +157,7 @@ def figures(request: Request) -> list[dict[str, Any]]:
 def empty_trash(request: Request) -> dict[str, int]:
     """Remove what was deleted for good."""
     removed = catalogue_of(request).empty_trash()
-    _audit(request, "trash emptied", runs=removed)
+    service_of(request).audit.note_anyway(holder_of(request), "trash emptied", runs=removed)  # it is what makes room
     return {"removed": removed}
 
 
@@ -165,7 +165,7 @@ def empty_trash(request: Request) -> dict[str, int]:
 def rebuild(request: Request) -> dict[str, int]:
     """Read all folders anew: after an editor changed a file in place, or where the catalogue is not to be trusted."""
     found = catalogue_of(request).rebuild()
-    _audit(request, "catalogue rebuilt", runs=found.changed)
+    service_of(request).audit.note_anyway(holder_of(request), "catalogue rebuilt", runs=found.changed)
     return {"runs": found.changed}
 
 
@@ -206,8 +206,9 @@ def run(request: Request, run: RunId) -> dict[str, Any]:
 def mark(request: Request, run: RunId, marking: Marking) -> dict[str, Any]:
     """Give a run tags or a note."""
     catalogue = catalogue_of(request)
-    _asked(lambda: catalogue.mark(run, tags=marking.tags, note=marking.note))
+    _path(request, run)
     _audit(request, "run marked", run=run, **marking.model_dump(exclude_none=True))
+    _asked(lambda: catalogue.mark(run, tags=marking.tags, note=marking.note))
     return _asked(lambda: queries.one(catalogue, run))
 
 
@@ -215,10 +216,11 @@ def mark(request: Request, run: RunId, marking: Marking) -> dict[str, Any]:
 def delete(request: Request, run: RunId) -> dict[str, str]:
     """Move a run into the trash."""
     catalogue, jobs = catalogue_of(request), service_of(request).parts.get("jobs")
-    if jobs is not None and (busy := jobs.using(_path(request, run).name)):
+    folder = _path(request, run).name
+    if jobs is not None and (busy := jobs.using(folder)):
         raise Problem(409, f"{run}: job {busy[0]} works on it", "wait for it, or cancel it")
-    _asked(lambda: catalogue.delete(run))
     _audit(request, "run deleted", run=run)
+    _asked(lambda: catalogue.delete(run))
     return {"deleted": run, "undo": f"/api/runs/{run}/restore"}
 
 
@@ -227,7 +229,7 @@ def restore(request: Request, run: RunId) -> dict[str, Any]:
     """Take a run back from the trash."""
     catalogue = catalogue_of(request)
     _asked(lambda: catalogue.restore(run))
-    _audit(request, "run restored", run=run)
+    service_of(request).audit.note_anyway(holder_of(request), "run restored", run=run)
     return _asked(lambda: queries.one(catalogue, run))
 
 

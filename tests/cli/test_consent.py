@@ -37,28 +37,39 @@ def at_terminal(monkeypatch: pytest.MonkeyPatch, answer: str) -> Terminal:
 @pytest.mark.parametrize("answer", ["y\n", "Yes\n", " y "])
 def test_yes_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch, answer: str) -> None:
     written = at_terminal(monkeypatch, answer)
-    consent.require(LINK, bench, given=False, open_loop=False)
-    assert written.getvalue() == (f"{LINK} will be armed for 30 s with up to 10 m/s² of drive.\nArm it? [y/N] ")
+    consent.require(LINK, bench, given=False)
+    asked = written.getvalue().splitlines()
+    assert asked[0] == f"{LINK} will be armed, and driven with:"
+    assert asked[-1] == "Arm it? [y/N] "
+    told = {line[2:22].strip(): line[23:] for line in asked[1:-1]}
+    assert told["length"] == "30 s"
+    assert told["largest drive"] == "10 m/s²"
+    assert told["amplitude"] == "100 µm"
+    assert told["virtual rotation"] == "3 rad/s"
+    assert told["dither"] == "0.3 m/s² rms"
+    assert told["target stiffness"] == f"{bench.target_stiffness_per_s2 * bench.device.mass_kg:.6g} N/m"
+    assert told["watchdog"] == f"{bench.link.watchdog_s:g} s"
 
 
 @pytest.mark.parametrize("answer", ["n\n", "\n", "", "yeah\n"])
 def test_anything_else_is_a_no(bench: Bench, monkeypatch: pytest.MonkeyPatch, answer: str) -> None:
     written = at_terminal(monkeypatch, answer)
     with pytest.raises(InputError, match="not armed, as you wished"):
-        consent.require(LINK, bench, given=False, open_loop=True)
-    assert "with the drive held at zero" in written.getvalue()
+        consent.require(LINK, bench.with_(controller={"enabled": False}), given=False)
+    assert "held at zero" in written.getvalue()
+    assert "amplitude" not in written.getvalue()
 
 
 def test_flag_asks_nothing(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     written = at_terminal(monkeypatch, "n\n")
-    consent.require(LINK, bench, given=True, open_loop=False)
+    consent.require(LINK, bench, given=True)
     assert written.getvalue() == ""
 
 
 def test_without_a_terminal_nothing_is_asked(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
     with pytest.raises(InputError, match="needs --arm"):
-        consent.require(LINK, bench, given=False, open_loop=False)
+        consent.require(LINK, bench, given=False)
 
 
 TURN = Turn(0.5, 8.0)

@@ -24,6 +24,10 @@ class _Claim:
     seconds: float
     until: float
 
+    def has(self, key: str) -> bool:
+        """Whether that is its key, in a time that does not depend on where it differs."""
+        return secrets.compare_digest(self.key.encode(), key.encode("utf-8", "replace"))
+
 
 class Leases:
     """The lease of one board, and the queue for it. Times are of `now`, a clock in seconds that only goes forward;
@@ -55,12 +59,12 @@ class Leases:
     def renew(self, key: str) -> dict[str, Any]:
         """The lease for as long again, or the place in the queue kept. Raises Problem 409 where it is no more."""
         self._expire()
-        if self._held is not None and secrets.compare_digest(self._held.key, key):
+        if self._held is not None and self._held.has(key):
             self._held.until = self._now() + self._held.seconds
             self._told()
             return self._of(self._held)
         for claim in self._queue:
-            if secrets.compare_digest(claim.key, key):
+            if claim.has(key):
                 claim.until = self._now() + _WAITS_S
                 return self._of(claim)
         raise (
@@ -72,9 +76,9 @@ class Leases:
     def give_back(self, key: str) -> None:
         """The lease, or the place in the queue, is no longer needed."""
         self._expire()
-        if self._held is not None and secrets.compare_digest(self._held.key, key):
+        if self._held is not None and self._held.has(key):
             self._held = None
-        self._queue = [claim for claim in self._queue if not secrets.compare_digest(claim.key, key)]
+        self._queue = [claim for claim in self._queue if not claim.has(key)]
         self._expire()
         self._told()
 
@@ -89,9 +93,15 @@ class Leases:
         self._expire()
         if self._held is None:
             raise Problem(409, "nobody has the lease of the board", "take it: POST /api/lease, then send X-Lease")
-        if key is None or not secrets.compare_digest(self._held.key.encode(), key.encode("utf-8", "replace")):
+        if key is None or not self._held.has(key):
             raise self._refusal()
         return self._held.holder
+
+    @property
+    def key(self) -> str | None:
+        """Of the lease that is held, None while nobody has it; another holder has another one."""
+        self._expire()
+        return None if self._held is None else self._held.key
 
     def told(self) -> dict[str, Any]:
         """The part of the board's state: no keys in it."""

@@ -34,6 +34,7 @@ NOBODY: Message = {
     "words": "",
     "run": None,
     "last_run": None,
+    "last_verdict": None,
     "stage": "",
     "done": 0,
     "total": 0,

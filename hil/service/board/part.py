@@ -5,11 +5,13 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.library.asked import asked, require_consent
+from hil.library.asked import Asked, asked, require_consent
+from hil.loop.drives import Fact, digest, drives, in_one_line
 from hil.loop.live_settings import Settings, at_once, with_settings
 from hil.service.bench_files import found
 from hil.service.board.lease import Leases
@@ -22,7 +24,19 @@ from hil.service.service import Service
 _SAFE_S = 2.0  # for the board to say so; then the answer says that it has not
 _START_S = 600.0  # the first start on a machine compiles, which takes minutes on a busy one
 _END_S = 90.0  # for record, figures and report of a run that ends with the service
+_CUT = "if it still drives, cut its supply"
 Track = Callable[[str, dict[str, Any], int], None]
+
+
+@dataclass(frozen=True)
+class Start:
+    """What is to be run: a bench file by name or as text, keys of its [loop], settings in the place of its own."""
+
+    bench: str | None
+    bench_toml: str | None
+    open_loop: bool
+    settings: dict[str, float]
+    loop: dict[str, Any]
 
 
 class BoardPart:
@@ -38,7 +52,8 @@ class BoardPart:
     def __init__(self, service: Service) -> None:
         self._service = service
         self._told: dict[str, Any] = dict(NOBODY)
-        self._next: dict[str, float] = {}  # settings that wait for the next start
+        self._next: dict[str, float] = {}  # settings that wait for the next start, of the lease `_next_of`
+        self._next_of: str | None = None
         self._bench: Bench | None = None  # of the run under way
         self._bench_name: str | None = None
         self._safe: asyncio.Event = asyncio.Event()
@@ -56,7 +71,7 @@ class BoardPart:
             **self._told,
             "bench": self._bench_name,
             **self.leases.told(),
-            "next_settings": dict(self._next),
+            "next_settings": self._waiting(),
             "health": self.health,
         }
 
@@ -66,65 +81,71 @@ class BoardPart:
         if bench is not None:
             await asyncio.to_thread(found, self._service.folder, "bench", bench)
         await self.line.start()
-        await self.line.ask("connect", _START_S, link=place)
+        self._next = {}
+        await self.line.ask("connect", _START_S, link=place.url)
         self._bench_name = bench
         self._changed()
         return self.state
 
     async def disconnect(self) -> dict[str, Any]:
         """Let the board go."""
+        self._next = {}
         if self.line.attached:
             await self.line.ask("disconnect")
             await self.line.end(_SAFE_S)
         return self.state
 
-    async def start(
-        self,
-        *,
-        bench: str | None,
-        bench_toml: str | None,
-        consent: bool,
-        open_loop: bool,
-        note: str | None,
-        settings: dict[str, float],
-        loop: dict[str, Any],
-    ) -> dict[str, Any]:
-        """Begin a run; {"run": folder}. Raises Problem or InputError where it is refused."""
-        if not self._told["connected"]:
-            raise Problem(409, "no board is connected", "POST /api/board/connect")
-        name = bench or self._bench_name
-        declared = await asyncio.to_thread(self._declared, name, bench_toml, open_loop, consent, loop)
-        declared = with_settings(declared, self._next | settings)
-        self._bench, self._bench_name = declared, name or declared.loop.name
-        self._safe.clear()
-        said = await self.line.ask(
-            "start",
-            _START_S,
-            bench=declared.model_dump_json(),
-            out=os.path.realpath(self._service.folder),
-            open_loop=open_loop,
-            note=note,
-        )
-        self._next = {}
-        return {"run": said["run"]}
+    async def drives(self, start: Start) -> dict[str, Any]:
+        """What that start would drive the board with, whole, and a digest of it that a start can be held to."""
+        _, facts = await self._asked(start)
+        return {"drives": [fact._asdict() for fact in facts], "digest": digest(facts)}
 
-    def _declared(
-        self, name: str | None, text: str | None, open_loop: bool, consent: bool, loop: dict[str, Any]
-    ) -> Bench:
-        link = self._told["link"]
-        declared: Any = None
-        if text is not None:
-            declared = _parsed(text)
-        elif name is not None:
-            declared = found(self._service.folder, "bench", name)
-        else:
-            raise Problem(422, "no bench file is named", 'give "bench", or "bench_toml" with what is in one')
-        request = asked(declared, loop, link=link, open_loop=open_loop, truth=None)
+    async def start(self, start: Start, *, consent: bool, agreed: str | None, note: str | None) -> dict[str, Any]:
+        """Begin a run; {"run": folder}. Raises Problem or InputError where it is refused."""
+        request, facts = await self._asked(start)
         try:
             require_consent(request, given=consent)
         except InputError as refusal:
             raise Problem(409, str(refusal), 'look at what would move, then send "consent": true') from None
-        return request.bench
+        if agreed not in (None, digest(facts)):
+            told = in_one_line(facts)
+            raise Problem(409, f"what would drive has changed since it was shown: now {told}", "look at it again")
+        self._bench, self._bench_name = request.bench, start.bench or self._bench_name or request.bench.loop.name
+        self._next = {}  # they are in this run's bench, and in no other one's
+        self._safe.clear()
+        said = await self.line.ask(
+            "start",
+            _START_S,
+            bench=request.bench.model_dump_json(),
+            out=os.path.realpath(self._service.folder),
+            open_loop=start.open_loop,
+            note=note,
+        )
+        return {"run": said["run"]}
+
+    async def _asked(self, start: Start) -> tuple[Asked, tuple[Fact, ...]]:
+        """The run with every setting in it, and what it would drive."""
+        if not self._told["connected"]:
+            raise Problem(409, "no board is connected", "POST /api/board/connect")
+        name = start.bench or self._bench_name
+        request = await asyncio.to_thread(self._declared, name, start)
+        bench = with_settings(request.bench, self._waiting() | start.settings)
+        facts = drives(bench, request.url, request.bench)
+        return request._replace(bench=bench), facts
+
+    def _declared(self, name: str | None, start: Start) -> Asked:
+        declared: Any = None
+        if start.bench_toml is not None:
+            declared = _parsed(start.bench_toml)
+        elif name is not None:
+            declared = found(self._service.folder, "bench", name)
+        else:
+            raise Problem(422, "no bench file is named", 'give "bench", or "bench_toml" with what is in one')
+        return asked(declared, start.loop, link=self._told["link"], open_loop=start.open_loop, truth=None)
+
+    def _waiting(self) -> dict[str, float]:
+        """Settings that wait for the next start: of the lease under which they were asked for, and of no other."""
+        return dict(self._next) if self._next and self._next_of == self.leases.key else {}
 
     async def stop(self) -> dict[str, Any]:
         """End the run: SAFE, the record closed."""
@@ -137,21 +158,33 @@ class BoardPart:
         begin = time.perf_counter()
         self._safe.clear()
         self.line.interrupt()
-        said = await self.line.ask("safe", _SAFE_S)
+        try:
+            said = await self.line.ask("safe", _SAFE_S)
+        except Problem as problem:  # whatever it is: the answer to SAFE says what is known of the board
+            return {"told": False, "confirmed": False, "ms": _ms(begin), "words": f"{problem.error}; {_CUT}"}
         if not said.get("loop"):
-            confirmed = True if said["told"] else None
-            return {"told": said["told"], "confirmed": confirmed, "tick": said.get("tick"), "ms": _ms(begin)}
+            confirmed = not said.get("unanswered") if said["told"] else None
+            words = f"{said['words']}; {_CUT}" if confirmed is False else said.get("words", "")
+            return {
+                "told": said["told"],
+                "confirmed": confirmed,
+                "tick": said.get("tick"),
+                "ms": _ms(begin),
+                "words": words,
+            }
         if self._told["safe_tick"] is None:  # else it has ended meanwhile, and the board has said so
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._safe.wait(), _SAFE_S)
         confirmed = self._told["safe_tick"] is not None
-        words = "" if confirmed else "the board has not said SAFE yet; if it does not, cut its supply"
+        words = "" if confirmed else f"the board has not said SAFE yet; {_CUT}"
         if self._told["run"] is None and not confirmed:
             confirmed, words = None, self._told["words"] or "the run ended before the board was armed"
         return {"told": True, "confirmed": confirmed, "tick": self._told["safe_tick"], "ms": _ms(begin), "words": words}
 
     async def settings(self, settings: Settings) -> dict[str, Any]:
-        """Change settings: what can be at once, the rest at the next start; says which."""
+        """Change settings: what can be at once, the rest at the next start under the same lease; says which."""
+        if not self._told["connected"]:
+            raise Problem(409, "no board is connected", "POST /api/board/connect; settings are of one board's run")
         given = settings.given
         if self._bench is not None and self._told["run"] is not None:
             bench = self._bench
@@ -162,7 +195,8 @@ class BoardPart:
                 await self.line.ask("settings", settings=now)
         else:
             later, now = dict.fromkeys(given, "no loop runs"), {}
-        self._next |= {name: given[name] for name in later}
+        self._next = self._waiting() | {name: given[name] for name in later}
+        self._next_of = self.leases.key
         self._changed()
         return {"at_once": now, "at_next_start": later}
 
@@ -174,7 +208,10 @@ class BoardPart:
         if "track" in message and descriptor is not None:
             self.on_track(message["track"], message["layout"], descriptor)
         elif "board" in message:
+            last = {name: self._told[name] for name in ("last_run", "last_verdict")}
             self._told = message["board"]
+            if self._told["last_run"] is None:  # of a board that was let go: what was run stays to be seen
+                self._told |= last
             self._changed()
         elif "safe" in message:
             self._safe.set()
@@ -182,7 +219,7 @@ class BoardPart:
             self._safe.set()
             for told in self.on_run:
                 told(message["run"])
-            self._service.audit.note("board", "run ended", run=message["run"], words=message["words"])
+            self._service.audit.note_anyway("board", "run ended", run=message["run"], words=message["words"])
 
     def _changed(self) -> None:
         for told in self.on_state:
@@ -190,14 +227,13 @@ class BoardPart:
 
 
 def _parsed(text: str) -> Bench:
-    import tomllib
-
-    from hil.strict_toml import parse_table
+    from hil.strict_toml import parse_table, table_of
 
     try:
-        return parse_table(tomllib.loads(text), Bench, "bench_toml")
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"bench_toml: {error}") from None
+        table = table_of(text.encode("utf-8", "surrogatepass"), "bench_toml")
+    except InputError as error:
+        raise Problem(422, str(error)) from None
+    return parse_table(table, Bench, "bench_toml")
 
 
 def _ms(begin: float) -> float:

@@ -335,6 +335,7 @@ def _row(row: sqlite3.Row, details: dict[str, Any], figures: dict[str, float]) -
         "bench": row["bench"],
         "verdict": row["verdict"],
         "parts": details.get("parts", {}),
+        "against": details.get("against", {}),
         "seconds": row["seconds"],
         "clock": details.get("clock"),
         "mode": details.get("mode"),

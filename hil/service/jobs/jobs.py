@@ -120,8 +120,13 @@ class Jobs:
         with self._lock:
             return self._jobs[job].row
 
-    def add(self, do: dict[str, Any], asked: dict[str, Any], *, by: str) -> Row:
-        """Put a job into the queue: `do` is its order, `asked` what was asked for. Raises InputError for too many."""
+    def add(
+        self, do: dict[str, Any], asked: dict[str, Any], *, by: str, noted: Callable[[str], None] = lambda _: None
+    ) -> Row:
+        """Put a job into the queue: `do` is its order, `asked` what was asked for. Raises InputError for too many.
+
+        `noted` is told its name before it is there for anybody; where that, or a write, fails, it never is.
+        """
         with self._lock:
             if len(self._queue) >= WAITING:
                 raise InputError(f"{WAITING} jobs wait already; cancel some, or wait")
@@ -129,9 +134,14 @@ class Jobs:
             at = datetime.fromtimestamp(now)  # to the microsecond: names sort as the jobs were asked for
             name = f"{at:%Y%m%d-%H%M%S-%f}-{secrets.token_hex(4)}"
             place = self._folder / name
-            place.mkdir(mode=0o700)
             order = {"do": do, "asked": asked, "out": str(self._out), "by": by, "time": now}
-            write_text(place / ORDER, json.dumps(order) + "\n")
+            place.mkdir(mode=0o700)
+            try:
+                write_text(place / ORDER, json.dumps(order) + "\n")
+                noted(name)
+            except BaseException:
+                shutil.rmtree(place, ignore_errors=True)
+                raise
             self._jobs[name] = _Job(place, order)
             self._queue.append(name)
         self._tell(name)

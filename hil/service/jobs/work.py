@@ -114,8 +114,12 @@ def _pyramid(order: dict[str, Any], _: Path, __: Path, began: Said, progress: Wa
 
 def _of_run(folder: Path) -> dict[str, Any]:
     run = hil.load(folder)
-    error = run.result.angle_error_rms_rad
-    return {"run": folder.name, "verdict": run.result.verdict, "angle_error_rms_rad": error}
+    result = run.result
+    against = {name: part.reason for name, part in result.parts.items() if part.against}
+    return {
+        "run": folder.name, "verdict": result.verdict, "against": against,
+        "angle_error_rms_rad": result.angle_error_rms_rad,
+    }  # fmt: skip
 
 
 _KINDS: dict[str, Callable[[dict[str, Any], Path, Path, Said, Watcher], dict[str, Any]]] = {

@@ -8,6 +8,7 @@ import { showDrive } from "./drive.js";
 import { EstimatesTable } from "./estimates.js";
 import { showHealth } from "./health.js";
 import { Innovation } from "./innovation.js";
+import { showLast } from "./last-run.js";
 import { Motion } from "./motion.js";
 import { complain } from "./notices.js";
 import { Pattern } from "./pattern.js";
@@ -26,7 +27,10 @@ export class Bench {
     this.estimates = new EstimatesTable();
     this.innovation = new Innovation(live);
     this.scope = new Scope(live);
-    this.streams = [new Pattern(live), this.scope, this.innovation];
+    this.pattern = new Pattern(live);
+    this.streams = [this.pattern, this.scope, this.innovation];
+    /** @type {string | null} the run that is shown, or was last */
+    this.seen = null;
     /** @type {string | null} */
     this.recalled = null;
     this.visible = false;
@@ -55,6 +59,16 @@ export class Bench {
     showHealth(health, run);
     showDrive(/** @type {any} */ (run)?.drive);
     this.flow();
+    this.last();
+  }
+
+  /** A page that was loaded after a run shows what there was to see at its end. */
+  last() {
+    const { up, now } = this.state;
+    if (now.runId) this.seen = now.runId;
+    if (!up || now.running || this.seen || !now.lastRun) return;
+    const run = (this.seen = now.lastRun);
+    showLast(this, run, now.ended, () => this.seen === run && !this.state.now.running).catch(complain);
   }
 
   /** Samples flow while a run lasts and somebody looks. */

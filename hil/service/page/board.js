@@ -26,6 +26,7 @@
  * @property {string} words what there is to say about it
  * @property {string | null} runId of the run that lasts
  * @property {string | null} lastRun of the one before
+ * @property {RunNow | null} ended what that one said of itself last
  * @property {RunNow | null} run
  * @property {number | null} seconds that it is to last
  * @property {string} stage of the run, "" for none
@@ -33,7 +34,8 @@
  * @property {number} total
  * @property {boolean} running
  * @property {{ holder: string, purpose?: string, until?: string } | null} lease
- * @property {Record<string, number>} settings
+ * @property {Record<string, number>} settings in force
+ * @property {Record<string, number>} nextSettings that wait for the next start
  * @property {Record<string, any>} health
  */
 
@@ -53,6 +55,7 @@ export function readBoard(said) {
     words: said.words ?? "",
     runId,
     lastRun: said.last_run ?? null,
+    ended: said.ended && said.ended.run === said.last_run ? said.ended : null,
     run: said.now ?? (typeof said.run === "object" ? said.run : null),
     seconds: said.duration_s ?? null,
     stage,
@@ -61,6 +64,7 @@ export function readBoard(said) {
     running: Boolean(runId || stage),
     lease: said.lease ?? null,
     settings: said.settings ?? {},
+    nextSettings: said.next_settings ?? {},
     health: said.health ?? {},
   };
 }

@@ -6,7 +6,7 @@ import { byId, fill, make } from "./dom.js";
 import { complain, doing } from "./notices.js";
 import { duration, number, quantity } from "./numbers.js";
 import { ratioOf, valueOf } from "./runs.js";
-import { effectsOf, word } from "./verdict.js";
+import { effectsOf, verdictOf, word } from "./verdict.js";
 
 /** @typedef {import("./live.js").Live} Live */
 /** @typedef {import("./board.js").Board} Board */
@@ -65,8 +65,16 @@ export class Circle {
       if (next) this.keep({ ...this.where, again: board.runId });
       else if (this.where.run !== board.runId && this.where.again !== board.runId) this.keep({ bench, run: board.runId });
     }
+    // a page that was not there meanwhile: the run that ended last
+    if (!board.running && board.lastRun && !this.where.run) this.adopt(board.lastRun, board.bench);
     if (before.runId && !board.runId) this.draw(); // the service tells of its result
     if (board.running && board.stage !== before.stage) this.draw();
+  }
+
+  /** @param {string} run @param {string} bench */
+  adopt(run, bench) {
+    this.keep({ bench, run });
+    this.learn(run).then(() => this.draw());
   }
 
   /** @param {any} row */
@@ -118,7 +126,7 @@ export class Circle {
     const link = make("a", { href: `#/runs/${encodeURIComponent(id)}` }, "report and files");
     if (this.state.now.runId === id) return step(title, make("p", {}, this.state.now.stage && this.state.now.stage !== "run" ? `${this.state.now.stage} …` : "running"));
     if (!row?.verdict) return step(title, make("p", {}, row?.state === "interrupted" ? "interrupted" : "no result yet"));
-    return step(title, make("p", {}, word(row.verdict), row.reasons?.length ? `: ${row.reasons.join("; ")}` : ""), make("p", {}, link));
+    return step(title, make("p", {}, verdictOf(row, { reasons: true })), make("p", {}, link));
   }
 
   traceStep() {
@@ -171,7 +179,7 @@ export class Circle {
         ["U of the angle", valueOf(before.figures?.angle_u_rad), valueOf(after.figures?.angle_u_rad), "rad"],
         ["residual / floor", ratioOf(before), ratioOf(after), ""],
       ]).filter(([, left, right]) => left || right);
-      return step("Run again", make("p", {}, word(after.verdict)), ...rows.map(([name, left, right, unit]) => make("p", {}, `${name} ${quantity(left, unit)} → ${quantity(right, unit)}`)), make("p", {}, make("a", { href: `#/compare/${encodeURIComponent(run)}/${encodeURIComponent(again)}` }, "Side by side")), this.againButton());
+      return step("Run again", make("p", {}, verdictOf(after, { reasons: true })), ...rows.map(([name, left, right, unit]) => make("p", {}, `${name} ${quantity(left, unit)} → ${quantity(right, unit)}`)), make("p", {}, make("a", { href: `#/compare/${encodeURIComponent(run)}/${encodeURIComponent(again)}` }, "Side by side")), this.againButton());
     }
     return step("Run again", make("p", {}, "The same board, with the better model."), this.againButton());
   }

@@ -88,14 +88,15 @@ export class Controls {
   }
 
   async armAndStart() {
-    const seconds = Number(this.length.value);
-    const { link, identity } = this.state.now;
+    const { identity } = this.state.now;
     const board = identity.serial ? `board ${identity.serial}` : "the board";
-    const drive = identity.drive_scale_mps2 ? `up to ${quantity(identity.drive_scale_mps2 * 2 ** (identity.drive_bits - 1), "m/s²", 3)}` : "as the bench file says";
-    const facts = /** @type {[string, string][]} */ ([["Link", link], ["Bench file", this.benches.value], ["Length", duration(seconds)], ["Drive", drive]]);
-    if (!(await askConsent(board, facts))) return false;
     await takeLease();
-    await send("POST", "/api/board/start", { bench: this.benches.value, duration_s: seconds, consent: true, settings: this.settings.values() });
+    const asked = { bench: this.benches.value, duration_s: Number(this.length.value), settings: this.settings.values() };
+    const { drives, digest } = await send("POST", "/api/board/drives", asked); // the service says what would drive, whole
+    const facts = drives.map((/** @type {{ name: string, value: string }} */ { name, value }) => [name, value]);
+    if (!(await askConsent(board, [["bench file", asked.bench], ...facts]))) return false;
+    await takeLease();
+    await send("POST", "/api/board/start", { ...asked, consent: true, agreed: digest });
     return true;
   }
 

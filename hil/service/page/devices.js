@@ -7,7 +7,7 @@ import { nameOf, unitOf } from "./figures.js";
 import { complain } from "./notices.js";
 import { count, moment, number, scaled } from "./numbers.js";
 import { drawHead, drawRow } from "./table.js";
-import { word } from "./verdict.js";
+import { verdictOf } from "./verdict.js";
 
 const FIGURES = ["angle_u_rad", "angle_error_rms_rad", "rate_error_rms_rad_s", "innovation_rms", "noise_floor", "late", "lost"];
 
@@ -26,7 +26,7 @@ export class Devices {
       { title: "device", cell: (row) => row.device ?? "–" },
       { title: "runs", figure: true, cell: (row) => count(row.runs) },
       { title: "last", optional: true, cell: (row) => moment(row.last) },
-      { title: "verdict then", cell: (row) => word(row.verdict) },
+      { title: "verdict then", cell: (row) => verdictOf(row) },
     ];
   }
 

@@ -32,16 +32,19 @@ export class Innovation {
   show() {
     if (this.subscriptions.length) return;
     this.subscriptions = [
-      this.live.subscribe({ op: "subscribe", channels: CHANNELS, window_s: SPAN_S, points: 400, mode: "roll" }, (frame) => {
-        this.window.add(frame);
-        this.later();
-      }),
+      this.live.subscribe({ op: "subscribe", channels: CHANNELS, window_s: SPAN_S, points: 400, mode: "roll" }, (frame) => this.take(frame)),
       ...CHANNELS.map((channel, axis) =>
         this.live.subscribe({ op: "spectrum", channel }, (frame) => {
           this.spectra[axis] = frame;
           this.later();
         })),
     ];
+  }
+
+  /** @param {import("./frame.js").Frame} frame */
+  take(frame) {
+    this.window.add(frame);
+    this.later();
   }
 
   hide() {

@@ -6,7 +6,7 @@ import { complain, doing, notice } from "./notices.js";
 import { duration, moment } from "./numbers.js";
 import { drawHead, drawRow } from "./table.js";
 import { ticketFor } from "./ticket.js";
-import { word } from "./verdict.js";
+import { verdictOf } from "./verdict.js";
 
 /**
  * @typedef {object} Job
@@ -110,7 +110,7 @@ export class Jobs {
     }
     if (job.state === "failed") return make("span", { class: "word bad" }, job.error ?? "failed");
     if (job.result?.campaign) return make("span", {}, `${job.result.campaign}: ${tally(job.result.outcomes)}`);
-    return make("span", {}, job.result?.verdict ? word(job.result.verdict) : (job.error ?? ""));
+    return make("span", {}, job.result?.verdict ? verdictOf(job.result, { reasons: true }) : (job.error ?? ""));
   }
 
   /** The page of a campaign, below the table; once more takes it away. @param {Job} job */

@@ -33,13 +33,16 @@ export class Pattern {
   }
 
   show() {
-    this.subscription ??= this.live.subscribe({ op: "pattern", periods: PERIODS }, (frame) => {
-      this.frame = frame;
-      if (this.waiting) return;
-      this.waiting = true;
-      requestAnimationFrame(() => this.draw());
-    });
+    this.subscription ??= this.live.subscribe({ op: "pattern", periods: PERIODS }, (frame) => this.take(frame));
     this.draw();
+  }
+
+  /** @param {Frame} frame single samples of both axes */
+  take(frame) {
+    this.frame = frame;
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => this.draw());
   }
 
   hide() {

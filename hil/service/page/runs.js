@@ -7,7 +7,7 @@ import { complain } from "./notices.js";
 import { count, duration, moment, number } from "./numbers.js";
 import { RunDetail } from "./run.js";
 import { drawHead, drawRow } from "./table.js";
-import { word } from "./verdict.js";
+import { verdictOf } from "./verdict.js";
 
 /** @typedef {import("./live.js").Live} Live */
 
@@ -22,6 +22,7 @@ import { word } from "./verdict.js";
  * @property {string | null} bench
  * @property {string | null} verdict
  * @property {Record<string, string> | null} parts
+ * @property {Record<string, string>} against parts that speak against it, and why
  * @property {number | null} seconds
  * @property {string | null} clock
  * @property {string | null} link
@@ -62,7 +63,7 @@ export class Runs {
       { title: "name", sort: "name", heads: true, cell: (row) => make("a", { href: `#/runs/${encodeURIComponent(row.id)}` }, row.name || row.id) },
       { title: "kind", sort: "kind", cell: (row) => row.kind, optional: true },
       { title: "device", sort: "device", cell: (row) => row.device ?? "–", optional: true },
-      { title: "verdict", sort: "verdict", cell: (row) => word(row.verdict ?? row.state) },
+      { title: "verdict", sort: "verdict", cell: (row) => verdictOf(row) },
       { title: "U of the angle", sort: "angle_u_rad", figure: true, optional: true, cell: (row) => figure("angle_u_rad", row.figures?.angle_u_rad) },
       { title: "residual / floor", sort: "residual_ratio", figure: true, optional: true, cell: (row) => number(ratioOf(row), 3) },
       { title: "length", sort: "seconds", figure: true, optional: true, cell: (row) => duration(row.seconds) },

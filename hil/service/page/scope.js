@@ -144,6 +144,14 @@ export class Scope {
     this.ask();
   }
 
+  /** The end of a run that has ended. @param {string} run @param {number} end @param {() => boolean} wanted */
+  async last(run, end, wanted) {
+    await this.begin(run);
+    if (!wanted()) return;
+    this.hide();
+    if (this.channels.length) await this.look([Math.max(0, end - Number(this.span.value)), end]);
+  }
+
   hide() {
     this.shown = false;
     this.subscription?.close();

@@ -1,4 +1,5 @@
-// Settings of the controller: what can change while it runs does so at once, the rest at the next start.
+// Settings of the controller: what can change while it runs does so at once, the rest at the next start. They live for
+// one run: the fields are empty again when it has ended, or the board is another one.
 
 import { byId, fill, make } from "./dom.js";
 import { doing } from "./notices.js";
@@ -19,7 +20,7 @@ export class SettingsForm {
     this.declared = {};
     /** @type {Map<string, HTMLInputElement>} */
     this.inputs = new Map();
-    /** @type {Record<string, number>} in force */
+    /** @type {Record<string, number>} in force; where no loop runs, those that the next start begins with */
     this.now = {};
     const rows = FIELDS.flatMap(([name, label, unit, , least]) => {
       const input = make("input", { id: `set-${name}`, name, type: "number", step: "any", ...(least === null ? {} : { min: String(least) }) });
@@ -40,9 +41,11 @@ export class SettingsForm {
       const changed = Object.fromEntries(Object.entries(this.values()).filter(([name, value]) => value !== this.now[name]));
       if (Object.keys(changed).length) await onChange(changed);
     }));
-    state.listen(({ running, settings }) => {
+    state.listen(({ connected, running, settings, nextSettings }, _, before) => {
+      // what was filled in was for one run of one board: another one begins with its bench file
+      if ((before.running && !running) || before.connected !== connected) this.clear();
       this.running = running;
-      this.now = settings;
+      this.now = running ? settings : nextSettings;
       for (const [name, input] of this.inputs) this.suggest(name, input);
       this.mark();
     });
@@ -52,6 +55,10 @@ export class SettingsForm {
   declare(declared) {
     this.declared = declared;
     for (const [name, input] of this.inputs) this.suggest(name, input);
+  }
+
+  clear() {
+    for (const input of this.inputs.values()) input.value = "";
   }
 
   /** @returns {Record<string, number>} what is filled in, SI units */

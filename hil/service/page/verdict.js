@@ -17,6 +17,20 @@ export const toneOf = (verdict) => TONES[verdict ?? ""] ?? "";
 /** @param {string | null | undefined} verdict @returns {HTMLElement} */
 export const word = (verdict) => make("span", { class: `word ${toneOf(verdict)}` }, verdict || "–");
 
+/**
+ * The verdict of a run with the parts that speak against it, and why where there is room.
+ *
+ * @param {{ verdict?: string | null, state?: string, against?: Record<string, string> }} row
+ * @param {{ reasons?: boolean }} [how]
+ */
+export function verdictOf({ verdict, state, against }, { reasons = false } = {}) {
+  const parts = Object.entries(against ?? {});
+  if (!parts.length) return word(verdict ?? state);
+  const told = parts.map(([part, reason]) => (reasons && reason ? `${part}: ${reason}` : part)).join(reasons ? "; " : ", ");
+  const whole = parts.map(([part, reason]) => `${part}: ${reason}`).join("\n");
+  return make("span", { title: whole }, word(verdict ?? state), ` ${told}`);
+}
+
 /** The parts of a run's verdict, the worst of which is the verdict. @param {Record<string, Part | string> | null | undefined} parts */
 export function partsOf(parts) {
   const whole = Object.entries(parts ?? {}).map(([name, part]) => /** @type {[string, Part]} */ ([name, typeof part === "string" ? { outcome: part } : part]));

@@ -81,11 +81,14 @@ class Client:
         while True:
             try:
                 text = await self._socket.receive_text()
-            except (WebSocketDisconnect, KeyError, RuntimeError):
+            except KeyError:
+                self._refuse(None, "the message is binary; send JSON as text")
+                continue
+            except (WebSocketDisconnect, RuntimeError):
                 return
             try:
                 message = json.loads(text)
-            except ValueError:
+            except (ValueError, RecursionError):
                 self._refuse(None, "the message is no JSON")
                 continue
             self._do(message)
@@ -93,6 +96,9 @@ class Client:
     def _do(self, message: Any) -> None:
         number = message.get("id") if isinstance(message, dict) else None
         op = message.get("op") if isinstance(message, dict) else None
+        if not isinstance(op, str):
+            self._refuse(number, 'the message is no object with an "op" that is a text')
+            return
         if op == "safe":
             task = asyncio.ensure_future(self._bring_to_safe())
             self._tasks.add(task)
@@ -103,7 +109,8 @@ class Client:
         elif op in _VIEWS:
             self._want(message)
         elif op != "hello":
-            self._refuse(number, f"op: {op!r} is none; there are hello, safe, unsubscribe, {', '.join(sorted(_VIEWS))}")
+            known = ", ".join(("hello", "safe", "unsubscribe", *sorted(_VIEWS)))
+            self._refuse(number, f"op: {op[:40]!r} is none; there are {known}")
 
     def _want(self, message: Any) -> None:
         number = message.get("id")
