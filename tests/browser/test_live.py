@@ -214,3 +214,43 @@ def test_a_lost_service_is_told_and_found_again(browser: Browser, service: Servi
             expect(page.state).to_have_text("Service lost")
         expect(page.page.locator("#service-text")).to_have_text("service connected")
         page.complaints.clear()  # the browser tells of sockets that were not opened
+
+
+@pytest.mark.long
+@_IN_LOCKSTEP
+def test_the_dialog_lists_all_that_would_drive_and_a_reload_shows_what_was(page: BenchPage) -> None:
+    page.disconnect_if_connected()
+    page.connect(BOARD, LOCKSTEP)
+    page.page.get_by_label("Amplitude").fill("110")
+    page.page.get_by_label("Length").fill("9")
+    page.page.get_by_role("button", name="Arm and start").click()
+    facts = page.page.locator("#consent-facts")
+    expect(facts).to_contain_text("110 µm (a setting; the bench file says 100 µm)")
+    for told in (
+        "largest drive",
+        "10 m/s²",
+        "target stiffness",
+        "virtual rotation",
+        "3 rad/s",
+        "0.3 m/s² rms",
+        "watchdog",
+    ):
+        expect(facts).to_contain_text(told)
+    page.page.get_by_role("dialog").get_by_role("button", name="Arm and start").click()
+    page.eventually(lambda: page.api("GET", "/api/board")["last_run"] is not None, 240.0)
+    page.idle()
+    folder = page.service.folder / page.api("GET", "/api/board")["last_run"]
+    assert "amplitude_m = 0.00011" in (folder / "bench.toml").read_text()
+    expect(page.page.get_by_label("Amplitude")).to_have_value("")  # it was for that run
+    angle = page.page.locator("#angle-value").inner_text()
+    page.page.reload()
+    expect(page.page.locator("#angle-value")).to_have_text(angle)
+    expect(page.page.locator("#estimates tbody tr")).to_have_count(13)
+    expect(page.page.locator("#circle")).to_be_visible()
+    expect(page.page.locator("#scope-readout")).to_contain_text("single samples")
+    expect(page.page.get_by_label("Amplitude")).to_have_value("")
+    page.page.get_by_role("button", name="Arm and start").click()
+    expect(facts).to_contain_text("100 µm")
+    expect(facts).not_to_contain_text("a setting")
+    page.page.get_by_role("button", name="Do not arm").click()
+    page.disconnect_if_connected()

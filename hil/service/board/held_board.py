@@ -201,6 +201,8 @@ class HeldBoard:
         self._opening = None
         self._again_s = time.monotonic() + _ASK_EVERY_S
         connecting, self._connecting = self._connecting, None
+        if opening.board is not None and not opening.resumed:  # whatever became of its link
+            self._board, self._stack = opening.board, opening.stack
         if opening.error:
             if connecting is None:
                 self._miss(_LEFT if self._leaves else opening.error)
@@ -209,9 +211,7 @@ class HeldBoard:
                 connecting({"refused": opening.error})
             self._go_on()
             return
-        self._held, self._board, self._link = opening.process, opening.board, opening.link
-        if connecting is not None or not opening.resumed:
-            self._stack = opening.stack
+        self._held, self._link = opening.process, opening.link
         self._leaves = False
         known = {} if opening.identity is None else {"identity": _told_identity(opening.identity)}
         self._change(connected=True, lost=False, left=False, words="", **known)

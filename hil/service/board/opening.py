@@ -29,7 +29,7 @@ class Opening:
     latch.  reason: of the SAFE by which the board is asked for its state.
 
     Attributes:
-        error: why there is no link, "" where there is one.
+        error: why there is no link, "" where there is one; a board that was started here serves all the same.
         resumed: whether the board served already.
         identity, status: what the board said; None where it was not asked.
         stack: what ends the board that was started here.
@@ -77,9 +77,12 @@ class Opening:
             self.error = told_to_user(error) or str(error)
         except Exception as error:  # noqa: BLE001 - of a thread: it is told
             self.error = f"a fault of hil: {type(error).__name__}: {error}"
-        if self.error or self._given_up:
-            self.close()
-            self.error = self.error or "given up"
+        with self._lock:
+            if self._given_up:
+                self.error = self.error or "given up"
+        if self.error and self.process is not None:
+            self.process.close()
+            self.process = None
         self._done(self)
 
     def _try(self) -> None:
@@ -97,4 +100,4 @@ class Opening:
             return
         if self.greet or isinstance(self.link, UdpGroup):  # where a session begins with it
             self.identity = self.process.hello(CONNECT_S)
-        self.status = self.process.safe(self.reason, PATIENCE_S)
+        self.status = self.process.safe(self.reason, CONNECT_S)  # it may only just have started
