@@ -109,8 +109,9 @@ class UdpGroup:
 
 @dataclass(frozen=True)
 class Emulated:
-    """`pty:SCENARIO` and `inproc:SCENARIO[?latency=TICKS&rate=HZ]`: a board started for the link, and what of it is other
-    is another than its scenario says."""
+    """`pty:SCENARIO`, `inproc:SCENARIO`, both with [?latency=TICKS&rate=HZ]: a board that is started for the link, and
+    what of it is another than its scenario says.
+    """
 
     kind: Literal["pty", "inproc"]
     scenario: str

@@ -285,8 +285,9 @@ def test_on_a_full_disk_safe_acts_and_nothing_is_taken(tmp_path: Path) -> None:
     with serving(tmp_path / "runs") as service:
         lease = service.ask("POST", "/api/lease", json={"holder": "Ada", "seconds": 600}).json()["lease"]
         headers = {"x-lease": lease}
-        state = service.ask("POST", "/api/board/connect", json={"link": "pty:s-slow"}, headers=headers).json()
-        assert state["state"] == "SAFE"
+        state = service.ask("POST", "/api/board/connect", json={"link": "pty:s-slow"}, headers=headers)
+        assert state.status_code == 200, state.text
+        assert state.json()["state"] == "SAFE"
         with full(service):
             for _ in range(20):
                 safe = service.ask("POST", "/api/board/safe")

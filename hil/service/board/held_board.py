@@ -189,7 +189,10 @@ class HeldBoard:
     def _open(self, link: LinkName, board: Served | None, *, greet: bool) -> None:
         """Begin to open the link; `_opened` is called when that has come to its end."""
         reason = SafeReason.HOST_REQUEST if self._owed else SafeReason.LINK_LOST
-        self._opening = Opening(link, board, greet=greet, reason=reason, done=self._put_opened)
+        self._opening = Opening(
+            link, board, greet=greet, reason=reason, done=self._put_opened,
+            told=lambda words: self._change(words=words),
+        )  # fmt: skip
 
     def _put_opened(self, opening: Opening) -> None:
         self._jobs.put(lambda: self._opened(opening))
@@ -225,14 +228,13 @@ class HeldBoard:
         self._go_on()
 
     def _settle(self, opening: Opening) -> None:
-        """Answer the SAFEs that waited for the link."""
-        if self._owed and opening.reason is not SafeReason.HOST_REQUEST:
-            return  # asked for while it was opened: said now
-        status = opening.status
-        assert status is not None
+        """Answer the SAFEs that waited for the link; those asked for while it was opened are said now."""
         owed, self._owed = self._owed, []
         for answer, _ in owed:
-            answer({"said": _told_safe(status)})
+            if opening.reason is SafeReason.HOST_REQUEST and opening.status is not None:
+                answer({"said": _told_safe(opening.status)})
+            else:
+                self._safe(answer)
 
     def _go_on(self) -> None:
         """What waited for the link's opening, whatever came of it."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from hil.emulation import Served, served
 from hil.errors import InputError, told_to_user
+from hil.progress import Progress
 from hil.service.board.link_process import LinkProcess
 from hil.wire.errors import LinkError, WireError
 from hil.wire.link_name import Emulated, LinkName, UdpGroup
@@ -23,7 +24,7 @@ _COMPILE_S = 300.0  # for a board in this machine's own processes
 
 
 class Opening:
-    """Begins at once; `done` is called, in its thread, when it has come to its end.
+    """Begins at once; `told` is called, in its thread, with how far it is, `done` when it has come to its end.
 
     board: one that serves already, None to start what the link starts.  greet: whether to say HELLO, which lifts a
     latch.  reason: of the SAFE by which the board is asked for its state.
@@ -43,6 +44,7 @@ class Opening:
         greet: bool,
         reason: SafeReason,
         done: Callable[["Opening"], None],
+        told: Callable[[str], None],
     ) -> None:
         self.link, self.board, self.greet, self.reason = link, board, greet, reason
         self.resumed = board is not None
@@ -51,7 +53,7 @@ class Opening:
         self.error = ""
         self.identity: dict[str, Any] | None = None
         self.status: dict[str, Any] | None = None
-        self._done = done
+        self._done, self._told = done, told
         self._lock = threading.Lock()
         self._given_up = False
         threading.Thread(target=self._open, name="opening", daemon=True).start()
@@ -85,10 +87,18 @@ class Opening:
             self.process = None
         self._done(self)
 
+    def _tell(self, progress: Progress) -> None:
+        if not self._given_up:
+            self._told(progress.note)
+
     def _try(self) -> None:
         inproc = isinstance(self.link, Emulated) and self.link.kind == "inproc"
         if self.board is None:
-            self.board = Served(self.link.url) if inproc else self.stack.enter_context(served(self.link.url))
+            self.board = (
+                Served(self.link.url)
+                if inproc
+                else self.stack.enter_context(served(self.link.url, progress=self._tell))
+            )
         with self._lock:
             if self._given_up:
                 raise LinkError("given up")
