@@ -11,6 +11,7 @@ from pydantic_core import CoreSchema
 from hil.bench.calibration import Calibration
 from hil.bench.modes import STANDS_BESIDE, STANDS_FOR, Modes, in_stiffness_and_damping
 from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix, offer_instead
+from hil.records.units import LEVELS
 
 DriveUnit = Literal["mps2", "N", "V"]
 
@@ -43,7 +44,16 @@ class Sense(Section):
     @property
     def is_in_decibels(self) -> bool:
         """Whether that is a logarithm."""
-        return self.is_envelope and self.unit == "dB"
+        return self.is_envelope and self.unit in LEVELS
+
+    @model_validator(mode="after")
+    def _levels_are_of_amplitudes(self) -> Self:
+        if self.unit in LEVELS and not self.is_envelope:
+            raise ValueError(
+                f'unit: "{self.unit}" is a level, and a level is of an amplitude; set senses = "envelope", '
+                "or give the waveform in its own unit"
+            )
+        return self
 
 
 class Drive(Section):

@@ -23,8 +23,8 @@ def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) ->
     known = _OF_MAPS if mapped else CHANNELS
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            remedy = f"did you mean {near[0]}?" if near else f"known are {', '.join(CHANNELS)}, others need --map"
+            near = near_channel(name, known)
+            remedy = f"did you mean {near}?" if near else f"known are {', '.join(CHANNELS)}, others need --map"
             return f"column {name!r} is not known; {remedy}"
         if names.count(name) > 1:
             return f"column {name!r} appears twice; keep one"
@@ -53,3 +53,8 @@ def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) ->
         given = ", ".join(x_drives + y_drives)
         return f"two axes but the drives are {given}; give ux and uy in one unit, or neither"
     return None
+
+
+def near_channel(name: str, known: Sequence[str] = CHANNELS) -> str | None:
+    """The channel that a name which is none may have been meant for."""
+    return next(iter(difflib.get_close_matches(name, known, n=1)), None)

@@ -1,4 +1,7 @@
-"""`hil import`: a record from elsewhere becomes a capture, whole or not at all."""
+"""`hil import`: a record from elsewhere becomes a capture, whole or not at all.
+
+One way leads from every kind of source to a capture: columns by name, time, rows that are lost, units, preparation.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,27 +11,29 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.interchange.channels import CHANNELS, SENSED, fault_in
+from hil.interchange.channels import CHANNELS, SENSED
 from hil.interchange.columns import write_columns
-from hil.interchange.mapping import RecordMap, delimiter_meant, locate, locate_where, read_map
-from hil.interchange.matlab import is_matlab, read_vectors
-from hil.interchange.parquet import is_parquet, read_parquet
+from hil.interchange.mapping import RecordMap, read_map
+from hil.interchange.matlab import MatlabSource, is_matlab
+from hil.interchange.naming import Asked, asked_of
+from hil.interchange.parquet import ParquetSource, is_parquet
 from hil.interchange.preparation import prepared
-from hil.interchange.table import Table, read_columns, read_header
-from hil.interchange.uniformity import Numbered, first_not_increasing, numbered, odd_step, spacing
+from hil.interchange.record_time import Remedies, numbered_rows, time_of
+from hil.interchange.source import Selection, Source, Table, Wanted
+from hil.interchange.suspicious import require_measured, require_no_thousands
+from hil.interchange.text_source import TextSource
 from hil.records.capture import Capture, Hold, import_layout, read_capture
 
+PLAIN = RecordMap(hold="zoh")
+"""What is done without a map."""
 
-class _Record(NamedTuple):
-    """Channels in SI by name, still with the lines they stood on, and what the map said of them."""
 
-    channels: dict[str, npt.NDArray[np.float64]]
-    lines: npt.NDArray[np.int64]
-    rate_Hz: float | None
-    hold: Hold
-    segments: Mapping[str, tuple[int, int]]
-    steady: bool = False
-    mapping: RecordMap | None = None
+class Imported(NamedTuple):
+    """The capture read back; rows of the source that were gone through; columns of it that no channel is."""
+
+    capture: Capture
+    of_rows: int
+    left_out: tuple[str, ...]
 
 
 def import_record(
@@ -39,137 +44,149 @@ def import_record(
     hold: Hold | None = None,
     nonuniform: bool = False,
 ) -> Capture:
-    """Turn the record `source` (CSV, plain or gzipped; MATLAB with a map; Parquet as `hil export` has it) into the
-    capture `target`, and return it read back.
+    """Turn the record `source` (delimited text, plain or gzipped; MATLAB; Parquet) into the capture `target`, and
+    return it read back; see `import_file`.
+    """
+    return import_file(source, target, map_file=map_file, hold=hold, nonuniform=nonuniform).capture
 
-    Without `map_file` the header must be the interchange one: t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N),
-    and optionally rate_rad_s, temp_C; a single-axis record leaves out y. `hold` says what the drive did
-    between samples: by default what the map says, or zoh. Time must increase, and be even unless `nonuniform`; samples
-    that are missing then leave a gap in `tick`, where nothing is known of the drive.
+
+def import_file(
+    source: Path,
+    target: Path,
+    *,
+    map_file: Path | None = None,
+    hold: Hold | None = None,
+    nonuniform: bool = False,
+) -> Imported:
+    """The same, with what there is to tell of it.
+
+    Without `map_file`, or without [columns] in it, names of columns are the interchange ones: t_s, vx_V, vy_V,
+    ux_mps2, uy_mps2 (or _V, _N), and optionally rate_rad_s, temp_C; a single-axis record leaves out y. `hold` says what
+    the drive did between samples: by default what the map says, or zoh. Time must increase, and be even unless
+    `nonuniform`; samples that are missing leave a gap in `tick`, where nothing is known of the drive.
 
     Raises InputError with file, line or column, and the remedy; `target` is then left as it was.
     """
-    record = _read_plain(source) if map_file is None else _read_mapped(source, read_map(map_file))
-    time = _time_base(source, record, nonuniform)
-    if hold is not None:
-        record = record._replace(hold=hold)
-    channels = dict(record.channels)
-    if "t_s" not in channels:
-        channels["t_s"] = time.tick / time.rate_Hz
-    record = record._replace(channels=channels)
+    mapping = None if map_file is None else read_map(map_file)
+    opened = open_source(source, mapping or PLAIN, map_file)
+    if hold is None and mapping is None and isinstance(opened, ParquetSource):
+        hold = opened.hold
+    return import_from(opened, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform)
+
+
+def open_source(path: Path, mapping: RecordMap, map_file: Path | None) -> Source:
+    """The file at `path` as a source. Raises InputError for a key of the map that has no meaning for its kind."""
+    if is_parquet(path):
+        require_keys_act(mapping, ParquetSource.kind, str(path), map_file)
+        return ParquetSource(path)
+    if is_matlab(path):
+        require_keys_act(mapping, MatlabSource.kind, str(path), map_file)
+        return MatlabSource(path)
+    if path.suffix == ".parquet":
+        raise InputError(f"{path}: no Parquet file, whatever its name says; export it anew, or name it as what it is")
+    return TextSource(path, mapping)
+
+
+def require_keys_act(mapping: RecordMap, kind: str, called: str, map_file: Path | None) -> None:
+    """Refuse keys of texts beside what is none."""
+    if keys := mapping.keys_of_text_given():
+        raise InputError(f"{map_file}: {keys[0]}: acts on text only, and {called} is {kind}; leave it out")
+
+
+def import_from(
+    source: Source,
+    target: Path,
+    mapping: RecordMap | None,
+    *,
+    map_file: Path | None = None,
+    hold: Hold | None = None,
+    nonuniform: bool = False,
+    remedies: Remedies | None = None,
+) -> Imported:
+    """Write the capture of an opened source."""
+    given = mapping or PLAIN
+    asked = asked_of(source, given)
+    where = {_of_where(source, name): text for name, text in given.where.items()}
+    wanted = [Wanted(part.at, part.called, part.is_time, part.source.thousands) for part in asked.parts]
+    table = source.read(wanted, Selection(where, given.rows, given.missing or ()))
     try:
-        made = prepared(record.channels, record.segments, record.hold, time, record.mapping)
+        return _written(source, target, given, asked, table, hold or given.hold, nonuniform, remedies or Remedies())
     except ValueError as error:
-        raise InputError(f"{source if map_file is None else map_file}: {error}") from None
-    channels = made.channels
-    names = [name for name in (*CHANNELS, *SENSED.values()) if name in channels]
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{map_file or source.called}: {error}") from None
+
+
+def _written(
+    source: Source,
+    target: Path,
+    mapping: RecordMap,
+    asked: Asked,
+    table: Table,
+    hold: Hold,
+    nonuniform: bool,
+    remedies: Remedies,
+) -> Imported:
+    stamps = time_of(source, asked, table, may_be_missing=bool(mapping.missing))
+    channels: dict[str, npt.NDArray[np.float64]] = {}
+    for part, values in zip(asked.parts, table.columns, strict=True):
+        if not part.is_time:
+            channels[part.channel] = values
+    lost = np.zeros(table.rows.size, dtype=bool)
+    for values in (*channels.values(), *(() if stamps is None else (stamps.elapsed,))):
+        lost |= np.isnan(values)
+    if lost.any() and np.count_nonzero(~lost) < 2:
+        raise InputError(f"{source.called}: fewer than two rows hold a measurement; correct `missing`")
+    if mapping.missing is None:
+        for part, values in zip(asked.parts, table.columns, strict=True):
+            if not part.is_time:
+                require_measured(source, part, values, table.rows, is_mapped=mapping is not PLAIN)
+    if isinstance(source, TextSource) and mapping.decimal is None:
+        for part, values in zip(asked.parts, table.columns, strict=True):
+            if values.dtype.kind == "f" and part.source.thousands is None:
+                require_no_thousands(source, part, values)
+    for part in asked.parts:
+        if not part.is_time:
+            channels[part.channel] = part.source.in_its_unit(part.channel, channels[part.channel])
+    segments = _segments(source, mapping, table, lost)
+    time, t_s = numbered_rows(source, mapping, table, stamps, ~lost, nonuniform, remedies)
+    kept = {name: values[~lost] for name, values in channels.items()}
+    made = prepared({"t_s": t_s, **kept}, segments, hold, time, mapping)
+    names = [name for name in (*CHANNELS, *SENSED.values()) if name in made.channels]
     layout = import_layout(
         names,
         tick_rate_Hz=made.rate_Hz,
         uniform=time.uniform,
-        hold=record.hold,
+        hold=hold,
         segments=made.segments,
-        steady=record.steady,
-        sense_unit="V" if record.mapping is None else record.mapping.sense_unit,
+        steady=mapping.steady,
+        sense_unit=mapping.sense_unit,
         told=made.told,
     )
-    tick = time.tick if time.lost else None
-    write_columns(target, layout, {name: channels[name] for name in names}, tick)
-    return read_capture(target)
+    write_columns(target, layout, {name: made.channels[name] for name in names}, time.tick if time.lost else None)
+    return Imported(read_capture(target), table.of, asked.left_out)
 
 
-def _read_plain(source: Path) -> _Record:
-    if is_parquet(source):
-        return _read_parquet(source)
-    if is_matlab(source):
-        raise InputError(f"{source}: a MATLAB file; give a --map that says which variable is which channel")
-    if source.suffix == ".parquet":
-        raise InputError(f"{source}: no Parquet file, whatever its name says; export it anew, or name it as what it is")
-    header = read_header(source)
-    if (mark := delimiter_meant(header, ",")) is not None:
-        shown = "\\t" if mark == "\t" else mark
-        raise InputError(f'{source}:1: the line is one cell; give a --map with delimiter = "{shown}"')
-    fault = fault_in(header, needs_time=True)
-    if fault:
-        raise InputError(f"{source}:1: {fault}")
-    table = read_columns(source, range(len(header)), header)
-    channels = {name: table.values[:, index] for index, name in enumerate(header)}
-    return _Record(channels, table.lines, None, "zoh", {})
+def _of_where(source: Source, name: str) -> int:
+    try:
+        return source.locate(name)
+    except InputError as error:
+        raise InputError(str(error).replace(f"no column {name!r};", f"no column {name!r} for `where`;")) from None
 
 
-def _read_parquet(source: Path) -> _Record:
-    names, values, hold = read_parquet(source)
-    fault = fault_in(names, needs_time=True)
-    if fault:
-        raise InputError(f"{source}: {fault}")
-    channels = dict(zip(names, values.T, strict=True))
-    return _Record(channels, np.arange(1, len(values) + 1), None, hold, {})
-
-
-def _read_mapped(source: Path, mapping: RecordMap) -> _Record:
-    if is_parquet(source):
-        raise InputError(f"{source}: a map is for CSV and MATLAB files; name the columns of Parquet as hil export does")
-    sources = mapping.columns.given()
-    if is_matlab(source):
-        table = read_vectors(source, [str(entry.column) for entry in sources.values()], mapping.rows)
-    else:
-        header = read_header(source, mapping.delimiter, mapping.skip_lines)
-        table = read_columns(
-            source,
-            locate(mapping, header, source),
-            [f"{entry.column} ({channel})" for channel, entry in sources.items()],
-            delimiter=mapping.delimiter,
-            skip_lines=mapping.skip_lines,
-            header=mapping.header,
-            rows=mapping.rows,
-            where=locate_where(mapping, header, source),
-        )
-    channels: dict[str, npt.NDArray[np.float64]] = {}
-    for index, (channel, entry) in enumerate(sources.items()):
-        factor, addition = entry.factor_and_addition(channel)
-        channels[channel] = factor * table.values[:, index] + addition
-    segments = _segments(source, mapping, table)
-    rate_Hz = 1.0 if mapping.steady else mapping.sampling_rate_Hz
-    return _Record(channels, table.lines, rate_Hz, mapping.hold, segments, mapping.steady, mapping)
-
-
-def _segments(source: Path, mapping: RecordMap, table: Table) -> dict[str, tuple[int, int]]:
+def _segments(
+    source: Source, mapping: RecordMap, table: Table, lost: npt.NDArray[np.bool_]
+) -> Mapping[str, tuple[int, int]]:
     """Segments counted from the first kept row; the map counts from the first row of the file."""
-    first, stop = mapping.rows or (0, table.lines.size)
-    last = first + table.lines.size
+    first, stop = mapping.rows or (0, table.rows.size)
+    last = first + table.rows.size
+    ends = f"{source.called}: ends at data row {last}"
     if stop > last:
-        raise InputError(f"{source}: ends at data row {last}, before the map's rows end ({stop}); correct `rows`")
-    for name, (_, end) in mapping.segments.items():
+        raise InputError(f"{ends}, before the map's rows end ({stop}); correct `rows`")
+    before = np.concatenate([[0], np.cumsum(~lost)])
+    segments = {}
+    for name, (start, end) in mapping.segments.items():
         if end > last:
-            raise InputError(f"{source}: ends at data row {last}, before segment {name} ({end}); correct the map")
-    return {name: (start - first, end - first) for name, (start, end) in mapping.segments.items()}
-
-
-def _time_base(source: Path, record: _Record, nonuniform: bool) -> Numbered:
-    """Sampling rate, whether samples are evenly spaced, and the number of each among those that are missing."""
-    rows = record.lines.size
-    if rows < 2:
-        raise InputError(f"{source}: one row only; a record needs at least two")
-    if record.rate_Hz is not None:
-        return Numbered(np.arange(rows), record.rate_Hz, True)
-    t_s = record.channels["t_s"]
-    row = first_not_increasing(t_s)
-    if row is not None:
-        later, earlier = t_s[row], t_s[row - 1]
-        raise InputError(
-            f"{source}:{record.lines[row]}: column t_s: {later:.9g} s is not later than {earlier:.9g} s "
-            "on the row before; sort or mend the time column"
-        )
-    _, off = spacing(t_s)
-    time = numbered(t_s)
-    if off is not None and not nonuniform:
-        remedy = f"{time.missing()}; give --nonuniform to keep them as gaps" if time.lost else None
-        raise InputError(
-            f"{source}:{record.lines[off]}: column t_s: {odd_step(t_s, off)}; "
-            f"{remedy or 'give --nonuniform if the record is meant so'}"
-        )
-    if time.mostly_lost:
-        raise InputError(
-            f"{source}: column t_s: {time.missing()}, more than there are; import what lies before and behind by itself"
-        )
-    return time
+            raise InputError(f"{ends}, before segment {name} ({end}); correct the map")
+        segments[name] = (int(before[start - first]), int(before[end - first]))
+    return segments

@@ -1,18 +1,19 @@
-"""The map file (`--map`): how a delimited file that looks different becomes a record."""
+"""The map file (`--map`): how a file or arrays that look different become a record."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hil.errors import InputError
 from hil.interchange.band import Band
 from hil.interchange.channels import OWN, fault_in
-from hil.interchange.units import MOTIONS, Motion, factor_and_addition, motion_of, require_own_unit
+from hil.interchange.units import MOTIONS, VOLTS_OF_LEVELS, Motion, factor_and_addition, motion_of, require_own_unit
 from hil.records.capture import Hold
-from hil.strict_toml import near_or_all, read_toml
+from hil.strict_toml import read_toml
 
+Mark = Annotated[str, Field(min_length=1, max_length=1)]
 Rows = Annotated[
     tuple[int, int], Field(description="[first, one past the last] data row, counted from 0 among those kept")
 ]
@@ -22,13 +23,20 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+Name = str | Annotated[int, Field(ge=1)]
+
+
 class Source(_Table):
     """Where one channel comes from: value = scale · cell + offset, in `unit`."""
 
-    column: str | Annotated[int, Field(ge=1)] = Field(description="name in the header, or position from 1")
+    column: Name = Field(description="its name, or its position from 1")
     unit: str = Field(description="unit of scale · cell + offset, e.g. V or deg/s")
     scale: float = Field(default=1.0, description="what a cell is multiplied by before `unit` applies")
     offset: float = Field(default=0.0, description="what is added to that, in `unit`")
+    thousands: Literal[",", ".", "'", " ", "\u00a0", "\u202f"] | None = Field(
+        default=None,
+        description="of a text: what stands between groups of three digits; no decimal then, if it is that",
+    )
     frame: Literal["relative", "absolute"] = Field(
         default="relative",
         description="vx, vy beside a base: relative to it, or absolute, from which the base's motion is taken off",
@@ -43,23 +51,46 @@ class Source(_Table):
                 factor, addition = 1.0, 0.0
             elif channel == "base":
                 factor, addition = motion_of(self.unit).factor, 0.0
+            elif self.is_level_in_volts(channel):
+                factor, addition = 1.0, 0.0
             else:
                 factor, addition = factor_and_addition(channel.split("_", 1)[1], self.unit)
         except ValueError as error:
             raise ValueError(f"[columns.{channel}] {error}") from None
         return factor * self.scale, factor * self.offset + addition
 
-    def index_in(self, header: Sequence[str]) -> int | None:
-        """Index of the column in a file with this header; None when it has no such column."""
-        if isinstance(self.column, int):
-            return self.column - 1 if self.column <= len(header) else None
-        return header.index(self.column) if self.column in header else None
+    def is_level_in_volts(self, channel: str) -> bool:
+        """Whether a level stands where volts are asked for."""
+        return channel in ("vx_V", "vy_V") and self.unit in VOLTS_OF_LEVELS
+
+    def in_its_unit(self, channel: str, cells: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The values of a channel: in SI, in the sensor's own unit, of a level the amplitude."""
+        factor, addition = self.factor_and_addition(channel)
+        values = factor * cells + addition
+        if self.is_level_in_volts(channel):
+            values = VOLTS_OF_LEVELS[self.unit] * 10.0 ** (values / 20.0)
+        return values
+
+
+class Addend(_Table):
+    """A further column of the time."""
+
+    column: Name = Field(description="its name, or its position from 1")
+    unit: str = Field(description="its unit, e.g. ns or week")
+
+
+class Time(Source):
+    """Where the time comes from: the sum of one column or several."""
+
+    add: tuple[Addend, ...] = Field(
+        default=(), description="columns to add, where the time stands in several: [{ column = …, unit = … }]"
+    )
 
 
 class Columns(_Table):
     """The channels of the record and their sources."""
 
-    t_s: Source | None = None
+    t_s: Time | None = None
     vx_V: Source | None = None
     vy_V: Source | None = None
     vx: Source | None = None
@@ -95,41 +126,38 @@ class RecordMap(_Table):
 
     hold: Hold = Field(description="what the drive does between samples: zoh, foh or bandlimited")
     sampling_rate_Hz: Annotated[float, Field(gt=0)] | None = Field(
-        default=None, description="samples per second, where the file has no time column"
+        default=None, description="samples per second; beside t_s, whose stamps are then rounded to that grid"
     )
-    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = Field(
-        default=",", description="what stands between two cells"
+    encoding: str = Field(default="utf-8", description="of the text, as cp1252 or utf-16")
+    delimiter: Mark = Field(default=",", description='what stands between two cells; " " is any run of blanks')
+    quote: Annotated[str, Field(max_length=1)] = Field(
+        default='"', description='what a cell may stand between; "" where such marks are letters'
     )
+    decimal: Literal[".", ","] | None = Field(default=None, description="what stands before decimals; a point")
+    comment: Annotated[str, Field(min_length=1, max_length=8)] | None = Field(
+        default=None, description="lines that begin so are left out, as # or %"
+    )
+    skip_lines: Annotated[int, Field(ge=0)] = Field(default=0, description="lines before the header")
     header: bool = Field(default=True, description="whether the first line names the columns")
-    skip_lines: Annotated[int, Field(ge=0)] = Field(default=0, description="lines before that one")
+    units_row: bool = Field(default=False, description="whether a line of units follows the header; it is left out")
     rows: Rows | None = Field(default=None, description="the rows to keep, [first, one past the last], from 0")
     steady: bool = Field(default=False, description="true: each row is a steady state of its own; there is no time")
     where: dict[str, str] = Field(default_factory=dict, description="keep the rows in which these columns read so")
+    missing: tuple[str | float, ...] | None = Field(
+        default=None, description="cells that are no measurement: the row is lost; [] where there are none"
+    )
     covariates: dict[str, float] = Field(
         default_factory=dict, description="what was other on other records: load, serial number; numbers by name"
     )
     filter: Filter | None = Field(default=None, description="table [filter]")
-    columns: Columns
+    columns: Columns | None = Field(default=None, description="table [columns]; without it names are channels")
     segments: dict[str, Rows] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _coherent(self) -> Self:
-        channels = self.columns.given()
-        if self.sampling_rate_Hz is not None and "t_s" in channels:
-            raise ValueError("sampling_rate_Hz: the columns have t_s already; keep one of the two")
-        if self.steady and (self.sampling_rate_Hz is not None or "t_s" in channels):
-            raise ValueError("steady: steady states have no time; leave out t_s and sampling_rate_Hz")
-        if self.where and not self.header:
-            raise ValueError("where: the file has no header to find columns by; keep rows by `rows`")
-        needs_time = self.sampling_rate_Hz is None and not self.steady
-        fault = fault_in(list(channels), needs_time=needs_time, mapped=True)
-        if fault:
-            raise ValueError(f"[columns] {fault}")
-        for channel, source in channels.items():
-            source.factor_and_addition(channel)
-            if not self.header and isinstance(source.column, str):
-                raise ValueError(f"[columns.{channel}] column: the file has no header; give a position from 1")
-        self._require_base(channels)
+        self._require_dialect()
+        if self.columns is not None:
+            self._require_columns(self.columns.given())
         first, last = self.rows or (0, None)
         for name, (start, stop) in {"rows": self.rows or (0, 1), **self.segments}.items():
             key = "rows" if name == "rows" else f"[segments] {name}"
@@ -138,6 +166,43 @@ class RecordMap(_Table):
             if start < first or (last is not None and stop > last):
                 raise ValueError(f"{key}: [{start}, {stop}] leaves rows [{first}, {last}]; move one of them")
         return self
+
+    def _require_dialect(self) -> None:
+        """What the keys of a text may not be together."""
+        try:
+            "1".encode(self.encoding)
+        except (LookupError, ValueError):
+            raise ValueError(
+                f"encoding: {self.encoding!r} is not known; give utf-8, cp1252, utf-16 or another"
+            ) from None
+        if self.delimiter in (self.decimal or ".", self.quote):
+            raise ValueError(
+                f"delimiter: {self.delimiter!r} stands in a number or is the quote; give another delimiter"
+            )
+        if self.where and not self.header:
+            raise ValueError("where: the file has no header to find columns by; keep rows by `rows`")
+        if self.units_row and not self.header:
+            raise ValueError("units_row: the file has no header that it could follow; skip both by skip_lines")
+
+    def _require_columns(self, channels: dict[str, Source]) -> None:
+        if self.steady and (self.sampling_rate_Hz is not None or "t_s" in channels):
+            raise ValueError("steady: steady states have no time; leave out t_s and sampling_rate_Hz")
+        needs_time = self.sampling_rate_Hz is None and not self.steady
+        fault = fault_in(list(channels), needs_time=needs_time, mapped=True)
+        if fault:
+            raise ValueError(f"[columns] {fault}")
+        for channel, source in channels.items():
+            source.factor_and_addition(channel)
+            parts = [source.column, *(addend.column for addend in getattr(source, "add", ()))]
+            if not self.header and any(isinstance(column, str) for column in parts):
+                raise ValueError(f"[columns.{channel}] column: the file has no header; give a position from 1")
+        if self.columns is not None and self.columns.t_s is not None:
+            for addend in self.columns.t_s.add:
+                try:
+                    factor_and_addition("s", addend.unit)
+                except ValueError as error:
+                    raise ValueError(f"[columns.t_s] add: {error}") from None
+        self._require_base(channels)
 
     def _require_base(self, channels: dict[str, Source]) -> None:
         """What only goes with a base that moves, and what does not go with it."""
@@ -180,62 +245,38 @@ class RecordMap(_Table):
     @property
     def base_motion(self) -> Motion | None:
         """What the base is given as, where there is one."""
-        return None if self.columns.base is None else motion_of(self.columns.base.unit)
+        if self.columns is None or self.columns.base is None:
+            return None
+        return motion_of(self.columns.base.unit)
 
     @property
     def sense_unit(self) -> str:
         """Unit of the sense channels."""
-        own = self.columns.vx
+        own = None if self.columns is None else self.columns.vx
         return "V" if own is None else own.unit
+
+    def keys_of_text_given(self) -> list[str]:
+        """Those of its keys that say how a text is written."""
+        given = [key for key in OF_TEXT if key in self.model_fields_set]
+        channels = {} if self.columns is None else self.columns.given()
+        return given + [
+            f"[columns.{name}] thousands" for name, entry in channels.items() if entry.thousands is not None
+        ]
+
+
+OF_TEXT = (
+    "encoding",
+    "delimiter",
+    "quote",
+    "decimal",
+    "comment",
+    "skip_lines",
+    "header",
+    "units_row",
+)
+"""Keys that act on text alone."""
 
 
 def read_map(path: Path) -> RecordMap:
     """Read a map file. Raises InputError naming file and key."""
     return read_toml(path, RecordMap)
-
-
-def locate_where(mapping: RecordMap, header: Sequence[str], source: Path) -> dict[int, str]:
-    """Column index and text of each condition of `where`. Raises InputError for a column that is absent."""
-    for column in mapping.where:
-        if column not in header:
-            raise InputError(f"{source}: no column {column!r} for `where`; {near_or_all(column, header)}")
-    return {header.index(column): text for column, text in mapping.where.items()}
-
-
-def locate(mapping: RecordMap, header: Sequence[str], source: Path) -> list[int]:
-    """Column index of each mapped channel in a file with this header. Raises InputError for one that is
-    absent."""
-    indices: list[int] = []
-    for channel, entry in mapping.columns.given().items():
-        index = entry.index_in(header)
-        if index is None:
-            raise InputError(f"{source}: no column {entry.column!r} for {channel}; {_there(mapping, header, entry)}")
-        indices.append(index)
-    return indices
-
-
-def delimiter_meant(header: Sequence[str], delimiter: str) -> str | None:
-    """What seems to stand between the cells of a header that was read as one column, None where it is fine."""
-    if len(header) != 1:
-        return None
-    return next((mark for mark in ";\t,| " if mark != delimiter and mark in header[0]), None)
-
-
-def _there(mapping: RecordMap, header: Sequence[str], entry: Source) -> str:
-    """What the file has instead, with the key that would mend it."""
-    if (mark := delimiter_meant(header, mapping.delimiter)) is not None:
-        shown = "\\t" if mark == "\t" else mark
-        return f'its first line is one cell; set delimiter = "{shown}"'
-    if not mapping.header or isinstance(entry.column, int):
-        return f"the file has {len(header)} columns"
-    if all(_is_number(cell) for cell in header):
-        return "its first line holds numbers; set header = false and give columns by position, or skip_lines"
-    return near_or_all(entry.column, header)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

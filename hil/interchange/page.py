@@ -6,8 +6,8 @@ from typing import Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from hil.interchange.mapping import Columns, Filter, RecordMap, Source
-from hil.interchange.units import MOTIONS, NAMES, UNITS
+from hil.interchange.mapping import Addend, Columns, Filter, RecordMap, Source, Time
+from hil.interchange.units import MOTIONS, NAMES, UNITS, VOLTS_OF_LEVELS
 
 _CHANNELS = {
     "t_s": "time",
@@ -31,11 +31,12 @@ _INTRODUCTION = """\
 
 A map tells `hil import FILE --map MAP` how a file that was written elsewhere becomes a record: which column is what, in
 which unit, and what was done to it. TOML, UTF-8; unknown keys are errors, with the nearest one that is known. The file
-is delimited text, plain or gzipped, or MATLAB before 7.3, whose vectors are the columns. Generated: `python -m
-hil.interchange.page`.
+is delimited text, plain or gzipped, MATLAB before 7.3, or Parquet. Arrays of a program take the same maps,
+`hil.trace(arrays, bench, mapping=MAP)`. Generated: `python -m hil.interchange.page`.
 
-A file whose header is already `t_s, vx_V, vy_V, ux_mps2, uy_mps2` (or `_V`, `_N`), with `rate_rad_s`, `temp_C` where
-there are any and without y of a single axis, needs no map.
+A file whose columns are already called `t_s, vx_V, vy_V, ux_mps2, uy_mps2` (or `_V`, `_N`), with `rate_rad_s`, `temp_C`
+where there are any and without y of a single axis, needs no map. A map without `[columns]` keeps these names, and says
+the rest, as `delimiter = ";"`.
 
 ```toml
 # beam.map.toml: a beam on a shaker, filmed; the shaker's displacement beside it
@@ -67,6 +68,50 @@ the sensor shows what, and how much of it for a metre, for 1 m/s or 1 m/s² ([be
 `unit = "px"` a volt in the names of its keys is a pixel.
 """
 
+_KINDS = """
+The keys from `encoding` to `units_row` say how a text is written. A MATLAB file, a Parquet file or arrays beside one of
+them are refused, as the key could not act; all other keys act on every kind.
+
+**Text.** A line is a row. A quote that does not close on its line is refused, with the line; so is a row that has more
+cells than the header, unless they are empty. A row may end early where nothing is mapped. Numbers have digits, sign,
+point and exponent: `1_234` is none. Where a column has whole numbers of up to three digits, and else numbers with
+exactly three digits behind the point, as `-1.319`, the point may stand between thousands: `decimal = "."`, or
+`thousands = "."` of the column, says which. A byte order mark (UTF-8, UTF-16) needs no `encoding`.
+
+**MATLAB.** `column` is a name as MATLAB writes it: `t`, `imu.gyro(:,3)`, `log.signals.values(:,2)`, `runs(2).x`.
+
+**Parquet.** `column` is a name, of a struct `imu.gyro`, or a position. Only columns that are asked for are read;
+without a map those that are no channels are left out, and told.
+"""
+
+_MISSING = """
+**No measurement.** Without `missing`, a number that instruments write in place of one is refused, with its row: any
+beyond ±1e30 (9.9E37, 9.91E37), and −999, 9999, −999.25 and their like where it lies apart, more than 10 times the
+range of all other values from the nearest. A single true value so far apart, a whole number below 10,000, is refused
+twice in 10,000 times. `missing = [9.9e37, -999, "OVER", "nan"]` takes rows in which a mapped column reads so as lost:
+samples that are missing, over which observer and trace pass. `"nan"` stands for what is empty in Parquet as well, `""`
+for an empty cell of a text. `missing = []` says that every number was measured.
+"""
+
+_TIME = """
+**Time** in `t_s` is a number in its unit, of any size: whole numbers are subtracted before they are rounded, so that
+nanoseconds since 1970 are exact. `unit = "iso"` takes text of ISO 8601 (dates with or without a zone, times of a
+day), and columns whose type is a date or a length of time; a date counts from the first row. Where the time stands in
+two columns, `add` sums them:
+
+```toml
+hold = "zoh"
+[columns]
+t_s = { column = "GPSSecond", unit = "s", add = [{ column = "GPSWeek", unit = "week" }] }
+vx = { column = "GyroZ", unit = "dps" }
+```
+
+Stamps that were rounded (a millisecond at 400 Hz, single precision) are no uneven time. Where rounding is below a
+hundredth of a step it is passed over. Beyond that the import names the rate that fits all stamps:
+`sampling_rate_Hz = 400.0` beside `t_s` takes it, and the stamps say which sample each row is, so that a gap stays one.
+Only what no rate fits asks for `--nonuniform`.
+"""
+
 _COLUMN = """
 value = (`scale` · cell + `offset`) in `unit`: `scale` comes first, so that `offset` is in the unit. Degrees of a
 reference angle are no channel: what is compared is the rate, `rate_rad_s`; differentiate an angle before the import,
@@ -74,8 +119,9 @@ positive about the axis that leads from x to y.
 """
 
 _UNITS = """
-Further units go through `scale`: kilonewtons are `unit = "N", scale = 1e3`. A `base` takes those of a motion, and its
-unit says what is given:
+`vx_V` and `vy_V` take the levels `dBV`, `dBmV`, `dBuV` as well, and have the amplitude. A code (LSB) of a
+channel in SI is no unit: `scale = 0.00875, unit = "dps"` says what one is. Further units go through `scale`:
+kilonewtons are `unit = "N", scale = 1e3`. A `base` takes those of a motion, and its unit says what is given:
 """
 
 _BASE = """
@@ -124,7 +170,7 @@ vx = { column = "level", unit = "dB" }
 # reed.bench.toml
 [device.sense]
 senses = "envelope"
-unit = "dB"            # or that of the amplitude itself: mm, V
+unit = "dB"            # or another level: dBV, dBuV, dBm; or that of the amplitude itself: mm, V
 gain_V_per_m = 1e6     # how many of what 0 dB is, for a metre
 noise_V = 0.05         # of a sample, in dB
 ```
@@ -143,25 +189,43 @@ _ERRORS = """
 
 | the file | key |
 |---|---|
-| is read as one cell a line | `delimiter = ";"`, or `"\\t"`: the message names what it saw |
-| has lines before its header | `skip_lines = 3` |
+| is read as one cell a line | `delimiter = ";"`, `"\\t"`, or `" "` for runs of blanks: the message names what it saw |
+| has lines before its header | `skip_lines = 3`, or `comment = "%"` where they begin so |
+| has a line of units below its header | `units_row = true` |
+| has two columns of one name | `column = 3`, its position |
+| has a quote that is a letter | `quote = ""` |
+| is not UTF-8 | `encoding = "cp1252"`, or `"utf-16"` |
+| has the time in two columns | `add` of `t_s` |
+| has dates for a time | `unit = "iso"` of `t_s` |
+| has stamps of few digits | `sampling_rate_Hz = 400.0` beside `t_s` |
+| has 9.9E37 or −999 for no measurement | `missing = [9.9e37, -999]` |
 | has no header | `header = false`, and columns by position from 1 |
 | has no time | `sampling_rate_Hz = 1000.0` |
 | has uneven time | none: `hil import --nonuniform`, each step with its own length |
+| lacks samples | none: `hil import --nonuniform` counts them; over a gap the drive is unknown, and nothing judged |
 | is in one table with others | `where = { sensor = "CRS03" }` |
 | holds a table of steady states | `steady = true`, no time; for rate sensors |
 | needs other numbers | `scale`, `offset` of a column |
-| has a decimal comma | none: write points |
+| has a decimal comma | `decimal = ","`, and another `delimiter` |
+| has points or blanks between thousands | `thousands = "."` of a column |
 """
 
 
 def page() -> str:
     """The whole page in Markdown."""
-    parts = [_INTRODUCTION, "\n## Keys\n", _keys(RecordMap, skip=("columns", "segments", "filter")), _HOLD]
+    parts = [
+        _INTRODUCTION,
+        "\n## Keys\n",
+        _keys(RecordMap, skip=("columns", "segments", "filter")),
+        _KINDS,
+        _MISSING,
+        _HOLD,
+    ]
     parts += ["\n## [columns]\n", "\nA table for each channel that the record has; x and y in one unit.\n"]
     parts += ["\n| channel | is | unit |\n|---|---|---|\n"]
     parts += [f"| `{name}` | {_CHANNELS[name]} | {_units_of(name)} |\n" for name in Columns.model_fields]
-    parts += ["\n", _keys(Source), _COLUMN, _UNITS, "\n| unit | base and `frame` take it as |\n|---|---|\n"]
+    parts += ["\n", _keys(Source), _COLUMN, "\nOf `t_s` also:\n", _keys(Time, skip=tuple(Source.model_fields)), _TIME]
+    parts += ["\nA column of `add`:\n", _keys(Addend), _UNITS, "\n| unit | base and `frame` take it as |\n|---|---|\n"]
     for order, what in enumerate(NAMES):
         units = ", ".join(f"`{unit}`" for unit, motion in MOTIONS.items() if motion.order == order)
         parts.append(f"| {units} | {what} |\n")
@@ -180,6 +244,8 @@ def _keys(model: type[BaseModel], skip: tuple[str, ...] = ()) -> str:
 def _units_of(channel: str) -> str:
     if channel in ("vx", "vy"):
         return "any"
+    if channel in ("vx_V", "vy_V"):
+        return ", ".join(f"`{unit}`" for unit in (*UNITS["V"], *VOLTS_OF_LEVELS))
     if channel == "base":
         return "see below"
     return ", ".join(f"`{unit}`" for unit in UNITS[channel.split("_", 1)[1]])
@@ -189,7 +255,7 @@ def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "**required**"
     value = field.get_default(call_default_factory=True)
-    if value is None or value == {}:
+    if value is None or value in ({}, ()):
         return "–"
     return f"`{str(value).lower() if isinstance(value, bool) else repr(value)}`".replace("'", '"')
 
@@ -202,6 +268,8 @@ def _kind(annotation: object) -> str:
     if origin in (Union, UnionType):
         return " or ".join(_kind(each) for each in inner if each is not type(None))
     if origin is tuple:
+        if len(inner) == 2 and inner[1] is Ellipsis:
+            return "list of tables" if inner[0] is Addend else f"list of {_kind(inner[0])}"
         return "two whole numbers"
     if origin is dict:
         return "table of texts" if inner[1] is str else "table of numbers"

@@ -1,20 +1,20 @@
-"""Parquet files whose columns are named as those of the interchange CSV, which `hil export --to parquet` writes."""
+"""A Parquet file as a source of columns; those that are asked for are read, the others may hold anything."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
-import numpy.typing as npt
-import pyarrow as pa
 
 from hil.errors import InputError
+from hil.interchange.mapping import Name
+from hil.interchange.source import Selection, Table, Values, Wanted, kept_rows, numbers, position
+from hil.interchange.time_column import of_arrow
 from hil.records.capture import Hold
 from hil.records.layout import HEADER_KEY
 
 _MAGIC = b"PAR1"
-_OURS = ("tick", "flags")  # of an export: what a record counts and marks by itself
 
 
 def is_parquet(source: Path) -> bool:
@@ -26,44 +26,111 @@ def is_parquet(source: Path) -> bool:
         return False
 
 
-def read_parquet(source: Path) -> tuple[list[str], npt.NDArray[np.float64], Hold]:
-    """Names of the columns, their values (rows, columns), and what the drive did between samples, as an export says.
+class ParquetSource:
+    """The columns of a file; a field of a struct is called `struct.field`."""
 
-    Raises InputError that names the file and the column.
-    """
-    import pyarrow.parquet as pq
+    kind = "a Parquet file"
 
-    try:
-        with pq.ParquetFile(source) as file:
-            names = [name for name in file.schema_arrow.names if name not in _OURS]
-            hold = _hold(file.schema_arrow.metadata or {})
-            values = np.empty((file.metadata.num_rows, len(names)))
-            first = 0
-            for batch in file.iter_batches(columns=names):
-                for index, column in enumerate(batch.columns):
-                    values[first : first + batch.num_rows, index] = _numbers(source, names[index], column)
-                first += batch.num_rows
-    except (pa.ArrowException, OSError, MemoryError, OverflowError):
-        raise InputError(f"{source}: no Parquet file that can be read; export it anew") from None
-    return names, values[:first], hold
+    def __init__(self, path: Path) -> None:
+        self.path, self.called = path, str(path)
+        schema = self._told(lambda pq: pq.ParquetFile(path).schema_arrow)
+        self.metadata: Mapping[bytes, bytes] = schema.metadata or {}
+        self._leaves = [leaf for field in schema for leaf in _leaves(field, field.name)]
+        self._repeated = len(set(schema.names)) < len(schema.names)
+
+    @property
+    def names(self) -> Sequence[str]:
+        """The columns, fields of structs among them."""
+        return [name for name, _ in self._leaves]
+
+    @property
+    def hold(self) -> Hold:
+        """What the drive does between samples, as an export says; zoh where the file says nothing."""
+        try:
+            told = json.loads(self.metadata.get(HEADER_KEY, b"{}")).get("hold")
+        except (ValueError, AttributeError, RecursionError):
+            told = None
+        return next((hold for hold in get_args(Hold) if hold == told), "zoh")
+
+    def locate(self, name: Name) -> int:
+        """The position of a column from 0."""
+        return position(name, self.names, self.called)
+
+    def read(self, wanted: Sequence[Wanted], selection: Selection) -> Table:
+        """Those columns; a row's number counts from 0."""
+        import pyarrow as pa
+
+        arrays: dict[int, Any] = self._told(lambda pq: self._arrays(pq, [one.at for one in wanted], selection))
+        count = len(next(iter(arrays.values())))
+        where = {index: np.asarray(arrays[index].to_numpy(zero_copy_only=False)) for index in selection.where}
+        rows = kept_rows(self, where, count, selection)
+        columns: list[Values] = []
+        for one in wanted:
+            array = arrays[one.at]
+            kind = array.type
+            if one.is_time and not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+                columns.append(self._time(array, one)[rows])
+                continue
+            if pa.types.is_decimal(kind):
+                array, kind = array.cast(pa.float64(), safe=False), pa.float64()
+            if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+                raise InputError(f"{self.path}: column {self.names[one.at]}: {kind} is no number; leave the column out")
+            values = np.asarray(array.to_numpy(zero_copy_only=False))[rows]
+            if one.is_time:
+                columns.append(values)
+            else:
+                columns.append(numbers(self, values, rows, self.names[one.at], selection.missing))
+        return Table(columns, rows, count)
+
+    def place(self, row: int, column: str) -> str:
+        """File, column and row."""
+        return f"{self.path}: column {column}: row {row}"
+
+    def advice(self, ordinary: str) -> str:
+        """Its columns have names and types: nothing else is to be known."""
+        return ordinary
+
+    def _time(self, array: Any, one: Wanted) -> Values:
+        import pyarrow as pa
+
+        if pa.types.is_string(array.type) or pa.types.is_large_string(array.type):
+            return np.array(["" if text is None else text for text in array.to_pylist()], dtype=object)
+        try:
+            return of_arrow(array)
+        except ValueError as error:
+            raise InputError(f"{self.path}: column {self.names[one.at]}: {error}; map another column") from None
+
+    def _arrays(self, pq: Any, indices: Sequence[int], selection: Selection) -> dict[int, Any]:
+        """Leaves by position, each as one array."""
+        import pyarrow.compute as pc
+
+        used = list(dict.fromkeys([*indices, *selection.where]))
+        with pq.ParquetFile(self.path) as file:
+            table = file.read(columns=[self._leaves[index][0] for index in used])
+            arrays = {}
+            for index in used:
+                name = self._leaves[index][0]
+                parts = name.split(".") if name not in table.column_names else [name]
+                column = table.column(parts[0]).combine_chunks()
+                for part in parts[1:]:
+                    column = pc.struct_field(column, part)
+                column = column.combine_chunks() if hasattr(column, "combine_chunks") else column
+                arrays[index] = column.dictionary_decode() if hasattr(column, "dictionary_decode") else column
+        return arrays
+
+    def _told(self, read: Any) -> Any:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            return read(pq)
+        except (pa.ArrowException, OSError, MemoryError, OverflowError):
+            raise InputError(f"{self.path}: no Parquet file that can be read; export it anew") from None
 
 
-def _hold(metadata: Mapping[bytes, bytes]) -> Hold:
-    """Of an export; zoh where the file says nothing."""
-    try:
-        told = json.loads(metadata.get(HEADER_KEY, b"{}")).get("hold")
-    except (ValueError, AttributeError, RecursionError):
-        told = None
-    return next((hold for hold in get_args(Hold) if hold == told), "zoh")
+def _leaves(field: Any, name: str) -> list[tuple[str, Any]]:
+    import pyarrow as pa
 
-
-def _numbers(source: Path, name: str, column: pa.Array) -> npt.NDArray[np.float64]:
-    """A column as numbers, all of them measurements."""
-    kind = column.type
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-        raise InputError(f"{source}: column {name}: {kind} is no number; leave the column out")
-    numbers: npt.NDArray[np.float64] = np.asarray(column.cast(pa.float64()).fill_null(np.nan), dtype=float)
-    if not np.isfinite(numbers).all():
-        row = int(np.flatnonzero(~np.isfinite(numbers))[0])
-        raise InputError(f"{source}: column {name}: row {row} of a part holds no measurement; leave the row out")
-    return numbers
+    if not pa.types.is_struct(field.type):
+        return [(name, field.type)]
+    return [leaf for inner in field.type for leaf in _leaves(inner, f"{name}.{inner.name}")]

@@ -49,9 +49,10 @@ def prepared(
 
 
 def _on_its_base(channels: Channels, hold: Hold, time: Numbered, mapping: RecordMap, said: list[str]) -> Channels:
-    motion, source = mapping.base_motion, mapping.columns.base
-    if motion is None or source is None:
+    motion = mapping.base_motion
+    if motion is None or mapping.columns is None or mapping.columns.base is None:
         return channels
+    source = mapping.columns.base
     if hold == "zoh":
         raise ValueError('hold: a base moves between its samples; "bandlimited" or "foh"')
     values = channels.pop("base")

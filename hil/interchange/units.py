@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from hil.records.units import LEVELS
 from hil.strict_toml import suggestion
 
 _TURN_RAD = 6.283185307179586
@@ -9,13 +10,26 @@ _G = 9.80665
 
 # unit → (factor, addition) that lead to the channel's SI unit
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
-    "s": {"s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "ns": (1e-9, 0.0)},
+    "s": {
+        "s": (1.0, 0.0),
+        "ms": (1e-3, 0.0),
+        "us": (1e-6, 0.0),
+        "ns": (1e-9, 0.0),
+        "min": (60.0, 0.0),
+        "h": (3600.0, 0.0),
+        "day": (86400.0, 0.0),
+        "week": (604800.0, 0.0),
+        "iso": (1.0, 0.0),  # ISO 8601 text, or a type of dates or lengths of time, which has a unit of its own
+    },
     "V": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0)},
     "N": {"N": (1.0, 0.0), "mN": (1e-3, 0.0), "uN": (1e-6, 0.0)},
     "mps2": {"m/s^2": (1.0, 0.0), "mps2": (1.0, 0.0), "g": (_G, 0.0)},
     "rad_s": {
         "rad/s": (1.0, 0.0),
+        "mrad/s": (1e-3, 0.0),
         "deg/s": (_TURN_RAD / 360, 0.0),
+        "dps": (_TURN_RAD / 360, 0.0),
+        "mdps": (_TURN_RAD / 360e3, 0.0),
         "deg/h": (_TURN_RAD / 360 / 3600, 0.0),
         "rpm": (_TURN_RAD / 60, 0.0),
     },
@@ -38,6 +52,9 @@ MOTIONS = {
 }
 """Units of displacement, velocity and acceleration."""
 
+VOLTS_OF_LEVELS = {"dBV": 1.0, "dBmV": 1e-3, "dBuV": 1e-6, "dBµV": 1e-6}
+"""What 0 dB is, in volts: levels that become amplitudes in vx_V and vy_V."""
+_CODES = ("LSB", "lsb", "counts", "count", "digits", "codes")
 NAMES = ("displacement", "velocity", "acceleration")
 LONGEST = 16
 
@@ -45,6 +62,10 @@ LONGEST = 16
 def factor_and_addition(dimension: str, unit: str) -> tuple[float, float]:
     """What leads to SI from a unit of that dimension. Raises ValueError with the nearest known unit."""
     known = UNITS[dimension]
+    if unit in _CODES:
+        raise ValueError(
+            f"unit: {unit!r} says nothing by itself; give scale = what one is, and its unit: {', '.join(known)}"
+        )
     if unit not in known:
         raise ValueError(f"unit: {unit!r} is not known; {suggestion(unit, list(known))}")
     return known[unit]
@@ -59,6 +80,8 @@ def motion_of(unit: str) -> Motion:
 
 def require_own_unit(unit: str) -> None:
     """A sensor's own unit is a short word. Raises ValueError for what is none."""
+    if unit[:2].lower() == "db" and unit not in LEVELS and unit.lower() != "dbar":
+        raise ValueError(f"unit: {unit!r} is no level that is known; {suggestion(unit, LEVELS)}")
     if not unit or len(unit) > LONGEST or not unit.isprintable() or unit != unit.strip():
         raise ValueError(
             f"unit: {unit!r} is no unit; give a word of at most {LONGEST} letters, as px, µstrain, mm or g"

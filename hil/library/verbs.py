@@ -131,11 +131,13 @@ def replay(
     backend: "Backend | None" = None,
     hold: Hold = "zoh",
     nonuniform: bool = False,
+    mapping: str | Path | None = None,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
 ) -> Run:
     """Run the observer of a bench over a record; a new run below `out`.  bench: default that of a run.  hold: what the
     drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.
+    mapping: the map that says which array is what.
     """
     from hil.replaying import replay as replay_record
 
@@ -143,7 +145,7 @@ def replay(
     if isinstance(declared, RateSensorBench):
         raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
     declared = declared.with_(loop={"name": name or f"{declared.loop.name}-replay"})
-    with _captured(record, hold, nonuniform) as capture:
+    with _captured(record, hold, nonuniform, mapping) as capture:
         done = replay_record(capture, declared, path_of("out", out), backend=backend, progress=_watcher(progress))
     return _run_at(done.folder)
 
@@ -158,6 +160,7 @@ def trace(
     name: str | None = None,
     hold: Hold = "zoh",
     nonuniform: bool = False,
+    mapping: str | Path | None = None,
     report: bool = True,
     missing_force: bool | None = None,
     also: str | Sequence[str] = (),
@@ -167,9 +170,10 @@ def trace(
     """Find the effect that the model lacks on a record; the answer is kept below `out`.
 
     bench: default that of a run.  fraction: share of the record that is fitted, the rest only judges.  hold: what the
-    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.  missing_force: whether
-    the missing force is estimated without a name, by default where something is left and a page is drawn.  also:
-    effects to try that a trace tries on request only, a name or several.
+    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.  mapping: the map
+    that says which array is what.  missing_force: whether the missing force is estimated without a name, by default
+    where something is left and a page is drawn.  also: effects to try that a trace tries on request only, a name or
+    several.
     """
     from hil.tracing import trace as trace_record
     from hil.tracing import trace_file
@@ -177,7 +181,7 @@ def trace(
     require("fraction", fraction, Real | None, "a number")
     asked_for, place, watcher = _names("also", also), path_of("out", out), _watcher(progress)
     declared = _bench_for(record, bench)
-    with _captured(record, hold, nonuniform) as capture:
+    with _captured(record, hold, nonuniform, mapping) as capture:
         if isinstance(declared, RateSensorBench):
             if not isinstance(bench, str | Path):
                 raise InputError(f"{declared.device.name}: a rate sensor; give the path of its bench file")
@@ -206,6 +210,7 @@ def compare(
     name: str | None = None,
     hold: Hold = "zoh",
     nonuniform: bool = False,
+    mapping: str | Path | None = None,
     report: bool = True,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
@@ -216,7 +221,7 @@ def compare(
     bench: default that of a run.  truth: what the emulated board of the record wrote; without it the record's rate
     channel is the reference.  link: an emulated board for the methods that close the loop themselves.  trace: of the
     record, whose effect the 13 states carry.  hold: what the drive of arrays does between samples.  nonuniform: whether
-    the time of arrays may be uneven.
+    the time of arrays may be uneven.  mapping: the map that says which array is what.
     """
     from hil.methods.comparing import compare as compare_record
 
@@ -225,7 +230,7 @@ def compare(
         raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
     declared = declared.with_(loop={"name": name or f"{declared.loop.name}-compare"})
     found = None if trace is None else load_trace(trace).diagnosis
-    with _captured(record, hold, nonuniform) as capture:
+    with _captured(record, hold, nonuniform, mapping) as capture:
         done = compare_record(
             capture, declared, path_of("out", out),
             truth=None if truth is None else path_of("truth", truth), link=link,
@@ -326,12 +331,14 @@ def _bench_for(record: Record, bench: AnyBench | None) -> Bench | RateSensorBenc
 
 
 @contextmanager
-def _captured(record: Record, hold: Hold, nonuniform: bool) -> Iterator[Path]:
+def _captured(record: Record, hold: Hold, nonuniform: bool, mapping: str | Path | None) -> Iterator[Path]:
     """The capture of a record; of arrays one that lasts as long as it is needed, and that no error names."""
     holds = get_args(Hold)
     if hold not in holds:
         raise InputError(f"hold: expected {', '.join(holds[:-1])} or {holds[-1]}, not {hold!r}")
     if (columns := columns_of(record)) is None:
+        if mapping is not None:
+            raise InputError("mapping: is for arrays; a file is imported by its map, and the capture given here")
         wanted = "a Run, the path of a run folder or of a capture, or arrays by name"
         place_of = folder_of("record", record, wanted)
         yield place_of / "capture.arrow" if place_of.is_dir() else place_of
@@ -339,7 +346,8 @@ def _captured(record: Record, hold: Hold, nonuniform: bool) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix=PASSING) as place:
         capture = Path(place) / "arrays.arrow"
         own: Any = record.header.get("hold", hold) if isinstance(record, Series) else hold
-        write_capture(columns, capture, hold=own, nonuniform=nonuniform)
+        map_file = None if mapping is None else find("map", str(path_of("mapping", mapping)))
+        write_capture(columns, capture, hold=own, nonuniform=nonuniform, map_file=map_file)
         try:
             yield capture
         except InputError as error:

@@ -45,3 +45,7 @@ def symbol_of(column: str) -> str:
     'kxx'
     """
     return next((column.removesuffix(suffix) for suffix in _LONGEST_FIRST if column.endswith(suffix)), column)
+
+
+LEVELS = ("dB", "dBV", "dBmV", "dBuV", "dBµV", "dBμV", "dBu", "dBm", "dBW", "dBr", "dBc", "dBFS", "dBSPL", "dBg")
+"""Units of levels: 20 times the decimal logarithm of an amplitude over a reference, whatever that is."""

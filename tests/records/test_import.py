@@ -119,7 +119,7 @@ HEADER = "t_s,vx_V\n"
             r":5: column t_s: step of 1.5 s where 1 s is usual; give --nonuniform",
         ),
         (b"\x00\xff\xfe\x80" * 50, "not UTF-8 text"),
-        (b"t_s,vx_V\n0,\xff\n", "not UTF-8 text at or after line 1"),
+        (b"t_s,vx_V\n0,\xff\n", 'not UTF-8 text at line 2; set its encoding in a --map, as encoding = "cp1252"'),
         (gzip.compress(GOOD.encode() * 2000)[:-200], "damaged or cut gzip"),
         (b"\x1f\x8bnot really gzip", "damaged or cut gzip"),
         (HEADER + "0," + "9" * 200_000 + "\n", "not delimited text"),
@@ -229,7 +229,7 @@ def test_rows_and_segments_count_from_the_first_row_of_the_file(bring):
         (MAP.replace('"mV"', '"mv"'), r"\[columns.vx_V\] unit: 'mv' is not known; known: V, mV, uV"),
         (MAP.replace('"mV"', '"furlong"'), r"unit: 'furlong' is not known; known: V, mV, uV"),
         (MAP.replace('column = "out", ', ""), r"\[columns.vx_V\] column: missing"),
-        (MAP + 't_s = { column = "t", unit = "s" }\n', "sampling_rate_Hz: the columns have t_s already"),
+        (MAP + 't_s = { column = "t", unit = "iso", add = [{ column = "u", unit = "S" }] }\n', "add: unit: 'S' is not"),
         (MAP + 'uy_V = { column = "in", unit = "V" }\n', "uy_V without vy_V"),
         ("rows = [5, 5]\n" + MAP, r"rows: \[5, 5\] is empty"),
         (

@@ -71,7 +71,7 @@ def test_rows_of_a_matlab_file(bring, vectors):
         ({"q": np.zeros(4)}, "vectors of unequal length (t 5, q 4, force 5)"),
         ({"q": np.zeros((5, 2))}, "variable q: (5, 2) float64 is no vector"),
         ({"q": "text"}, "variable q: "),
-        ({"q": np.array([0, 1, np.nan, 3, 4])}, "variable q: entry 3 is not finite"),
+        ({"q": np.array([0, 1, np.nan, 3, 4])}, "variable q: entry 3: nan is no measurement"),
     ],
 )
 def test_what_is_wrong_with_a_vector_is_told(bring, vectors, changed, told):

@@ -47,7 +47,7 @@ def test_what_says_nothing_of_the_hold_is_held(tmp_path: Path, about: bytes) -> 
         ({**COLUMNS, "vx_V": ["a"] * 400}, "column vx_V: string is no number"),
         ({**COLUMNS, "vx_V": np.where(T_S > 0.5, np.nan, 0.0)}, "column vx_V: row 251"),
         ({**COLUMNS, "vx_V": pa.array([None] * 400, pa.float64())}, "column vx_V: row 0"),
-        ({**COLUMNS, "what": T_S}, "column 'what' is not known"),
+        ({**COLUMNS, "vx_v": T_S}, "column 'vx_v' is not known; did you mean vx_V"),
         ({"t_s": T_S, "ux_N": T_S}, "no column vx_V"),
         ({**COLUMNS, "t_s": T_S[::-1]}, "t_s"),
     ],

@@ -27,9 +27,10 @@ def test_every_key_stands_on_it_with_its_meaning(model):
 
 
 def test_its_examples_are_maps_and_what_a_bench_file_says_beside_one():
-    beam, reed, declared = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page(), re.DOTALL))
+    beam, flight, reed, declared = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page(), re.DOTALL))
     mapping = RecordMap.model_validate(beam)
     assert mapping.sense_unit == "px"
+    assert RecordMap.model_validate(flight).columns.t_s.add[0].unit == "week"
     assert mapping.band(1000.0).rate_after_Hz == 250.0
     sense = Sense.model_validate(declared["device"]["sense"])
     assert sense.is_in_decibels

@@ -1,0 +1,134 @@
+"""The time of a record: stamps of one column or several, the samples that they number, what is missing between them."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.errors import InputError
+from hil.interchange.mapping import RecordMap
+from hil.interchange.naming import Asked
+from hil.interchange.rounded_time import Grid, rounded_grid, stated_grid
+from hil.interchange.source import Source, Table
+from hil.interchange.time_column import Stamps, stamps_of, sum_of
+from hil.interchange.uniformity import Numbered, first_not_increasing, numbered, odd_step, spacing
+
+
+class Remedies(NamedTuple):
+    """What a refusal advises: how uneven time is accepted, how gaps are kept, where a rate is stated."""
+
+    uneven: str = "give --nonuniform if the record is meant so"
+    gaps: str = "give --nonuniform to keep them as gaps"
+    rate: str = "in the map, beside t_s"
+    sort: str = "sort or mend the time column"
+    column: str = ""
+    apart: str = "import what lies before and behind by itself"
+    one_row: str = "one row only; a record needs at least two"
+
+
+def time_of(source: Source, asked: Asked, table: Table, *, may_be_missing: bool) -> Stamps | None:
+    """The time of each row, NaN where it is missing and may be; None where the record has no column of it."""
+    columns = []
+    for part, values in zip(asked.parts, table.columns, strict=True):
+        if part.is_time:
+            if values.size == 0:
+                return None
+            try:
+                stamps = stamps_of(values, part.unit, part.scale, part.offset)
+            except ValueError as error:
+                key = "" if part.unit is None else "[columns.t_s] "
+                raise InputError(f"{source.called}: column {part.called}: {key}{error}") from None
+            columns.append(stamps)
+            bad = np.flatnonzero(~np.isfinite(stamps.elapsed))
+            if bad.size and not may_be_missing:
+                row = int(bad[0])
+                raise InputError(
+                    f"{source.place(int(table.rows[row]), part.called)}: nan is no measurement; leave the row out"
+                )
+    return sum_of(columns) if columns else None
+
+
+def numbered_rows(
+    source: Source,
+    mapping: RecordMap,
+    table: Table,
+    stamps: Stamps | None,
+    measured: npt.NDArray[np.bool_],
+    nonuniform: bool,
+    remedies: Remedies,
+) -> tuple[Numbered, npt.NDArray[np.float64]]:
+    """The number of each row that was measured, and its time. Raises InputError with row and remedy."""
+    if table.rows.size < 2:
+        raise InputError(f"{source.called}: {remedies.one_row}")
+    rows = np.flatnonzero(measured)
+    rate = 1.0 if mapping.steady else mapping.sampling_rate_Hz
+    if stamps is None or mapping.steady:
+        assert rate is not None  # or the columns would have been refused
+        tick = np.arange(rows.size) if mapping.steady else rows - rows[0]
+        return Numbered(tick, rate, True), (tick + (0 if mapping.steady else rows[0])) / rate
+    if rate is not None:
+        return _stated(source, table, stamps, rows, rate)
+    stamped = np.flatnonzero(np.isfinite(stamps.elapsed))  # rows that are lost have a time as a rule
+    time = _evenly(source, table, stamps, stamped, nonuniform, remedies)
+    tick = time.tick[np.isin(stamped, rows)]
+    return Numbered(tick - tick[0], time.rate_Hz, time.uniform), stamps.seconds()[rows]
+
+
+def _evenly(
+    source: Source,
+    table: Table,
+    stamps: Stamps,
+    rows: npt.NDArray[np.int64],
+    nonuniform: bool,
+    remedies: Remedies,
+) -> Numbered:
+    """The numbers of rows with stamps that are even, or accepted as they are."""
+    elapsed, seconds = stamps.elapsed[rows], stamps.seconds()[rows]
+    fallen = first_not_increasing(elapsed)
+    coarse = None if fallen is None else rounded_grid(elapsed, stamps.digit)
+    if fallen is not None and coarse is None:
+        place = source.place(int(table.rows[rows[fallen]]), "t_s")
+        later, earlier = seconds[fallen], seconds[fallen - 1]
+        raise InputError(f"{place}: {later:.9g} s is not later than {earlier:.9g} s on the row before; {remedies.sort}")
+    off = spacing(elapsed).first_off_grid if fallen is None else fallen
+    if off is None:
+        return numbered(elapsed)
+    time = numbered(elapsed) if fallen is None else None
+    place = source.place(int(table.rows[rows[off]]), "t_s")
+    if time is None or not time.uniform:
+        coarse = coarse or rounded_grid(elapsed, stamps.digit)
+        if coarse is not None:
+            raise InputError(
+                f"{place}: stamps are rounded to {stamps.digit:.3g} s, and {coarse.rate_Hz:.9g} Hz fits them all; "
+                f"set sampling_rate_Hz = {coarse.rate_Hz:.9g} {remedies.rate}"
+            )
+    assert time is not None
+    told = rows.size < stamps.elapsed.size and time.uniform  # the map says which stamps are missing
+    if not nonuniform and not told:
+        remedy = f"{time.missing()}; {remedies.gaps}" if time.lost else remedies.uneven
+        raise InputError(f"{place}: {odd_step(elapsed, off)}; {remedy}")
+    if time.mostly_lost:
+        column = remedies.column or f"{source.called}: column t_s"
+        raise InputError(f"{column}: {time.missing()}, more than there are; {remedies.apart}")
+    return time
+
+
+def _stated(
+    source: Source, table: Table, stamps: Stamps, rows: npt.NDArray[np.int64], rate: float
+) -> tuple[Numbered, npt.NDArray[np.float64]]:
+    elapsed = stamps.elapsed[rows]
+    grid = stated_grid(elapsed, rate, stamps.digit)
+    if not isinstance(grid, Grid):
+        place = source.place(int(table.rows[rows[grid]]), "t_s")
+        usual = (rows.size - 1) / (elapsed[-1] - elapsed[0]) if elapsed[-1] > elapsed[0] else 0.0
+        raise InputError(
+            f"{place}: the stamp is no sample of sampling_rate_Hz = {rate:g}; on average there are {usual:.6g} a "
+            "second: correct the rate, or leave out one of the two"
+        )
+    time = Numbered(grid.tick, rate, True)
+    if time.mostly_lost:
+        raise InputError(
+            f"{source.called}: {time.missing()}, more than there are; correct sampling_rate_Hz or the rows"
+        )
+    start = stamps.seconds()[rows[0]]
+    return time, start + grid.tick / rate
