@@ -159,7 +159,7 @@ _Value = tuple[str, float | None, float | None]  # unit, value, half width
 
 def _of_run(result: Result) -> Iterator[tuple[str, _Value]]:
     if result.angle is not None:
-        yield "angle at the end", ("rad", result.angle.rad, result.angle_u_rad)
+        yield "angle at the end", ("rad", result.angle.rad, result.angle_expanded_rad)
     yield "angle error, rms", ("rad", result.angle_error_rms_rad, None)
     if result.score is not None:
         yield "angle per rotation", ("", result.score.angle_per_rotation, None)

@@ -13,6 +13,7 @@ from hil.bench import Bench
 from hil.bench.device import DriveUnit
 from hil.bench.template import IN_MPS2
 from hil.errors import InputError
+from hil.formula import formula_of
 from hil.own_effects import carried, own_effects
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -103,7 +104,7 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
     return settings.ObserverSettings(
         effects=carried(bench),
         reference=bench.loop.settle_s,
-        open_loop=bench.device.axes == 2 and not bench.controller.enabled,
+        open_loop=bench.device.axes == 2 and formula_of(bench).kind != "pattern",
         variant=settings.Variant(observer.variant),
         gain=settings.Gain(observer.gain),
         memory=observer.memory_s,

@@ -8,6 +8,8 @@ out right: where N cannot tell two of them apart, C holds both as large as their
 one goes with the other.
 """
 
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +17,10 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.scaling import Array
+from estimator.thresholds import THRESHOLDS
+
+SIZES = (1.0, 0.1, 0.01, 0.001)
+"""Of the plausible one, all as probable beforehand: an effect that nobody thought of has no usual size."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,8 @@ class Posterior:
     """Coefficients c after the record: normal with this mean (k,) and covariance (k, k), SI, by `symbols`.
 
     sensitivity (m, k) rad per SI unit: what each moves the reported angle by, at the instants of the `Information`;
-    at its first instant, the start of the scored window, it is zero.
+    at its first instant, the start of the scored window, it is zero.  log_evidence: of the record for these priors, over
+    that for none of the coefficients.
     """
 
     symbols: tuple[str, ...]
@@ -43,6 +50,7 @@ class Posterior:
     mean: Array
     covariance: Array
     sensitivity: Array
+    log_evidence: float = 0.0
 
     @property
     def deviation(self) -> Array:
@@ -111,9 +119,12 @@ class Information:
         """Whether a coefficient of that symbol was watched: an open loop shows nothing of the drive."""
         return any(c.symbol == symbol for c in self.coefficients)
 
-    def posterior(self, prior_sd: Mapping[str, float], with_effect: str | None = None) -> Posterior:
+    def posterior(
+        self, prior_sd: Mapping[str, float], with_effect: str | None = None, *, size: float = 1.0
+    ) -> Posterior:
         """The coefficients of `prior_sd` (SI, standard deviations by symbol; 0 is known exactly, inf is no knowledge
-        but the plausible size) after the record, all others being absent but those of `with_effect`.
+        but the plausible size) after the record, all others being absent but those of `with_effect`, of which so much
+        of the plausible size is the standard deviation before it.
 
         Symbols that were not watched are left as their prior says, with no part in the angle (`watches` tells).
         """
@@ -123,7 +134,7 @@ class Information:
         if with_effect is not None:
             more = [k for k in self.columns([with_effect]) if k not in places]
             places += more
-            sd += [np.inf] * len(more)
+            sd += [size * self.coefficients[k].plausible for k in more]
         chosen = [self.coefficients[k] for k in places]
         scale = np.array([c.plausible for c in chosen])
         relative = np.minimum(np.array(sd, dtype=float) / scale, np.where(np.isinf(sd), 1.0, np.inf))
@@ -131,13 +142,15 @@ class Information:
         root = np.diag(relative)
         within = np.eye(len(places)) + root @ self.normal[np.ix_(places, places)] @ root / self.widening**2
         covariance = root @ np.linalg.solve(within, root) if places else np.zeros((0, 0))
-        mean = -covariance @ self.score[places] / self.widening**2
+        score = self.score[places] / self.widening**2
+        mean = -covariance @ score
         return Posterior(
             tuple(c.symbol for c in chosen),
             tuple(c.unit for c in chosen),
             mean * scale,
             covariance * np.outer(scale, scale),
             self.sensitivity[:, places],
+            0.5 * float(score @ covariance @ score - np.linalg.slogdet(within)[1]) if places else 0.0,
         )
 
     def cannot_exclude(self, prior_sd: Mapping[str, float]) -> dict[str, Array]:
@@ -155,12 +168,51 @@ class Information:
         return found
 
     def beyond(self, prior_sd: Mapping[str, float]) -> tuple[str, Array]:
-        """What the record leaves open beside the calibration: the effect without prior that may move the angle most
-        ("" where there is none), and by how much (m,) rad, rms, with what was found and is harmless.
+        """What the record leaves open beside the calibration: the effect without prior that contributes most ("" where
+        there is none), and by how much (m,) rad, rms, the angle may be off for all of them, with what was found and is
+        harmless.
+
+        One effect at a time may be there that nobody declared, or none, with the odds of a trace before the record
+        (`THRESHOLDS.prior`), and of any size up to the plausible one.  The record then says how probable each is, and
+        how large: what it shows nothing of is as unlikely as it was, what it excludes is less so.
         """
-        left = self.cannot_exclude(prior_sd)
+        declared = self.posterior(prior_sd)
+        known = declared.angle_uncertainty**2
+        accounts: dict[tuple[str, float], tuple[float, Array]] = {}
+        for effect in self.effects:
+            if all(self.coefficients[k].symbol in prior_sd for k in self.columns([effect])):
+                continue
+            for size in SIZES:
+                beside = self.posterior(prior_sd, effect, size=size)
+                more = np.maximum(beside.angle_uncertainty**2 - known, 0.0)
+                accounts[effect, size] = beside.log_evidence - declared.log_evidence, more
         found = np.zeros(len(self.time)) if self.found is None else self.found
-        if not left:
+        if not accounts:
             return "", found
-        most = max(left, key=lambda effect: float(np.max(left[effect])))
-        return most, np.asarray(np.hypot(left[most], found))
+        chances = self._chances({account: evidence for account, (evidence, _) in accounts.items()})
+        by_effect: dict[str, Array] = {}
+        for (effect, size), (_, more) in accounts.items():
+            by_effect[effect] = by_effect.get(effect, 0.0) + chances[effect, size] * more
+        most = max(by_effect, key=lambda effect: float(np.max(by_effect[effect])))
+        return most, np.asarray(np.sqrt(sum(by_effect.values()) + found**2))
+
+    def _chances(self, evidence: Mapping[tuple[str, float], float]) -> dict[tuple[str, float], float]:
+        """Probability after the record of each (effect, size), of which one or none is there; `evidence` is the log of
+        how much better each predicts the record than none.  All kinds are as probable beforehand, whatever the number of
+        parameters that each was watched with.
+        """
+        kinds = Counter(kind_of(effect) for effect, _ in evidence)
+        odds = THRESHOLDS.prior.effect / (THRESHOLDS.prior.nothing * len(kinds))
+        logs = {
+            account: gain + math.log(odds / kinds[kind_of(account[0])]) if math.isfinite(gain) else -math.inf
+            for account, gain in evidence.items()
+        }
+        largest = max(0.0, *logs.values())
+        weights = {account: math.exp(log - largest) for account, log in logs.items()}
+        total = math.exp(-largest) + sum(weights.values())
+        return {account: weight / total for account, weight in weights.items()}
+
+
+def kind_of(effect: str) -> str:
+    """An effect without the label of the parameters that it was watched with."""
+    return effect.partition(":")[0]

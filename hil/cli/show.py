@@ -256,20 +256,19 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
 
 def _angle(result: "Result") -> Iterator[tuple[str, str]]:
     """The angle at the end of the scored window with its uncertainty, and the source's own beside it."""
-    if (angle := result.angle) is None or (u := result.angle_u_rad) is None:
+    if (angle := result.angle) is None or (u := result.angle_expanded_rad) is None:
         return
     from hil.numbers import in_both, plus_minus, prefix_for, quantity
-    from hil.verdict.budget import COVERAGE
+    from hil.verdict.budget import largest_source
 
     factor, prefix = prefix_for(max(abs(angle.rad), u), 0)
     told = f"{plus_minus(angle.rad * factor, u * factor)} {prefix}rad"
     degrees = plus_minus(math.degrees(angle.rad), math.degrees(u))
     yield "angle since scoring starts", f"{told} ({degrees}°), k = 2"
     if result.uncertainty:
-        largest = result.uncertainty[0]
-        told = " (assumed)" if largest.assumed else ""
-        share = quantity(COVERAGE * largest.contribution_rad, "rad", 2)
-        yield "largest source", f"{largest.source}{told}, U = {share}"
+        yield "largest source", largest_source(result.uncertainty[0])
+    if angle.why:
+        yield "by", angle.why
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         yield "by the patent's formula (11)", in_both(angle.plain_rad, "rad", 5)
         imperfection = quantity(angle.control_imperfection_rms_rad, "rad", 2)

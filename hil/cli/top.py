@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from hil.cli.options import RUNS, Json
+from hil.coverage import COVERAGE
 
 Url = Annotated[
     str | None, typer.Argument(metavar="[URL]", help="Address with the token, as hil serve prints it; else --folder.")
@@ -87,7 +88,7 @@ def rows(state: dict[str, Any]) -> list[tuple[str, str]]:
 def _with_u(value: float | None, standard: float | None, unit: str) -> str:
     if value is None:
         return "–"
-    return f"{value:.6g} {unit}" if standard is None else f"{value:.6g} ± {2.0 * standard:.2g} {unit} (k = 2)"
+    return f"{value:.6g} {unit}" if standard is None else f"{value:.6g} ± {COVERAGE * standard:.2g} {unit} (k = 2)"
 
 
 def _watch(service: Any) -> None:

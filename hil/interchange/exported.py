@@ -131,6 +131,7 @@ def _estimates(path: Path, name: What = "estimates", only: Sequence[str] = ()) -
         "complete": estimates.complete,
         "sd_": "standard deviation of the state",
         "angle_u_rad": "standard uncertainty of the angle, k = 1",
+        "angle_zero": estimates.zero,
     }
 
     def pieces() -> Iterator[Columns]:

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from hil.coverage import COVERAGE
 from hil.errors import InputError
+from hil.records.units import symbol_of
 
 if TYPE_CHECKING:
     import pandas
@@ -63,6 +65,26 @@ class Series:
     def values(self) -> npt.NDArray[Any]:
         """The first column, which is the quantity itself, (n,)."""
         return next(iter(self._columns.values()))
+
+    @property
+    def u(self) -> npt.NDArray[Any]:
+        """Standard uncertainty (k = 1) of `values`, (n,): of a rate what the observer says, of an angle all its sources.
+
+        Raises InputError where nothing says one.
+
+        >>> Series(np.zeros(1), {"angle_rad": np.ones(1), "angle_u_rad": np.full(1, 0.1)}, {}).u
+        array([0.1])
+        """
+        name = next(iter(self._columns))
+        for column in (f"sd_{name}", f"{symbol_of(name)}_u{name.removeprefix(symbol_of(name))}"):
+            if column in self._columns:
+                return self._columns[column]
+        raise InputError(f"{name}: nothing says how uncertain it is; there are {', '.join(self._columns)}")
+
+    @property
+    def expanded(self) -> npt.NDArray[Any]:
+        """Expanded uncertainty U (k = 2) of `values`, (n,). Raises InputError as `u` does."""
+        return np.asarray(COVERAGE * self.u)
 
     @property
     def unit(self) -> str:

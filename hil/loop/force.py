@@ -17,7 +17,7 @@ from hil.loop.angle import ReportedAngle
 from hil.loop.echo import Echo
 from hil.loop.hindsight import Hindsight
 from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
-from hil.loop.tracks import put_covariance
+from hil.loop.tracks import ANGLES, put_covariance
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
@@ -136,15 +136,16 @@ class ForceLoop(Loop):
             state, deviation = self._observer.reading()
             out = self._row
             energy, quadrature = float(out["energy_ratio"]), float(out["quadrature_ratio"])
-            angle, forced = float(out["angle"]), float(out["angle_forced"])
+            begun = [float(out[name]) for name in ANGLES]
             sd = math.sqrt(max(float(out["angle_variance"]), 0.0))
             kxy, dxx, dyy, dxy = (state[place] for place in self._cancelled)
-            u = self._reported.uncertainty(tick / self._rate_Hz, angle, forced, sd, kxy, (dxx, dyy, dxy))
+            counted, u = self._reported.follow(tick / self._rate_Hz, begun, sd, kxy, (dxx, dyy, dxy))
+            angle, *others = counted
             if self._reported.kind == "none":
                 angle = sd = u = math.nan
             self._estimates.put(
-                tick, *state, *deviation, angle, u, sd, forced, float(out["angle_pattern"]), float(out["angle_plain"]),
-                float(out["angle_rate_integral"]), energy, quadrature, self._reported.valid(energy, quadrature),
+                tick, *state, *deviation, angle, u, sd, *others, energy, quadrature,
+                self._reported.valid(energy, quadrature),
             )  # fmt: skip
             if since % self._covariance_every == self._covariance_every - 1:
                 put_covariance(self._covariance, tick, self._observer)

@@ -280,10 +280,8 @@ def _conclude(
             "scan": scan,
         }
     )
-    # Of a model that lacks something the scan is a rough guide: what was declared is then not lowered by it.
-    complete = scan is not None and scan.complete is True
-    information = found.information if found is not None and complete else None
-    result = result.model_copy(update=budget(run_folder.estimates, bench, information)._asdict())
+    information = None if found is None else found.information
+    result = result.model_copy(update=budget(run_folder.estimates, bench, information, scan)._asdict())
     result = result.model_copy(update=judge(run_folder, result, bench, outcome)._asdict())
     save_result(run_folder.result_path, result)
     if report:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
-from hil.loop.angle import ReportedAngle, kind_of_angle
+from hil.formula import formula_of
+from hil.loop.angle import ReportedAngle
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
 from hil.records.covariance import covariance_layout, packed
@@ -34,6 +35,10 @@ COLUMNS = {
     **{name: f"{name}_per_s" for name in ("dxx", "dyy", "dxy")},
     "drive_gain_x": "drive_gain_x",
 }
+
+
+ANGLES = ("angle", "angle_forced", "angle_pattern", "angle_plain", "angle_rate_integral")
+"""Of the estimator's output; all are counted from one zero."""
 
 
 def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[str, Layout]:
@@ -88,7 +93,8 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
                 "virtual_rotation_rad_s": bench.controller.virtual_rotation_rad_s,
                 "virtual_reversal_s": bench.virtual_reversal_s,
                 "angular_gain": bench.device.calibration.angular_gain,
-                "angle": kind_of_angle(bench),
+                "angle": formula_of(bench).kind,
+                "angle_zero_s": bench.loop.settle_s,
                 "settings": _plain(asdict(observer.settings)),
             },
         ),
@@ -138,18 +144,14 @@ def estimate_rows(
     grouped["state"] = estimates.state
     grouped["sd"] = estimates.deviation
     if estimates.innovation.shape[1] == 2:
-        angle, deviation, forced = (
-            column[index] for column in (estimates.angle, estimates.angle_deviation, estimates.angle_forced)
-        )
+        since_begun = [getattr(estimates, name)[index] for name in ANGLES]
+        deviation = estimates.angle_deviation[index]
         dxx, dyy, dxy, kxy = (estimates.of(name) for name in ("dxx", "dyy", "dxy", "kxy"))
         times = rows["tick"] / layout.header["tick_rate_Hz"]
-        rows["angle_rad"] = angle
-        rows["angle_u_rad"] = reported.uncertainty(times, angle, forced, deviation, kxy, (dxx, dyy, dxy))
+        counted, rows["angle_u_rad"] = reported.follow(times, since_begun, deviation, kxy, (dxx, dyy, dxy))
+        for name, angle in zip(ANGLES, counted, strict=True):
+            rows[f"{name}_rad"] = angle
         rows["angle_sd_rad"] = deviation
-        rows["angle_forced_rad"] = forced
-        rows["angle_pattern_rad"] = estimates.angle_pattern[index]
-        rows["angle_plain_rad"] = estimates.angle_plain[index]
-        rows["angle_rate_integral_rad"] = estimates.angle_rate_integral[index]
         energy, quadrature = estimates.energy_ratio[index], estimates.quadrature_ratio[index]
         rows["energy_ratio"] = energy
         rows["quadrature_ratio"] = quadrature

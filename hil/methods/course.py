@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from hil.coverage import COVERAGE
 from hil.errors import InputError
 from hil.records.capture import Capture
 from hil.records.methods import MethodKind, MethodRow
@@ -20,7 +21,7 @@ _HELD = 0.1  # of the scored window, over which it has to hold
 @dataclass(frozen=True)
 class Course:
     """Angle (rows,) [rad] and rate [rad/s] after the ticks `tick` (rows,); parameters at the end, [1/s²] and [1/s],
-    with their standard deviations where the method says them; angle_u, the expanded uncertainty of the angle's change,
+    with their standard deviations where the method says them; angle_u, the standard uncertainty of the angle's change,
     and rate_sd (rows,) likewise.  lost_tick: where the method itself tells that it has lost the device.
     """
 
@@ -96,8 +97,9 @@ class Judge:
             record="its own" if course.own_record else "this",
             angle_rad=_finite(course.angle[scored][-1] - course.angle[scored][0]),
             angle_u_rad=None if course.angle_u is None else _finite(course.angle_u[-1]),
-            rate_u_rad_s=None if course.rate_sd is None else _finite(2.0 * _rms(course.rate_sd[scored])),
-            stiffness_u=self._deviation(course, STIFFNESS, self._k),
+            angle_expanded_rad=None if course.angle_u is None else _finite(COVERAGE * course.angle_u[-1]),
+            rate_expanded_rad_s=None if course.rate_sd is None else _finite(COVERAGE * _rms(course.rate_sd[scored])),
+            stiffness_expanded=self._deviation(course, STIFFNESS, self._k),
             cost_us=course.cost_us,
             remark=course.remark,
         )
@@ -122,7 +124,7 @@ class Judge:
                 else _finite(_rms((course.rate - reference.at(course.tick)[1])[scored])),
                 "stiffness_error": _parameter_error(course, reference, STIFFNESS, self._k),
                 "damping_error": _parameter_error(course, reference, DAMPING, mean),
-                "damping_u": self._deviation(course, DAMPING, mean),
+                "damping_expanded": self._deviation(course, DAMPING, mean),
                 "settled_s": float(seconds[settled]) if settled < len(seconds) - _HELD * scored.sum() else None,
                 "diverged_s": min(found) if found else None,
             }
@@ -139,7 +141,7 @@ class Judge:
     @staticmethod
     def _deviation(course: Course, names: tuple[str, ...], unit: float | None) -> float | None:
         found = [course.deviations[name] for name in names if name in course.deviations]
-        return _finite(2.0 * _rms(np.array(found)) / unit) if found and unit else None
+        return _finite(COVERAGE * _rms(np.array(found)) / unit) if found and unit else None
 
 
 def _parameter_error(course: Course, reference: Reference, names: tuple[str, ...], unit: float | None) -> float | None:

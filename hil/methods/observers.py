@@ -78,8 +78,8 @@ def course_of(
     estimated = set(observer.estimated)
     parameters = [label for label in (*STIFFNESS, *DAMPING) if label in estimated]
     damping = [seen.state[:, column[label]] for label in DAMPING]
-    u = ReportedAngle(bench).uncertainty(
-        tick / device.sample_rate, seen.angle, seen.forced, seen.angle_sd,
+    _, u = ReportedAngle(bench).follow(
+        tick / device.sample_rate, (seen.angle, seen.forced), seen.angle_sd,
         seen.state[:, column["kxy"]], (damping[0], damping[1], damping[2]),
     )  # fmt: skip
     rate = column["rate"]
@@ -92,7 +92,7 @@ def course_of(
         rate_sd=seen.deviation[:, rate],
         parameters={label: float(seen.state[-1, column[label]]) for label in parameters},
         deviations={label: float(seen.deviation[-1, column[label]]) for label in parameters},
-        angle_u=2.0 * u,
+        angle_u=u,
         lost_tick=None if seen.lost is None else int(given.samples.tick[seen.lost]),
         cost_us=cost_us,
     )

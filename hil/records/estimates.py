@@ -29,10 +29,21 @@ ANGLE_COLUMNS = (
     "quadrature_ratio",
 )
 """What a two-axis model adds to its state: reported angle φ; its standard uncertainty (k = 1), and the part of it by
-estimation, both of its change since the start of the scored window; what was taken off of it for forces; φ from the
-pattern with only the virtual rotation taken off, φ by the plain formula (11), ∫Ω̂ dt, energy
-over its set point, and quadrature normalised by energy.
+estimation; what was taken off of it for forces; φ from the pattern with only the virtual rotation taken off, φ by the
+plain formula (11), ∫Ω̂ dt, energy over its set point, and quadrature normalised by energy.
+
+All angles, and the uncertainty, count from one zero: the first row, and from the start of the scored window (the header's
+`angle_zero_s`) on the row there.
 """
+
+_ZERO = (
+    "angle and uncertainty count from bench time {at:g} s, where the scored window begins; the rows before it, from the "
+    "first row"
+)
+_TWO_ZEROS = (
+    "written before angles had one zero: angle_rad counts from the first row, angle_u_rad from the start of the scored "
+    "window"
+)
 
 
 def estimates_layout(
@@ -80,6 +91,14 @@ class Estimates(Table):
     def states(self) -> tuple[str, ...]:
         """Names of the state columns, with their units, e.g. `kxx_per_s2`."""
         return tuple(self.header["states"])
+
+    @property
+    def zero(self) -> str:
+        """What its angles count from, one line; "" where it has none."""
+        if "angle_rad" not in self:
+            return ""
+        at = self.header.get("angle_zero_s")
+        return _TWO_ZEROS if at is None else _ZERO.format(at=at)
 
     @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:

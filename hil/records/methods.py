@@ -2,10 +2,11 @@
 docs/reference/comparison.schema.json."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from hil.coverage import COVERAGE
 from hil.errors import InputError
 from hil.records import json_file
 
@@ -29,22 +30,27 @@ class MethodRow(_Model):
     )
     angle_rad: float | None = Field(default=None, description="Change of the angle over the scored window")
     angle_u_rad: NonNegative | None = Field(
-        default=None, description="Its expanded uncertainty (k = 2), as the method says it"
+        default=None, description="Its standard uncertainty (k = 1), as the method says it"
     )
+    angle_expanded_rad: NonNegative | None = Field(default=None, description="Its expanded uncertainty (k = 2)")
     angle_error_rms_rad: NonNegative | None = Field(
         default=None, description="Angle less the reference's, both zero at the start of the scored window"
     )
     angle_error_max_rad: NonNegative | None = None
     rate_error_rms_rad_s: NonNegative | None = None
-    rate_u_rad_s: NonNegative | None = Field(default=None, description="Twice the rms of the deviation it says")
+    rate_expanded_rad_s: NonNegative | None = Field(
+        default=None, description="Expanded (k = 2): twice the rms of the deviation it says"
+    )
     stiffness_error: NonNegative | None = Field(
         default=None, description="rms of the errors of kxx, kyy and kxy at the end, over the target stiffness"
     )
-    stiffness_u: NonNegative | None = Field(default=None, description="Twice the rms of the deviations it says")
+    stiffness_expanded: NonNegative | None = Field(
+        default=None, description="Expanded (k = 2): twice the rms of the deviations it says"
+    )
     damping_error: NonNegative | None = Field(
         default=None, description="rms of the errors of dxx, dyy and dxy at the end, over the true mean of dxx and dyy"
     )
-    damping_u: NonNegative | None = None
+    damping_expanded: NonNegative | None = None
     settled_s: NonNegative | None = Field(
         default=None,
         description="Bench time from which on the angle's error stays within 20 mrad of its mean over the scored "
@@ -59,9 +65,27 @@ class MethodRow(_Model):
     remark: str = ""
 
 
+_EXPANDED = {
+    "angle_u_rad": "angle_expanded_rad", "rate_u_rad_s": "rate_expanded_rad_s", "stiffness_u": "stiffness_expanded",
+    "damping_u": "damping_expanded",
+}  # fmt: skip
+_RENAMED = "written before version 2: its uncertainties (_u) were expanded ones (k = 2), read here as _expanded"
+
+
+def _renamed(row: dict[str, Any]) -> dict[str, Any]:
+    """A row as written before version 2."""
+    found = {_EXPANDED.get(name, name): value for name, value in row.items()}
+    if isinstance(expanded := found.get("angle_expanded_rad"), int | float):
+        found["angle_u_rad"] = expanded / COVERAGE
+    return found
+
+
 class Methods(json_file.Sealed, _Model):
     """All methods on one record."""
 
+    version: Literal[2] = Field(
+        default=2, description="Files without it are read too: what ended in _u was the expanded uncertainty, k = 2"
+    )
     record: str
     bench: str
     seconds: NonNegative
@@ -71,6 +95,17 @@ class Methods(json_file.Sealed, _Model):
     )
     rows: tuple[MethodRow, ...]
     remarks: tuple[str, ...] = Field(default=(), description="What could not be compared, and why, a line each")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_before_version_2(cls, given: Any) -> Any:
+        """Files without a version: their uncertainties were expanded ones under the names of standard ones."""
+        if not isinstance(given, dict) or "version" in given or not isinstance(given.get("rows"), list):
+            return given
+        if not all(isinstance(row, dict) and "angle_expanded_rad" not in row for row in given["rows"]):
+            return given  # made by this program, row by row
+        rows = [_renamed(row) for row in given["rows"]]
+        return given | {"rows": rows, "remarks": [*given.get("remarks", ()), _RENAMED]}
 
     def of(self, name: str) -> MethodRow:
         """The row of that name. Raises InputError with the names there are."""

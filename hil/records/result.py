@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from hil.coverage import COVERAGE
 from hil.numbers import percent
 from hil.records import json_file
 from hil.records.setting import Setting
@@ -233,7 +234,7 @@ class Score(_Model):
     angle_error_max_rad: NonNegative | None = None
     angle_error_end_rad: NonNegative | None = Field(
         default=None,
-        description="At the last scored instant, to be held against `angle_u_rad`; null where a truth ends early",
+        description="At the last scored instant, to be held against `angle_expanded_rad`; null where a truth ends early",
     )
     rate_error_max_rad_s: NonNegative | None = None
     pattern_angle_error_rms_rad: NonNegative | None = Field(
@@ -262,6 +263,10 @@ class Contribution(_Model):
     sensitivity: str = Field(description="How it reaches the angle, in words and figures")
     contribution_rad: NonNegative = Field(
         description="Standard uncertainty of the angle by this source, at the end of the scored window"
+    )
+    declared_rad: NonNegative | None = Field(
+        default=None,
+        description="The same by what is declared alone, as in the estimates; null for what only the closing scan tells",
     )
     assumed: bool = Field(default=False, description="The bench file declares nothing: a usual value was taken")
 
@@ -315,8 +320,9 @@ class Angle(_Model):
     """The reported angle at the end of the scored window, zero at its start, and what the source of the method has."""
 
     kind: Literal["pattern", "rate"] = Field(
-        description="pattern: of the vibration, less what forces turned it by; rate: the integrated rate, in open loop"
+        description="pattern: formula (11) on the vibration, less what forces turned it by; rate: the integrated rate"
     )
+    why: str = Field(default="", description="Which formula gives the angle, and why, one line")
     rad: float
     plain_rad: float | None = Field(
         default=None, description="Formula (11) of the source, less the virtual rotation alone"
@@ -358,10 +364,18 @@ TOO_SLOW = (
 """Of two runs, where one of them is not `Result.kept_up`."""
 
 
+_RENAMED = (
+    "written before version 2: its angle_u_rad was the expanded uncertainty (k = 2), read here as angle_expanded_rad; "
+    "angle_u_rad is now the standard one (k = 1)"
+)
+
+
 class Result(json_file.Sealed, _Model):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
-    version: Literal[1] = 1
+    version: Literal[2] = Field(
+        default=2, description="1 is read too: its angle_u_rad was the expanded uncertainty, which became a name of its own"
+    )
     run: str = Field(description="Name of the run folder")
     link: str | None = None
     clock: Literal["lockstep", "paced", "real"] | None = Field(default=None, description="Null for a replay")
@@ -378,11 +392,14 @@ class Result(json_file.Sealed, _Model):
     angle: Angle | None = Field(default=None, description="Null where no angle is reported")
     angle_u_rad: NonNegative | None = Field(
         default=None,
-        description="Expanded uncertainty (k = 2) of the reported angle at the end of the scored window, the angle "
+        description="Standard uncertainty (k = 1) of the reported angle at the end of the scored window, the angle "
         "being zero at its start; null where no angle is reported",
     )
+    angle_expanded_rad: NonNegative | None = Field(
+        default=None, description="Expanded uncertainty U (k = 2) of the same: twice angle_u_rad"
+    )
     uncertainty: tuple[Contribution, ...] = Field(
-        default=(), description="Its budget: angle_u_rad is twice the root of the sum of the squared contributions"
+        default=(), description="Its budget: angle_u_rad is the root of the sum of the squared contributions"
     )
     parameters: dict[str, Parameter] = Field(default_factory=dict)
     innovation_rms: NonNegative | None = Field(default=None, description="V, over the scored window and all axes")
@@ -418,6 +435,23 @@ class Result(json_file.Sealed, _Model):
         default=(), description="What the system refused the loop and what went wrong on the way, one line each"
     )
     complete: bool = Field(description="False when the capture lacks its end marker")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_version_1(cls, given: Any) -> Any:
+        """Files from before `angle_expanded_rad`: what they call angle_u_rad is read as what it was."""
+        if not isinstance(given, dict) or given.get("version") != 1:
+            return given
+        expanded = given.get("angle_u_rad")
+        if not isinstance(expanded, int | float) or "angle_expanded_rad" in given:
+            return given | {"version": 2}
+        remarks = [*given.get("remarks", ()), _RENAMED]
+        return given | {
+            "version": 2,
+            "angle_u_rad": expanded / COVERAGE,
+            "angle_expanded_rad": expanded,
+            "remarks": remarks,
+        }
 
     @property
     def alarm(self) -> str:

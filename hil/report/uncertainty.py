@@ -1,35 +1,32 @@
 """The angle's uncertainty budget on the page."""
 
+from hil.coverage import COVERAGE
 from hil.numbers import magnitude, quantity, together
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
 
-_NONE = (
-    "No angle is reported: in open loop nothing makes an ideal oscillator of the device, and its pattern turns by "
-    "itself."
-)
 
 
 def section(material: Material) -> str:
     """Angle ± U, the source's own angle beside it, and the table of what U is made of; nothing without an angle."""
     result = material.result
-    if result.angle is None or result.angle_u_rad is None:
+    if result.angle is None or result.angle_expanded_rad is None:
         open_loop = material.estimates is not None and material.estimates.header.get("angle") == "none"
-        return paragraph(_NONE) if open_loop else ""
+        return paragraph(f"{result.parts['angle'].reason}.") if open_loop and "angle" in result.parts else ""
     angle = result.angle
     said = (
-        f"At the end of the scored window the angle is {_both(angle.rad)} ± {_both(result.angle_u_rad)} (k = 2, about "
+        f"At the end of the scored window the angle is {_both(angle.rad)} ± {_both(result.angle_expanded_rad)} (k = 2, about "
         "95 %), zero at its start."
     )
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         said += (
             " The patent's formula (11), which takes off the virtual rotation only, gives "
-            f"{_both(angle.plain_rad)}. The other forces turned the pattern by "
-            f"{_both(angle.control_imperfection_rms_rad)} rms (control imperfection); the angle has that taken off too."
+            f"{_both(angle.plain_rad)}. Turn caused by drive forces (already subtracted): "
+            f"{_both(angle.control_imperfection_rms_rad)} rms."
         )
-    else:
-        said += " It is the integrated rate, the parameters being taken as known."
-    *sizes, expanded = together([*(row.contribution_rad for row in result.uncertainty), result.angle_u_rad], "rad")
+    if angle.why:
+        said += f" It is by {angle.why}."
+    *sizes, expanded = together([*(row.contribution_rad for row in result.uncertainty), result.angle_expanded_rad], "rad")
     rows = [
         (
             row.source + (" (assumed)" if row.assumed else ""),
@@ -39,7 +36,7 @@ def section(material: Material) -> str:
         )
         for row, size in zip(result.uncertainty, sizes, strict=True)
     ]
-    rows.append(("expanded, k = 2", expanded, "", "twice the root of the sum of squares"))
+    rows.append((f"expanded, k = {COVERAGE:g}", expanded, "", "twice the root of the sum of squares"))
     head = ("source", "contribution", "standard uncertainty", "how it reaches the angle")  # what a phone shows first
     return paragraph(said) + table("What the angle's uncertainty is made of", head, rows, (1, 2))
 

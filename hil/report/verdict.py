@@ -71,8 +71,8 @@ def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str
 
     first = Result(run="", seconds=0.0, samples=0, complete=True) if earlier is None else earlier
     entries: list[tuple[str, str, str]] = []
-    if result.angle is not None and result.angle_u_rad is not None:
-        remark = f"± {quantity(result.angle_u_rad, 'rad', 2)} (k = 2), since scoring starts"
+    if result.angle is not None and result.angle_expanded_rad is not None:
+        remark = f"± {quantity(result.angle_expanded_rad, 'rad', 2)} (k = 2), since scoring starts"
         entries.append(("Angle", in_both(result.angle.rad, "rad"), remark))
     if result.angle_error_rms_rad is not None:
         remark = "rms" + before(first.angle_error_rms_rad, "rad")

@@ -17,6 +17,7 @@ _GAUGES = {
     "t_s": ("hil_bench_time_seconds", "Bench time of the run"),
     "angle_rad": ("hil_angle_radians", "Angle of rotation"),
     "angle_u_rad": ("hil_angle_standard_uncertainty_radians", "Standard uncertainty of the angle, k = 1"),
+    "angle_expanded_rad": ("hil_angle_expanded_uncertainty_radians", "Expanded uncertainty of the angle, k = 2"),
     "rate_rad_s": ("hil_rate_radians_per_second", "Rate of rotation"),
     "rate_u": ("hil_rate_standard_uncertainty_radians_per_second", "Standard uncertainty of the rate, k = 1"),
     "energy_ratio": ("hil_energy_ratio", "Energy of the vibration over its set point"),

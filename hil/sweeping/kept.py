@@ -126,7 +126,7 @@ class Kept:
 
     def _require_same(self) -> None:
         told = {
-            "version": 1,
+            "version": 2,  # of 1, angle_u_rad was the expanded uncertainty
             "name": self.plan.name,
             "runs": len(self.plan),
             "campaign": self.plan.fingerprint,

@@ -143,6 +143,7 @@ def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], *, scan: b
     return {
         "verdict": said.verdict,
         "angle_u_rad": said.angle_u_rad,
+        "angle_expanded_rad": said.angle_expanded_rad,
         "model_complete": None if said.scan is None else said.scan.complete,
     }
 

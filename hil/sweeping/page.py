@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _UNITS = {"_rad": "rad", "_rad_s": "rad/s", "_s": "s"}
 _QUANTILES = (
     "angle_error_rms_rad", "angle_error_max_rad", "rate_error_rms_rad_s", "pattern_error_rms_rad", "nees",
-    "innovation_ratio", "coverage", "converged_s", "angle_u_rad",
+    "innovation_ratio", "coverage", "converged_s", "angle_expanded_rad",
 )  # fmt: skip
 _MOST_PAIRS = 10
 _PREDICTS = 0.3

@@ -3,13 +3,14 @@
 import numpy as np
 
 from hil.bench import Bench
+from hil.formula import formula_of
 from hil.numbers import percent, quantity
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
-from hil.verdict.budget import COVERAGE, remedy
+from hil.verdict.budget import largest_source, remedy
 
 _OPEN_LOOP = (
-    "no angle is reported: in open loop the pattern turns by itself; run with the control law on, or in open loop with "
+    "no angle is reported: {why}; run with the control law on, or without it with "
     '[observer] variant = "sense", which integrates the rate'
 )
 _BEYOND = 2.0
@@ -29,7 +30,7 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         return Part(outcome="unknown")
     if estimates.header.get("angle") == "none":
         asked = folder.capture is None or folder.capture.header.get("identity") is not None
-        return Part(outcome="failed" if asked else "unknown", reason=_OPEN_LOOP if asked else _FROM_ELSEWHERE)
+        return Part(outcome="failed" if asked else "unknown", reason=_OPEN_LOOP.format(why=formula_of(bench).why) if asked else _FROM_ELSEWHERE)
     scored = estimates.since(bench.loop.settle_s)
     if not len(scored):
         return Part(outcome="unknown")
@@ -38,6 +39,7 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         outside = np.zeros(3)
         for piece in scored.pieces():
             held = np.abs(piece["energy_ratio"] - 1.0) <= limits.energy_error  # NaN is not held either
+            held |= not bench.controller.enabled and np.isfinite(piece["energy_ratio"])  # nothing is to hold it
             slender = np.abs(piece["quadrature_ratio"]) <= limits.quadrature
             outside += [np.count_nonzero(~mask) for mask in (held & slender, held, slender)]
         invalid, off, oval = (float(share) for share in outside / len(scored))
@@ -47,26 +49,26 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
                 f"quadrature too large {percent(oval, 2)}), [limits] invalid_fraction is "
                 f"{percent(limits.invalid_fraction, 2)}"
             )
-    u = result.angle_u_rad
+    expanded = result.angle_expanded_rad
     error = None if result.score is None else result.score.angle_error_end_rad
-    if u is not None and error is not None and error > _BEYOND * u:
+    if expanded is not None and error is not None and error > _BEYOND * expanded:
         reasons.append(
             f"the truth contradicts the angle: at the end it is off by {_angle(error)}, "
-            f"and uncertain by {_angle(u)} (k = 2)"
+            f"and uncertain by {_angle(expanded)} (k = 2)"
         )
-    if u is not None and u > limits.angle_rad:
+    if expanded is not None and expanded > limits.angle_rad:
         largest = result.uncertainty[0]
         reasons.append(
-            f"the angle is uncertain by {_angle(u)} (k = 2), [limits] angle_rad is {limits.angle_rad:g}; largest "
-            f"source: {largest.source}, U = {_angle(COVERAGE * largest.contribution_rad)}"
+            f"the angle is uncertain by {_angle(expanded)} (k = 2), [limits] angle_rad is {limits.angle_rad:g}; "
+            f"largest source: {largest_source(largest)}"
         )
         after = remedy(largest, bench)
-    if not reasons and u is None:
+    if not reasons and expanded is None:
         return Part(outcome="failed", reason="the angle's uncertainty is not finite: the observer diverged")
     part = Part.of(reasons)
     if not reasons:
-        assert u is not None
-        return part.model_copy(update={"reason": f"uncertain by {_angle(u)} (k = 2) at the end"})
+        assert expanded is not None
+        return part.model_copy(update={"reason": f"uncertain by {_angle(expanded)} (k = 2) at the end"})
     return part.model_copy(update={"next": after})
 
 

@@ -1,26 +1,30 @@
-"""The angle's uncertainty budget, after JCGM 100 (GUM): one row a source, at the end of the scored window."""
+"""The angle's uncertainty budget, after JCGM 100 (GUM): one row a source, at the end of the scored window.
+
+The sources and what they contribute as declared are those of every row of the estimates (`hil.uncertainty`).  The scan
+that closes a run adds what its record says: what it leaves of each constant, what nobody declared, what is lacking.
+"""
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from estimator.uncertainty import Course, sensitivities
+from estimator.uncertainty import Course
 from hil.bench import Bench
+from hil.coverage import COVERAGE
+from hil.formula import formula_of
 from hil.numbers import quantity, significant
 from hil.records.estimates import Estimates
-from hil.records.result import Angle, Contribution
+from hil.records.result import Angle, Contribution, Lacking, Scan
+from hil.uncertainty import DAMPING, ESTIMATION, Sources, source_of
 
 if TYPE_CHECKING:
     from estimator.completeness.information import Information
 
-COVERAGE = 2.0
-"""Factor k of the expanded uncertainty: about 95 % for what is nearly normal."""
-
-ESTIMATION = "estimation"
-DAMPING = "declared damping"
 UNDECLARED = "undeclared effects"
+LACKING = "what the model lacks"
 _SYMBOLS = {
     "drive_gain": ("hx", "hy"),
     "sense_gain_ratio": ("gy",),
@@ -31,43 +35,96 @@ _SYMBOLS = {
     "clock": ("clock",),
 }
 """Constants that a scan watches, by the symbols of their coefficients in the catalogue; the clock as made here."""
+_EFFECTS = {"sense_gain": "sense_gain_ratio"} | {name: name for name in _SYMBOLS if name != "clock"}
+"""Effects of the catalogue that are constants of the calibration, where their names differ too."""
+_TWO_SIDED = 1.959964
+"""Half width of a 95 % interval in standard deviations."""
 
 
 class Budget(NamedTuple):
-    """What result.json says of the angle: the angle, its expanded uncertainty, and where that comes from."""
+    """What result.json says of the angle: the angle, its uncertainty, standard and expanded, and where that comes
+    from."""
 
     angle: Angle | None
     angle_u_rad: float | None
+    angle_expanded_rad: float | None
     uncertainty: tuple[Contribution, ...]
 
 
-def budget(estimates: Estimates | None, bench: Bench, information: "Information | None" = None) -> Budget:
-    """The budget of a recorded run; `information` is what its closing scan learned of the record.
+_NOTHING = Budget(None, None, None, ())
+
+
+def budget(
+    estimates: Estimates | None, bench: Bench, information: "Information | None" = None, scan: Scan | None = None
+) -> Budget:
+    """The budget of a recorded run; `information` is what its closing scan learned of the record, `scan` what it said.
 
     Nothing (None, no rows) where no angle is reported, or where it is not finite.
     """
     if estimates is None or "angle_u_rad" not in estimates:
-        return Budget(None, None, ())
+        return _NOTHING
     scored = estimates.since(bench.loop.settle_s)
     if len(scored) < 2:
-        return Budget(None, None, ())
+        return _NOTHING
     ends = scored.part(0, 1), scored.part(len(scored) - 1, len(scored))
     deviation = float(ends[1]["angle_sd_rad"][0])
-    angle = _angle(scored)
+    angle = _angle(scored, bench)
     if angle is None or not math.isfinite(deviation):
-        return Budget(None, None, ())
-    course = _course(*ends, bench)
-    rows = [_estimation(deviation, bench), *_calibration(bench, course, information)]
+        return _NOTHING
+    sources = Sources(bench)
+    course = _course(*ends, sources)
+    declared = {source: math.sqrt(each) for source, each in sources.variances(deviation, course).items()}
+    found = [] if scan is None else [*scan.lacks, *scan.harmless]
+    strange = [item for item in found if not _constants_of(item)]
+    left: dict[str, float] = {}
+    if scan is not None and not _trusted(scan):
+        information = None
     if information is not None:
-        rows += _beyond(bench, information)
-    if bench.observer.variant == "sense":
-        rows.append(_damping(bench, course))
+        left = _left(information, bench) | _carried(information, found)
+    rows = _rows(bench, sources, course, declared, left)
+    if information is not None:
+        rows += _beyond(bench, information if strange else replace(information, found=None))
+    else:
+        rows += _lacking(found)
     total = math.sqrt(sum(row.contribution_rad**2 for row in rows))
     rows.sort(key=lambda row: -row.contribution_rad)
-    return Budget(angle, COVERAGE * total, tuple(rows))
+    return Budget(angle, total, COVERAGE * total, tuple(rows))
 
 
-def _angle(scored: Estimates) -> Angle | None:
+def _trusted(scan: Scan) -> bool:
+    """Whether what the scan learned of the record holds.
+
+    It does for a complete model, and for one that is off by constants of the calibration: their errors are small, as
+    declared, and a scan finds them as well as their sum.  Of a model that lacks anything else it is a rough guide.
+    """
+    return scan.complete is True or (
+        bool(scan.lacks) and all(map(_constants_of, [*scan.lacks, *scan.harmless]))
+    )
+
+
+def _constants_of(item: Lacking) -> list[str]:
+    """The constants of the calibration that something lacking may be."""
+    return [_EFFECTS[name] for name in (item.effect, *item.alike) if name in _EFFECTS]
+
+
+def _carried(information: "Information", found: list[Lacking]) -> dict[str, float]:
+    """What constants contribute that the scan found there and included in its model, by source: what they were found to
+    do, instead of what is declared of them.
+    """
+    return {
+        source_of(name): _rms(item)
+        for item in found
+        for name in _constants_of(item)[:1]
+        if not any(map(information.watches, _SYMBOLS[name]))
+    }
+
+
+def _rms(item: Lacking) -> float:
+    """How far the angle is off for what was found, rms."""
+    return math.hypot(item.angle_rad, (item.angle_ci95[1] - item.angle_rad) / _TWO_SIDED)
+
+
+def _angle(scored: Estimates, bench: Bench) -> Angle | None:
     """The reported angle at the end, zero at the start, and the source's own beside it."""
     names = [f"angle_{name}rad" for name in ("", "pattern_", "plain_")]
     start = np.array([scored.part(0, 1)[name][0] for name in names])
@@ -83,78 +140,60 @@ def _angle(scored: Estimates) -> Angle | None:
     pattern = scored.header.get("angle") != "rate"
     return Angle(
         kind="pattern" if pattern else "rate",
+        why=formula_of(bench).why,
         rad=float(last[0]),
         plain_rad=float(last[2]) if pattern else None,
         control_imperfection_rms_rad=math.sqrt(squares / len(scored)) if pattern else None,
     )
 
 
-def _course(first: Estimates, last: Estimates, bench: Bench) -> Course:
-    """What happened between two rows of the estimates; in open loop no force turned anything."""
-    driven = 1.0 if bench.controller.enabled else 0.0
+def _course(first: Estimates, last: Estimates, sources: Sources) -> Course:
+    """What happened between two rows of the estimates."""
 
     def between(name: str) -> float:
         return float(last[name][0] - first[name][0])
 
-    xx, yy, xy = (driven * float(last[f"d{axes}_per_s"][0]) for axes in ("xx", "yy", "xy"))
-    return Course(
-        seconds=float(last.t_s[0] - first.t_s[0]),
-        rotation=between("angle_rad"),
-        forced=driven * between("angle_forced_rad"),
-        stiffness_xy=driven * float(last["kxy_per_s2"][0]),
-        damping=(xx, yy, xy),
-        angular_gain=bench.device.calibration.angular_gain,
+    return sources.course(
+        float(last.t_s[0] - first.t_s[0]),
+        between("angle_rad"),
+        between("angle_forced_rad"),
+        float(last["kxy_per_s2"][0]),
+        tuple(float(last[f"d{axes}_per_s"][0]) for axes in ("xx", "yy", "xy")),
     )
 
 
-def _estimation(deviation: float, bench: Bench) -> Contribution:
-    return Contribution(
-        source=ESTIMATION,
-        value=deviation,
-        unit="rad",
-        sensitivity="1: covariance of the estimate, with that of the constants by which forces are taken off"
-        if bench.controller.enabled
-        else "1: covariance of the integrated rate",
-        contribution_rad=deviation,
-    )
-
-
-def _damping(bench: Bench, course: Course) -> Contribution:
-    """Of the observer of 7 states, which takes the parameters as known: what it is told of the damping."""
-    device = bench.device
-    mean = sum(device.damping_per_s[:2]) / 2.0
-    value = bench.observer.initial_sd.damping * mean
-    return Contribution(
-        source=DAMPING,
-        value=value,
-        unit="1/s",
-        sensitivity=f"¼ of a difference between the axes, √2 of them, for {quantity(course.seconds, 's')}",
-        contribution_rad=0.25 * math.sqrt(2.0) * value * course.seconds / course.angular_gain,
-    )
-
-
-def _calibration(bench: Bench, course: Course, information: "Information | None") -> list[Contribution]:
-    """One row for each constant: by the closed form, or where the scan watched it, what the record leaves of it."""
-    known = bench.device.calibration.known(bench.device.resonance_rad_s)
-    left = {} if information is None else _left(information, {name: item.u for name, item in known.items()})
+def _rows(
+    bench: Bench, sources: Sources, course: Course, declared: Mapping[str, float], left: Mapping[str, float]
+) -> list[Contribution]:
+    """One row for each source, as declared [rad]; where the scan tested a constant, what the record leaves of it."""
     words = _words(course)
+    constants = bench.device.calibration.known(bench.device.resonance_rad_s)
+    known = {source_of(name): item for name, item in constants.items()}
     rows = []
-    for name, square in sensitivities(course).items():
-        item = known[name]
-        declared = math.sqrt(square) * item.u
-        contribution = left.get(name, declared)
-        rows.append(
-            Contribution(
-                source=name.replace("_", " "),
-                value=item.u,
-                unit=item.unit,
-                sensitivity=f"{words[name]} = {quantity(declared, 'rad', 2)}"
-                + (f"; the record leaves {quantity(contribution, 'rad', 2)} of it" if name in left else ""),
-                contribution_rad=contribution,
-                assumed=item.assumed,
+    for source, contribution in declared.items():
+        told = {"declared_rad": contribution, "contribution_rad": left.get(source, contribution)}
+        if source == ESTIMATION:
+            rows.append(Contribution(source=source, value=contribution, unit="rad", sensitivity=_COVARIANCE, **told))
+        elif source == DAMPING:
+            assert sources.damping_sd_per_s is not None
+            how = f"¼ of a difference between the axes, √2 of them, for {quantity(course.seconds, 's')}"
+            rows.append(
+                Contribution(source=source, value=sources.damping_sd_per_s, unit="1/s", sensitivity=how, **told)
             )
-        )
+        else:
+            item = known[source]
+            how = f"{words[source]} = {quantity(contribution, 'rad', 2)}" + (
+                f"; the record leaves {quantity(left[source], 'rad', 2)} of it" if source in left else ""
+            )
+            rows.append(
+                Contribution(
+                    source=source, value=item.u, unit=item.unit, sensitivity=how, assumed=item.assumed, **told
+                )
+            )
     return rows
+
+
+_COVARIANCE = "1: covariance of the estimate, with that of the constants by which forces are taken off"
 
 
 def _words(course: Course) -> Mapping[str, str]:
@@ -163,24 +202,22 @@ def _words(course: Course) -> Mapping[str, str]:
     late = f"{significant(abs(course.stiffness_xy) / 4.0, 4)} rad/s²"
     seconds = quantity(course.seconds, "s")
     return {
-        "drive_gain": f"of each axis × half the forced rotation, {forced}",
-        "sense_gain_ratio": f"× half the forced rotation, {forced}, and half a radian where it is read",
-        "drive_misalignment": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
-        "sense_cross_coupling": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
-        "drive_delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
-        "sense_delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
+        "drive gain": f"of each axis × half the forced rotation, {forced}",
+        "sense gain ratio": f"× half the forced rotation, {forced}, and half a radian where it is read",
+        "drive misalignment": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
+        "sense cross coupling": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
+        "drive delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
+        "sense delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
         "clock": f"× twice the forced rotation, {forced}",
-        "angular_gain": f"× rotation, {turned}",
+        "angular gain": f"× rotation, {turned}",
     }
 
 
 def _beyond(bench: Bench, information: "Information") -> list[Contribution]:
-    """What may be there and nobody declared: of all effects the one that may move the angle most, as large as the
-    record allows, and what was found to be there and is not held against the run.
+    """What may be there and nobody declared, as large and as probable as the record leaves it, and what was found to be
+    there and is not held against the run.
     """
-    declared = bench.device.calibration.known(bench.device.resonance_rad_s)
-    sd = {symbol: declared[name].u for name, symbols in _SYMBOLS.items() for symbol in symbols}
-    effect, course = with_clock(information).beyond(sd)
+    effect, course = with_clock(information).beyond(_declared_by_symbol(bench))
     contribution = float(np.max(course))  # at the end it may just be passing through zero, as sin 2θ does
     if not effect or not math.isfinite(contribution):
         return []
@@ -191,26 +228,44 @@ def _beyond(bench: Bench, information: "Information") -> list[Contribution]:
             source=UNDECLARED,
             value=contribution,
             unit="rad",
-            sensitivity=f"1: {name}, were it there and as large as the record allows, at most"
+            sensitivity=f"1: one or none of all, each as probable and as large as the record leaves it; most by {name}"
             + (f"; {quantity(found, 'rad', 2)} by what the scan found and calls harmless" if found else ""),
             contribution_rad=contribution,
         )
     ]
 
 
-def _left(information: "Information", declared: Mapping[str, float]) -> dict[str, float]:
-    """What each constant contributes after the record, rad; constants that were not watched are left out.
+def _lacking(items: list[Lacking]) -> list[Contribution]:
+    """What the scan found and the model lacks: the angle is off by it, as far as anybody knows."""
+    if not items:
+        return []
+    contribution = sum(map(_rms, items))
+    return [
+        Contribution(
+            source=LACKING,
+            value=contribution,
+            unit="rad",
+            sensitivity=f"1: {', '.join(item.effect.replace('_', ' ') for item in items)}, as the scan found it",
+            contribution_rad=contribution,
+        )
+    ]
+
+
+def _declared_by_symbol(bench: Bench) -> dict[str, float]:
+    """Standard uncertainties of the calibration, SI, by the symbols of the catalogue."""
+    known = bench.device.calibration.known(bench.device.resonance_rad_s)
+    return {symbol: known[name].u for name, symbols in _SYMBOLS.items() for symbol in symbols}
+
+
+def _left(information: "Information", bench: Bench) -> dict[str, float]:
+    """What each constant contributes after the record, rad, by source; those that were not tested are left out.
 
     What is uncertain of all of them together, gᵀ C g, is divided among them by g_k (C g)_k: of two that the record
     tells only together, each has its share of what they have left together.
     """
-    joint = with_clock(information)
-    sd = {
-        symbol: declared[name]
-        for name, symbols in _SYMBOLS.items()
-        if all(map(joint.watches, symbols))
-        for symbol in symbols
-    }
+    joint, declared = with_clock(information), _declared_by_symbol(bench)
+    tested = {name: symbols for name, symbols in _SYMBOLS.items() if all(map(joint.watches, symbols))}
+    sd = {symbol: declared[symbol] for symbols in tested.values() for symbol in symbols}
     if not sd:
         return {}
     found = joint.posterior(sd)
@@ -223,9 +278,7 @@ def _left(information: "Information", declared: Mapping[str, float]) -> dict[str
         return {}
     by_symbol = dict(zip(found.symbols, shares * (total / whole), strict=True))
     return {
-        name: math.sqrt(sum(by_symbol[symbol] for symbol in symbols))
-        for name, symbols in _SYMBOLS.items()
-        if all(symbol in by_symbol for symbol in symbols)
+        source_of(name): math.sqrt(sum(by_symbol[symbol] for symbol in symbols)) for name, symbols in tested.items()
     }
 
 
@@ -233,8 +286,6 @@ def with_clock(information: "Information") -> "Information":
     """The same with one more coefficient, "clock": a board that runs fast by δ drives both axes as if their gains were
     less by 2δ each.
     """
-    from dataclasses import replace
-
     from estimator.completeness.information import Coefficient
 
     if not (information.watches("hx") and information.watches("hy")):
@@ -256,6 +307,12 @@ def with_clock(information: "Information") -> "Information":
     )
 
 
+def largest_source(row: Contribution) -> str:
+    """The largest row, and the U that there would be by it alone."""
+    told = " (assumed)" if row.assumed else ""
+    return f"{row.source}{told}, U = {quantity(COVERAGE * row.contribution_rad, 'rad', 2)}"
+
+
 def remedy(row: Contribution, bench: Bench) -> str:
     """The setting, or the act, that lowers a row."""
     controller = bench.controller
@@ -267,8 +324,33 @@ def remedy(row: Contribution, bench: Bench) -> str:
     if row.source == ESTIMATION:
         return "raise [observer] memory_s, lower [observer.process_noise] as far as the device allows, and run again"
     if row.source == UNDECLARED:
-        return "excite the device more ([controller] amplitude_modulation, dither_mps2), or hil trace, and run again"
+        return _excitation(bench)
+    if row.source == LACKING:
+        return "hil trace the run with --add better.bench.toml, and run with that bench file"
     if row.source == DAMPING:
         return "measure the damping, and say how well with [observer.initial_sd] damping"
     key = f"{row.source.replace(' ', '_')}_u{'_s' if row.unit == 's' else ''}"
     return f"calibrate it, and declare how well with [device.calibration] {key}"
+
+
+def _excitation(bench: Bench) -> str:
+    """What makes a record say more of what nobody declared."""
+    controller = bench.controller
+    if not controller.enabled:
+        return "run with the control law on ([controller] enabled), so that the record says more of the device"
+    if controller.virtual_rotation_rad_s == 0.0:
+        rate = _TURNED * math.sqrt(bench.target_stiffness_per_s2)
+        return (
+            f"set [controller] virtual_rotation_rad_s = {rate:.2g} and virtual_reversal_s = {math.pi / rate:.2g}, so that "
+            "the record says more of the device, and run again"
+        )
+    dither = max(2.0 * controller.dither_mps2, _DITHER * bench.target_stiffness_per_s2 * bench.device.amplitude_m)
+    if dither <= _MOST_DITHER * bench.device.drive.full_scale:
+        return (
+            f"set [controller] dither_mps2 = {dither:.2g}, so that the record says more of the device, and run again"
+        )
+    return "set [controller] amplitude_modulation = 0.3, with [limits] energy_error to match, and run again"
+
+
+_TURNED = 2e-3  # of the resonance, rad/s: the virtual rotation of the examples
+_DITHER, _MOST_DITHER = 2e-3, 0.2  # of k A; of the drive's full scale, rms

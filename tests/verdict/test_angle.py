@@ -35,7 +35,7 @@ def judged(
     folder = RunFolder(Path("nowhere"))
     vars(folder).update(estimates=found, capture=capture)
     rows = () if u is None else (LARGEST,)
-    result = Result(run="r", seconds=10.0, samples=101, complete=True, angle_u_rad=u, uncertainty=rows, score=score)
+    result = Result(run="r", seconds=10.0, samples=101, complete=True, angle_expanded_rad=u, uncertainty=rows, score=score)
     return judge_angle(folder, result, bench(**limits))
 
 
@@ -138,7 +138,7 @@ def test_a_gyro_in_open_loop_has_failed_and_an_imported_record_is_unknown() -> N
     for run in (None, recorded(identity={"unique_id": "a1"})):
         part = judged(silent, None, run)
         assert part.outcome == "failed"
-        assert "in open loop" in part.reason
+        assert "a rate that is estimated beside the parameters is no angle" in part.reason
     part = judged(silent, None, recorded())
     assert part.outcome == "unknown"
     assert "imported record" in part.reason

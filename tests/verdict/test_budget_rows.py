@@ -75,10 +75,11 @@ def test_estimation_is_the_deviation_at_the_end() -> None:
     assert made({}, growing)["estimation"].contribution_rad == pytest.approx(0.02)
 
 
-def test_u_is_twice_the_root_of_the_sum_of_squares_and_the_largest_comes_first() -> None:
+def test_u_is_the_root_of_the_sum_of_squares_and_the_largest_comes_first() -> None:
     done = budget(estimates(), bench({"clock_u": 1e-3, "angular_gain_u": 5e-3, "drive_gain_u": 1e-4}))
     known = [SD, 1e-3 * BY_HAND["clock"], 5e-3 * BY_HAND["angular gain"], 1e-4 * BY_HAND["drive gain"]]
-    assert done.angle_u_rad == pytest.approx(2.0 * math.sqrt(sum(value**2 for value in known)))
+    assert done.angle_u_rad == pytest.approx(math.sqrt(sum(value**2 for value in known)))
+    assert done.angle_expanded_rad == pytest.approx(2.0 * math.sqrt(sum(value**2 for value in known)))
     assert [row.source for row in done.uncertainty][:4] == ["clock", "angular gain", "drive gain", "estimation"]
 
 
@@ -134,7 +135,7 @@ def test_of_an_integrated_rate_there_is_no_pattern() -> None:
     assert (done.angle.kind, done.angle.plain_rad, done.angle.control_imperfection_rms_rad) == ("rate", None, None)
 
 
-NOTHING = Budget(None, None, ())
+NOTHING = Budget(None, None, None, ())
 
 
 @pytest.mark.parametrize("column", ["angle_rad", "angle_pattern_rad", "angle_plain_rad", "angle_sd_rad"])

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil.coverage import COVERAGE
 from hil.numbers import prefix_for, quantity, significant
 from hil.records.estimates import Estimates
 from hil.report.course import Course
@@ -84,7 +85,7 @@ def _series(material: Material, part: Estimates) -> list[Floats]:
     angle, half = part["angle_rad"], np.zeros(len(part))
     if "angle_u_rad" in part:  # of the angle's change since scoring starts: 0 before
         u = part["angle_u_rad"]
-        half = 2.0 * np.where((part.t_s >= material.settle_s) & np.isfinite(u), u, 0.0)
+        half = COVERAGE * np.where((part.t_s >= material.settle_s) & np.isfinite(u), u, 0.0)
     return [angle, angle - half, angle + half, np.where(part.valid, 0.0, 1.0), half]
 
 

@@ -22,7 +22,7 @@ class Known(NamedTuple):
 
 
 HEADLINES = (
-    "angle_rad", "angle_u_rad", "angle_error_rms_rad", "rate_error_rms_rad_s", "residual_ratio", "answered_fraction",
+    "angle_rad", "angle_expanded_rad", "angle_error_rms_rad", "rate_error_rms_rad_s", "residual_ratio", "answered_fraction",
     "turnaround_p99_us", "ratio_before", "ratio_after", "angle_moved_rad",
 )  # fmt: skip
 """Those that every row of a list has, where the run has them."""
@@ -53,9 +53,10 @@ def _sound(told: Iterator[_Told]) -> list[Known]:
 
 def _of_run(result: Result) -> Iterator[_Told]:
     if (angle := result.angle) is not None:
-        yield "angle_rad", angle.rad, "rad", result.angle_u_rad, None
+        yield "angle_rad", angle.rad, "rad", result.angle_expanded_rad, None
         yield "control_imperfection_rms_rad", angle.control_imperfection_rms_rad, "rad", None, "less"
     yield "angle_u_rad", result.angle_u_rad, "rad", None, "less"
+    yield "angle_expanded_rad", result.angle_expanded_rad, "rad", None, "less"
     yield "angle_error_rms_rad", result.angle_error_rms_rad, "rad", None, "less"
     yield "rate_error_rms_rad_s", result.rate_error_rms_rad_s, "rad/s", None, "less"
     if (score := result.score) is not None:

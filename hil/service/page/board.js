@@ -8,6 +8,7 @@
  * @property {number} elapsed_s of it since the run began
  * @property {number | null} [angle_rad]
  * @property {number | null} [angle_u_rad] standard uncertainty, k = 1
+ * @property {number | null} [angle_expanded_rad] expanded uncertainty, k = 2
  * @property {number | null} [rate_rad_s]
  * @property {number | null} [rate_u]
  * @property {Record<string, [number, number, string]>} [estimates] value, standard deviation, unit

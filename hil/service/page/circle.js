@@ -176,7 +176,7 @@ export class Circle {
       const [before, after] = [this.known[run], this.known[again]];
       const rows = /** @type {[string, number | null, number | null, string][]} */ ([
         ["angle error", valueOf(before.figures?.angle_error_rms_rad), valueOf(after.figures?.angle_error_rms_rad), "rad"],
-        ["U of the angle", valueOf(before.figures?.angle_u_rad), valueOf(after.figures?.angle_u_rad), "rad"],
+        ["U of the angle", valueOf(before.figures?.angle_expanded_rad), valueOf(after.figures?.angle_expanded_rad), "rad"],
         ["residual / floor", ratioOf(before), ratioOf(after), ""],
       ]).filter(([, left, right]) => left || right);
       return step("Run again", make("p", {}, verdictOf(after, { reasons: true })), ...rows.map(([name, left, right, unit]) => make("p", {}, `${name} ${quantity(left, unit)} → ${quantity(right, unit)}`)), make("p", {}, make("a", { href: `#/compare/${encodeURIComponent(run)}/${encodeURIComponent(again)}` }, "Side by side")), this.againButton());

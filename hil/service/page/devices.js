@@ -9,7 +9,7 @@ import { count, moment, number, scaled } from "./numbers.js";
 import { drawHead, drawRow } from "./table.js";
 import { verdictOf } from "./verdict.js";
 
-const FIGURES = ["angle_u_rad", "angle_error_rms_rad", "rate_error_rms_rad_s", "innovation_rms", "noise_floor", "late", "lost"];
+const FIGURES = ["angle_expanded_rad", "angle_error_rms_rad", "rate_error_rms_rad_s", "innovation_rms", "noise_floor", "late", "lost"];
 
 export class Devices {
   title = "Devices";

@@ -6,7 +6,8 @@ import { count, quantity } from "./numbers.js";
 const NAMES = {
   angle_error_rms_rad: "angle error, rms",
   rate_error_rms_rad_s: "rate error, rms",
-  angle_u_rad: "angle uncertainty U (k = 2)",
+  angle_u_rad: "angle uncertainty u (k = 1)",
+  angle_expanded_rad: "angle uncertainty U (k = 2)",
   angle_rad: "angle at the end",
   innovation_rms: "innovation, rms",
   noise_floor: "noise floor",

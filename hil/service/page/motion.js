@@ -42,8 +42,8 @@ export class Motion {
   set(run) {
     if (!run) return;
     const more = /** @type {any} */ (run);
-    const { angle_rad: angle, angle_u_rad: angleU, rate_rad_s: rate, rate_u: rateU } = run;
-    reading("angle", angle, angleU && 2 * angleU, "rad", angle === null || angle === undefined ? "" : `, ${turns(angle)}`);
+    const { angle_rad: angle, angle_u_rad: angleU, angle_expanded_rad: expanded, rate_rad_s: rate, rate_u: rateU } = run;
+    reading("angle", angle, expanded, "rad", angle === null || angle === undefined ? "" : `, ${turns(angle)}`);
     reading("rate", rate, rateU && 2 * rateU, "rad/s", "");
     this.history.add(run.t_s, { angle, angleU, rate, rateU, angleReference: more.reference?.angle_rad ?? more.angle_reference_rad, rateReference: more.reference?.rate_rad_s ?? more.rate_reference_rad_s });
     const now = performance.now();

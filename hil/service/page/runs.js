@@ -64,7 +64,7 @@ export class Runs {
       { title: "kind", sort: "kind", cell: (row) => row.kind, optional: true },
       { title: "device", sort: "device", cell: (row) => row.device ?? "–", optional: true },
       { title: "verdict", sort: "verdict", cell: (row) => verdictOf(row) },
-      { title: "U of the angle", sort: "angle_u_rad", figure: true, optional: true, cell: (row) => figure("angle_u_rad", row.figures?.angle_u_rad) },
+      { title: "U of the angle", sort: "angle_expanded_rad", figure: true, optional: true, cell: (row) => figure("angle_expanded_rad", row.figures?.angle_expanded_rad) },
       { title: "residual / floor", sort: "residual_ratio", figure: true, optional: true, cell: (row) => number(ratioOf(row), 3) },
       { title: "length", sort: "seconds", figure: true, optional: true, cell: (row) => duration(row.seconds) },
       { title: "tags", cell: (row) => make("span", {}, ...(row.tags ?? []).map((tag) => make("span", { class: "tag" }, tag))), optional: true },

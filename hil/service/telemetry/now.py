@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.coverage import COVERAGE
 from hil.records.innovation import steady
 from hil.service.telemetry.deadlines import Deadlines
 from hil.service.telemetry.deadlines import told as deadlines
@@ -96,6 +97,7 @@ def _estimates(track: Track) -> dict[str, Any]:
         told |= {"rate_rad_s": float(row["rate_rad_s"]), "rate_u": float(row["sd_rate_rad_s"])}
     if "angle_rad" in units:
         told |= {name: float(row[name]) for name in ("angle_rad", "angle_u_rad", "energy_ratio", "quadrature_ratio")}
+        told["angle_expanded_rad"] = COVERAGE * told["angle_u_rad"]
         told["valid"] = bool(row["valid"])
     return told
 
