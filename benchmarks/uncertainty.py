@@ -45,15 +45,16 @@ class Plant(NamedTuple):
     better: float = 1.0
 
 
-_ONE_WAY = {"virtual_reversal_s": 0.0}
+_SLOW, _CLASSIC, _MODERN = (
+    {"loop": {"duration_s": seconds, "settle_s": settle}} for seconds, settle in ((12.0, 4.0), (1.6, 0.8), (1.0, 0.4))
+)
 PLANTS: Mapping[str, Plant] = {
-    "S-slow": Plant("s-slow", {"loop": {"duration_s": 20.0}}),
-    "S-slow one way": Plant("s-slow", {"loop": {"duration_s": 20.0}, "controller": _ONE_WAY}),
-    "S-slow calibrated": Plant("s-slow", {"loop": {"duration_s": 20.0}}, 10.0),
-    "S-classic calibrated": Plant("s-classic", {"loop": {"duration_s": 2.0}}, 100.0),
-    "S-modern": Plant("s-modern", {"loop": {"duration_s": 2.0, "settle_s": 0.5}}),
-    "S-modern calibrated": Plant("s-modern", {"loop": {"duration_s": 2.0, "settle_s": 0.5}}, 10.0),
-    "S-modern 5k calibrated": Plant("s-modern-5k", {"loop": {"duration_s": 4.0}}, 10.0),
+    "S-slow": Plant("s-slow", _SLOW),
+    "S-slow one way": Plant("s-slow", _SLOW | {"controller": {"virtual_reversal_s": 0.0}}),
+    "S-slow calibrated": Plant("s-slow", _SLOW, 10.0),
+    "S-classic calibrated": Plant("s-classic", _CLASSIC, 100.0),
+    "S-modern": Plant("s-modern", _MODERN),
+    "S-modern calibrated": Plant("s-modern", _MODERN, 10.0),
 }
 
 
@@ -134,13 +135,19 @@ def one(name: str, seed: int) -> dict[str, Any]:
     return figures
 
 
+def seeds(name: str, devices: int, draw: int = DRAW) -> range:
+    """Of a plant's devices; no two plants share any."""
+    first = 10_000 * draw + 1000 * list(PLANTS).index(name)
+    return range(first, first + devices)
+
+
 def rows(say: Say) -> list[Row]:
     """All plants, and all their devices together."""
     figures, everything = [], []
-    devices, draw = int(os.environ.get("GYROHIL_DEVICES", DEVICES)), DRAW
+    devices = int(os.environ.get("GYROHIL_DEVICES", DEVICES))
     for name in PLANTS:
         with ProcessPoolExecutor(PROCESSES) as pool:
-            found = list(pool.map(one, [name] * devices, range(1000 * draw, 1000 * draw + devices)))
+            found = list(pool.map(one, [name] * devices, seeds(name, devices)))
         say(f"{name}: {len(found)} devices")
         figures += summary(name, found)
         everything += found

@@ -76,30 +76,15 @@ def budget(
     declared = {source: math.sqrt(each) for source, each in sources.variances(deviation, course).items()}
     found = [] if scan is None else [*scan.lacks, *scan.harmless]
     strange = [item for item in found if not _constants_of(item)]
-    left: dict[str, float] = {}
-    if scan is not None and not _trusted(scan):
-        information = None
-    if information is not None:
+    if information is not None and (scan is None or scan.complete):
         left = _left(information, bench) | _carried(information, found)
-    rows = _rows(bench, sources, course, declared, left)
-    if information is not None:
-        rows += _beyond(bench, information if strange else replace(information, found=None))
-    else:
-        rows += _lacking(found)
+        beyond = _beyond(bench, information if strange else replace(information, found=None))
+    else:  # of a model that lacks something a scan is a rough guide: what is declared counts whole, and what it found
+        left, beyond = _at_least(declared, found), _lacking(strange)
+    rows = [*_rows(bench, sources, course, declared, left), *beyond]
     total = math.sqrt(sum(row.contribution_rad**2 for row in rows))
     rows.sort(key=lambda row: -row.contribution_rad)
     return Budget(angle, total, COVERAGE * total, tuple(rows))
-
-
-def _trusted(scan: Scan) -> bool:
-    """Whether what the scan learned of the record holds.
-
-    It does for a complete model, and for one that is off by constants of the calibration: their errors are small, as
-    declared, and a scan finds them as well as their sum.  Of a model that lacks anything else it is a rough guide.
-    """
-    return scan.complete is True or (
-        bool(scan.lacks) and all(map(_constants_of, [*scan.lacks, *scan.harmless]))
-    )
 
 
 def _constants_of(item: Lacking) -> list[str]:
@@ -117,6 +102,12 @@ def _carried(information: "Information", found: list[Lacking]) -> dict[str, floa
         for name in _constants_of(item)[:1]
         if not any(map(information.watches, _SYMBOLS[name]))
     }
+
+
+def _at_least(declared: Mapping[str, float], found: list[Lacking]) -> dict[str, float]:
+    """Constants that were found to do more than what is declared of them, by source."""
+    sizes = {source_of(name): _rms(item) for item in found for name in _constants_of(item)[:1]}
+    return {source: size for source, size in sizes.items() if size > declared[source]}
 
 
 def _rms(item: Lacking) -> float:
@@ -182,9 +173,11 @@ def _rows(
             )
         else:
             item = known[source]
-            how = f"{words[source]} = {quantity(contribution, 'rad', 2)}" + (
-                f"; the record leaves {quantity(left[source], 'rad', 2)} of it" if source in left else ""
-            )
+            how = f"{words[source]} = {quantity(contribution, 'rad', 2)}"
+            if source in left:
+                after = quantity(left[source], "rad", 2)
+                found = left[source] > contribution
+                how += f"; the scan found {after}" if found else f"; the record leaves {after} of it"
             rows.append(
                 Contribution(
                     source=source, value=item.u, unit=item.unit, sensitivity=how, assumed=item.assumed, **told

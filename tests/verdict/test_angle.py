@@ -20,9 +20,10 @@ from tests.verdict.gyro_estimates import SETTLE_S, estimates
 LARGEST = Contribution(source="clock", value=1e-3, unit="1", sensitivity="1", contribution_rad=0.04)
 
 
-def bench(**limits: float) -> Bench:
+def bench(*, controlled: bool = True, **limits: float) -> Bench:
     declared = {"energy_error": 0.05, "quadrature": 0.1, "invalid_fraction": 0.1, "angle_rad": 0.1} | limits
-    return gyro.bench(10.0, loop={"settle_s": SETTLE_S}, limits=declared)
+    control = {"enabled": controlled}
+    return gyro.bench(10.0, loop={"settle_s": SETTLE_S}, limits=declared, controller=control)
 
 
 def judged(
@@ -30,13 +31,14 @@ def judged(
     u: float | None = 0.09,
     capture: Capture | None = None,
     score: Score | None = None,
+    controlled: bool = True,
     **limits: float,
 ) -> Part:
     folder = RunFolder(Path("nowhere"))
     vars(folder).update(estimates=found, capture=capture)
     rows = () if u is None else (LARGEST,)
     result = Result(run="r", seconds=10.0, samples=101, complete=True, angle_expanded_rad=u, uncertainty=rows, score=score)
-    return judge_angle(folder, result, bench(**limits))
+    return judge_angle(folder, result, bench(controlled=controlled, **limits))
 
 
 def odd(usual: float, value: float, rows: int) -> np.ndarray:
@@ -136,7 +138,7 @@ def recorded(**header: Any) -> Capture:
 def test_a_gyro_in_open_loop_has_failed_and_an_imported_record_is_unknown() -> None:
     silent = estimates({"angle": "none"})
     for run in (None, recorded(identity={"unique_id": "a1"})):
-        part = judged(silent, None, run)
+        part = judged(silent, None, run, controlled=False)
         assert part.outcome == "failed"
         assert "a rate that is estimated beside the parameters is no angle" in part.reason
     part = judged(silent, None, recorded())

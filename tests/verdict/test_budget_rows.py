@@ -169,11 +169,21 @@ def information(**found: Any) -> Information:
     return Information(coefficients, np.diag([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0]), sensitivity, **found)
 
 
+def left_of_the_damper() -> float:
+    """Its mean square by hand: there or not at equal odds, of any of four sizes s; of each, s² becomes s²/(1 + s²) by a
+    record that says as much as a size of 1, and predicts it worse than none by √(1 + s²).
+    """
+    sizes = [1.0, 0.1, 0.01, 0.001]
+    chances = [0.25 / math.sqrt(1.0 + s * s) for s in sizes]
+    squares = [s * s / (1.0 + s * s) for s in sizes]
+    return sum(c * q for c, q in zip(chances, squares, strict=True)) / (1.0 + sum(chances))
+
+
 def test_what_nobody_declared_is_a_row_too() -> None:
     declared = bench({"drive_gain_u": 0.01})
     rows = {row.source: row for row in budget(estimates(), declared, information()).uncertainty}
     row = rows["undeclared effects"]
-    assert row.contribution_rad == pytest.approx(0.2 / math.sqrt(2.0))
+    assert row.contribution_rad == pytest.approx(0.2 * math.sqrt(left_of_the_damper()))
     assert "damper" in row.sensitivity
     assert "harmless" not in row.sensitivity
     assert rows["drive gain"].contribution_rad == pytest.approx(0.01 * math.hypot(12.0, 12.0))
@@ -221,7 +231,12 @@ def test_a_gain_error_cancels_in_a_virtual_rotation_that_is_reversed(source: str
 def test_each_row_has_a_remedy_of_its_own() -> None:
     declared = bench({})
     assert "memory_s" in remedy(row("estimation", "rad"), declared)
-    assert "excite the device more" in remedy(row("undeclared effects", "rad"), declared)
+    assert "[controller] dither_mps2 = 0.6," in remedy(row("undeclared effects", "rad"), declared)  # twice that
+    still = bench({}, controller={"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0})
+    assert "[controller] virtual_rotation_rad_s = 2.5 and" in remedy(row("undeclared effects", "rad"), still)
+    free = bench({}, controller={"enabled": False})
+    assert "control law on" in remedy(row("undeclared effects", "rad"), free)
+    assert "hil trace" in remedy(row("what the model lacks", "rad"), declared)
     assert "[observer.initial_sd] damping" in remedy(row("declared damping", "1/s"), declared)
     for source, key in KEYS.items():
         if source not in ("drive gain", "sense gain ratio", "clock"):
