@@ -374,7 +374,8 @@ class Result(json_file.Sealed, _Model):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
     version: Literal[2] = Field(
-        default=2, description="1 is read too: its angle_u_rad was the expanded uncertainty, which became a name of its own"
+        default=2,
+        description="1 is read too: its angle_u_rad was the expanded uncertainty, which became a name of its own",
     )
     run: str = Field(description="Name of the run folder")
     link: str | None = None

@@ -6,7 +6,6 @@ from hil.report.markup import paragraph, table
 from hil.report.material import Material
 
 
-
 def section(material: Material) -> str:
     """Angle ± U, the source's own angle beside it, and the table of what U is made of; nothing without an angle."""
     result = material.result
@@ -26,7 +25,9 @@ def section(material: Material) -> str:
         )
     if angle.why:
         said += f" It is by {angle.why}."
-    *sizes, expanded = together([*(row.contribution_rad for row in result.uncertainty), result.angle_expanded_rad], "rad")
+    *sizes, expanded = together(
+        [*(row.contribution_rad for row in result.uncertainty), result.angle_expanded_rad], "rad"
+    )
     rows = [
         (
             row.source + (" (assumed)" if row.assumed else ""),

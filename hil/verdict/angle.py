@@ -30,7 +30,10 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         return Part(outcome="unknown")
     if estimates.header.get("angle") == "none":
         asked = folder.capture is None or folder.capture.header.get("identity") is not None
-        return Part(outcome="failed" if asked else "unknown", reason=_OPEN_LOOP.format(why=formula_of(bench).why) if asked else _FROM_ELSEWHERE)
+        return Part(
+            outcome="failed" if asked else "unknown",
+            reason=_OPEN_LOOP.format(why=formula_of(bench).why) if asked else _FROM_ELSEWHERE,
+        )
     scored = estimates.since(bench.loop.settle_s)
     if not len(scored):
         return Part(outcome="unknown")

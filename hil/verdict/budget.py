@@ -179,9 +179,7 @@ def _rows(
                 found = left[source] > contribution
                 how += f"; the scan found {after}" if found else f"; the record leaves {after} of it"
             rows.append(
-                Contribution(
-                    source=source, value=item.u, unit=item.unit, sensitivity=how, assumed=item.assumed, **told
-                )
+                Contribution(source=source, value=item.u, unit=item.unit, sensitivity=how, assumed=item.assumed, **told)
             )
     return rows
 
@@ -339,9 +337,7 @@ def _excitation(bench: Bench) -> str:
         )
     dither = max(2.0 * controller.dither_mps2, _DITHER * bench.target_stiffness_per_s2 * bench.device.amplitude_m)
     if dither <= _MOST_DITHER * bench.device.drive.full_scale:
-        return (
-            f"set [controller] dither_mps2 = {dither:.2g}, so that the record says more of the device, and run again"
-        )
+        return f"set [controller] dither_mps2 = {dither:.2g}, so that the record says more of the device, and run again"
     return "set [controller] amplitude_modulation = 0.3, with [limits] energy_error to match, and run again"
 
 

@@ -18,9 +18,7 @@ ROTATED = {"kind": "constant", "rate_rad_s": 1.0}
 
 
 def declared(device: dict[str, Any] = IDEAL, variant: str = "sense", *, controlled: bool = False, **more: Any) -> Bench:
-    return gyro.bench(
-        8.0, device=device, observer={"variant": variant}, controller={"enabled": controlled}, **more
-    )
+    return gyro.bench(8.0, device=device, observer={"variant": variant}, controller={"enabled": controlled}, **more)
 
 
 @pytest.mark.parametrize("variant", ["sense", "full"])

@@ -12,7 +12,9 @@ from hil.report.verdict import key_figures
 def test_the_angle_with_its_uncertainty_stands_first_among_the_figures() -> None:
     known = {"run": "r", "seconds": 1.0, "samples": 990, "lost": 0, "complete": True}
     angle = {"kind": "pattern", "rad": -0.3364}
-    entries = key_figures(Result.model_validate(known | {"angle": angle, "angle_u_rad": 0.14149, "angle_expanded_rad": 0.28298}))
+    entries = key_figures(
+        Result.model_validate(known | {"angle": angle, "angle_u_rad": 0.14149, "angle_expanded_rad": 0.28298})
+    )
     assert [part.replace("\u00a0", " ") for part in entries[0]] == [
         "Angle", "−336 mrad (−19.3°)", "± 280 mrad (k = 2), since scoring starts",
     ]  # fmt: skip

@@ -37,7 +37,9 @@ def judged(
     folder = RunFolder(Path("nowhere"))
     vars(folder).update(estimates=found, capture=capture)
     rows = () if u is None else (LARGEST,)
-    result = Result(run="r", seconds=10.0, samples=101, complete=True, angle_expanded_rad=u, uncertainty=rows, score=score)
+    result = Result(
+        run="r", seconds=10.0, samples=101, complete=True, angle_expanded_rad=u, uncertainty=rows, score=score
+    )
     return judge_angle(folder, result, bench(controlled=controlled, **limits))
 
 
