@@ -41,8 +41,8 @@ class Posterior:
     """Coefficients c after the record: normal with this mean (k,) and covariance (k, k), SI, by `symbols`.
 
     sensitivity (m, k) rad per SI unit: what each moves the reported angle by, at the instants of the `Information`;
-    at its first instant, the start of the scored window, it is zero.  log_evidence: of the record for these priors, over
-    that for none of the coefficients.
+    at its first instant, the start of the scored window, it is zero.  log_evidence: how much better than without any
+    coefficient these priors predict the record.
     """
 
     symbols: tuple[str, ...]
@@ -198,8 +198,8 @@ class Information:
 
     def _chances(self, evidence: Mapping[tuple[str, float], float]) -> dict[tuple[str, float], float]:
         """Probability after the record of each (effect, size), of which one or none is there; `evidence` is the log of
-        how much better each predicts the record than none.  All kinds are as probable beforehand, whatever the number of
-        parameters that each was watched with.
+        how much better each predicts the record than none.  All kinds are as probable beforehand, with however many
+        parameters each was tested.
         """
         kinds = Counter(kind_of(effect) for effect, _ in evidence)
         odds = THRESHOLDS.prior.effect / (THRESHOLDS.prior.nothing * len(kinds))

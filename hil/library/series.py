@@ -68,7 +68,7 @@ class Series:
 
     @property
     def u(self) -> npt.NDArray[Any]:
-        """Standard uncertainty (k = 1) of `values`, (n,): of a rate what the observer says, of an angle all its sources.
+        """Standard uncertainty (k = 1) of `values`, (n,): of a state what the observer says, of an angle all sources.
 
         Raises InputError where nothing says one.
 

@@ -32,13 +32,13 @@ ANGLE_COLUMNS = (
 estimation; what was taken off of it for forces; φ from the pattern with only the virtual rotation taken off, φ by the
 plain formula (11), ∫Ω̂ dt, energy over its set point, and quadrature normalised by energy.
 
-All angles, and the uncertainty, count from one zero: the first row, and from the start of the scored window (the header's
-`angle_zero_s`) on the row there.
+All angles, and the uncertainty, count from one zero: the first row, and from the start of the scored window (the
+header's `angle_zero_s`) on the row there.
 """
 
 _ZERO = (
-    "angle and uncertainty count from bench time {at:g} s, where the scored window begins; the rows before it, from the "
-    "first row"
+    "angle and uncertainty count from bench time {at:g} s, where the scored window begins; "
+    "rows before it count from the first row"
 )
 _TWO_ZEROS = (
     "written before angles had one zero: angle_rad counts from the first row, angle_u_rad from the start of the scored "

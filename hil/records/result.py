@@ -234,7 +234,7 @@ class Score(_Model):
     angle_error_max_rad: NonNegative | None = None
     angle_error_end_rad: NonNegative | None = Field(
         default=None,
-        description="At the last scored instant, to be held against `angle_expanded_rad`; null where a truth ends early",
+        description="At the last scored instant, beside `angle_expanded_rad`; null where a truth ends early",
     )
     rate_error_max_rad_s: NonNegative | None = None
     pattern_angle_error_rms_rad: NonNegative | None = Field(
@@ -266,7 +266,7 @@ class Contribution(_Model):
     )
     declared_rad: NonNegative | None = Field(
         default=None,
-        description="The same by what is declared alone, as in the estimates; null for what only the closing scan tells",
+        description="The same as declared, which the estimates have; null for what only the closing scan tells",
     )
     assumed: bool = Field(default=False, description="The bench file declares nothing: a usual value was taken")
 

@@ -14,8 +14,8 @@ def section(material: Material) -> str:
         return paragraph(f"{result.parts['angle'].reason}.") if open_loop and "angle" in result.parts else ""
     angle = result.angle
     said = (
-        f"At the end of the scored window the angle is {_both(angle.rad)} ± {_both(result.angle_expanded_rad)} (k = 2, about "
-        "95 %), zero at its start."
+        f"At the end of the scored window the angle is {_both(angle.rad)} ± {_both(result.angle_expanded_rad)} (k = 2, "
+        "about 95 %), zero at its start."
     )
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         said += (

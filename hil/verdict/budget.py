@@ -332,8 +332,8 @@ def _excitation(bench: Bench) -> str:
     if controller.virtual_rotation_rad_s == 0.0:
         rate = _TURNED * math.sqrt(bench.target_stiffness_per_s2)
         return (
-            f"set [controller] virtual_rotation_rad_s = {rate:.2g} and virtual_reversal_s = {math.pi / rate:.2g}, so that "
-            "the record says more of the device, and run again"
+            f"set [controller] virtual_rotation_rad_s = {rate:.2g} and virtual_reversal_s = {math.pi / rate:.2g}, so "
+            "that the record says more of the device, and run again"
         )
     dither = max(2.0 * controller.dither_mps2, _DITHER * bench.target_stiffness_per_s2 * bench.device.amplitude_m)
     if dither <= _MOST_DITHER * bench.device.drive.full_scale:
