@@ -77,11 +77,11 @@ def budget(
     found = [] if scan is None else [*scan.lacks, *scan.harmless]
     strange = [item for item in found if not _constants_of(item)]
     if information is not None and (scan is None or scan.complete):
-        left = _left(information, bench) | _carried(information, found)
+        left, sizes = _left(information, bench), _carried(information, found)
         beyond = _beyond(bench, information if strange else replace(information, found=None))
     else:  # of a model that lacks something a scan is a rough guide: what is declared counts whole, and what it found
-        left, beyond = _at_least(declared, found), _lacking(strange)
-    rows = [*_rows(bench, sources, course, declared, left), *beyond]
+        left, sizes, beyond = {}, _at_least(declared, found), _lacking(strange)
+    rows = [*_rows(bench, sources, course, declared, left, sizes), *beyond]
     total = math.sqrt(sum(row.contribution_rad**2 for row in rows))
     rows.sort(key=lambda row: -row.contribution_rad)
     return Budget(angle, total, COVERAGE * total, tuple(rows))
@@ -154,33 +154,44 @@ def _course(first: Estimates, last: Estimates, sources: Sources) -> Course:
 
 
 def _rows(
-    bench: Bench, sources: Sources, course: Course, declared: Mapping[str, float], left: Mapping[str, float]
+    bench: Bench,
+    sources: Sources,
+    course: Course,
+    declared: Mapping[str, float],
+    left: Mapping[str, float],
+    found: Mapping[str, float],
 ) -> list[Contribution]:
-    """One row for each source, as declared [rad]; where the scan tested a constant, what the record leaves of it."""
+    """One row for each source, as declared [rad]; of a constant that the scan tested, what the record leaves of it, and
+    of one that it found to be off, what that does.
+    """
     words = _words(course)
     constants = bench.device.calibration.known(bench.device.resonance_rad_s)
     known = {source_of(name): item for name, item in constants.items()}
     rows = []
     for source, contribution in declared.items():
-        told = {"declared_rad": contribution, "contribution_rad": left.get(source, contribution)}
-        if source == ESTIMATION:
-            rows.append(Contribution(source=source, value=contribution, unit="rad", sensitivity=_COVARIANCE, **told))
-        elif source == DAMPING:
+        value, unit, assumed, how = contribution, "rad", False, _COVARIANCE
+        if source == DAMPING:
             assert sources.damping_sd_per_s is not None
+            value, unit = sources.damping_sd_per_s, "1/s"
             how = f"¼ of a difference between the axes, √2 of them, for {quantity(course.seconds, 's')}"
-            rows.append(
-                Contribution(source=source, value=sources.damping_sd_per_s, unit="1/s", sensitivity=how, **told)
-            )
-        else:
-            item = known[source]
+        elif source != ESTIMATION:
+            value, unit, assumed = known[source]
             how = f"{words[source]} = {quantity(contribution, 'rad', 2)}"
-            if source in left:
-                after = quantity(left[source], "rad", 2)
-                found = left[source] > contribution
-                how += f"; the scan found {after}" if found else f"; the record leaves {after} of it"
-            rows.append(
-                Contribution(source=source, value=item.u, unit=item.unit, sensitivity=how, assumed=item.assumed, **told)
+        if source in found:
+            how += f"; the scan found {quantity(found[source], 'rad', 2)}"
+        elif source in left:
+            how += f"; the record leaves {quantity(left[source], 'rad', 2)} of it"
+        rows.append(
+            Contribution(
+                source=source,
+                value=value,
+                unit=unit,
+                sensitivity=how,
+                contribution_rad=found.get(source, left.get(source, contribution)),
+                declared_rad=contribution,
+                assumed=assumed,
             )
+        )
     return rows
 
 

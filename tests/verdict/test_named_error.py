@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hil.coverage import COVERAGE
 from hil.records.result import Lacking, Scan
-from hil.verdict.budget import COVERAGE, budget
+from hil.verdict.budget import budget
 from tests.verdict.gyro_estimates import estimates
 from tests.verdict.test_budget_rows import bench, information
 
