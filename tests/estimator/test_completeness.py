@@ -1,12 +1,13 @@
 """The closing scan beside independent sources: least squares, the emulator's truth, scatter over seeds."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_normal
 
 from benchmarks.lockstep import Bench, ClosedLoop, Scenario, bench_of, close_loop, scenario_of
 from estimator.completeness.answer import Completeness, Outcome
@@ -299,20 +300,52 @@ def test_a_long_run_is_looked_at_in_its_beginning_its_middle_and_its_end() -> No
     assert stretches_of(96_000) == (slice(0, 96_000),)
 
 
-def test_beyond_the_calibration_stands_the_effect_that_may_move_the_angle_most() -> None:
-    found, a, _ = information(6, 4)
-    found = replace(found, score=np.zeros(6), found=np.array([0.0, 1.0, 2.0]))
+def test_what_nobody_declared_is_a_mean_over_what_may_be_there() -> None:
+    """By Bayes' rule on the data themselves: each effect and size by its marginal likelihood, a normal density, and by
+    what it then does to the angle; none as probable beforehand as all together.
+    """
+    found, a, data = information(6, 4)
+    found = replace(found, found=np.array([0.0, 1.0, 2.0]))
     prior = {"c0": 0.1, "c1": 0.1}
-    declared = np.array([0, 1])
-    moved = {}
-    for effect, places in (("effect1", [2, 3]), ("effect2", [4, 5])):
-        both = np.concatenate([declared, places])
-        sd = np.array([0.1, 0.1, 1.0, 1.0])  # without a prior: the plausible size
-        spread = np.linalg.inv(a[:, both].T @ a[:, both] + np.diag(sd**-2.0))
-        alone = np.linalg.inv(a[:, declared].T @ a[:, declared] + np.diag(sd[:2] ** -2.0))
-        g, less = found.sensitivity[:, both], found.sensitivity[:, declared]
-        excess = np.einsum("mi,ij,mj->m", g, spread, g) - np.einsum("mi,ij,mj->m", less, alone, less)
-        moved[effect] = np.sqrt(np.maximum(excess, 0.0))
+
+    def account(places: list[int], sd: list[float]) -> tuple[float, np.ndarray]:
+        """Density of the data, mean square of the angle."""
+        of, p0 = a[:, places], np.diag(np.square(sd))
+        density = multivariate_normal(np.zeros(50), np.eye(50) + of @ p0 @ of.T).pdf(data)
+        covariance = np.linalg.inv(of.T @ of + np.linalg.inv(p0))
+        mean, g = covariance @ of.T @ data, found.sensitivity[:, places]
+        return density, np.einsum("mi,ij,mj->m", g, covariance + np.outer(mean, mean), g)
+
+    none, known = account([0, 1], [0.1, 0.1])
+    chances, squares = [none], [np.zeros(3)]
+    for places in ([2, 3], [4, 5]):
+        for size in (1.0, 0.1, 0.01, 0.001):
+            density, square = account([0, 1, *places], [0.1, 0.1, size, size])
+            chances.append(0.5 * 0.25 * density)
+            squares.append(np.maximum(square - known, 0.0))
+    expected = np.einsum("k,km->m", np.array(chances) / sum(chances), np.array(squares))
     effect, course = found.beyond(prior)
-    assert effect == max(moved, key=lambda name: float(np.max(moved[name])))
-    assert course == pytest.approx(np.hypot(moved[effect], [0.0, 1.0, 2.0]))
+    assert effect in ("effect1", "effect2")
+    assert course == pytest.approx(np.sqrt(expected + np.array([0.0, 1.0, 4.0])))
+
+
+def test_what_the_record_excludes_counts_less_than_what_it_says_nothing_of() -> None:
+    """One effect, to which the angle is as sensitive; records that say more and more, and none of it for the effect."""
+    of = [Coefficient("effect0", "c0", "1", 1.0)]
+    rows = []
+    for information_on_it in (0.0, 1e2, 1e4, 1e8):
+        normal = np.array([[information_on_it]])
+        told = Information(tuple(of), normal, np.zeros(1), np.arange(2.0), np.array([[0.0], [1.0]]))
+        rows.append(float(told.beyond({})[1][-1]))
+    assert rows[0] == pytest.approx(math.sqrt(0.5 * np.mean(np.square([1.0, 0.1, 0.01, 0.001]))))
+    assert np.all(np.diff(rows) < 0.0)
+    assert rows[-1] < 1e-4
+
+
+def test_what_the_score_test_suggests_counts_nearly_whole() -> None:
+    """Five deviations from nothing, which chance gives once in two million: its posterior, mean and all."""
+    normal, score = np.array([[1e4]]), np.array([-5.0 * 1e2])
+    told = Information(
+        (Coefficient("effect0", "c0", "1", 1.0),), normal, score, np.arange(2.0), np.array([[0.0], [1.0]])
+    )
+    assert float(told.beyond({})[1][-1]) == pytest.approx(0.05, rel=0.05)
