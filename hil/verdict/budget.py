@@ -77,7 +77,10 @@ def budget(
     found = [] if scan is None else [*scan.lacks, *scan.harmless]
     strange = [item for item in found if not _constants_of(item)]
     if information is not None and (scan is None or scan.complete):
-        left, sizes = _left(information, bench), _carried(information, found)
+        known = bench.device.calibration.known(bench.device.resonance_rad_s)
+        remains = _left(information, {name: item.u for name, item in known.items()})
+        left = {source_of(name): contribution for name, contribution in remains.items()}
+        sizes = _carried(information, found)
         beyond = _beyond(bench, information if strange else replace(information, found=None))
     else:  # of a model that lacks something a scan is a rough guide: what is declared counts whole, and what it found
         left, sizes, beyond = {}, _at_least(declared, found), _lacking(strange)
@@ -259,15 +262,17 @@ def _declared_by_symbol(bench: Bench) -> dict[str, float]:
     return {symbol: known[name].u for name, symbols in _SYMBOLS.items() for symbol in symbols}
 
 
-def _left(information: "Information", bench: Bench) -> dict[str, float]:
-    """What each constant contributes after the record, rad, by source; those that were not tested are left out.
+def _left(information: "Information", declared: Mapping[str, float]) -> dict[str, float]:
+    """What each constant contributes after the record, rad, by name; those that were not tested are left out.
 
     What is uncertain of all of them together, gᵀ C g, is divided among them by g_k (C g)_k: of two that the record
     tells only together, each has its share of what they have left together.
     """
-    joint, declared = with_clock(information), _declared_by_symbol(bench)
-    tested = {name: symbols for name, symbols in _SYMBOLS.items() if all(map(joint.watches, symbols))}
-    sd = {symbol: declared[symbol] for symbols in tested.values() for symbol in symbols}
+    joint = with_clock(information)
+    tested = {
+        name: symbols for name, symbols in _SYMBOLS.items() if name in declared and all(map(joint.watches, symbols))
+    }
+    sd = {symbol: declared[name] for name, symbols in tested.items() for symbol in symbols}
     if not sd:
         return {}
     found = joint.posterior(sd)
@@ -279,9 +284,7 @@ def _left(information: "Information", bench: Bench) -> dict[str, float]:
     if not math.isfinite(total) or whole <= 0.0:
         return {}
     by_symbol = dict(zip(found.symbols, shares * (total / whole), strict=True))
-    return {
-        source_of(name): math.sqrt(sum(by_symbol[symbol] for symbol in symbols)) for name, symbols in tested.items()
-    }
+    return {name: math.sqrt(sum(by_symbol[symbol] for symbol in symbols)) for name, symbols in tested.items()}
 
 
 def with_clock(information: "Information") -> "Information":
@@ -324,7 +327,13 @@ def remedy(row: Contribution, bench: Bench) -> str:
             return f"set [controller] virtual_reversal_s = {period:.2g}, so that a gain error cancels, and run again"
         return "set a smaller [controller] virtual_rotation_rad_s, or virtual_reversal_s, and run again"
     if row.source == ESTIMATION:
-        return "raise [observer] memory_s, lower [observer.process_noise] as far as the device allows, and run again"
+        walk = bench.observer.process_noise.rate_rad_s_per_rts
+        if walk > 0.0:
+            return (
+                f"set [observer.process_noise] rate_rad_s_per_rts = {walk / 4.0:.2g} if the rate changes no faster, "
+                "and run again"
+            )
+        return "vibrate with a larger [device] amplitude_m, as far as the device allows, and run again"
     if row.source == UNDECLARED:
         return _excitation(bench)
     if row.source == LACKING:

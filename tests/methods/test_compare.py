@@ -70,7 +70,8 @@ def test_thirteen_states_are_as_good_as_their_score_says(run: tuple[hil.Run, Pat
     row = found.of("13 states, fading")
     assert row.angle_error_rms_rad == pytest.approx(result.angle_error_rms_rad, rel=0.02)
     assert row.rate_error_rms_rad_s == pytest.approx(result.rate_error_rms_rad_s, rel=0.02)
-    assert row.angle_u_rad == pytest.approx(2.0 * made.angle["angle_u_rad"][-1], rel=0.02)
+    assert row.angle_u_rad == pytest.approx(made.angle.u[-1], rel=0.02)
+    assert row.angle_expanded_rad == pytest.approx(made.angle.expanded[-1], rel=0.02)
     assert row.angle_rad == pytest.approx(np.ptp(made.angle.since(1.5).values[[0, -1]]), rel=0.02)
     errors = [
         (result.parameters[name].value - (result.parameters[name].truth or 0.0)) for name in ("kxx", "kyy", "kxy")

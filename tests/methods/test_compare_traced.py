@@ -80,10 +80,10 @@ def assert_better(traced: hil.MethodRow, plain: hil.MethodRow) -> None:
     """Ten times the angle, three times the rate, and the stiffness; and it knows how good it is."""
     assert traced.angle_error_rms_rad is not None
     assert plain.angle_error_rms_rad is not None
-    assert traced.angle_u_rad is not None
+    assert traced.angle_expanded_rad is not None
     assert traced.rate_error_rms_rad_s is not None
     assert plain.rate_error_rms_rad_s is not None
     assert 10.0 * traced.angle_error_rms_rad < plain.angle_error_rms_rad
-    assert traced.angle_error_rms_rad < traced.angle_u_rad
+    assert traced.angle_error_rms_rad < traced.angle_expanded_rad
     assert 3.0 * traced.rate_error_rms_rad_s < plain.rate_error_rms_rad_s
     assert (traced.stiffness_error or 1.0) < 0.1 * (plain.stiffness_error or 0.0)

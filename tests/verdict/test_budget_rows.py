@@ -230,7 +230,9 @@ def test_a_gain_error_cancels_in_a_virtual_rotation_that_is_reversed(source: str
 
 def test_each_row_has_a_remedy_of_its_own() -> None:
     declared = bench({})
-    assert "memory_s" in remedy(row("estimation", "rad"), declared)
+    assert "[observer.process_noise] rate_rad_s_per_rts = 0.25 " in remedy(row("estimation", "rad"), declared)
+    constant = bench({}, observer={"process_noise": {"rate_rad_s_per_rts": 0.0}})
+    assert "[device] amplitude_m" in remedy(row("estimation", "rad"), constant)
     assert "[controller] dither_mps2 = 0.6," in remedy(row("undeclared effects", "rad"), declared)  # twice that
     still = bench({}, controller={"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0})
     assert "[controller] virtual_rotation_rad_s = 2.5 and" in remedy(row("undeclared effects", "rad"), still)

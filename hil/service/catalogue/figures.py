@@ -22,7 +22,7 @@ class Known(NamedTuple):
 
 
 HEADLINES = (
-    "angle_rad", "angle_expanded_rad", "angle_error_rms_rad", "rate_error_rms_rad_s", "residual_ratio",
+    "angle_rad", "angle_u_rad", "angle_expanded_rad", "angle_error_rms_rad", "rate_error_rms_rad_s", "residual_ratio",
     "answered_fraction", "turnaround_p99_us", "ratio_before", "ratio_after", "angle_moved_rad",
 )  # fmt: skip
 """Those that every row of a list has, where the run has them."""
