@@ -344,22 +344,27 @@ def remedy(row: Contribution, bench: Bench) -> str:
     return f"calibrate it, and declare how well with [device.calibration] {key}"
 
 
+def _drive_mps2(bench: Bench) -> float:
+    """Largest force per mass."""
+    return bench.controller.force_limit_mps2 or bench.device.drive.full_scale * bench.device.drive_mps2_per_unit
+
+
 def _excitation(bench: Bench) -> str:
-    """What makes a record say more of what nobody declared."""
-    controller = bench.controller
+    """What makes a record say more of what nobody declared: a pattern that turns further, with a drive that can turn it.
+    Dither adds next to nothing to that.
+    """
+    controller, omega = bench.controller, math.sqrt(bench.target_stiffness_per_s2)
     if not controller.enabled:
         return "run with the control law on ([controller] enabled), so that the record says more of the device"
-    if controller.virtual_rotation_rad_s == 0.0:
-        rate = _TURNED * math.sqrt(bench.target_stiffness_per_s2)
-        return (
-            f"set [controller] virtual_rotation_rad_s = {rate:.2g} and virtual_reversal_s = {math.pi / rate:.2g}, so "
-            "that the record says more of the device, and run again"
-        )
-    dither = max(2.0 * controller.dither_mps2, _DITHER * bench.target_stiffness_per_s2 * bench.device.amplitude_m)
-    if dither <= _MOST_DITHER * bench.device.drive.full_scale:
-        return f"set [controller] dither_mps2 = {dither:.2g}, so that the record says more of the device, and run again"
-    return "set [controller] amplitude_modulation = 0.3, with [limits] energy_error to match, and run again"
+    rate = 2.0 * abs(controller.virtual_rotation_rad_s) or _TURNED * omega
+    if 2.0 * rate * omega * bench.device.amplitude_m > 0.5 * _drive_mps2(bench):
+        return "hil trace the run: it proposes the experiment that separates what is left"
+    reversal = f" and virtual_reversal_s = {math.pi / rate:.2g}" if controller.virtual_reversal_s == 0.0 else ""
+    return (
+        f"set [controller] virtual_rotation_rad_s = {rate:.2g}{reversal}, so that the record says more of the device, "
+        "and run again"
+    )
 
 
-_TURNED = 2e-3  # of the resonance, rad/s: the virtual rotation of the examples
-_DITHER, _MOST_DITHER = 2e-3, 0.2  # of k A; of the drive's full scale, rms
+_TURNED = 2e-3
+"""Of the resonance, rad/s: about the virtual rotation of the examples."""

@@ -44,7 +44,7 @@ def followed(bench: Bench, advice: str) -> Bench:
     [
         ("drive gain", {"controller": {"virtual_reversal_s": 0.0}}),
         ("estimation", {"device": {"calibration": EXACT}}),
-        ("undeclared effects", {"device": {"calibration": EXACT}, "controller": {"dither_mps2": 0.05}}),
+        ("undeclared effects", {"device": {"calibration": EXACT}, "controller": {"virtual_rotation_rad_s": 1.0}}),
         ("clock", {"device": {"calibration": EXACT | {"clock_u": 0.01}}, "controller": {"virtual_reversal_s": 0.0}}),
     ],
 )

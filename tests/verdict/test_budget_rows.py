@@ -233,7 +233,10 @@ def test_each_row_has_a_remedy_of_its_own() -> None:
     assert "[observer.process_noise] rate_rad_s_per_rts = 0.25 " in remedy(row("estimation", "rad"), declared)
     constant = bench({}, observer={"process_noise": {"rate_rad_s_per_rts": 0.0}})
     assert "[device] amplitude_m" in remedy(row("estimation", "rad"), constant)
-    assert "[controller] dither_mps2 = 0.6," in remedy(row("undeclared effects", "rad"), declared)  # twice that
+    further = remedy(row("undeclared effects", "rad"), declared)
+    assert "[controller] virtual_rotation_rad_s = 6, so" in further  # twice that
+    fast = bench({}, controller={"virtual_rotation_rad_s": 20.0})  # 2 Ωv ω A = 10 m/s² of twice that, and 10 there are
+    assert remedy(row("undeclared effects", "rad"), fast).startswith("hil trace")
     still = bench({}, controller={"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0})
     assert "[controller] virtual_rotation_rad_s = 2.5 and" in remedy(row("undeclared effects", "rad"), still)
     free = bench({}, controller={"enabled": False})
