@@ -344,20 +344,15 @@ def remedy(row: Contribution, bench: Bench) -> str:
     return f"calibrate it, and declare how well with [device.calibration] {key}"
 
 
-def _drive_mps2(bench: Bench) -> float:
-    """Largest force per mass."""
-    return bench.controller.force_limit_mps2 or bench.device.drive.full_scale * bench.device.drive_mps2_per_unit
-
-
 def _excitation(bench: Bench) -> str:
-    """What makes a record say more of what nobody declared: a pattern that turns further, with a drive that can turn it.
-    Dither adds next to nothing to that.
+    """What makes a record say more of what nobody declared: a pattern that turns further, as far as the drive can turn
+    it. Dither adds next to nothing to that.
     """
     controller, omega = bench.controller, math.sqrt(bench.target_stiffness_per_s2)
     if not controller.enabled:
         return "run with the control law on ([controller] enabled), so that the record says more of the device"
     rate = 2.0 * abs(controller.virtual_rotation_rad_s) or _TURNED * omega
-    if 2.0 * rate * omega * bench.device.amplitude_m > 0.5 * _drive_mps2(bench):
+    if 2.0 * rate * omega * bench.device.amplitude_m > 0.5 * bench.drive_limit_mps2:
         return "hil trace the run: it proposes the experiment that separates what is left"
     reversal = f" and virtual_reversal_s = {math.pi / rate:.2g}" if controller.virtual_reversal_s == 0.0 else ""
     return (
