@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from estimator import settings
 from estimator.envelope.record import Resonator
 from estimator.gain_matrix import BoardFilter, luenberger, pair
-from estimator.uncertainty import Calibration
 from hil.bench import Bench
 from hil.bench.device import DriveUnit
 from hil.bench.template import IN_MPS2
@@ -146,12 +145,6 @@ def controller_settings_of(bench: Bench, identity: Identity) -> settings.Control
         modulation=controller.amplitude_modulation,
         modulation_rate=2.0 * math.pi * controller.modulation_Hz,
     )
-
-
-def calibration_of(bench: Bench) -> Calibration:
-    """How well the constants are known, declared or assumed."""
-    known = bench.device.calibration.known(bench.device.resonance_rad_s)
-    return Calibration(**{name: found.u for name, found in known.items()})
 
 
 def board_filter_of(bench: Bench) -> BoardFilter:

@@ -5,12 +5,10 @@ While a run lasts nobody has looked at its record as a whole; the scan that clos
 """
 
 import math
-from dataclasses import asdict
 from typing import Any
 
-from estimator.uncertainty import Course, variances
+from estimator.uncertainty import Calibration, Course, variances
 from hil.bench import Bench
-from hil.declared import calibration_of
 
 Number = Any  # a float, or an array (n,)
 
@@ -27,7 +25,8 @@ class Sources:
     """The sources of uncertainty of one bench file."""
 
     def __init__(self, bench: Bench) -> None:
-        self._calibration = calibration_of(bench)
+        known = bench.device.calibration.known(bench.device.resonance_rad_s)
+        self._calibration = Calibration(**{name: item.u for name, item in known.items()})
         self._angular_gain = bench.device.calibration.angular_gain
         self._driven = 1.0 if bench.controller.enabled else 0.0
         self.damping_sd_per_s = _damping_sd_per_s(bench)
@@ -55,10 +54,6 @@ class Sources:
             rate = 0.25 * math.sqrt(2.0) * self.damping_sd_per_s / course.angular_gain
             found[DAMPING] = (rate * course.seconds) ** 2
         return found
-
-    def declared(self) -> dict[str, float]:
-        """Standard uncertainty of each constant of the calibration, by source."""
-        return {source_of(name): u for name, u in asdict(self._calibration).items()}
 
 
 def _damping_sd_per_s(bench: Bench) -> float | None:
