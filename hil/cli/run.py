@@ -122,7 +122,7 @@ def _show_what_is_held(bench: "Bench", url: str) -> None:
 
     if is_emulated(url):
         with watching("what this machine holds") as watch:
-            print(printable(f"machine  {measured(bench, url, watch).words}"))
+            print(printable(f"machine    {measured(bench, url, watch).words}"))
         return
     _, found = link.examine(url)
     if found is not None:

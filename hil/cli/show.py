@@ -66,10 +66,10 @@ def print_claims(shown: "Circle | Single") -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     for words in shown.told:
-        console.print(printable(f"machine  {words}"), markup=False)
+        console.print(printable(f"machine    {words}"), markup=False)
     for claim in shown.claims:
         style, word = ("green", "shown") if claim.held else ("red", "not shown")
-        console.print(f"[{style}]{word:<9}[/{style}]", end="")
+        console.print(f"[{style}]{word:<11}[/{style}]", end="")
         console.print(printable(claim.words), markup=False)
     console.print()
 

@@ -73,8 +73,8 @@ def test_late_answers_are_told_and_are_no_claim(
     late = {"late": 66, "machine": LATE}
     assert exit_code(monkeypatch, circle(before=late, after=late)) == 0
     told = capsys.readouterr().out
-    assert "machine  measured: this machine holds latency 4 ticks" in told
-    assert "shown    angle error 130\u00a0mrad before, 1.2\u00a0mrad after and within its uncertainty" in told
+    assert "machine    measured: this machine holds latency 4 ticks" in told
+    assert "shown      angle error 130\u00a0mrad before, 1.2\u00a0mrad after and within its uncertainty" in told
     assert "not shown" not in told
     assert "verdict  failed: machine" in told
     assert "6.6 % of the samples had no answer in time" in told
@@ -97,6 +97,7 @@ def test_each_claim_can_fail(
     assert exit_code(monkeypatch, circle(**changed)) == 1
     failed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("not shown")]
     assert any(words in line for line in failed)
+    assert all(line.startswith("not shown  ") for line in failed)
 
 
 def test_nothing_found_is_no_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
