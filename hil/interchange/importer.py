@@ -149,7 +149,8 @@ def _written(
         if not part.is_time:
             channels[part.channel] = part.source.in_its_unit(part.channel, channels[part.channel])
     segments = _segments(source, mapping, table, lost)
-    time, t_s = numbered_rows(source, mapping, table, stamps, ~lost, nonuniform, remedies)
+    said: list[str] = []
+    time, t_s = numbered_rows(source, mapping, table, stamps, ~lost, nonuniform, remedies, said)
     kept = {name: values[~lost] for name, values in channels.items()}
     made = prepared({"t_s": t_s, **kept}, segments, hold, time, mapping)
     names = [name for name in (*CHANNELS, *SENSED.values()) if name in made.channels]
@@ -161,7 +162,7 @@ def _written(
         segments=made.segments,
         steady=mapping.steady,
         sense_unit=mapping.sense_unit,
-        told=made.told,
+        told=made.told | ({"prepared": [*said, *made.told.get("prepared", ())]} if said else {}),
     )
     write_columns(target, layout, {name: made.channels[name] for name in names}, time.tick if time.lost else None)
     return Imported(read_capture(target), table.of, asked.left_out)

@@ -109,7 +109,7 @@ vx = { column = "GyroZ", unit = "dps" }
 Stamps that were rounded (a millisecond at 400 Hz, single precision) are no uneven time. Where rounding is below a
 hundredth of a step it is passed over. Beyond that the import names the rate that fits all stamps:
 `sampling_rate_Hz = 400.0` beside `t_s` takes it, and the stamps say which sample each row is, so that a gap stays one.
-Only what no rate fits asks for `--nonuniform`.
+Only what no rate fits asks for `--nonuniform`; where it is given to others, the diagnosis says so.
 """
 
 _COLUMN = """

@@ -56,8 +56,11 @@ def numbered_rows(
     measured: npt.NDArray[np.bool_],
     nonuniform: bool,
     remedies: Remedies,
+    said: list[str],
 ) -> tuple[Numbered, npt.NDArray[np.float64]]:
-    """The number of each row that was measured, and its time. Raises InputError with row and remedy."""
+    """The number of each row that was measured, and its time; what is to be told of it goes into `said`.  Raises
+    InputError with row and remedy.
+    """
     if table.rows.size < 2:
         raise InputError(f"{source.called}: {remedies.one_row}")
     rows = np.flatnonzero(measured)
@@ -69,7 +72,7 @@ def numbered_rows(
     if rate is not None:
         return _stated(source, table, stamps, rows, rate)
     stamped = np.flatnonzero(np.isfinite(stamps.elapsed))  # rows that are lost have a time as a rule
-    time = _evenly(source, table, stamps, stamped, nonuniform, remedies)
+    time = _evenly(source, table, stamps, stamped, nonuniform, remedies, said)
     tick = time.tick[np.isin(stamped, rows)]
     return Numbered(tick - tick[0], time.rate_Hz, time.uniform), stamps.seconds()[rows]
 
@@ -81,8 +84,9 @@ def _evenly(
     rows: npt.NDArray[np.int64],
     nonuniform: bool,
     remedies: Remedies,
+    said: list[str],
 ) -> Numbered:
-    """The numbers of rows with stamps that are even, or accepted as they are."""
+    """The numbers of rows with stamps that are even, or accepted as they are; `said` has what is to be told of them."""
     elapsed, seconds = stamps.elapsed[rows], stamps.seconds()[rows]
     fallen = first_not_increasing(elapsed)
     coarse = None if fallen is None else rounded_grid(elapsed, stamps.digit)
@@ -98,10 +102,11 @@ def _evenly(
     if time is None or not time.uniform:
         coarse = coarse or rounded_grid(elapsed, stamps.digit)
         if coarse is not None:
-            raise InputError(
-                f"{place}: stamps are rounded to {stamps.digit:.3g} s, and {coarse.rate_Hz:.9g} Hz fits them all; "
-                f"set sampling_rate_Hz = {coarse.rate_Hz:.9g} {remedies.rate}"
-            )
+            fits = f"stamps are rounded to {stamps.digit:.3g} s, and {coarse.rate_Hz:.9g} Hz fits them all"
+            remedy = f"set sampling_rate_Hz = {coarse.rate_Hz:.9g} {remedies.rate}"
+            if not nonuniform or time is None:
+                raise InputError(f"{place}: {fits}; {remedy}")
+            said.append(f"taken as uneven, though its {fits}: {remedy}")
     assert time is not None
     told = rows.size < stamps.elapsed.size and time.uniform  # the map says which stamps are missing
     if not nonuniform and not told:

@@ -22,11 +22,13 @@ _SECONDS = {"D": 86400.0, "h": 3600.0, "m": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e
 
 class Stamps(NamedTuple):
     """elapsed (n,): seconds since the first row, NaN where the time is missing; start: the first row's time, None where
-    it is a date; digit: what the stamps are rounded to, in seconds, 0 where that is nothing."""
+    it is a date; digit: what the stamps are rounded to, in seconds, 0 where that is nothing; given: the time as it
+    stands, where that was a float."""
 
     elapsed: Floats
     start: float | None
     digit: float
+    given: Floats | None = None
 
     def plus(self, other: "Stamps") -> "Stamps":
         """The sum of two columns."""
@@ -38,7 +40,7 @@ class Stamps(NamedTuple):
         """As time of a record: from the first row on where it is a date, or where a float could not tell the steps."""
         if self.start is None or not np.isfinite(self.start):
             return self.elapsed
-        whole = self.start + self.elapsed
+        whole = self.start + self.elapsed if self.given is None else self.given
         usual = float(np.nanmedian(np.abs(np.diff(self.elapsed)))) if self.elapsed.size > 1 else 1.0
         return whole if float(np.spacing(np.nanmax(np.abs(whole)))) < 1e-6 * usual else self.elapsed
 
@@ -74,7 +76,8 @@ def stamps_of(values: npt.NDArray[Any], unit: str | None, scale: float = 1.0, of
     first_finite = floats[np.isfinite(floats)][:1]
     start = float(first_finite[0]) if first_finite.size else 0.0
     digit = _digit_of_floats(floats[np.isfinite(floats)], values.dtype.itemsize < 8)
-    return Stamps((floats - start) * factor, start * factor + addition, abs(digit * factor))
+    given = floats * factor + addition
+    return Stamps((floats - start) * factor, start * factor + addition, abs(digit * factor), given)
 
 
 def _typed(values: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -224,11 +224,10 @@ def test_a_struct_with_time(bring):
         np.testing.assert_array_equal(capture.t_s, there["time"])
 
 
-@pytest.mark.parametrize("nonuniform", [False, True])
-def test_stamps_of_a_millisecond_at_400_Hz(bring, nonuniform):
+def test_stamps_of_a_millisecond_at_400_Hz(bring):
     source, mapping = INSTRUMENTS / "9_millis_400Hz.csv", INSTRUMENTS / "9.map.toml"
     with pytest.raises(InputError, match=r"rounded to 0\.001 s, .* set sampling_rate_Hz = 400 in the map") as told:
-        bring(source, mapping, nonuniform=nonuniform)
+        bring(source, mapping)
     assert "nonuniform" not in str(told.value)
     capture = bring(source, mapping, sampling_rate_Hz="400").capture
     assert (capture.uniform, capture.lost, capture.tick_rate_Hz, capture.sense_unit) == (True, 0, 400.0, "LSB")
