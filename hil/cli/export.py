@@ -36,7 +36,8 @@ def export(
     """Write a run's capture, estimates, angle, rate or innovation as CSV, Parquet, MAT or MCAP.
 
     Values are SI, uncertainties beside them. CSV and Parquet hold one table; MAT has a struct for each, MCAP a topic,
-    for PlotJuggler and Foxglove. A capture as CSV reads back with `hil import`. Of a trace, its missing force.
+    for PlotJuggler and Foxglove. A capture as Parquet or MAT comes back with `hil import` as it was; CSV leaves out
+    what is then told. Of a trace, its missing force.
 
     Examples:
 
@@ -58,9 +59,13 @@ def export(
     named = "".join(f"-{one}" for one in what or ())
     out = out or Path(f"{place.name if place.is_dir() else place.stem}{named}.{to}")
     target = fresh(out, replace=replace, source=place)
-    rows = write(place, target, to, what or ())
+    written = write(place, target, to, what or ())
+    rows = written.rows
     if json:
-        print_json({"file": str(target), "rows": sum(rows.values()), "tables": rows})
+        left_out = list(written.left_out)
+        print_json({"file": str(target), "rows": sum(rows.values()), "tables": rows, "left_out": left_out})
     else:
         told = ", ".join(f"{count} rows of {name}" for name, count in rows.items())
         say(f"{target}: {told}")
+        if written.left_out:
+            say(f"  not in a CSV: {', '.join(written.left_out)}; Parquet and MAT carry them")

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
+from hil.interchange.read_back import HEADER, header_of, not_carried
 from hil.records.blocks import scan_blocks
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.estimates import read_estimates
@@ -37,6 +38,8 @@ class Exported:
     units: Mapping[str, str]
     pieces: Callable[[], Iterator[Columns]]
     about: Mapping[str, Any] = field(default_factory=dict)
+    beside: tuple[str, ...] = ()
+    """What a file of columns alone does not carry, in words."""
 
 
 def tables_of(place: Path, wanted: Sequence[What]) -> list[Exported]:
@@ -99,9 +102,10 @@ def _capture(path: Path) -> Exported:
         "prepared": capture.prepared,
         "complete": capture.complete,
         "identity": capture.header.get("identity"),
+        HEADER: header_of(capture),
     }
     units = {name: _capture_unit(name, capture) for name in ("tick", *channels(capture.part(0, 0)), "flags")}
-    return Exported("capture", len(capture), units, lambda: _capture_pieces(capture), about)
+    return Exported("capture", len(capture), units, lambda: _capture_pieces(capture), about, not_carried(capture))
 
 
 def _capture_unit(name: str, capture: Capture) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 from hil.errors import InputError
 from hil.interchange.exported import WHAT, Exported, What, tables_of
@@ -41,9 +41,15 @@ def format_for(target: Path, to: str | None) -> str:
     return to
 
 
-def export(place: Path, target: Path, to: str, what: Sequence[str] = ()) -> dict[str, int]:
-    """Write what is named of the run folder or record file at `place` to `target`, whole or not at all; returns the
-    rows of each table.
+class Written(NamedTuple):
+    """Rows of each table that was written; what the format does not carry of them, in words."""
+
+    rows: dict[str, int]
+    left_out: tuple[str, ...]
+
+
+def export(place: Path, target: Path, to: str, what: Sequence[str] = ()) -> Written:
+    """Write what is named of the run folder or record file at `place` to `target`, whole or not at all.
 
     what: tables by name.  Without one, CSV and Parquet have the capture (of another file what is in it), MAT and MCAP
     all that was recorded and estimated.  Raises InputError for a format, a table or a file that cannot be used.
@@ -64,4 +70,5 @@ def export(place: Path, target: Path, to: str, what: Sequence[str] = ()) -> dict
     tables = tables_of(place, names)
     with replacing(target) as temporary:
         _WRITERS[to](tables, temporary)
-    return {table.name: table.rows for table in tables}
+    left_out = tables[0].beside if to == "csv" else ()
+    return Written({table.name: table.rows for table in tables}, left_out)

@@ -18,6 +18,7 @@ from hil.interchange.matlab import MatlabSource, is_matlab
 from hil.interchange.naming import Asked, asked_of
 from hil.interchange.parquet import ParquetSource, is_parquet
 from hil.interchange.preparation import prepared
+from hil.interchange.read_back import read_back
 from hil.interchange.record_time import Remedies, numbered_rows, time_of
 from hil.interchange.source import Selection, Source, Table, Wanted
 from hil.interchange.suspicious import require_measured, require_no_thousands
@@ -63,18 +64,22 @@ def import_file(
     Without `map_file`, or without [columns] in it, names of columns are the interchange ones: t_s, vx_V, vy_V,
     ux_mps2, uy_mps2 (or _V, _N), and optionally rate_rad_s, temp_C; a single-axis record leaves out y. `hold` says what
     the drive did between samples: by default what the map says, or zoh. Time must increase, and be even unless
-    `nonuniform`; samples that are missing leave a gap in `tick`, where nothing is known of the drive.
+    `nonuniform`; samples that are missing leave a gap in `tick`, where nothing is known of the drive. A Parquet or
+    MATLAB file that `hil export` wrote of a capture comes back as it was, without a map.
 
     Raises InputError with file, line or column, and the remedy; `target` is then left as it was.
     """
     mapping = None if map_file is None else read_map(map_file)
     opened = open_source(source, mapping or PLAIN, map_file)
+    if mapping is None and hold is None and not isinstance(opened, TextSource) and (own := opened.exported):
+        capture = read_back(opened, own, target)
+        return Imported(capture, len(capture), ())
     if hold is None and mapping is None and isinstance(opened, ParquetSource):
         hold = opened.hold
     return import_from(opened, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform)
 
 
-def open_source(path: Path, mapping: RecordMap, map_file: Path | None) -> Source:
+def open_source(path: Path, mapping: RecordMap, map_file: Path | None) -> ParquetSource | MatlabSource | TextSource:
     """The file at `path` as a source. Raises InputError for a key of the map that has no meaning for its kind."""
     if is_parquet(path):
         require_keys_act(mapping, ParquetSource.kind, str(path), map_file)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.interchange.mapping import Name
+from hil.interchange.read_back import Exported, exported_in
 from hil.interchange.source import Selection, Table, Values, Wanted, kept_rows, numbers
 from hil.strict_toml import near_or_all
 
@@ -42,6 +43,21 @@ class MatlabSource:
         if _CAPTURE in self._there and (fields := self._variable(_CAPTURE).dtype.names):
             return [f"{_CAPTURE}.{field}" for field in fields if field not in ("units", "about")]
         return list(self._there)
+
+    @property
+    def exported(self) -> Exported | None:
+        """What the file says of itself, where it is an export of a capture."""
+        if _CAPTURE not in self._there:
+            return None
+        struct = self._variable(_CAPTURE)
+        if struct.size != 1 or not {"about", "units"} <= set(struct.dtype.names or ()):
+            return None
+        units = struct.flat[0]["units"]
+        if units.size != 1 or not units.dtype.names:
+            return None
+        names = {name: f"{_CAPTURE}.{name}" for name in units.dtype.names}
+        words = {name: "".join(np.ravel(units.flat[0][name])) for name in units.dtype.names}
+        return exported_in("".join(np.ravel(struct.flat[0]["about"])), names, words)
 
     def locate(self, name: Name) -> int:
         """The column called so, read at once."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.errors import InputError
 from hil.interchange.mapping import Name
+from hil.interchange.read_back import Exported, exported_in
 from hil.interchange.source import Selection, Table, Values, Wanted, kept_rows, numbers, position
 from hil.interchange.time_column import of_arrow
 from hil.records.capture import Hold
@@ -33,7 +34,7 @@ class ParquetSource:
 
     def __init__(self, path: Path) -> None:
         self.path, self.called = path, str(path)
-        schema = self._told(lambda pq: pq.ParquetFile(path).schema_arrow)
+        self._schema = schema = self._told(lambda pq: pq.ParquetFile(path).schema_arrow)
         self.metadata: Mapping[bytes, bytes] = schema.metadata or {}
         self._leaves = [leaf for field in schema for leaf in _leaves(field, field.name)]
         self._repeated = len(set(schema.names)) < len(schema.names)
@@ -51,6 +52,12 @@ class ParquetSource:
         except (ValueError, AttributeError, RecursionError):
             told = None
         return next((hold for hold in get_args(Hold) if hold == told), "zoh")
+
+    @property
+    def exported(self) -> Exported | None:
+        """What the file says of itself, where it is an export of a capture."""
+        units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in self._schema}
+        return exported_in(self.metadata.get(HEADER_KEY, b""), {name: name for name in self.names}, units)
 
     def locate(self, name: Name) -> int:
         """The position of a column from 0."""
