@@ -44,7 +44,7 @@ def messages(path: Path) -> dict[str, tuple[np.ndarray, list[dict]]]:
 @pytest.mark.moderate
 def test_a_csv_reads_back_to_the_last_digit(folder, tmp_path):
     target = tmp_path / "ride.csv"
-    assert export(folder / "capture.arrow", target, "csv") == {"capture": 2000}
+    assert export(folder / "capture.arrow", target, "csv") .rows == {"capture": 2000}
     assert target.read_text().startswith("t_s,vx_V,vy_V,ux_mps2,uy_mps2\n")
     original, again = read_capture(folder / "capture.arrow"), import_record(target, tmp_path / "again.arrow")
     np.testing.assert_array_equal(again.sense_V, original.sense_V)
@@ -86,7 +86,7 @@ def test_parquet_has_ticks_flags_and_what_the_numbers_mean(folder, tmp_path):
 )
 def test_what_was_estimated_with_its_uncertainty(folder, tmp_path, to, what, columns):
     target = tmp_path / f"{what}.{to}"
-    rows = export(folder, target, to, (what,))
+    rows = export(folder, target, to, (what,)).rows
     if to == "csv":
         assert target.read_text().partition("\n")[0] == ",".join(columns)
         values = np.loadtxt(target, delimiter=",", skiprows=1)
@@ -106,7 +106,7 @@ def test_what_was_estimated_with_its_uncertainty(folder, tmp_path, to, what, col
 @pytest.mark.moderate
 def test_a_mat_file_has_a_struct_for_each_table(folder, tmp_path):
     target = tmp_path / "ride.mat"
-    rows = export(folder, target, "mat")
+    rows = export(folder, target, "mat").rows
     read = loadmat(target, simplify_cells=True)
     assert tuple(rows) == EVERY
     estimates, capture = read_estimates(folder / "estimates.arrow"), read_capture(folder / "capture.arrow")
@@ -123,7 +123,7 @@ def test_a_mat_file_has_a_struct_for_each_table(folder, tmp_path):
 @pytest.mark.moderate
 def test_an_mcap_file_has_a_topic_for_each_table_in_the_order_of_time(folder, tmp_path):
     target = tmp_path / "ride.mcap"
-    rows = export(folder, target, "mcap")
+    rows = export(folder, target, "mcap").rows
     found = messages(target)
     assert {topic.removeprefix("/"): len(times) for topic, (times, _) in found.items()} == rows
     estimates, capture = read_estimates(folder / "estimates.arrow"), read_capture(folder / "capture.arrow")
