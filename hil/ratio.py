@@ -47,17 +47,19 @@ def slip(ratio: float, of_device: Mapping[str, float] | None = None) -> str:
     return "; or ".join(told)
 
 
+_GAINS = {"hx", "hy"}
+"""Symbols of what is added to the gain of the drive."""
+
+
 class _Valued(Protocol):
     @property
     def value(self) -> float: ...
 
 
 def drive_words(blamed: Iterable[tuple[str, Mapping[str, _Valued]]], mass_kg: float) -> tuple[str, ...]:
-    """A sentence for each effect, by its name and its coefficients, that is a gain of the drive."""
+    """A sentence for each effect, by its name and its coefficients, that is a gain of the drive of both axes."""
     return tuple(
-        of_drive((found["hx"].value, found["hy"].value), mass_kg)
-        for name, found in blamed
-        if name.partition(":")[0] == "drive_gain" and {"hx", "hy"} <= found.keys()
+        of_drive((found["hx"].value, found["hy"].value), mass_kg) for _, found in blamed if found.keys() == _GAINS
     )
 
 

@@ -44,7 +44,7 @@ def messages(path: Path) -> dict[str, tuple[np.ndarray, list[dict]]]:
 @pytest.mark.moderate
 def test_a_csv_reads_back_to_the_last_digit(folder, tmp_path):
     target = tmp_path / "ride.csv"
-    assert export(folder / "capture.arrow", target, "csv") .rows == {"capture": 2000}
+    assert export(folder / "capture.arrow", target, "csv").rows == {"capture": 2000}
     assert target.read_text().startswith("t_s,vx_V,vy_V,ux_mps2,uy_mps2\n")
     original, again = read_capture(folder / "capture.arrow"), import_record(target, tmp_path / "again.arrow")
     np.testing.assert_array_equal(again.sense_V, original.sense_V)
@@ -199,7 +199,7 @@ def test_refusals_leave_nothing(folder, tmp_path):
 
 @pytest.mark.moderate
 def test_a_file_of_estimates_is_exported_by_itself(folder, tmp_path):
-    assert export(folder / "estimates.arrow", tmp_path / "e.csv", "csv") == {"estimates": 200}
+    assert export(folder / "estimates.arrow", tmp_path / "e.csv", "csv").rows == {"estimates": 200}
     header = (tmp_path / "e.csv").read_text().partition("\n")[0].split(",")
     assert header[0] == "t_s"
     assert {"angle_rad", "angle_u_rad", "sd_rate_rad_s"} <= set(header)
