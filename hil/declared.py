@@ -56,6 +56,8 @@ def resonator_of(bench: Bench) -> Resonator:
     device, spread = bench.device, bench.observer.initial_sd
     damping = device.damping_per_s[0]
     declared = _declared(bench, 1.0, bench.device.drive.unit)
+    if device.sense.is_in_decibels:
+        declared = replace(declared, sense_unit="dB")  # of differences of levels, whatever 0 dB is
     return Resonator(declared, (damping, spread.damping * damping), 0.5 * spread.stiffness, device.sense.noise_V)
 
 
@@ -106,7 +108,7 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
         open_loop=bench.device.axes == 2 and formula_of(bench).kind != "pattern",
         variant=settings.Variant(observer.variant),
         gain=settings.Gain(observer.gain),
-        memory=observer.memory_s,
+        memory=bench.memory_s,
         acquisition=observer.acquisition_s,
         initial=initial,
         spread=settings.Spread(

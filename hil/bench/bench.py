@@ -19,6 +19,8 @@ from hil.bench.section import Section, check_matrix
 from hil.errors import InputError
 from hil.strict_toml import parse_table, read_table
 
+_WATCHDOG_S, _MEMORY_S, _MEMORY_CYCLES = 0.02, 1.0, 10.0  # where a bench file says nothing
+
 
 class Bench(Section):
     """A whole bench file."""
@@ -58,12 +60,11 @@ class Bench(Section):
         for key in ("position_m", "velocity_mps", "offset_V"):
             if (given := getattr(initial, key)) is not None and len(given) != axes:
                 raise ValueError(f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}")
-        streamed = self.loop.mode == "gain"
-        if streamed and axes != 2:
+        if self.loop.mode == "gain" and axes != 2:
             raise ValueError(f'[loop] mode: "gain" needs axes = 2, not {axes}; use "force"')
-        least, what = (3 * self.loop.block, "three blocks") if streamed else (2, "two samples")
-        if self.link.watchdog_s * self.device.sample_rate_Hz < least and not self.device.sense.is_envelope:
-            raise ValueError(f"[link] watchdog_s: shorter than {what} ({least / self.device.sample_rate_Hz:g} s)")
+        if self.link.watchdog_s is not None and self.link.watchdog_s < self._shortest_watchdog_s:
+            what = "three blocks" if self.loop.mode == "gain" else "two samples"
+            raise ValueError(f"[link] watchdog_s: shorter than {what} ({self._shortest_watchdog_s:g} s)")
         if self.target_stiffness_per_s2 == 0:
             raise ValueError(
                 "[controller] target_stiffness_N_per_m: a mass on no spring needs one; its root over the mass is the "
@@ -86,6 +87,28 @@ class Bench(Section):
         if unknown := set(sections) - set(table):
             raise InputError(f"{unknown.pop()}: no section of a bench; there are {', '.join(table)}")
         return override(self, sections, f"{self.device.name or 'bench'} with changes")
+
+    @property
+    def watchdog_s(self) -> float:
+        """Silence after which the board goes SAFE."""
+        return max(_WATCHDOG_S, self._shortest_watchdog_s) if self.link.watchdog_s is None else self.link.watchdog_s
+
+    @property
+    def _shortest_watchdog_s(self) -> float:
+        least = 3 * self.loop.block if self.loop.mode == "gain" else 2
+        return least / self.device.sample_rate_Hz
+
+    @property
+    def memory_s(self) -> float:
+        """Time constant of the fading memory."""
+        if self.observer.memory_s is not None:
+            return self.observer.memory_s
+        return max(_MEMORY_S, _MEMORY_CYCLES * self.cycle_s if self.device.resonance_Hz > 0.0 else 0.0)
+
+    @property
+    def cycle_s(self) -> float:
+        """Of the controlled oscillator."""
+        return math.tau / math.sqrt(self.target_stiffness_per_s2)
 
     @property
     def target_stiffness_per_s2(self) -> float:

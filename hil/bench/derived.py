@@ -114,8 +114,8 @@ def _sampling(bench: "Bench") -> Iterator[Derived]:
         {"samples_per_cycle": cycles},
     )
     if bench.observer.gain != "ekf":
-        memory = bench.observer.memory_s * mean
-        text = f"{quantity(bench.observer.memory_s, 's')}, {significant(memory)} cycles"
+        memory = bench.memory_s * mean
+        text = f"{quantity(bench.memory_s, 's')}, {significant(memory)} cycles"
         yield Derived("memory", text, {"memory_cycles": memory})
 
 

@@ -14,6 +14,7 @@ from hil.bench.section import NotNegative, Numbers, Positive, Section, check_mat
 from hil.records.units import LEVELS
 
 DriveUnit = Literal["mps2", "N", "V"]
+_LOGARITHMIC = ("db", "np", "neper", "bel")
 
 
 class Sense(Section):
@@ -21,7 +22,7 @@ class Sense(Section):
 
     gain_V_per_m: Numbers = Field(examples=[-1e6])
     """volts per metre at the sense output, signed; one number, or one per axis; per m/s or m/s² as `senses` says; of an
-    envelope in dB, how many of what 0 dB is"""
+    envelope in dB, dBV or another level, how many of what 0 dB is"""
     senses: Literal["displacement", "velocity", "acceleration", "envelope"] = "displacement"
     """what the channel shows (other than displacement: axes = 1); envelope: the amplitude of a ring-down"""
     unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
@@ -30,6 +31,15 @@ class Sense(Section):
     """rms noise of one sample, quantisation included"""
     offset_sd_V: NotNegative = 0.0
     """how far from zero the offset may be (one standard deviation)"""
+
+    @model_validator(mode="after")
+    def _level_is_known(self) -> Self:
+        if self.is_envelope and self.unit not in LEVELS and self.unit.lower().startswith(_LOGARITHMIC):
+            raise ValueError(
+                f"unit: {self.unit!r} is no level that is known; there are {', '.join(LEVELS)}; convert the record, or "
+                "give the unit of an amplitude, as V or mm"
+            )
+        return self
 
     @property
     def order(self) -> int:

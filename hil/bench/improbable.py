@@ -121,12 +121,12 @@ def _signals(bench: "Bench") -> Iterator[str]:
 def _run(bench: "Bench") -> Iterator[str]:
     observer, loop, rate = bench.observer, bench.loop, bench.device.sample_rate_Hz
     if observer.gain != "ekf":
-        if observer.memory_s > MEMORY_OF_RUN * loop.duration_s:
+        if bench.memory_s > MEMORY_OF_RUN * loop.duration_s:
             yield (
-                f"[observer] memory_s: {observer.memory_s:g} s in a run of {loop.duration_s:g} s; usual some hundred "
+                f"[observer] memory_s: {bench.memory_s:g} s in a run of {loop.duration_s:g} s; usual some hundred "
                 "cycles and below a tenth of the run; ms for s?"
             )
-        cycles = observer.memory_s * bench.device.resonance_Hz
+        cycles = bench.memory_s * bench.device.resonance_Hz
         if cycles < LEAST_MEMORY_CYCLES:
             yield f"[observer] memory_s: {significant(cycles)} cycles; usual some hundred; ms for s?"
     if not bench.controller.enabled:

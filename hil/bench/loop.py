@@ -15,8 +15,9 @@ class Link(Section):
 
     url: str | None = None
     """where the board is, when `hil run` has no --link: serial:PORT, can:NAME, pty:SCENARIO and the other links"""
-    watchdog_s: Positive = 0.02
-    """silence after which the board drops the drive and goes SAFE, in bench time"""
+    watchdog_s: Positive | None = None
+    """silence after which the board drops the drive and goes SAFE, in bench time; without it 0.02, or two samples (gain
+    mode: three blocks) where those last longer"""
     timeout_s: Positive = 2.0
     """how long the host waits for an answer to a command"""
 

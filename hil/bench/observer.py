@@ -64,8 +64,9 @@ class Observer(Section):
     gain: Literal["fading", "ekf", "stationary"] = "fading"
     """fading: EKF with fading memory; ekf: without; stationary: one gain, by pattern angle and phase of
     vibration, from the declared device, used one memory_s after acquisition_s"""
-    memory_s: Positive = 1.0
-    """time constant of the fading memory: some hundred cycles, and shorter than a record"""
+    memory_s: Positive | None = None
+    """time constant of the fading memory: some hundred cycles, and shorter than a record; without it 1, or ten cycles
+    where those last longer"""
     acquisition_s: NotNegative = 0.0
     """time before the control law is switched on"""
     backend: Literal["numba", "numpy", "filterpy"] = "numba"

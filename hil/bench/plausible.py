@@ -65,25 +65,25 @@ def _run(bench: "Bench") -> Iterator[str]:
     for key in ("estimate_every", "covariance_every"):
         if (getattr(loop, key) or 0) > LONGEST_RUN:
             yield f"[loop] {key}: beyond {LONGEST_RUN:g} samples; it counts samples"
-    for key in ("watchdog_s", "timeout_s"):
-        if getattr(link, key) > LONGEST_WAIT_S:
-            yield f"[link] {key}: {getattr(link, key):g} s is beyond {LONGEST_WAIT_S:g}; the unit is seconds"
+    for key, value in (("watchdog_s", link.watchdog_s or 0.0), ("timeout_s", link.timeout_s)):
+        if value > LONGEST_WAIT_S:
+            yield f"[link] {key}: {value:g} s is beyond {LONGEST_WAIT_S:g}; the unit is seconds"
 
 
 def _observer(bench: "Bench") -> Iterator[str]:
     observer, rate = bench.observer, bench.device.sample_rate_Hz
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
-    cycle_s = math.tau / omega0
+    cycle_s = bench.cycle_s
     vibrates = bench.device.resonance_Hz > 0.0  # a mass on no spring has no cycle
-    if vibrates and observer.gain != "ekf" and observer.memory_s < cycle_s:
+    if vibrates and observer.gain != "ekf" and bench.memory_s < cycle_s:
         yield (
-            f"[observer] memory_s: {observer.memory_s:g} s is shorter than a cycle of {1 / cycle_s:.4g} Hz, from which "
-            f"nothing can be estimated; give at least {cycle_s:.2g} s"
+            f"[observer] memory_s: {bench.memory_s:g} s is shorter than a cycle of {1 / cycle_s:.4g} Hz, from which "
+            f'nothing can be estimated; give at least {_rounded_up(cycle_s)} s, or gain = "ekf", which forgets nothing'
         )
-    if observer.gain == "stationary" and 4.0 * observer.memory_s * rate > TABLE_SAMPLES:
+    if observer.gain == "stationary" and 4.0 * bench.memory_s * rate > TABLE_SAMPLES:
         yield (
-            f"[observer] memory_s: a stationary gain for {observer.memory_s:g} s at {rate:g} Hz takes "
-            f'{4e-6 * observer.memory_s * rate:.3g} s to compute; use gain = "ekf", which forgets nothing, or at most '
+            f"[observer] memory_s: a stationary gain for {bench.memory_s:g} s at {rate:g} Hz takes "
+            f'{4e-6 * bench.memory_s * rate:.3g} s to compute; use gain = "ekf", which forgets nothing, or at most '
             f"{TABLE_SAMPLES / (4.0 * rate):.3g} s"
         )
     spread, noise = observer.initial_sd, observer.process_noise
@@ -99,6 +99,16 @@ def _observer(bench: "Bench") -> Iterator[str]:
     ):
         if value > limit:
             yield f"[observer.{where}] {key}: {value:g} is beyond {limit:.3g}, where nothing is left of the model"
+
+
+def _rounded_up(value: float) -> str:
+    """To three digits, and never below the value.
+
+    >>> _rounded_up(1.0201)
+    '1.03'
+    """
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / unit - 1e-9) * unit:.3g}"
 
 
 def _controller(bench: "Bench") -> Iterator[str]:

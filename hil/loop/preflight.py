@@ -155,7 +155,7 @@ def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> dict[str,
         "CLOCK_MODE": ClockMode[bench.loop.clock.upper()],
         "LOOP_MODE": LoopMode.GAIN if gain_mode else LoopMode.FORCE,
         "BLOCK": bench.loop.block if gain_mode else 1,
-        "WATCHDOG_TICKS": max(math.ceil(bench.link.watchdog_s * identity.tick_rate_Hz), 2),
+        "WATCHDOG_TICKS": max(math.ceil(bench.watchdog_s * identity.tick_rate_Hz), 2),
         "DRIVE_LIMIT": drive_limit_of(bench, identity),
     }
     if gain_mode:

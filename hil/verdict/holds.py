@@ -56,7 +56,7 @@ def settings(bench: Bench, own: Setting) -> Iterator[Setting]:
             yield own._replace(latency_ticks=latency, block=1)
         return
     resonance_Hz = bench.device.resonance_rad_s / (2.0 * np.pi)
-    most = max(min(_LARGEST_BLOCK, int(bench.link.watchdog_s * own.rate_Hz / _PER_WATCHDOG)), own.block)
+    most = max(min(_LARGEST_BLOCK, int(bench.watchdog_s * own.rate_Hz / _PER_WATCHDOG)), own.block)
     blocks = np.unique(np.linspace(own.block, most, _BLOCKS).astype(int)).tolist()
     yield from (Setting(0, block, own.rate_Hz) for block in blocks)
     if 0.5 * own.rate_Hz >= _PER_CYCLE * resonance_Hz:

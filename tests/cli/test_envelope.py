@@ -129,3 +129,37 @@ def test_a_bench_file_of_an_amplitude_is_looked_at(hil, reed):
         code, _, err = hil("trace", "reed.arrow", "--bench", "reed.bench.toml")
         assert code == 2
         assert said in err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", ["dBuV", "dBV", "dBm"])
+def test_a_level_over_whatever_reference_says_the_same(hil, reed, drag, unit):
+    """60 dB up, so that every level is positive and would pass for an amplitude, or down, so that none is."""
+    time, level = drag
+    up = {"dBuV": 60.0, "dBV": -60.0, "dBm": -30.0}[unit]
+    table = np.column_stack([1e3 * time, level + up])
+    np.savetxt(reed / "l.csv", table, delimiter=",", header="time,level", comments="")
+    (reed / "l.map.toml").write_text(MAP.replace('"dB"', f'"{unit}"'), encoding="utf-8")
+    text = BENCH.replace('unit = "dB"', f'unit = "{unit}"')
+    text = text.replace(f"gain_V_per_m = {GAIN}", f"gain_V_per_m = {GAIN * 10.0 ** (up / 20.0)}")
+    (reed / "l.bench.toml").write_text(text, encoding="utf-8")
+    found = []
+    for name in ("reed", "l"):
+        assert hil("import", f"{name}.csv", "--map", f"{name}.map.toml", "--nonuniform")[0] == 0
+        code, out, _ = hil("trace", f"{name}.arrow", "--bench", f"{name}.bench.toml", "--json", "--no-report")
+        assert code == 0
+        found.append(json.loads(out))
+    assert [(one["verdict"], one["sense_unit"]) for one in found] == [("explained", "dB")] * 2
+    first, other = (one["effects"][0] for one in found)
+    assert other["name"] == first["name"]
+    for symbol, one in first["coefficients"].items():
+        assert other["coefficients"][symbol]["value"] == pytest.approx(one["value"], rel=1e-3)
+
+
+def test_a_level_that_is_not_known_is_refused(hil, reed):
+    for unit in ("dBq", "Np", "DB"):
+        (reed / "odd.bench.toml").write_text(BENCH.replace('unit = "dB"', f'unit = "{unit}"'), encoding="utf-8")
+        (reed / "reed.arrow").write_bytes(b"")
+        code, _, err = hil("trace", "reed.arrow", "--bench", "odd.bench.toml")
+        assert code == 2
+        assert f"[device.sense] unit: '{unit}' is no level that is known; there are dB, " in err
