@@ -196,7 +196,7 @@ def _print_verdict(console: "Console", result: "Result") -> None:
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     from hil.emulation import shown
-    from hil.numbers import count, counted, in_both, percent, quantity, signed, significant
+    from hil.numbers import count, counted, in_both, percent, sensed, signed, significant
 
     if result.link is not None:
         yield "link, clock", f"{shown(result.link)}, {result.clock}"
@@ -240,8 +240,8 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         if sensor.latency_us is not None:
             yield "its latency p50, p99, p99.9", sensor.latency_us.line
     if result.innovation_rms is not None:
-        floor = "" if result.noise_floor is None else f"; noise floor {quantity(result.noise_floor, 'V')}"
-        yield "innovation, rms", f"{quantity(result.innovation_rms, 'V')}{floor}"
+        floor = "" if result.noise_floor is None else f"; noise floor {sensed(result.noise_floor, result.sense_unit)}"
+        yield "innovation, rms", f"{sensed(result.innovation_rms, result.sense_unit)}{floor}"
     yield from _angle(result)
     if result.angle_error_rms_rad is not None:
         yield "angle error, rms", in_both(result.angle_error_rms_rad, "rad")

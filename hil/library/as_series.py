@@ -35,7 +35,7 @@ def of_estimates(estimates: Estimates, run: str) -> Series:
 def of_innovation(innovation: Innovation, run: str) -> Series:
     """Measured minus predicted voltage, and its predicted deviation."""
     columns: dict[str, npt.NDArray[Any]] = {n: v for n, v in innovation.columns.items() if n != "tick"}
-    return Series(innovation.t_s, columns, dict.fromkeys(columns, "V"), {"run": run})
+    return Series(innovation.t_s, columns, dict.fromkeys(columns, innovation.unit), {"run": run})
 
 
 def chosen(every: Series, names: tuple[str, ...]) -> Series:

@@ -79,7 +79,8 @@ def column_of(name: str) -> str:
 def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
     """Layouts of `estimates.arrow`, `covariance.arrow` and `innovation.arrow`, by stem."""
     rate = bench.device.sample_rate_Hz
-    units = {"drive_gain_x": "1", **observer.coefficient_units}
+    own = bench.device.sense.unit
+    units = {"drive_gain_x": "1", "phi_x_V": own, "phi_y_V": own, **observer.coefficient_units}
     estimated = [column_of(name) for name in observer.estimated]
     return {
         "estimates": estimates_layout(
@@ -104,7 +105,7 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
             tick_rate_Hz=rate,
             every=bench.loop.covariance_stride(rate),
         ),
-        "innovation": innovation_layout(tick_rate_Hz=rate, axes=observer.device.axes),
+        "innovation": innovation_layout(tick_rate_Hz=rate, axes=observer.device.axes, sense_unit=own),
     }
 
 

@@ -19,13 +19,15 @@ WIDE = 1.5
 """A prediction that is less sure than usual by more than this comes behind a gap, or before the motion is known."""
 
 
-def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
-    """Columns tick, nu_x_V (nu_y_V), s_x_V (s_y_V), the latter the predicted standard deviations."""
+def innovation_layout(*, tick_rate_Hz: float, axes: int, sense_unit: str = "V") -> Layout:
+    """Columns tick, nu_x_V (nu_y_V), s_x_V (s_y_V), the latter the predicted standard deviations; their unit is that of
+    what is sensed, whatever the name says.
+    """
     names = _AXES[:axes]
     columns = (
         TICK,
-        *(Column(f"nu_{axis}_V", "f4", "V") for axis in names),
-        *(Column(f"s_{axis}_V", "f4", "V") for axis in names),
+        *(Column(f"nu_{axis}_V", "f4", sense_unit) for axis in names),
+        *(Column(f"s_{axis}_V", "f4", sense_unit) for axis in names),
     )
     header = {"tick_rate_Hz": tick_rate_Hz, "axes": axes}
     return Layout("innovation", columns, block_rows_for(tick_rate_Hz), header)
@@ -34,6 +36,11 @@ def innovation_layout(*, tick_rate_Hz: float, axes: int) -> Layout:
 @dataclass(frozen=True)
 class Innovation(Table):
     """Innovation of a run, read."""
+
+    @property
+    def unit(self) -> str:
+        """Of what is sensed: V, or the sensor's own."""
+        return str(self.header["columns"]["nu_x_V"]["unit"])
 
     @cached_property
     def nu_V(self) -> npt.NDArray[np.float64]:

@@ -387,7 +387,9 @@ class Result(json_file.Sealed, _Model):
     late: Count = Field(default=0, description="Samples whose answer reached the board after its effective tick")
     answers: Answers | None = Field(default=None, description="Null where no board was answered")
     angle_error_rms_rad: NonNegative | None = Field(
-        default=None, description="Reported angle minus true rotation, zero at the start of the scored window"
+        default=None,
+        description="Reported angle minus true rotation, zero at the start of the scored window: by the truth of an "
+        "emulated board, or by the integral of the record's own rate_rad_s",
     )
     rate_error_rms_rad_s: NonNegative | None = None
     angle: Angle | None = Field(default=None, description="Null where no angle is reported")
@@ -403,7 +405,10 @@ class Result(json_file.Sealed, _Model):
         default=(), description="Its budget: angle_u_rad is the root of the sum of the squared contributions"
     )
     parameters: dict[str, Parameter] = Field(default_factory=dict)
-    innovation_rms: NonNegative | None = Field(default=None, description="V, over the scored window and all axes")
+    sense_unit: str = Field(default="V", description="Unit of what is sensed: V, or the sensor's own, as LSB")
+    innovation_rms: NonNegative | None = Field(
+        default=None, description="In sense_unit, over the scored window and all axes"
+    )
     noise_floor: NonNegative | None = Field(
         default=None,
         description="V, the innovation's rms as the observer predicts it, the model being complete",

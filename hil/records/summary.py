@@ -12,6 +12,7 @@ from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation, steady, usual_sd_V
 from hil.records.quantiles import quantiles
+from hil.records.rate_reference import errors
 from hil.records.result import Answers, BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
 from hil.records.runfolder import RunFolder
 from hil.records.timing import Timing
@@ -43,6 +44,7 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         folder.timing,
     )
     counted = answers(capture, timing, counters or {})
+    beside = errors(capture, estimates, folder.settle_s)
     return Result(
         run=folder.path.resolve().name,
         seconds=_seconds(capture, estimates),
@@ -50,7 +52,10 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         lost=0 if capture is None else lost_samples(capture),
         late=0 if counted is None else counted.late,
         answers=counted,
+        angle_error_rms_rad=beside.angle_rms_rad,
+        rate_error_rms_rad_s=beside.rate_rms_rad_s,
         parameters={} if estimates is None else parameters(estimates, mass_kg=reporting_mass_kg(folder)),
+        sense_unit="V" if innovation is None else innovation.unit,
         innovation_rms=None if innovation is None else innovation_rms(innovation, folder.settle_s),
         noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
         turnaround_us=None if timing is None else turnaround(timing),
@@ -111,7 +116,7 @@ def parameters(
 
 
 def innovation_rms(innovation: Innovation, settle_s: float) -> float | None:
-    """Root mean square in volts over all axes from `settle_s` on, of the rows whose prediction is as sure as usual:
+    """Root mean square over all axes from `settle_s` on, of the rows whose prediction is as sure as usual:
     what comes right behind a gap is no residual. None where there are none, or one is not finite.
     """
     scored = innovation.since(settle_s)

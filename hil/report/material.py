@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation
+from hil.records.rate_reference import Compared, beside_rate
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
@@ -22,25 +23,6 @@ from hil.report.course import COLUMNS, Course, course, first_since
 Floats = npt.NDArray[np.float64]
 
 _Record = TypeVar("_Record", Capture, Estimates, Innovation, Timing)
-
-
-class Compared(NamedTuple):
-    """A stretch of the estimates beside their reference: rows (n,) of it where that is known, its rate and the integral
-    of its rate there."""
-
-    estimates: Estimates
-    rows: npt.NDArray[np.intp]
-    angle_rad: Floats
-    rate_rad_s: Floats
-
-    @property
-    def t_s(self) -> Floats:
-        """Bench time (n,)."""
-        return self.estimates.t_s[self.rows]
-
-    def estimated(self, column: str) -> Floats:
-        """A column of the estimates (n,)."""
-        return np.asarray(self.estimates[column][self.rows])
 
 
 @dataclass(frozen=True)
@@ -96,19 +78,7 @@ class Material:
     def _beside_rate(self) -> Iterator[Compared]:
         assert self.estimates is not None
         assert self.capture is not None
-        before: tuple[float, float, float] | None = None
-        for piece in self.capture.pieces():
-            rate, t_s = piece.rate_rad_s, piece.t_s
-            assert rate is not None
-            t_0, rate_0, angle_0 = before or (float(t_s[0]), float(rate[0]), 0.0)
-            steps = np.diff(t_s, prepend=t_0) * (rate + np.concatenate([[rate_0], rate[:-1]])) / 2
-            angle = angle_0 + np.cumsum(steps)
-            before = float(t_s[-1]), float(rate[-1]), float(angle[-1])
-            tick = piece.tick
-            part = self.estimates.between(int(tick[0]), int(tick[-1]))
-            _, rows, ours = np.intersect1d(part.tick, tick, assume_unique=True, return_indices=True)
-            if rows.size:
-                yield Compared(part, rows, angle[ours], rate[ours])
+        return beside_rate(self.capture, self.estimates)
 
     @cached_property
     def stiffness_per_s2(self) -> float | None:

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from hil.numbers import count, counted, in_both, percent, quantity, relative, share, significant
+from hil.numbers import count, counted, in_both, percent, quantity, relative, sensed, share, significant
 from hil.records.result import Result
 
 _WORDS = {"lacks": "lacks something"}
@@ -67,7 +67,7 @@ def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str
     """Headline numbers: (what, number, remark); of a run after a trace with those of the run before it."""
 
     def before(value: float | None, unit: str) -> str:
-        return "" if value is None else f"; before: {quantity(value, unit)}"
+        return "" if value is None else f"; before: {sensed(value, unit)}"
 
     first = Result(run="", seconds=0.0, samples=0, complete=True) if earlier is None else earlier
     entries: list[tuple[str, str, str]] = []
@@ -87,8 +87,8 @@ def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str
     if result.innovation_rms is not None:
         floor = result.noise_floor
         remark = "rms" if not floor else f"rms, {significant(result.innovation_rms / floor)} × the noise floor"
-        remark += before(first.innovation_rms, "V")
-        entries.append(("Innovation", quantity(result.innovation_rms, "V"), remark))
+        remark += before(first.innovation_rms, result.sense_unit)
+        entries.append(("Innovation", sensed(result.innovation_rms, result.sense_unit), remark))
     entries.append(_samples(result))
     if result.turnaround_us is not None:
         remark = f"p50; p99.9 {significant(result.turnaround_us.p999)} µs"

@@ -7,9 +7,10 @@ import numpy as np
 from hil.coverage import COVERAGE
 from hil.numbers import prefix_for, quantity, significant
 from hil.records.estimates import Estimates
+from hil.records.rate_reference import Compared
 from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
-from hil.report.material import Compared, Floats, Material
+from hil.report.material import Floats, Material
 from hil.report.theme import BAD, FIRST, INK, MUTED, SECOND, fit_to, legend, span_time, stacked, trace
 
 _RIVAL_SHOWN_WITHIN = 4.0

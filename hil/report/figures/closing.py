@@ -3,9 +3,10 @@
 import numpy as np
 
 from hil.numbers import prefix_for, quantity, significant
+from hil.records.rate_reference import Compared
 from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
-from hil.report.material import Compared, Floats, Material
+from hil.report.material import Floats, Material
 from hil.report.theme import FIRST, INK, SECOND, fit_to, span_time, stacked, trace
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hil.numbers import percent, prefix_for, quantity
+from hil.numbers import percent, sensed, unit_for
 from hil.records.summary import SD_95
 from hil.report.course import course
 from hil.report.figures.drawing import Drawing
@@ -28,7 +28,7 @@ def draw(material: Material) -> Drawing | None:
     span = float(innovation.part(0, 1).t_s[0]), float(innovation.part(last, last + 1).t_s[0])
     drawn = course(parts(), span, len(innovation), material.settle_s)
     held = drawn.held
-    factor, prefix = prefix_for(max(held.size(axis) for axis in range(axes)))
+    factor, unit = unit_for(max(held.size(axis) for axis in range(axes)), innovation.unit)
     figure, panels = stacked(0.6 + 1.25 * axes, (1.0,) * axes)
     words = []
     for axis, ax in enumerate(panels):
@@ -38,12 +38,12 @@ def draw(material: Material) -> Drawing | None:
             ax.plot(*drawn.line(axes + axis, sign * factor), color=INK, linewidth=0.8, dashes=(4, 3))
         ends = [held.low[axis], held.high[axis], held.low[axes + axis], held.high[axes + axis]]
         fit_to(ax, np.array(ends) * factor)
-        ax.set_ylabel(f"ν{'xy'[axis]} / {prefix}V")
+        ax.set_ylabel(f"ν{'xy'[axis]} / {unit}")
         rms, inside = float(held.rms[axis]), float(held.mean[2 * axes + axis])
-        words.append(f"{'xy'[axis]} {quantity(rms, 'V')} rms, {percent(inside)} inside")
+        words.append(f"{'xy'[axis]} {sensed(rms, innovation.unit)} rms, {percent(inside)} inside")
     span_time(panels, span, material.settle_s)
     caption = (
-        f"Measured minus predicted voltage: {'; '.join(words)} (95 % expected). "
+        f"Measured minus predicted: {'; '.join(words)} (95 % expected). "
         "Filled: smallest to largest; dashed: ± 1.96 predicted standard deviations."
     )
     return Drawing(figure, "Innovation in time", caption, f"Innovation over time. {caption}")

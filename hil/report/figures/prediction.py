@@ -36,7 +36,7 @@ def draw(material: Material) -> Drawing | None:
         return None
     left = [Left(last.nu_V[theirs], FIRST, "predicted")]
     return course(
-        measured.t_s[ours], measured.sense_V[ours], left, where="The end of the run", unit="V", ahead=True
+        measured.t_s[ours], measured.sense_V[ours], left, where="The end of the run", unit=innovation.unit, ahead=True
     )  # fmt: skip
 
 

@@ -7,10 +7,11 @@ import numpy as np
 
 from hil.numbers import percent, prefix_for, quantity
 from hil.records.estimates import Estimates
+from hil.records.rate_reference import Compared
 from hil.records.summary import SD_95
 from hil.report.course import Course, spread
 from hil.report.figures.drawing import Drawing
-from hil.report.material import Compared, Floats, Material, Reference
+from hil.report.material import Floats, Material, Reference
 from hil.report.theme import FIRST, INK, fit_to, legend, span_time, stacked, trace
 
 if TYPE_CHECKING:

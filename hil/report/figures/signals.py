@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hil.numbers import prefix_for, significant
+from hil.numbers import prefix_for, significant, unit_for
 from hil.report.course import course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
@@ -19,7 +19,8 @@ def draw(material: Material) -> Drawing | None:
     capture = material.capture
     if capture is None:
         return None
-    names = [("sensed", "V")] + ([("drive", _DRIVE_UNITS[capture.drive_unit])] if capture.has_drive else [])
+    drives = [("drive", _DRIVE_UNITS[capture.drive_unit])] if capture.has_drive else []
+    names = [("sensed", capture.sense_unit), *drives]
     figure = new_figure(0.5 + 1.2 * len(names))
     grid = figure.subplots(len(names), capture.axes, sharex=True, sharey="row", squeeze=False)
 
@@ -33,12 +34,13 @@ def draw(material: Material) -> Drawing | None:
     words = []
     for row, (panels, (name, unit)) in enumerate(zip(grid, names, strict=True)):
         columns = range(row * capture.axes, (row + 1) * capture.axes)
-        factor, prefix = prefix_for(max(drawn.held.size(column) for column in columns))
+        size = max(drawn.held.size(column) for column in columns)
+        factor, label = unit_for(size, unit) if name == "sensed" else _prefixed(size, unit)
         for axis, (ax, column) in enumerate(zip(panels, columns, strict=True)):
             edges = drawn.band(column, column, factor)
             ax.fill_between(*edges, color=AXIS_COLOURS[axis], alpha=0.5, linewidth=0.4)
             ax.set_title(f"{name} {'xy'[axis]}")
-        panels[0].set_ylabel(f"{prefix}{unit}")
+        panels[0].set_ylabel(label)
         rms = drawn.held.rms[list(columns)]
         words.append(f"{name} {' and '.join(significant(float(value)) for value in rms)} {unit} rms")
     for ax in grid[-1]:
@@ -47,3 +49,9 @@ def draw(material: Material) -> Drawing | None:
     span_time(list(grid.ravel()), span)
     caption = f"Envelopes of every sample: {'; '.join(words)}."
     return Drawing(figure, "Signals", caption, f"Envelopes over time. {caption}")
+
+
+def _prefixed(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit of a drive."""
+    factor, prefix = prefix_for(size)
+    return factor, prefix + unit

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.numbers import prefix_for, quantity
+from hil.numbers import quantity, unit_for
 from hil.records.innovation import stretches, usual_sd_V
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
@@ -36,7 +36,7 @@ def draw(material: Material) -> Drawing | None:
     if not np.isfinite(density).all() or not density.all():
         return None
     floor = float(np.sqrt(np.mean(usual**2) * 2 / rate_Hz))
-    factor, prefix = prefix_for(float(np.median(density)))
+    factor, unit = unit_for(float(np.median(density)), innovation.unit)
     figure = new_figure(2.7)
     ax = figure.subplots()
     for axis, colour in zip(range(innovation.axes), AXIS_COLOURS, strict=False):
@@ -53,7 +53,7 @@ def draw(material: Material) -> Drawing | None:
     _scale(ax, density * factor, floor * factor)
     ax.set_xlim(0, rate_Hz / 2)
     ax.set_xlabel("frequency / Hz")
-    ax.set_ylabel(f"density / ({prefix}V/√Hz)")
+    ax.set_ylabel(f"density / ({unit}/√Hz)")
     legend(ax)
     ratio = float(np.median(density)) / floor
     alt = f"Density from 0 to {rate_Hz / 2:g} hertz; its median is {ratio:.2f} times the floor. {caption}"
