@@ -1,7 +1,7 @@
 """What tracing answers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from estimator.scaling import Array
@@ -105,7 +105,7 @@ class Fit:
 
     `innovation_rms` and `noise_floor` in volts per channel; `ratio` of the two (1 when nothing is missing);
     `whiteness_p` of Ljung and Box; `simulation_rmse` of a free run in volts, `angle_error_rms` [rad] and
-    `rate_error_rms` [rad/s] where a reference exists.
+    `rate_error_rms` [rad/s] where a reference exists; `floor_from`: how the noise floor was found, in words.
     """
 
     innovation_rms: tuple[float, ...]
@@ -115,6 +115,7 @@ class Fit:
     simulation_rmse: float | None = None
     angle_error_rms: float | None = None
     rate_error_rms: float | None = None
+    floor_from: str = "the declared noise"
 
 
 @dataclass(frozen=True)
@@ -190,3 +191,15 @@ class Diagnosis:
     dependences: tuple[Dependence, ...] = ()
     free_run: tuple[Array, Array] | None = None
     base: Mapping[str, Interval] = field(default_factory=dict)
+
+    def of_what_is_named(self) -> "Diagnosis":
+        """The same; where nothing is named, the figures after are those before: no others stand beside a model."""
+        if self.effects or self.dependences:
+            return self
+        return replace(
+            self,
+            after=self.before,
+            held_out_after=self.held_out_before,
+            residual_after=self.residual_before,
+            free_run=None if self.free_run is None else (self.free_run[0], self.free_run[0]),
+        )

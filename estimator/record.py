@@ -17,7 +17,8 @@ class Record:
     sense (n, axes) V; drive (n, axes, degree + 1) polynomials over the interval that ends at each sample
     (`estimator.hold`); step (n,) s, that interval's length; channels: further measured series (n,), by name:
     `temperature` [°C], `rate` [rad/s], a reference for the rate that is scored and never given to the observer; gaps:
-    where the drive is a prediction, None where it is known throughout.
+    where the drive is a prediction, None where it is known throughout; filtered: whether sense and drive passed a
+    filter, behind which noise is not white.
     """
 
     sense: Array
@@ -25,6 +26,7 @@ class Record:
     step: Array
     channels: Mapping[str, Array] = field(default_factory=dict)
     gaps: Gaps | None = None
+    filtered: bool = False
 
     def __len__(self) -> int:
         return len(self.sense)
@@ -33,7 +35,7 @@ class Record:
         """The samples of `rows`."""
         channels = {name: series[rows] for name, series in self.channels.items()}
         gaps = None if self.gaps is None else self.gaps.part(slice(*rows.indices(len(self))))
-        return Record(self.sense[rows], self.drive[rows], self.step[rows], channels, gaps)
+        return Record(self.sense[rows], self.drive[rows], self.step[rows], channels, gaps, self.filtered)
 
     @property
     def stretches(self) -> tuple[slice, ...]:

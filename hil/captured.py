@@ -181,4 +181,5 @@ def record_of(captured: Capture, drives: Drives | None = None) -> Record:
     channels: dict[str, Array] = {
         name: np.interp(samples.tick, captured.tick, series) for name, series in given.items() if series is not None
     }
-    return Record(samples.sense, samples.drive, samples.step, channels, gaps_of(samples, drives))
+    filtered = captured.noise_gain != 1.0
+    return Record(samples.sense, samples.drive, samples.step, channels, gaps_of(samples, drives), filtered)

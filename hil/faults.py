@@ -9,7 +9,8 @@ _OF_HIL = "a fault of hil"
 
 def fault_line(error: BaseException) -> str:
     """What is said of an error that nobody but the authors can mend."""
-    return f"{_OF_HIL}: {' '.join(f'{type(error).__name__}: {error}'.split())}"
+    said = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+    return f"{_OF_HIL}: {said}"
 
 
 def is_fault(said: str | None) -> bool:

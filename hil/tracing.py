@@ -132,6 +132,7 @@ def trace(
         found = interruptible(searched)
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
+    found = _within_limits(found, bench)
     if found.verdict.is_open:
         tried = {one.name for one in found.effects} | {one.name for one in found.rejected}
         found = replace(found, reasons=(*found.reasons, *not_tried(device, tried)))
@@ -160,6 +161,20 @@ def trace(
 
         write_report(folder, found, diagnosis, record, device, settings, unnamed, capture)
     return Traced(folder, diagnosis)
+
+
+def _within_limits(found: traced.Diagnosis, bench: Bench) -> traced.Diagnosis:
+    """The answer; *adequate* only where a replay of the record would keep [limits] innovation_ratio too."""
+    if found.verdict is not traced.Verdict.ADEQUATE:
+        return found
+    limit = bench.limits.innovation_ratio
+    over = [
+        f"the innovation of the part {part} is {fit.ratio:.3g} × the noise floor ({fit.floor_from}), [limits] "
+        f"innovation_ratio is {limit:g}"
+        for part, fit in (("that was fitted", found.before), ("held out", found.held_out_before))
+        if fit.ratio > limit
+    ]
+    return replace(found, verdict=traced.Verdict.UNEXPLAINED, reasons=(*found.reasons, *over)) if over else found
 
 
 def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, WrittenForce]":
@@ -250,7 +265,7 @@ def _trace_envelope(
         captured, split = parts_of(captured, fraction)
     progress(Progress("effects", 0, 0))
     envelope, found = interruptible(lambda: trace_ring_down(capture, captured, bench, split))
-    unit = bench.device.sense.unit
+    unit = "dB" if bench.device.sense.is_in_decibels else bench.device.sense.unit
     diagnosis = to_model(
         found, record=called(capture), bench=bench.device.name, sense_unit=unit, prepared=captured.prepared
     )

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.effects.equation import equations
 from estimator.envelope.course import Power, course
 from estimator.envelope.laws import LINEAR, Law
 from estimator.envelope.record import DECIBEL, Envelope, Resonator
@@ -20,6 +19,7 @@ from estimator.refinement import covariance_of, least_squares_beside, worth_of
 from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
+from estimator.trace.axes import equations_on
 from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.criterion import extended, schwarz
 from estimator.trace.engine import Estimate, Score, Trial
@@ -61,7 +61,7 @@ def terms(laws: Mapping[str, Law], resonator: Resonator) -> tuple[Term, ...]:
         Term(
             name=name,
             title=law.effect.title,
-            equation=(*equations(law.effect), law.equation),
+            equation=(*equations_on(law.effect, 1), law.equation),
             symbol=law.coefficient.name,
             unit=law.coefficient.unit,
             factor=resonator.scaling.coefficient(law.coefficient),

@@ -55,6 +55,7 @@ def trace_envelope(envelope: Envelope, resonator: Resonator, fitting: Rows) -> D
     claim = _claim(resonator, before, after, held_out)
     verdict, against = _judged(claim)
     named = tuple(term for term in after.terms) if verdict in (Verdict.EXPLAINED, Verdict.PARTLY) else ()
+    told = against if named else promises.not_named([term.name for term in after.terms], against)
     if not named:
         why |= {term.name: leaves_the_rest(gains[term.name]) for term in after.terms}
     estimates = after.estimates(resonator)
@@ -71,7 +72,7 @@ def trace_envelope(envelope: Envelope, resonator: Resonator, fitting: Rows) -> D
         residual_before=_residual(before),
         residual_after=_residual(after),
         split=int(np.sum(fitting)),
-        reasons=(_summary(verdict, named, after, claim, resonator), *against),
+        reasons=(_summary(verdict, named, after if named else before, claim, resonator), *told),
         share=claim.residual.share if named else None,
         probabilities=stated(
             of_rounds(chosen.rounds, lambda look: {}),
@@ -81,7 +82,7 @@ def trace_envelope(envelope: Envelope, resonator: Resonator, fitting: Rows) -> D
             is_open=verdict.is_open,
         ),
         undetermined=tuple(_as_another(term, estimates[term.name], every) for term in named if _same_laws(term, every)),
-    )
+    ).of_what_is_named()
 
 
 def _same_laws(term: Term, every: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -240,10 +241,11 @@ def _residual(fit: EnvelopeFit) -> Residual:
 def _summary(verdict: Verdict, named: tuple[Term, ...], after: EnvelopeFit, claim: Claim, resonator: Resonator) -> str:
     unit, errors, damping = resonator.device.sense_unit, claim.residual, after.damping(resonator)
     was = f", was {errors.before:.3g} {unit}" if named else ""
+    left = errors.after if named else errors.before
     quality = resonator.scaling.omega0 / damping.value if damping.value > 0.0 else float("inf")
     said = (
         f"linear damping is {damping.value:.4g} 1/s [{damping.low:.4g}, {damping.high:.4g}], a quality factor of "
-        f"{quality:.4g}; the part held out is {errors.after:.3g} {unit} rms off{was}; the noise is {errors.floor:.3g} "
+        f"{quality:.4g}; the part held out is {left:.3g} {unit} rms off{was}; the declared noise is {errors.floor:.3g} "
         f"{unit}"
     )
     if verdict is not Verdict.PARTLY:

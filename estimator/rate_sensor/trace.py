@@ -95,15 +95,13 @@ def trace_sensor(
     found = _promised(chosen, before, fitting, floor, freedom)
     after, gains = found.fit, found.gains
     rejected = _rejected(candidates, chosen, found.why)
-    effective = effective_samples(after.residual[fitting])
-    half = after.half_widths(fitting, effective)
-    intervals = {
-        name: Interval(float(value), float(value - width), float(value + width), unit)
-        for name, unit, value, width in zip(after.chain.names, after.chain.units, after.parameters, half, strict=True)
-    }
+    intervals = _intervals(after, fitting)
     base = {name: intervals[name] for name in ("V0", "S")}
     limits = () if line is None else against(base, line)
     verdict, reasons = _verdict(found.claim, after, fitting, (*limits, *beyond_the_model(after, floor)))
+    if verdict not in (Verdict.EXPLAINED, Verdict.PARTLY):
+        line_alone = _intervals(before, fitting)
+        base = {name: line_alone[name] for name in base}
     effects = tuple(
         Found(
             effect.name,
@@ -118,19 +116,20 @@ def trace_sensor(
     named = verdict in (Verdict.EXPLAINED, Verdict.PARTLY)
     if not named:
         rejected += tuple(Rejected(name, leaves_the_rest(gain)) for name, gain in gains.items())
-    held_out = ~fitting
+    source = "the declared noise" if math.isinf(freedom) else "the scatter of repeated rates"
+    held_out, shown = ~fitting, after if named else before  # what is not named stands beside no figure
     return SensorDiagnosis(
         verdict,
         base,
         effects if named else (),
         _confusable(after, candidates, fitting, as_near(chosen.rounds)) if named else (),
         rejected,
-        _score(before, fitting, floor),
-        _score(after, fitting, floor),
-        _score(before, held_out, floor),
-        _score(after, held_out, floor),
+        _score(before, fitting, floor, source),
+        _score(shown, fitting, floor, source),
+        _score(before, held_out, floor, source),
+        _score(shown, held_out, floor, source),
         before.residual,
-        after.residual,
+        shown.residual,
         reasons,
         found.claim.residual.share if named else None,
         stated(
@@ -141,6 +140,16 @@ def trace_sensor(
             is_open=verdict.is_open,
         ),
     )
+
+
+def _intervals(fitted: SensorFit, rows: Rows) -> dict[str, Interval]:
+    """Every parameter of a chain, by name."""
+    half = fitted.half_widths(rows, effective_samples(fitted.residual[rows]))
+    chain = fitted.chain
+    return {
+        name: Interval(float(value), float(value - width), float(value + width), unit)
+        for name, unit, value, width in zip(chain.names, chain.units, fitted.parameters, half, strict=True)
+    }
 
 
 def noise_floor(record: SensorRecord, rows: Rows, noise: float) -> tuple[float, float]:
@@ -317,7 +326,7 @@ def _verdict(claim: Claim, after: SensorFit, fitting: Rows, limits: tuple[str, .
         return Verdict.EXPLAINED, ()
     broken = (*broken, *((outside,) if beyond else ()))
     if not promises.holds_in_part(claim):
-        return Verdict.UNEXPLAINED, broken
+        return Verdict.UNEXPLAINED, promises.not_named(claim.effects, broken)
     said = f"{promises.acts_like(claim.effects)}: {errors.share:.1%} of the power above the noise floor goes"
     return Verdict.PARTLY, (said, *broken)
 
@@ -326,11 +335,11 @@ def _is_adequate(error: float, floor: float) -> bool:
     return error <= _SET.adequate * floor
 
 
-def _score(fitted: SensorFit, rows: Rows, floor: float) -> Fit:
+def _score(fitted: SensorFit, rows: Rows, floor: float, source: str) -> Fit:
     rms = fitted.rms(rows)
     lags = min(_SET.lags, int(np.sum(rows)) // 4)
     whiteness = portmanteau(fitted.residual[rows], lags).p if lags > 0 and rms > 0.0 else 1.0
-    return Fit((rms,), (floor,), rms / floor, whiteness, simulation_rmse=rms)
+    return Fit((rms,), (floor,), rms / floor, whiteness, simulation_rmse=rms, floor_from=source)
 
 
 def _confusable(

@@ -40,7 +40,7 @@ def analyse(
     levelled = _levelled(innovation, deviation)
     spectrum = periodogram(levelled, sample_rate, resonance_hz)
     repeats = repeated_noise(record.sense, record.drive[:, :, 0])
-    floor = noise_floor(spectrum, deviation, sample_rate, resonance_hz, repeats)
+    floor = noise_floor(spectrum, deviation, sample_rate, resonance_hz, repeats, filtered=record.filtered)
     white = portmanteau(levelled, sensible_lags(len(levelled), cycle))
     share = _SET.false_alarm / _FAMILIES
     fit = fit_of(innovation, floor, white)
@@ -64,7 +64,7 @@ def fit_of(innovation: Array, floor: Floor, white: Whiteness) -> Fit:
     """rms beside the floor, per channel and together."""
     rms = np.sqrt(np.nanmean(innovation**2, axis=0))
     ratio = float(np.sqrt(np.mean((rms / np.maximum(floor.rms, _TINY_FLOOR)) ** 2)))
-    return Fit(tuple(map(float, rms)), tuple(map(float, floor.rms)), ratio, white.p)
+    return Fit(tuple(map(float, rms)), tuple(map(float, floor.rms)), ratio, white.p, floor_from=floor.source)
 
 
 def _levelled(innovation: Array, deviation: Array) -> Array:

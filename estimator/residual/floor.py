@@ -27,15 +27,24 @@ class Floor:
 
 
 def noise_floor(
-    spectrum: Periodogram, predicted: Array, sample_rate: float, resonance: float, repeats: Array | None = None
+    spectrum: Periodogram,
+    predicted: Array,
+    sample_rate: float,
+    resonance: float,
+    repeats: Array | None = None,
+    *,
+    filtered: bool = False,
 ) -> Floor:
     """The floor of the record behind `spectrum`.
 
     predicted (n, axes): standard deviation of the innovation that the observer expects; repeats (axes,): noise from
-    `repeated_noise`, where there was any.
+    `repeated_noise`, where there was any; filtered: whether the record passed a filter: beside its band the spectrum
+    tells of the filter, not of the noise within.
     """
     if repeats is not None:
         return Floor(repeats, 0.0, "repeats of the drive")
+    if filtered:
+        return Floor(np.nanmedian(predicted, axis=0), 0.0, "the declared noise, behind the record's filter")
     quiet = quiet_bins(spectrum.frequency, sample_rate, resonance)
     count = int(np.sum(quiet))
     if count < _SET.bins:

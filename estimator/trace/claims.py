@@ -73,10 +73,14 @@ def on_one_floor(before: Fit, after: Fit) -> tuple[Fit, Fit]:
     does not raise its own measure, and what an effect had put into the floor counts as a part of the residual.
     """
     floor = np.minimum(before.noise_floor, after.noise_floor)
+    source = before.floor_from
+    if after.floor_from != source:
+        source = f"the lower of {source} and {after.floor_from}"
 
     def over(fit: Fit) -> Fit:
         multiples = np.array(fit.innovation_rms) / np.maximum(floor, np.finfo(float).tiny)
-        return replace(fit, noise_floor=tuple(floor.tolist()), ratio=float(np.sqrt(np.mean(multiples**2))))
+        ratio = float(np.sqrt(np.mean(multiples**2)))
+        return replace(fit, noise_floor=tuple(floor.tolist()), ratio=ratio, floor_from=source)
 
     return over(before), over(after)
 

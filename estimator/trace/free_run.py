@@ -11,7 +11,6 @@ import numpy as np
 
 from estimator.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
-from estimator.effects.equation import equations
 from estimator.errors import ModelError
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
@@ -21,6 +20,7 @@ from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
+from estimator.trace.axes import equations_on
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
 from estimator.trace.claims import on_one_floor, residual_of
 from estimator.trace.determined import declared, undetermined
@@ -55,8 +55,10 @@ def trace_free_run(
     after = _examined(problem.carrying(carried), found.after, split) if found.effects else before
     was, fitted = on_one_floor(before.fitted, after.fitted)
     was_held_out, held_out = on_one_floor(before.held_out, after.held_out)
-    verdict, against = judged(replace(claim, observed=residual_of(before.held_out, after.held_out, later.sense.size)))
+    claim = replace(claim, observed=residual_of(before.held_out, after.held_out, later.sense.size))
+    verdict, against = judged(claim, _rmse(found.before))
     named = found.effects if verdict in (Verdict.EXPLAINED, Verdict.PARTLY) else ()
+    told = against if named else promises.not_named(found.effects, against)
     if not named:
         why |= {name: leaves_the_rest(found.evidence[name]) for name in found.effects}
     return Diagnosis(
@@ -79,7 +81,7 @@ def trace_free_run(
         residual_before=before.residual,
         residual_after=after.residual,
         split=split,
-        reasons=(_summary(verdict, named, errors, device.sense_unit), *against),
+        reasons=(_summary(verdict, named, errors, device.sense_unit), *told),
         share=errors.share if named else None,
         left=after.findings if verdict is Verdict.PARTLY else (),
         probabilities=stated(
@@ -91,7 +93,7 @@ def trace_free_run(
         ),
         undetermined=undetermined(found.after),
         free_run=_shown(found, later),
-    )
+    ).of_what_is_named()
 
 
 def _shown(found: SimulationTrace, later: Record) -> tuple[Array, Array]:
@@ -174,12 +176,17 @@ def _constants(found: SimulationTrace) -> tuple[Constant, ...]:
     )
 
 
-def judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
-    """The verdict, and what keeps a record from being explained."""
+def judged(claim: Claim, fitted: float = 0.0) -> tuple[Verdict, tuple[str, ...]]:
+    """The verdict, and what keeps a record from being explained; fitted: rms error of the free run, of the base model,
+    on the part that was fitted: one part that is predicted does not make up for one that is not.
+    """
     errors = claim.residual
     if not claim.effects:
         conflict = promises.constants(claim)
-        verdict = verdict_of(errors.before, errors.after, errors.floor, ())
+        verdict = verdict_of(max(errors.before, fitted), errors.after, errors.floor, ())
+        if fitted > _SET.adequate * errors.floor >= errors.before:
+            above = fitted / errors.floor
+            conflict = (*conflict, f"a free run of the part that was fitted is {above:.3g} × the declared noise off")
         return Verdict.UNEXPLAINED if conflict else verdict, conflict
     against = (*promises.broken(claim), *promises.one_curve(claim.effects))
     if not against:
@@ -189,8 +196,9 @@ def judged(claim: Claim) -> tuple[Verdict, tuple[str, ...]]:
 
 def _summary(verdict: Verdict, named: tuple[str, ...], errors: Errors, unit: str) -> str:
     was = f", was {errors.before:.3g} {unit}" if named else ""
-    noise = f"the noise is {errors.floor:.3g} {unit}"
-    off = f"a free run of the part held out is {errors.after:.3g} {unit} rms off{was}; {noise}"
+    noise = f"the declared noise is {errors.floor:.3g} {unit}"
+    left = errors.after if named else errors.before
+    off = f"a free run of the part held out is {left:.3g} {unit} rms off{was}; {noise}"
     if verdict is not Verdict.PARTLY:
         return off
     return f"{promises.acts_like(named)}: {errors.share:.1%} of the power above the noise goes; {off}"
@@ -237,7 +245,7 @@ def _found(name: str, found: SimulationTrace, device: Device) -> Found:
     return Found(
         name=name,
         title=effect.title,
-        equation=equations(effect),
+        equation=equations_on(effect, device.axes),
         coefficients={
             c.name: Interval(found.after.value(c.name), *found.after.interval(c.name), c.unit)
             for c in effect.coefficients

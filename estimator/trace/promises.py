@@ -356,6 +356,12 @@ def acts_like(names: Iterable[str]) -> str:
     return f"something acts like {' and '.join(_plain(kind(name)) for name in names)}"
 
 
+def not_named(names: Iterable[str], sentences: Iterable[str]) -> tuple[str, ...]:
+    """Sentences on a model with effects that are not named, told as such: its figures stand beside no other."""
+    them = " and ".join(_plain(kind(name)) for name in names)
+    return tuple(f"with {them}, which is not named: {said}" for said in sentences) if them else tuple(sentences)
+
+
 def wrong_sign(name: str, coefficients: Mapping[str, Estimate]) -> str | None:
     """Why an effect with these coefficients is none of its name, None where it may be."""
     if wrong := unphysical({name: coefficients}):

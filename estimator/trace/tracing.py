@@ -8,13 +8,13 @@ import numpy as np
 
 from estimator.diagnosis import Classes, Confusable, Diagnosis, Fit, Found, Interval, Rejected, Verdict
 from estimator.effects.catalogue import effect_for
-from estimator.effects.equation import equations
 from estimator.errors import DivergedError
 from estimator.settings import Device, ObserverSettings
 from estimator.side_by_side import side_by_side, together
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
 from estimator.trace.angle import AngleReader
+from estimator.trace.axes import equations_on
 from estimator.trace.candidates import Parameters, kind
 from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval_of
 from estimator.trace.claims import claim_of, on_one_floor
@@ -91,7 +91,7 @@ def trace(
         left=after.findings if found.verdict is Verdict.PARTLY else (),
         probabilities=_probabilities(found),
         undetermined=found.undetermined,
-    )
+    ).of_what_is_named()
 
 
 @dataclass(frozen=True)
@@ -192,9 +192,8 @@ def _judged(
             return at_first
         elif left:
             why |= {name: _no_explanation(gains[name], claim) for name in named}
-            shown = after if claim.residual.fell else before
-            told = (*left, *_turned_down(why))
-            return _Judged(Verdict.UNEXPLAINED, {}, selection, shown, why, told, None, claim.contest, is_open=True)
+            told = (*promises.not_named(named, left), *_turned_down(why))
+            return _Judged(Verdict.UNEXPLAINED, {}, selection, before, why, told, None, claim.contest, is_open=True)
         else:  # what remains is at the floor anyhow: the least of them may go
             if at_first is None and promises.shows_at_first(claim):
                 told = (_at_first(named), *_turned_down(why))
@@ -358,7 +357,7 @@ def _found(name: str, named: Effects, selection: Selection, reader: AngleReader)
     return Found(
         name=_short(name, named),
         title=effect.title,
-        equation=equations(effect),
+        equation=equations_on(effect, 2),
         coefficients=_intervals(name, selection, reader.problem.device),
         evidence=selection.gain[name],
         undone=effect.undone.value,

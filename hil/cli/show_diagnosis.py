@@ -54,7 +54,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     from hil.numbers import quantity
     from hil.report.diagnosis.equations import plain
     from hil.report.diagnosis.force_table import force_terms
-    from hil.report.diagnosis.tables import dependence, estimate, probable
+    from hil.report.diagnosis.tables import dependence, estimate, floor_from, probable
 
     console = Console(highlight=False, soft_wrap=True)
     style = _STYLE[diagnosis.verdict]
@@ -88,6 +88,8 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         say(f"  {dependence(goes)}")
     console.print()
     console.print(_fits(diagnosis))
+    if floor := floor_from(diagnosis).strip():
+        say(floor)
     if diagnosis.angle_moved_rad is not None:
         whose = "it" if len(diagnosis.effects) == 1 else "what brings the residual down"
         moved = quantity(diagnosis.angle_moved_rad, "rad")

@@ -129,6 +129,7 @@ class Fit(_Model):
     angle_error_rms_rad: float | None = None
     rate_error_rms_rad_s: float | None = None
     axes: tuple[Channel, ...] = ()
+    floor_from: str = Field(default="", description="How the noise floor was found")
 
 
 class Probabilities(_Model):
@@ -369,6 +370,7 @@ def _fit(fit: traced.Fit) -> Fit:
             Channel(innovation_rms=_finite(rms), noise_floor=_finite(floor))
             for rms, floor in zip(fit.innovation_rms, fit.noise_floor, strict=True)
         ),
+        floor_from=fit.floor_from,
     )
 
 

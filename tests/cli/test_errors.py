@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hil import cli, examples
+from hil import examples
 from hil.cli.app import app
 from hil.errors import InputError
 from tests.cli.conftest import Hil
@@ -249,13 +249,16 @@ def test_bad_records_are_refused_whole(hil: Hil, tmp_path: Path, text: str, plac
     assert [path.name for path in tmp_path.iterdir()] == ["ride.csv"]
 
 
-def test_our_own_faults_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_our_own_faults_are_not_hidden(hil: Hil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> Path:
         raise ZeroDivisionError
 
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(examples, "find", broken)
-    with pytest.raises(ZeroDivisionError):
-        cli.execute(["run", "s-slow"])
+    code, _, err = hil("run", "s-slow")
+    assert code == 3
+    assert err.startswith("hil: a fault of hil: ZeroDivisionError; please report it with ")
+    assert "in broken" in Path(err.split()[-1]).read_text()
 
 
 @pytest.mark.moderate

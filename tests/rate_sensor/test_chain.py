@@ -91,8 +91,8 @@ def test_an_interval_of_few_independent_samples_is_wide_and_finite() -> None:
 def test_what_leaves_nothing_is_white() -> None:
     rows = np.ones(40, dtype=bool)
     fitted: Any = SimpleNamespace(residual=np.zeros(40), rms=lambda rows: 0.0)
-    assert trace._score(fitted, rows, 1e-3).whiteness_p == 1.0
+    assert trace._score(fitted, rows, 1e-3, "").whiteness_p == 1.0
     alternating: Any = SimpleNamespace(residual=np.tile([1.0, -1.0], 20), rms=lambda rows: 1.0)
-    assert trace._score(alternating, rows, 1e-3).whiteness_p < 1e-6
+    assert trace._score(alternating, rows, 1e-3, "").whiteness_p < 1e-6
     five = np.arange(40) < 5  # one lag
-    assert trace._score(alternating, five, 1e-3).whiteness_p < 0.2
+    assert trace._score(alternating, five, 1e-3, "").whiteness_p < 0.2

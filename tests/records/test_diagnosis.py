@@ -286,10 +286,10 @@ def test_the_truth_of_an_effect_stands_beside_what_was_found() -> None:
 
 def test_how_probable_an_account_is_names_the_effect_only_where_another_is_meant() -> None:
     assert probable(Probabilities(effect="drag", classes={"drag": 0.9, "sense_gain": 0.1})) == (
-        "how probable: drag 90\u00a0%, sense gain 10\u00a0%"
+        "how probable for drag: drag 90\u00a0%, sense gain 10\u00a0%"
     )
     assert probable(Probabilities(effect="drag", classes={"sense_gain": 1.0})) == (
-        "how probable in place of drag: sense gain 100\u00a0%"
+        "how probable for drag: sense gain 100\u00a0%"
     )
     assert probable(Probabilities(effect=None, classes={"nothing": 1.0})) == "how probable: nothing 100\u00a0%"
 

@@ -22,13 +22,13 @@ from estimator.diagnosis import (
     Verdict,
 )
 from estimator.effects.catalogue import effect_for
-from estimator.effects.equation import equations
 from estimator.errors import ModelError
 from estimator.refinement import Refined
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
+from estimator.trace.axes import equations_on
 from estimator.trace.by_simulation import RULES
 from estimator.trace.determined import unsettled
 from estimator.trace.engine import Chosen, Estimate, as_near, choose, leaves_the_rest, why_not
@@ -238,7 +238,9 @@ def _diagnosis(
         residual_before=residuals[0],
         residual_after=residuals[1],
         split=split,
-        reasons=(*_summary(pool, judges, errors, noise, said), *against),
+        reasons=(
+            *_summary(pool, judges, errors, noise, said), *(against if said else promises.not_named(named, against))
+        ),
         share=claim.residual.share if said else None,
         probabilities=stated(
             of_rounds(chosen.rounds, _promised), {n: n for n in said}, set(why) - set(said), claim.contest,
@@ -247,7 +249,7 @@ def _diagnosis(
         dependences=tuple(
             _dependence(name, models, pool) for name in said if constant_of(name) is not None
         ),
-    )  # fmt: skip
+    ).of_what_is_named()  # fmt: skip
 
 
 def _promised(look: Promises) -> dict[str, float]:
@@ -281,7 +283,7 @@ def _found(name: str, models: _Models, pool: Pool) -> Found:
     return Found(
         name=name,
         title=effect.title,
-        equation=equations(effect),
+        equation=equations_on(effect, pool.device.axes),
         coefficients={
             c.name: Interval(*_three(run.estimate(c.name)), c.unit) for c in effect.coefficients if not c.own
         },
@@ -340,7 +342,7 @@ def _summary(
 ) -> tuple[str, ...]:
     unit = pool.device.sense_unit
     counts = f"{len(pool.members)} records fitted, {len(judges.members)} held out but for where they begin"
-    lines = [f"{counts}; the noise is {noise:.3g} {unit}"]
+    lines = [f"{counts}; the declared noise is {noise:.3g} {unit}"]
     for member, was, now in zip(judges.members, *errors, strict=True):
         rms = [float(np.sqrt(np.nanmean(each**2))) for each in (was, now)]
         where = f", {pool.covariate} = {member.covariate:g}," if pool.covariate else ""

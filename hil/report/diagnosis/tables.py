@@ -24,11 +24,22 @@ _FIGURES = {
 def fits(diagnosis: Diagnosis) -> str:
     """Before and after, fitted and held out; where nothing was added there is one of each."""
     head, rows = fit_rows(diagnosis)
+    floor = floor_from(diagnosis)
     caption = (
-        f"Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the choice "
-        "never saw"
+        f"{floor}Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the "
+        "choice never saw"
     )
     return table(caption, head, rows, range(1, len(head)))
+
+
+def floor_from(diagnosis: Diagnosis) -> str:
+    """How the noise floors of the table were found, a sentence; "" for a diagnosis of before that was kept."""
+    parts = (("fitted", diagnosis.before.floor_from), ("held out", diagnosis.held_out.before.floor_from))
+    sources = dict.fromkeys(source for _, source in parts if source)
+    if not sources:
+        return ""
+    told = next(iter(sources)) if len(sources) == 1 else "; ".join(f"{part}, {source}" for part, source in parts)
+    return f"Noise floor: from {told}. "
 
 
 def fit_rows(diagnosis: Diagnosis) -> tuple[list[str], list[tuple[str, ...]]]:
@@ -156,8 +167,7 @@ def rejected(diagnosis: Diagnosis) -> str:
 def probable(one: Probabilities) -> str:
     """How probable each account is that has 1 % at least, in a line."""
     shares = [f"{_plain(name)} {percent(share, 0)}" for name, share in one.classes.items() if share >= _SHOWN]
-    itself = one.effect is None or one.classes.get(one.effect, 0.0) >= _SHOWN
-    about = "" if itself else f" in place of {_plain(str(one.effect))}"
+    about = "" if one.effect is None else f" for {_plain(one.effect)}"
     return f"how probable{about}: {', '.join(shares)}"
 
 
