@@ -18,6 +18,7 @@ from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 
 _ASKED = 8  # times within the patience: lines lose frames
+_LONGER = 3.0  # borne than while it ran: SAFE is confirmed, nothing drives, and a machine may stand still meanwhile
 _STREAMING = (State.ARMED, State.RUNNING)
 
 
@@ -48,7 +49,7 @@ def ask_again(endpoint: Endpoint, probe: Message, registers: Mapping[str, float]
     try:
         _offer(endpoint, probe, patience_s, asked)
         if not asked.drives:
-            _read(endpoint, registers, patience_s, asked)
+            _read(endpoint, registers, _LONGER * patience_s, asked)
     except WireError as error:  # what the board said before stands
         asked.odd.append(f"it could not be asked once more: {error}")
     return asked
