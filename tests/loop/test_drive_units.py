@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from estimator.gain_matrix import GainMatrix
 from estimator.observer import Observer
 from hil.bench import Bench, override
+from hil.bench.template import template, values_of
 from hil.declared import (
     board_device_of,
     board_filter_of,
@@ -30,6 +31,7 @@ from hil.loop import preflight
 from hil.loop.live_settings import LiveSettings, with_settings
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
+from hil.records.summary import summarise
 from hil.replaying import replay
 from hil.wire.messages import Identity
 from tests.loop import gyro
@@ -245,3 +247,25 @@ def test_a_record_in_volts_is_refused_where_no_volt_is_declared(tmp_path: Path) 
     import_record(table, tmp_path / "volts.arrow")
     with pytest.raises(InputError, match=r"drive recorded in V, .* does not tell what a volt does"):
         replay(tmp_path / "volts.arrow", bench_in("N"), tmp_path / "runs", progress=lambda _: None)
+
+
+@pytest.mark.moderate
+def test_parameters_in_newtons_are_those_per_unit_mass_times_the_mass(tmp_path: Path) -> None:
+    """[device] normalised = false beside a drive in N (claims 17, 26): the same run, told in N/m and N·s/m."""
+    scenario = gyro.scenario(tmp_path / "board.toml")
+    found = []
+    for unit, normalised in (("mps2", True), ("N", False)):
+        bench = override(bench_in(unit), {"device": {"normalised": normalised}}, "test")
+        run, counters = close_loop(waiting(scenario), bench, tmp_path / unit)
+        run.bench_path.write_text(template(values_of(bench), "For a test."), encoding="utf-8")
+        found.append((run.capture_path.read_bytes(), summarise(RunFolder(run.path), counters.board).parameters))
+    (record, usual), (other_record, other) = found
+    assert record == other_record
+    assert usual.keys() == other.keys()
+    for name, parameter in usual.items():
+        factor = 1e-3 if name[0] in "kd" else 1.0
+        assert other[name].value == pytest.approx(factor * parameter.value, rel=1e-9), name
+        assert other[name].ci95 == pytest.approx([factor * end for end in parameter.ci95], rel=1e-9), name
+    assert {other[name].unit for name in ("kxx", "kyy", "kxy")} == {"N/m"}
+    assert {other[name].unit for name in ("dxx", "dyy", "dxy")} == {"N·s/m"}
+    assert usual["kxx"].unit == "1/s²"
