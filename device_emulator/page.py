@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from device_emulator import rate
 from device_emulator.faults import Faults, Saturated, Spell, Stuck
 from device_emulator.modes import KEYS
-from device_emulator.scenario import Board, Drive, Scenario, Sense, Truth
+from device_emulator.scenario import Board, Drive, Piezo, Scenario, Sense, Truth
 from device_emulator.section import Section, both_axes
 from device_emulator.temperature import Temperature
 
@@ -96,7 +96,7 @@ What the board has and its data sheet does not declare: `name`, and the coeffici
 """
 
 _TABLES: tuple[tuple[str, type[Section]], ...] = (
-    ("[truth]", Truth), ("[sense]", Sense), ("[drive]", Drive), ("[board]", Board),
+    ("[truth]", Truth), ("[sense]", Sense), ('[sense], kind = "piezo"', Piezo), ("[drive]", Drive), ("[board]", Board),
 )  # fmt: skip
 _RATES: tuple[tuple[str, type[Section]], ...] = (
     ("constant", rate.Constant), ("steps", rate.Steps), ("sine", rate.Sine), ("ramp", rate.Ramp),

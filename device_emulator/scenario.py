@@ -6,9 +6,9 @@ Units stand in the key names; a per-axis value is one number for both axes or `[
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field, PlainValidator, ValidationError, model_validator
+from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError, model_validator
 
 from device_emulator.effects import catalogue as effects
 from device_emulator.effects.declaration import MAX_INNER
@@ -71,9 +71,28 @@ class Truth(Section):
         return self
 
 
-class Sense(Section):
+class Readout(Section):
+    """What every sense chain has: slow offsets, noise and a converter behind it."""
+
+    drift_V_per_s: PerAxis = (0.0, 0.0)
+    """of the sense output"""
+    random_walk_V_per_rts: NonNegative = 0.0
+    """of the sense output"""
+    noise_V: NonNegative
+    """white noise of a sample, rms"""
+    flicker_V_at_1Hz: NonNegative = 0.0
+    """1/f noise: its one-sided density at 1 Hz, V/√Hz"""
+    adc_bits: Annotated[int, Field(ge=4, le=24)]
+    """of the sense converter"""
+    adc_full_scale_V: Positive
+    """its range is ± this"""
+
+
+class Sense(Readout):
     """`[sense]`: comb capacitors into charge integrators into a converter, equations (3) to (5)."""
 
+    kind: Literal["comb"] = "comb"
+    """what reads the motion"""
     fingers: PerAxisPositive
     """N, number of comb fingers"""
     permittivity_F_per_m: Positive = 8.8541878128e-12
@@ -96,20 +115,33 @@ class Sense(Section):
     """Cp at its input"""
     opamp_offset_V: PerAxis = (0.0, 0.0)
     """Vos"""
-    drift_V_per_s: PerAxis = (0.0, 0.0)
-    """of the sense output"""
-    random_walk_V_per_rts: NonNegative = 0.0
-    """of the sense output"""
-    noise_V: NonNegative
-    """white noise of a sample, rms"""
-    flicker_V_at_1Hz: NonNegative = 0.0
-    """1/f noise: its one-sided density at 1 Hz, V/√Hz"""
     low_pass_Hz: PerAxisPositiveOrInf = (math.inf, math.inf)
     """corner of a first-order low-pass"""
-    adc_bits: Annotated[int, Field(ge=4, le=24)]
-    """of the sense converter"""
-    adc_full_scale_V: Positive
-    """its range is ± this"""
+
+
+class Piezo(Readout):
+    """`[sense]` with `kind = "piezo"`: piezoelectric layers into current amplifiers, which show the velocity:
+    Vo + Rf Cf V̇o = -Rf η ẋ + (1 + Rf/Rs) Vos + Rf Ib."""
+
+    kind: Literal["piezo"]
+    """what reads the motion"""
+    charge_C_per_m: PerAxisPositive
+    """η, charge that a displacement sets free"""
+    feedback_ohm: PerAxisPositive
+    """Rf of the current amplifier"""
+    feedback_F: PerAxisNonNegative = (0.0, 0.0)
+    """Cf beside it: the gain falls from the corner 1/(2π Rf Cf) on; 0: no corner"""
+    source_ohm: PerAxisPositiveOrInf = (math.inf, math.inf)
+    """Rs, leakage of the layer"""
+    opamp_offset_V: PerAxis = (0.0, 0.0)
+    """Vos"""
+    bias_A: PerAxis = (0.0, 0.0)
+    """Ib, into the amplifier"""
+
+
+def _readout(table: Any) -> Any:
+    """Which chain a table is of: combs, where it does not say."""
+    return table.get("kind", "comb") if isinstance(table, dict) else getattr(table, "kind", "comb")
 
 
 class Drive(Section):
@@ -142,7 +174,7 @@ class Scenario(Section):
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     """of all noise and faults; the same seed gives the same record in lockstep"""
     truth: Truth
-    sense: Sense
+    sense: Annotated[Annotated[Sense, Tag("comb")] | Annotated[Piezo, Tag("piezo")], Discriminator(_readout)]
     drive: Drive
     board: Board
     rate: Rate

@@ -1,12 +1,20 @@
-"""Sense chain: comb capacitors into a charge integrator into a converter, from physical constants.
+"""Sense chain: comb capacitors into a charge integrator, or piezoelectric layers into a current amplifier, then a
+converter; from physical constants.
 
-    Vo = -(2V/Cf) ΔC - (Co1 - Co2) V/Cf + (Co1 + Co2 + Cp + Cf) Vos/Cf,   ΔC = N ε (W/Z) x       (3)
-    Co1 - Co2 = 2 N ε (W/Z) d                                                                    (4)
+    ΔC = N ε (W/Z) x,   Co1 - Co2 = 2 N ε (W/Z) d                                           (3)
+    Vo = -(2V/Cf) ΔC - (Co1 - Co2) V/Cf + (Co1 + Co2 + Cp + Cf) Vos/Cf                      (4)
 
 so a fixed gain -(2V/Cf) N ε (W/Z), an offset Φ, and noise (5). The feedback resistor Rf, which the circuit
-has, makes the integrator a high-pass with the time constant Rf Cf: it is released at tick 0 as (3) has it,
+has, makes the integrator a high-pass with the time constant Rf Cf: it is released at tick 0 as (4) has it,
 then the mismatch decays and Vos keeps the gain 1. A low-pass pole may follow. Filters and delay act on the
 exact trajectory, not on samples.
+
+A layer sets the charge η x free, a current η ẋ that the amplifier turns into
+
+    Vo + Rf Cf V̇o = -Rf η ẋ + (1 + Rf/Rs) Vos + Rf Ib
+
+which is a velocity below the corner 1/(2π Rf Cf) and a displacement above. It is the same circuit as the integrator
+with its resistor, -(η/Cf) (x - w) with ẇ = (x - w)/(Rf Cf), and so is carried; at tick 0 it has settled long ago.
 
 Φ, as the truth file tells it, is all that a channel shows besides gain × displacement, white noise and hidden
 effects.
@@ -21,7 +29,7 @@ from numpy.typing import NDArray
 from device_emulator.effects.catalogue import delay_s
 from device_emulator.effects.sense import SenseKind
 from device_emulator.faults import MAX_SENSE_FAULTS, Saturated
-from device_emulator.scenario import Scenario
+from device_emulator.scenario import Piezo, Scenario, Sense
 
 MAX_FLICKER_POLES = 12
 _LOWEST_FLICKER_HZ = 1e-3
@@ -29,7 +37,7 @@ _NODES = 6  # of the polynomial that reads the delayed trajectory; error 1e-10 o
 
 SENSE = np.dtype(
     [
-        ("gain_V_per_m", "f8", 2),
+        ("gain_V_per_m", "f8", 2),  # per m/s where the velocity itself is shown
         ("mismatch_V", "f8", 2),
         ("opamp_V", "f8", 2),
         ("opamp_gain", "f8", 2),  # (Co1 + Co2 + Cp) / Cf
@@ -44,6 +52,7 @@ SENSE = np.dtype(
         ("lsb_V", "f8"),
         ("code_max", "i8"),
         ("tracked", "i8"),  # whether filters or delays need the trajectory between samples
+        ("current", "i8", 2),  # 1: of a piezoelectric layer; without a leak it shows the velocity itself
         ("high_pass", "f8", (2, 5)),
         ("low_pass", "f8", (2, 5)),
         ("delay_substeps", "f8", 2),
@@ -73,8 +82,11 @@ SENSE_STATE = np.dtype(
 
 
 def sense_gain(scenario: Scenario) -> tuple[float, float]:
-    """Gain of x and y in V/m, negative: -(2V/Cf) N ε (W/Z), equation (5)."""
+    """Gain of x and y, negative: -(2V/Cf) N ε (W/Z) in V/m, equation (5), or -Rf η in V per m/s of a layer."""
     s = scenario.sense
+    if isinstance(s, Piezo):
+        x, y = (-ohm * charge for ohm, charge in zip(s.feedback_ohm, s.charge_C_per_m, strict=True))
+        return x, y
     x, y = (
         -2.0 * s.bias_V / cf * n * s.permittivity_F_per_m * w / z
         for cf, n, w, z in zip(s.feedback_F, s.fingers, s.width_m, s.gap_m, strict=True)
@@ -88,13 +100,11 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
     fs = scenario.true_rate_Hz
     constants = np.zeros(1, SENSE)
     c = constants[0]
-    c["gain_V_per_m"] = gain = np.array(sense_gain(scenario))
-    c["mismatch_V"] = gain * s.mismatch_m
-    c["opamp_V"] = s.opamp_offset_V
-    cf = np.array(s.feedback_F)
-    per_m = np.array(s.fingers) * s.permittivity_F_per_m * np.array(s.width_m) / np.array(s.gap_m)
-    c["opamp_gain"] = (2.0 * per_m * s.overlap_m + s.parasitic_F) / cf  # Co1 + Co2: twice the one at rest
-    c["leak_per_s"] = 1.0 / (np.array(s.feedback_ohm) * cf)
+    c["gain_V_per_m"] = sense_gain(scenario)
+    if isinstance(s, Piezo):
+        _enter_layers(c, s)
+    else:
+        _enter_combs(c, s)
     c["drift_V_per_s"] = s.drift_V_per_s
     c["random_walk_V"] = s.random_walk_V_per_rts / math.sqrt(fs)
     c["noise_V"] = s.noise_V
@@ -114,11 +124,33 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
     c["code_max"] = 2 ** (s.adc_bits - 1) - 1
     for axis in range(2):
         c["high_pass"][axis] = _first_order(c["leak_per_s"][axis], substep_s)
-        c["low_pass"][axis] = _first_order(2.0 * math.pi * s.low_pass_Hz[axis], substep_s)
+        low_pass_Hz = math.inf if isinstance(s, Piezo) else s.low_pass_Hz[axis]
+        c["low_pass"][axis] = _first_order(2.0 * math.pi * low_pass_Hz, substep_s)
+        c["tracked"] |= c["leak_per_s"][axis] > 0.0 or math.isfinite(low_pass_Hz)
     c["delay_substeps"] = np.array(delay_s(scenario.effect, SenseKind.SENSE_DELAY)) / substep_s
     _enter_faults(c, scenario)
-    c["tracked"] = bool(np.isfinite([*s.feedback_ohm, *s.low_pass_Hz]).any() or (c["delay_substeps"] > 0.0).any())
+    c["tracked"] |= bool((c["delay_substeps"] > 0.0).any())
     return constants
+
+
+def _enter_combs(constants: Any, sense: Sense) -> None:
+    constants["mismatch_V"] = constants["gain_V_per_m"] * sense.mismatch_m
+    constants["opamp_V"] = sense.opamp_offset_V
+    cf = np.array(sense.feedback_F)
+    per_m = np.array(sense.fingers) * sense.permittivity_F_per_m * np.array(sense.width_m) / np.array(sense.gap_m)
+    rest = 2.0 * per_m * sense.overlap_m  # Co1 + Co2: twice the one at rest
+    constants["opamp_gain"] = (rest + sense.parasitic_F) / cf
+    constants["leak_per_s"] = 1.0 / (np.array(sense.feedback_ohm) * cf)
+
+
+def _enter_layers(constants: Any, sense: Piezo) -> None:
+    rf, cf, ib = np.array(sense.feedback_ohm), np.array(sense.feedback_F), np.array(sense.bias_A)
+    constants["opamp_V"] = np.array(sense.opamp_offset_V) * (1.0 + rf / np.array(sense.source_ohm)) + rf * ib
+    constants["current"] = 1
+    cornered = cf > 0.0
+    constants["leak_per_s"] = np.divide(1.0, rf * cf, out=np.zeros(2), where=cornered)
+    # Of x - w, which is ẋ Rf Cf below the corner.
+    constants["gain_V_per_m"] *= np.where(cornered, constants["leak_per_s"], 1.0)
 
 
 def _enter_faults(constants: Any, scenario: Scenario) -> None:

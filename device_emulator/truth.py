@@ -36,7 +36,7 @@ def truth_metadata(scenario: Scenario, seed: int | None, every: int = 1) -> dict
         "mass_kg": truth.mass_kg,
         "stiffness_per_s2": [k / truth.mass_kg for k in truth.stiffness_N_per_m],
         "damping_per_s": [d / truth.mass_kg for d in truth.damping_N_s_per_m],
-        "sense_gain_V_per_m": list(sense_gain(scenario)),
+        f"sense_gain_V{'_s' if scenario.sense.kind == 'piezo' else ''}_per_m": list(sense_gain(scenario)),
         "noise_V": scenario.sense.noise_V,
         "seed": scenario.seed if seed is None else seed,
         "effects": [{"name": effect.name, "coefficients": effect.coefficients} for effect in scenario.effect],

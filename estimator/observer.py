@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.carried_angle import CarriedAngle
 from estimator.dither import dither_start
 from estimator.effects.catalogue import effect_for
-from estimator.effects.declaration import OF_THE_WAY, OWN, Source, can_be_specialised
+from estimator.effects.declaration import OF_THE_WAY, OWN, Delayed, Effect, Source, can_be_specialised
 from estimator.errors import ModelError
 from estimator.kernel import block, steps
 from estimator.kernel.layout import (
@@ -83,6 +83,15 @@ def active_constants(model: Model, variant: Variant) -> NDArray[np.int64]:
         return True
 
     return np.array([i for i, constant in enumerate(model.constants) if wanted(constant)], dtype=np.int64)
+
+
+def senses_allow(effect: Effect, device: Device) -> bool:
+    """Whether an effect is known of what the channels of a device show."""
+    if Sensed.ACCELERATION in device.sensed and (effect.slips or effect.delayed is not None):
+        return False
+    if any(sensed is not Sensed.DISPLACEMENT for sensed in device.sensed):
+        return effect.delayed is not Delayed.SENSE and not any(s.source in _OF_DISPLACEMENT for s in effect.signals)
+    return True
 
 
 class Observer:
@@ -247,8 +256,8 @@ class Observer:
         # An offset that is not estimated is a disturbance of the measurement: the gain must not take it for motion.
         ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
         record["two_covariances"] = fading or ignored > 0.0
-        record["general"] = not steps.wanted()
         self._require_senses(device)
+        record["general"] = self._senses_otherwise or not steps.wanted()
         for axis, sensed in enumerate(device.sensed):
             record["sensed"][0, axis] = sensed.value
         for axis in range(device.axes):
@@ -268,17 +277,19 @@ class Observer:
             self._control(record, controller)
         return record
 
+    @property
+    def _senses_otherwise(self) -> bool:
+        """Whether a channel shows something else than the displacement, for which the general kernels are."""
+        return any(sensed is not Sensed.DISPLACEMENT for sensed in self.device.sensed)
+
     def _require_senses(self, device: Device) -> None:
-        """Refuse what is only known of a displacement."""
-        if not any(sensed is not Sensed.DISPLACEMENT for sensed in device.sensed):
-            return
-        if device.axes != 1:
-            raise ModelError("velocity or acceleration is sensed on a single axis only; trace axis by axis")
+        """Refuse what is not known of what is sensed."""
+        if device.axes != 1 and Sensed.ACCELERATION in device.sensed:
+            raise ModelError("acceleration is sensed on a single axis only; trace axis by axis")
         for _, effect in self.effects:
-            if effect.delayed is not None or any(s.source in _OF_DISPLACEMENT for s in effect.signals):
-                raise ModelError(f"effect {effect.name} is known of a sensed displacement only; leave it out")
-            if effect.slips and Sensed.ACCELERATION in device.sensed:
-                raise ModelError(f"effect {effect.name} is known of a displacement or a velocity only; leave it out")
+            if not senses_allow(effect, device):
+                what = "displacement or a velocity" if effect.slips else "sensed displacement"
+                raise ModelError(f"effect {effect.name} is known of a {what} only; leave it out")
 
     def _enlist(self, record: NDArray[np.void]) -> None:
         """The effects, what they depend on, and which path they delay."""
@@ -332,12 +343,12 @@ class Observer:
         record["quadrature_gain"] = controller.quadrature_gain
         record["virtual_rate"] = controller.virtual_rotation / scaling.omega0
         record["reversal"] = controller.virtual_reversal * scaling.omega0
-        record["dither"] = controller.dither / scaling.drive
+        record["dither"] = controller.dither / scaling.force
         record["modulation"] = controller.modulation
         record["modulation_rate"] = controller.modulation_rate / scaling.omega0
         record["hold"] = math.sin(self.h / 2) / (self.h / 2)
-        record["force_limit"] = controller.force_limit / scaling.drive
-        record["quantum"] = controller.force_quantum / scaling.drive
+        record["force_limit"] = controller.force_limit / scaling.force
+        record["quantum"] = controller.force_quantum / scaling.force
         for axis in range(2):
             record["sense_scale"][0, axis] = controller.sense_quantum / scaling.sense(axis)
 
@@ -348,6 +359,8 @@ class Observer:
         """Whether there is a step for its effects alone (`estimator.kernel.generate.step`), be it compiled or not."""
         whole = self.settings.variant is Variant.FULL and self.settings.gain is Gain.FADING
         if not self.effects or self.carried < len(self.effects) or not whole or self.device.axes != 2:
+            return False
+        if self._senses_otherwise:
             return False
         return self.h <= LONGEST_STEP and can_be_specialised([effect for _, effect in self.effects])
 
@@ -592,7 +605,7 @@ class Observer:
 
     def dither(self, rms: float) -> None:
         """Add another random force [m/s²] to each command."""
-        self._record["dither"] = rms / self.scaling.drive
+        self._record["dither"] = rms / self.scaling.force
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""

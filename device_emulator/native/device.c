@@ -107,8 +107,8 @@ static void rewind_history(const device_t *device, effects_t effects)
     memcpy(motion, device->state->motion, sizeof motion);
     for (int64_t back = 0; back < rows; back++) {
         displacement(effects, motion, seen);
-        device->history[rows - 1 - back][0] = seen[0];
-        device->history[rows - 1 - back][1] = seen[2];
+        for (int axis = 0; axis < 2; axis++)
+            device->history[rows - 1 - back][axis] = shown_at_rest(&device->constants->sense, axis, seen);
         step(plant, effects, device->pieces, -(double)back * h, -h, &rest, 4, motion);
     }
     device->state->sense.newest = rows - 1;
@@ -130,7 +130,7 @@ static bool sample(const device_t *device, effects_t effects, int64_t row, const
     double *truth = device->truth[row];
     bool clipped = false;
     for (int axis = 0; axis < 2; axis++) {
-        double moved = seen[2 * axis];
+        double moved = shown_at_rest(sense, axis, seen);
         if (sense->tracked)
             moved = delayed(device->history, device->history_rows, state->sense.newest, axis, sense->delay_substeps[axis]);
         double phi = offset(sense, &state->sense, t, axis);
@@ -157,7 +157,7 @@ EXPORT int device_advance(const device_t *device, int64_t first, int64_t n)
         bool begins = state->tick < 0;
         flip(effects, state->seed, state->tick + 1, constants->plant.ts_s, state->motion);
         if (begins) {
-            start(effects, &state->sense, state->motion);
+            start(&constants->sense, effects, &state->sense, state->motion);
             put_feet(effects, state->motion);
             rewind_history(device, effects);
         } else {

@@ -169,15 +169,31 @@ static inline void flip(effects_t effects, int64_t seed, int64_t tick, double ts
     }
 }
 
-/* Release the chain at tick 0: the low-pass settled, nothing leaked yet. */
-static inline void start(effects_t effects, sense_state_t *state, const double *motion)
+/* Whether an axis shows the velocity itself, with no filter behind it. */
+static inline bool shows_velocity(const sense_t *sense, int axis)
+{
+    return sense->current[axis] && sense->leak_per_s[axis] == 0.0;
+}
+
+/* What an axis shows of p, all but its gain, where nothing is filtered, or long before a filter matters. */
+static inline double shown_at_rest(const sense_t *sense, int axis, const double p[4])
+{
+    if (!sense->current[axis])
+        return p[2 * axis];
+    return shows_velocity(sense, axis) ? p[2 * axis + 1] : p[2 * axis + 1] / sense->leak_per_s[axis];
+}
+
+/* Release the chain at tick 0: the low-pass settled, nothing leaked yet of a comb, all of a layer. */
+static inline void start(const sense_t *sense, effects_t effects, sense_state_t *state, const double *motion)
 {
     double p[4];
     displacement(effects, motion, p);
     for (int axis = 0; axis < 2; axis++) {
-        state->seen[axis][0] = p[2 * axis];
-        state->seen[axis][1] = p[2 * axis + 1];
-        state->smooth[axis] = p[2 * axis];
+        bool moves = shows_velocity(sense, axis);
+        state->seen[axis][0] = moves ? p[2 * axis + 1] : p[2 * axis];
+        state->seen[axis][1] = moves ? 0.0 : p[2 * axis + 1];
+        state->smooth[axis] = shown_at_rest(sense, axis, p);
+        state->leaked[axis] = state->seen[axis][0] - state->smooth[axis];
     }
 }
 
@@ -188,7 +204,9 @@ static inline void track(const sense_t *sense, effects_t effects, sense_state_t 
     double p[4];
     displacement(effects, motion, p);
     for (int axis = 0; axis < 2; axis++) {
-        double p0 = state->seen[axis][0], v0 = state->seen[axis][1], p1 = p[2 * axis], v1 = p[2 * axis + 1];
+        bool moves = shows_velocity(sense, axis); /* nothing is filtered then, and no slope is needed */
+        double p0 = state->seen[axis][0], v0 = state->seen[axis][1];
+        double p1 = moves ? p[2 * axis + 1] : p[2 * axis], v1 = moves ? 0.0 : p[2 * axis + 1];
         double leak = sense->leak_per_s[axis], leaked0 = state->leaked[axis];
         const double *w = sense->high_pass[axis];
         double leaked1 = w[0] * leaked0 + w[1] * p0 + w[2] * v0 + w[3] * p1 + w[4] * v1;

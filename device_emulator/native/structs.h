@@ -62,7 +62,7 @@ typedef struct {
     int64_t flicker_poles;
     double flicker_V[MAX_FLICKER_POLES], flicker_keep[MAX_FLICKER_POLES], flicker_add[MAX_FLICKER_POLES];
     double lsb_V;
-    int64_t code_max, tracked;
+    int64_t code_max, tracked, current[2];
     double high_pass[2][5], low_pass[2][5], delay_substeps[2];
     int64_t faults;
     int64_t fault_axis[MAX_SENSE_FAULTS], fault_first[MAX_SENSE_FAULTS], fault_last[MAX_SENSE_FAULTS];

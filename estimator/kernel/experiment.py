@@ -51,7 +51,7 @@ def experiment_block(observer: Arrays, truth: Floats, plan: Plan, sensed: Floats
         for i in range(states):
             s[i] = out[i, 0]
         for axis in range(2):
-            sensed[m, axis] = s[2 * axis] + constants[axis] + noise[m, axis]
+            sensed[m, axis] = s[2 * axis + settings.sensed[axis]] + constants[axis] + noise[m, axis]
             drive[m, axis] = u[axis, 0]
         settings.stiffness = stiffness[m]
         tick(

@@ -95,6 +95,6 @@ def foresee(settings_record: Record, boards: Record, x: Floats, first: int, driv
             drives[row, axis] = board.queue[tick % QUEUE, axis]
             u[axis, 0] = drives[row, axis] * settings.quantum
         taylor(settings.model, constants, u, settings.h, settings.order, 1, term, motion)
-        vx = np.rint((motion[0, 0] + constants[PHI_X]) / settings.sense_scale[0])
-        vy = np.rint((motion[2, 0] + constants[PHI_X + 1]) / settings.sense_scale[1])
+        vx = np.rint((motion[settings.sensed[0], 0] + constants[PHI_X]) / settings.sense_scale[0])
+        vy = np.rint((motion[2 + settings.sensed[1], 0] + constants[PHI_X + 1]) / settings.sense_scale[1])
         sampled(board, tick, vx, vy)

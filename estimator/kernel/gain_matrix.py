@@ -138,7 +138,7 @@ def filtered_motion(settings: Record, e: Floats, board: Filter) -> Floats:
     before = power(np.linalg.inv(e), board.delay)
     for axis in range(2):
         row = np.zeros((1, 4))
-        row[0, 2 * axis] = 1.0 / settings.sense_scale[axis]
+        row[0, 2 * axis + settings.sensed[axis]] = 1.0 / settings.sense_scale[axis]  # displacement, or velocity
         heard = board.b.reshape((2, 1)) * row + board.c.reshape((2, 1)) * (row @ before)
         s[2 * axis : 2 * axis + 2] = sylvester(np.eye(2), e, -board.a, heard @ e)
     return s

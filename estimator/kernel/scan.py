@@ -20,6 +20,7 @@ from estimator.kernel.controller import virtual_rate
 from estimator.kernel.flow import drive_at, part_of
 from estimator.kernel.layout import RATE, Floats, Ints, Record
 from estimator.kernel.observer import correct, predict, recall_initial, remember_drive, runs_riccati, workspace
+from estimator.kernel.sensing import sensed_motion, senses_otherwise
 from estimator.kernel.signals import directions, line_values, signal_values
 from estimator.kernel.structures import Arrays, Constants, Estimate, Sample, Workspace
 from estimator.kernel.taylor import taylor
@@ -180,16 +181,18 @@ def watch_sensed(settings: Record, x: Floats, u: Floats, follow: Following, work
     states = settings.states
     push = work.flow.push
     value, by_states, drive, signals = push.force, push.by_states[:, :states], push.drive, push.signals
-    c = x[states:]
+    c, s = x[states:], x[:states]
     added = by_constants[:, : len(c)]  # a part of it, as the observer's is: the kernel is one for both
     drive_at(u, 1.0, drive)
+    if senses_otherwise(settings):
+        s, _ = sensed_motion(settings, c, s, push)
     by_constants[:] = 0.0
     for e in range(settings.effect_count, settings.effect_count + settings.candidate_count):
         number, first, signal = settings.effects[e]
-        _effect_sense(number, settings.model, c, x[:states], drive, signals, first, signal, value, by_states, added)
+        _effect_sense(number, settings.model, c, s, drive, signals, first, signal, value, by_states, added)
     if settings.watched_sense_delay >= 0:
         for axis in range(settings.axes):
-            by_constants[axis, settings.watched_sense_delay + axis] -= x[2 * axis + 1]
+            by_constants[axis, settings.watched_sense_delay + axis] -= s[2 * axis + 1]
     for axis in range(settings.axes):
         for k in range(signature.shape[1]):
             signature[axis, k] = -by_constants[axis, origin + k]

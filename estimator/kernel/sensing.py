@@ -26,23 +26,15 @@ def senses_otherwise(settings: Record) -> bool:
 
 
 @compiled
-def sensed_otherwise(
-    settings: Record,
-    c: Floats,
-    s: Floats,
-    push: Push,
-    predicted: Floats,
-    by_states: Floats,
-    by_constants: Floats,
-) -> None:
-    """Measurement (axes,) at state s and its derivatives (axes, states), (axes, constants), effects included; drive and
-    signals as they stand in push, whose forces are written over.
+def sensed_motion(settings: Record, c: Floats, s: Floats, push: Push) -> tuple[Floats, Floats]:
+    """What the sense chain takes for displacement and velocity (states,) at state s, and its derivatives (states,
+    states + constants); drive and signals as they stand in push, whose forces are written over.
     """
     states = s.shape[0]
     constants = c.shape[0]
     columns = 1 + states + settings.flow_constants
     first_flowing = settings.sense_constants
-    drive, signals = push.drive, push.signals
+    drive = push.drive
     a = np.zeros((states, columns))
     b = np.zeros((states, columns))
     for i in range(states):
@@ -66,7 +58,6 @@ def sensed_otherwise(
             slope_by[row, j] += push.by_states[axis, j]
         for k in range(constants):
             slope_by[row, states + k] += push.by_constants[axis, k]
-    # What the sense chain takes for displacement and velocity.
     q = s.copy()
     q_by = np.zeros((states, states + constants))
     for i in range(states):
@@ -97,6 +88,26 @@ def sensed_otherwise(
         _field_columns(settings.model, c, a, np.zeros(settings.axes), b, columns)
         for k in range(settings.flow_constants):
             q_by[row + 1, states + first_flowing + k] += b[row + 1, 1 + states + k]
+    return q, q_by
+
+
+@compiled
+def sensed_otherwise(
+    settings: Record,
+    c: Floats,
+    s: Floats,
+    push: Push,
+    predicted: Floats,
+    by_states: Floats,
+    by_constants: Floats,
+) -> None:
+    """Measurement (axes,) at state s and its derivatives (axes, states), (axes, constants), effects included; drive and
+    signals as they stand in push, whose forces are written over.
+    """
+    states = s.shape[0]
+    constants = c.shape[0]
+    drive, signals = push.drive, push.signals
+    q, q_by = sensed_motion(settings, c, s, push)
     full = np.zeros((2, states + constants))
     _sense(settings.model, c, q, predicted, full)
     for e in range(settings.effect_count):

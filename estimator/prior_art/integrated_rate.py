@@ -22,7 +22,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from estimator.errors import ModelError
-from estimator.prior_art.reading import Reading, displacement, samples_per_cycle
+from estimator.prior_art.reading import Reading, displacement, require_displacement, samples_per_cycle
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 
@@ -33,8 +33,10 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 def read(sense: Array, drive: Array, device: Device, settings: ObserverSettings) -> Reading:
     """Rate, parameters and angle over an evenly sampled record: sense (n, 2) in volts, NaN where lost, drive (n, 2) or
-    (n, 2, degree + 1) in the drive's unit, as `Observer.run` takes them.  Raises ModelError for less than one window.
+    (n, 2, degree + 1) in the drive's unit, as `Observer.run` takes them.  Raises ModelError for less than one window,
+    and for channels that show a velocity.
     """
+    require_displacement(device)
     omega0, rate_Hz = math.sqrt(device.target), device.sample_rate
     position = displacement(sense, device) / device.amplitude
     n = len(position)

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.errors import ModelError
-from estimator.prior_art.reading import Reading
+from estimator.prior_art.reading import Reading, require_displacement
 from estimator.settings import ControllerSettings, Device
 
 _SPLIT = 0.2
@@ -44,12 +44,13 @@ class Gains:
 class ParkHorowitz:
     """The controller: `tick` takes a sample and answers with drive codes, `reading` is what it made of the run.
 
-    Raises ModelError for a device of one axis.
+    Raises ModelError for a device of one axis, or whose channels show a velocity.
     """
 
     def __init__(self, device: Device, control: ControllerSettings, gains: Gains | None = None) -> None:
         if device.axes != 2:
             raise ModelError("adaptive control needs two axes, the device has one")
+        require_displacement(device)
         self._device, self._control = device, control
         self._gains = gains = gains or Gains()
         omega0 = math.sqrt(device.target)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.errors import ModelError
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device
+from estimator.settings import ControllerSettings, Device, Sensed
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,16 @@ class Reading:
     parameters: Mapping[str, Array] = field(default_factory=dict)
 
 
+def require_displacement(device: Device) -> None:
+    """ModelError for a device whose channels show something else."""
+    if any(sensed is not Sensed.DISPLACEMENT for sensed in device.sensed):
+        raise ModelError("reads a displacement, the channels of this device show its velocity")
+
+
 def displacement(sense: Array, device: Device) -> Array:
-    """Raw signals as displacement (n, 2) [m]: volts over the known gain, offset and noise still in them.  Raises
-    ModelError for a device of one axis, which has no angle.
+    """Raw signals as displacement (n, 2) [m]: volts over the known gain, offset and noise still in them; a velocity as
+    the displacement a quarter of a cycle earlier, whose ellipse is the same.  Raises ModelError for a device of one
+    axis, which has no angle.
     """
     if device.axes != 2:
         raise ModelError("an angle needs two axes, the device has one")

@@ -16,6 +16,7 @@ from estimator.effects.declaration import Effect, Source
 from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.kernel.layout import MAX_EFFECTS, MAX_SIGNALS
+from estimator.observer import senses_allow
 from estimator.record import Record
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array, Scaling
@@ -64,6 +65,8 @@ def watch_list(
             continue
         if effect.runs_freely:
             continue  # an observer is corrected on its way, and a record begins once
+        if not senses_allow(effect, device):
+            continue
         if effect.on_request and effect.name not in asked:
             continue
         if effect.delayed is not None and not np.any(record.drive):
@@ -94,6 +97,7 @@ def _watched_by(search: Search, values: Values, device: Device, asked: Collectio
         for effect in EFFECTS
         if effect.search is search
         and effect.on(device.axes) is not None
+        and senses_allow(effect, device)
         and (not effect.on_request or effect.name in asked)
     ]
     pairs = [(effect, value) for effect in effects for value in values]
@@ -120,6 +124,7 @@ def _of_tried(
         (effect, list(product(*_starts(effect))))
         for effect in (*device.own, *_asked_at_values(asked))
         if effect.parameters and effect.on(device.axes) is not None and _has_signals(effect.signals, record)
+        if senses_allow(effect, device)
     ]
     signals = sum(len(effect_for(name, device.axes, device.own)[1].signals) for name in others)
     room, signals = MAX_EFFECTS - _SET.spare - len(others), MAX_SIGNALS - _SET.spare - signals

@@ -24,7 +24,8 @@ class Sense(Section):
     """volts per metre at the sense output, signed; one number, or one per axis; per m/s or m/s² as `senses` says; of an
     envelope in dB, dBV or another level, how many of what 0 dB is"""
     senses: Literal["displacement", "velocity", "acceleration", "envelope"] = "displacement"
-    """what the channel shows (other than displacement: axes = 1); envelope: the amplitude of a ring-down"""
+    """what the channel shows: of two axes the displacement, or the velocity, as a piezoelectric current does; envelope:
+    the amplitude of a ring-down"""
     unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
     """what a volt of this table is, where the sensor has its own unit: px, µstrain, mm, mm/s, g; as in its record"""
     noise_V: Positive = Field(examples=[1e-4])
@@ -148,7 +149,7 @@ class Device(Section):
         check_matrix("damping_N_s_per_m", "d", self.damping_N_s_per_m, self.axes)
         if len(self.sense.gain_V_per_m) not in (1, self.axes) or 0 in self.sense.gain_V_per_m:
             raise ValueError(f"[device.sense] gain_V_per_m: expected one number or {self.axes}, none of them 0")
-        if self.axes != 1 and self.sense.senses != "displacement":
+        if self.axes != 1 and self.sense.senses not in ("displacement", "velocity"):
             raise ValueError(
                 f'[device.sense] senses: "{self.sense.senses}" is for axes = 1; trace the axes one by one, or integrate'
             )

@@ -1,14 +1,17 @@
 """The sense chain: gain and offset from physical constants, filters, delay, noise, converter."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import welch
 
-from device_emulator.scenario import load
+from device_emulator.scenario import Scenario, load
+from device_emulator.section import ScenarioError
 from device_emulator.sense import sense_gain
-from tests.emulator.gyro import AMPLITUDE_M, EXAMPLES, IDEAL, OMEGA, record, scenario, undriven, volts
+from hil.bench.toml import toml_value
+from tests.emulator.gyro import AMPLITUDE_M, EXAMPLES, IDEAL, OMEGA, QUIET, document, record, scenario, undriven, volts
 
 TS = 1.0 / 4000.0
 GAIN = -885.41878128  # -(2 · 5 V / 10 pF) · 100 · 8.8541878128 pF/m · 1
@@ -225,3 +228,73 @@ def test_flicker_noise_falls_as_one_over_f() -> None:
         assert np.mean(power[band] * frequency[band]) == pytest.approx(
             density**2, rel=0.065 + 5 * np.sqrt(2.0 / averaged)
         )
+
+
+PIEZO = {
+    "kind": "piezo", "charge_C_per_m": [7e-7, 3e-7], "feedback_ohm": 1e6, "noise_V": 0.0, "adc_bits": 24,
+    "adc_full_scale_V": 0.25,
+}  # fmt: skip
+
+
+def piezo(**sense: Any) -> Scenario:
+    """The quiet S-slow on round springs without loss, read by piezoelectric layers."""
+    return Scenario.model_validate(document(QUIET, IDEAL) | {"sense": PIEZO | sense})
+
+
+def test_a_layer_shows_the_velocity() -> None:
+    """-Rf η ẋ to half a code, each axis by its own layer, under a drive that steps."""
+    what = piezo()
+    assert sense_gain(what) == pytest.approx((-0.7, -0.3), rel=1e-12)
+    drives = np.random.default_rng(1).integers(-20000, 20000, (300, 2))
+    codes, truth, _ = record(what, drives)
+    shown = volts(what, codes)
+    for axis, (name, gain) in enumerate((("vx_mps", -0.7), ("vy_mps", -0.3))):
+        assert np.abs(shown[:, axis] - gain * truth[name]).max() <= 0.5000001 * LSB
+
+
+@pytest.mark.parametrize("corner_Hz", [150.0, 2e3, 1e5])
+def test_above_its_corner_a_current_amplifier_shows_the_displacement(corner_Hz: float) -> None:
+    """Vo + Rf Cf V̇o = -Rf η ẋ of x = A cos ωt; what the start leaves goes with the corner's time constant."""
+    what = piezo(feedback_F=1.0 / (2.0 * np.pi * corner_Hz * 1e6))
+    codes = record(what, undriven(800)).codes
+    t, tau = np.arange(800) * TS, 1.0 / (2.0 * np.pi * corner_Hz)
+    response = 1j * OMEGA / (1.0 + 1j * OMEGA * tau)
+    due = -0.7 * AMPLITUDE_M * (response * np.exp(1j * OMEGA * t)).real
+    settled = t > 25.0 * tau
+    np.testing.assert_allclose(volts(what, codes)[settled, 0], due[settled], rtol=0, atol=LSB + 1e-8)
+
+
+def test_offset_of_a_layer_from_op_amp_and_bias_current() -> None:
+    """(1 + Rf/Rs) Vos + Rf Ib, as the truth has it and the mass at rest shows it."""
+    what = piezo(source_ohm=[1e7, 5e6], opamp_offset_V=[1e-3, -2e-3], bias_A=[2e-9, 1e-9])
+    what = what.model_copy(update={"truth": what.truth.model_copy(update={"position_m": (0.0, 0.0)})})
+    codes, truth, _ = record(what, undriven(3))
+    for axis, due in enumerate((1.1e-3 + 2e-3, -2e-3 * 1.2 + 1e-3)):
+        np.testing.assert_allclose(truth[("phi_x_V", "phi_y_V")[axis]], due, rtol=1e-12)
+        np.testing.assert_allclose(volts(what, codes)[:, axis], due, rtol=0, atol=LSB)
+
+
+def test_a_delay_behind_a_layer_is_one_of_the_velocity() -> None:
+    what = Scenario.model_validate(document(QUIET, IDEAL, delayed_by(1.3 * TS, 0.0)) | {"sense": PIEZO})
+    t = np.arange(200) * TS - 1.3 * TS
+    due = 0.7 * AMPLITUDE_M * OMEGA * np.sin(OMEGA * t)
+    np.testing.assert_allclose(volts(what, record(what, undriven(200)).codes)[:, 0], due, rtol=0, atol=LSB + 1e-8)
+
+
+@pytest.mark.parametrize(
+    ("sense", "told"),
+    [
+        ({"kind": "optical"}, r"\[sense\] kind: unknown kind 'optical'"),
+        (PIEZO | {"fingers": 100}, r"\[sense\] fingers: unknown key"),
+        ({k: v for k, v in PIEZO.items() if k != "feedback_ohm"}, r"\[sense\] feedback_ohm: missing"),
+    ],
+)
+def test_a_chain_that_is_none_is_one_line(tmp_path: Path, sense: dict[str, Any], told: str) -> None:
+    table = document() | {"sense": sense}
+    file = tmp_path / "board.toml"
+    lines = [f"seed = {table.pop('seed')}"]
+    for section, keys in (table | {"rate": {"kind": "constant", "rate_rad_s": 0.0}}).items():
+        lines += [f"[{section}]", *(f"{key} = {toml_value(value)}" for key, value in keys.items())]
+    file.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(ScenarioError, match=told):
+        load(file)

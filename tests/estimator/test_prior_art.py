@@ -15,7 +15,7 @@ from estimator.errors import ModelError
 from estimator.prior_art import friedland_hutton, integrated_rate, raw_pattern
 from estimator.prior_art.park_horowitz import Gains, ParkHorowitz
 from estimator.prior_art.reading import virtual_angle
-from estimator.settings import ControllerSettings, ObserverSettings, ProcessNoise, Spread
+from estimator.settings import ControllerSettings, ObserverSettings, ProcessNoise, Sensed, Spread
 from tests.estimator.gyro_loop import Truth, swing
 
 K = (2.0 * math.pi * 200.0) ** 2
@@ -250,3 +250,13 @@ def test_what_is_too_short_or_has_one_axis_is_refused():
     ):
         with pytest.raises(ModelError, match="longer record"):
             read()
+
+
+def test_what_reads_a_displacement_refuses_a_velocity() -> None:
+    moving = replace(DEVICE, sensed=(Sensed.VELOCITY, Sensed.VELOCITY))
+    sense = volts(foucault(4000))
+    with pytest.raises(ModelError, match="show its velocity"):
+        integrated_rate.read(sense, np.zeros_like(sense), moving, ObserverSettings())
+    with pytest.raises(ModelError, match="show its velocity"):
+        ParkHorowitz(moving, ControllerSettings(latency=1, force_quantum=1e-3, force_limit=10.0, sense_quantum=1e-5))
+    assert len(raw_pattern.read(sense, moving).angle) == len(sense) - 2  # the same ellipse, a quarter of a cycle on
