@@ -56,6 +56,8 @@ class Guard:
         method, path = scope["method"], scope["path"]
         if said := self._stranger(scope, changing=method not in _LOOKING):
             return problem_response(403, said, "call it by its address, or name it: hil serve --name NAME")
+        if "\0" in path:  # no file has such a name, and what looks for it fails
+            return problem_response(404, "there is nothing here", "GET /openapi.json lists what there is")
         role = needed(method, path)
         if role is None:
             return None
