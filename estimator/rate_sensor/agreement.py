@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from estimator.diagnosis import Interval
+from estimator.written import significant
 
 
 @dataclass(frozen=True)
@@ -31,14 +32,14 @@ def against(base: Mapping[str, Interval], line: Line) -> tuple[str, ...]:
         meant = ", ".join(word for word in ("the other sign" if ratio < 0.0 else "", line.meant(ratio)) if word)
         why = f" ({meant})" if meant else ""
         said.append(
-            f"the scale factor S comes out at {scale.value:.4g} {line.unit}·s/rad, {_times(ratio)} the declared "
-            f"{line.scale:.4g}{why}: correct the reference or the bench file"
+            f"the scale factor S comes out at {significant(scale.value, 4)} {line.unit}·s/rad, {_times(ratio)} the "
+            f"declared {significant(line.scale, 4)}{why}: correct the reference or the bench file"
         )
     reach, off = line.offset_tolerance, abs(offset.value - line.offset)
     if offset.high < line.offset - reach or offset.low > line.offset + reach:
         said.append(
-            f"the offset V0 comes out at {offset.value:.4g} {line.unit}, {off:.3g} from the declared "
-            f"{line.offset:.4g}, which may be off by {reach:.3g}: correct the bench file"
+            f"the offset V0 comes out at {significant(offset.value, 4)} {line.unit}, {off:.3g} from the declared "
+            f"{significant(line.offset, 4)}, which may be off by {reach:.3g}: correct the bench file"
         )
     return tuple(said)
 
