@@ -40,7 +40,9 @@ def trace_rate_sensor(capture: Path, bench: RateSensorBench) -> SensorDiagnosis:
     )
     try:
         samples = sensor_record(record, capture)
-        return trace_sensor(samples, Range(device.range_rad_s, full), device.noise_V, fitting_rows(record), line)
+        return trace_sensor(
+            samples, Range(device.range_rad_s, full, device.unit), device.noise_V, fitting_rows(record), line
+        )
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
 

@@ -1,6 +1,6 @@
 """From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -207,9 +207,7 @@ def _trace_sensor(
 
     answer = traced.Diagnosis(
         verdict=found.verdict,
-        effects=tuple(
-            replace(effect, coefficients=_in_unit(effect.coefficients, bench.device.unit)) for effect in found.effects
-        ),
+        effects=found.effects,
         confusable=found.confusable,
         rejected=found.rejected,
         findings=(),
@@ -223,7 +221,7 @@ def _trace_sensor(
         reasons=found.reasons,
         share=found.share,
         probabilities=found.probabilities,
-        base=_in_unit(found.base, bench.device.unit),
+        base=found.base,
     )
     said = (*captured.prepared, *sensor_remarks(captured))
     diagnosis = to_model(
@@ -238,11 +236,6 @@ def _trace_sensor(
         assert captured.rate_rad_s is not None  # or it could not have been traced
         write_sensor_report(folder, found, diagnosis, captured.rate_rad_s)
     return Traced(folder, diagnosis)
-
-
-def _in_unit(found: Mapping[str, traced.Interval], unit: str) -> dict[str, traced.Interval]:
-    """Estimates of a sensor whose output has a unit of its own in place of the volt."""
-    return {name: replace(one, unit=one.unit.replace("V", unit)) for name, one in found.items()}
 
 
 def _trace_envelope(

@@ -25,10 +25,13 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Range:
-    """What the data sheet declares and a record is scaled by: rate [rad/s], volts of that rate."""
+    """What the data sheet declares and a record is scaled by: rate [rad/s], volts of that rate; unit: what stands for
+    the volt where the output has a unit of its own.
+    """
 
     rate: float
     volts: float
+    unit: str = "V"
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,9 @@ class Chain:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI units of the parameters."""
-        return ("V", "V·s/rad", *(c.unit for effect in self.effects for c in effect.coefficients))
+        """Units of the parameters, SI but for the output's own."""
+        units = ("V", "V·s/rad", *(c.unit for effect in self.effects for c in effect.coefficients))
+        return tuple(unit.replace("V", self.declared.unit) for unit in units)
 
     @property
     def scales(self) -> Array:

@@ -255,7 +255,8 @@ def _claim(before: SensorFit, after: SensorFit, fitting: Rows, floor: float, fre
         }
         if effect.stage is Stage.LIMIT:
             low, high = effects[effect.name]["lo"], effects[effect.name]["hi"]
-            levels.append(Level(effect.name, low.low, high.high, float(np.min(volts)), float(np.max(volts)), floor))
+            lowest, highest, unit = float(np.min(volts)), float(np.max(volts)), after.chain.declared.unit
+            levels.append(Level(effect.name, low.low, high.high, lowest, highest, floor, unit))
     # The floor that a dynamic record declares is that of a sample, and so independent; what is left is not.
     samples = effective_samples(after.residual[held_out])
     residual = Errors(before.rms(held_out), after.rms(held_out), floor, samples, freedom)

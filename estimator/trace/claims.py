@@ -136,8 +136,8 @@ def _levels(
                 continue
             most = abs(problem.device.sense_gain[axis]) * level
             seen: Array = problem.record.sense[split:, axis]
-            noise = max(problem.device.noise[axis], 0.0)
-            found.append(Level(kind(name), -most, most, float(np.nanmin(seen)), float(np.nanmax(seen)), noise))
+            noise, unit = max(problem.device.noise[axis], 0.0), problem.device.sense_unit
+            found.append(Level(kind(name), -most, most, float(np.nanmin(seen)), float(np.nanmax(seen)), noise, unit))
     return tuple(found)
 
 

@@ -95,7 +95,9 @@ class Constant:
 
 @dataclass(frozen=True)
 class Level:
-    """A range [V] that an effect says its channel cannot leave, the extremes of the part held out, and the noise."""
+    """A range that an effect says its channel cannot leave, the extremes of the part held out, and the noise; unit: of
+    all of them.
+    """
 
     effect: str
     low: float
@@ -103,6 +105,7 @@ class Level:
     lowest: float
     highest: float
     noise: float
+    unit: str = "V"
 
 
 @dataclass(frozen=True)
@@ -394,7 +397,8 @@ def contradicted(level: Level) -> str | None:
         (level.low, level.lowest, level.lowest < level.low - margin),
     ):
         if outside:
-            return f"{_plain(level.effect)} ends at {end:.4g} V, and the part held out reads {seen:.4g} V"
+            unit = level.unit
+            return f"{_plain(level.effect)} ends at {end:.4g} {unit}, and the part held out reads {seen:.4g} {unit}"
     return None
 
 
