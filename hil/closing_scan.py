@@ -29,6 +29,7 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     # Compiled kernels: after what can be answered without them.
     from estimator.completeness.closing import closing_scan
     from estimator.completeness.stretch import Stretch, stretches_of
+    from estimator.trace.start import settling
     from hil.captured import control_of, drives_of, record_of
     from hil.declared import observer_settings_of, recorded_device_of
 
@@ -36,14 +37,15 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     first, last = capture.ends
     device, stretches = recorded_device_of(bench, capture), []
     drives = drives_of(capture, device)
-    for part in stretches_of(last - first + 1):
+    settings = observer_settings_of(bench)
+    for part in stretches_of(last - first + 1, settling(settings, device)):
         rows = capture.between(first + part.start, first + part.stop - 1)
         if len(rows) > 1:
             stretches.append(Stretch(record_of(rows, drives), begin_s_of(rows), from_start=part.start == 0))
     found = closing_scan(
         stretches,
         device,
-        observer_settings_of(bench),
+        settings,
         control_of(bench, capture),
         scored_s=(bench.loop.settle_s, end_s_of(capture)),
         limit_rad=bench.limits.angle_rad,

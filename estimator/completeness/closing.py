@@ -199,14 +199,15 @@ def turning_of(
     if settings.gain is Gain.STATIONARY:  # its table would have to be made anew; it was made from such a filter
         settings = replace(settings, gain=Gain.FADING)
     times, courses = [], []
-    for stretch in stretches:
+    # One that ends before the scored window says nothing of the angle in it, and turns while the observer settles.
+    for stretch in [one for one in stretches[:-1] if one.end_s > scored_s[0]] + [stretches[-1]]:
         seen = scan(Problem(stretch.record, device, settings, controller), watched, weighed=False)
         elapsed = np.cumsum(stretch.record.step)
         edges = np.linspace(0, len(elapsed), PARTS + 1).astype(int)
         steps = np.arange(1, COURSE + 1) / COURSE
         ends = np.concatenate([begin + np.ceil(steps * (end - begin)) - 1 for begin, end in pairwise(edges)])
         time = stretch.begin_s + elapsed[ends.astype(int)]
-        settled = time >= settled_s(stretch, settings, device, scored_s[0])
+        settled = time >= min(settled_s(stretch, settings, device, scored_s[0]), time[-1])
         times.append(time[settled])
         courses.append(seen.course[settled])
     time, sensitivity = joined(times, courses, scored_s[0], scored_s[1])

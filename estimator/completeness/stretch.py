@@ -17,6 +17,7 @@ WEIGHED = 50_000
 """Samples of them by which effects are judged."""
 
 _PARTS = 3  # of a longer run: its beginning, its middle, its end
+_LATER = 4  # thirds of `MOST` that middle and end may have each, where an observer takes so long to settle
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,17 @@ class Stretch:
         return self.begin_s + float(np.sum(self.record.step))
 
 
-def stretches_of(samples: int, most: int = MOST) -> tuple[slice, ...]:
-    """Which of so many samples to look at: all, or three stretches over the run that hold `most` together."""
-    if samples <= most:
+def stretches_of(samples: int, settling: int = 0, most: int = MOST) -> tuple[slice, ...]:
+    """Which of so many samples to look at: all, or three stretches over the run that hold `most` together, and more
+    where an observer that begins with one takes `settling` samples to find the constants.
+    """
+    third = most // _PARTS
+    later = min(max(third, settling + third // 2), _LATER * third)
+    between = samples - third - 2 * later
+    if samples <= most or between < 0:
         return (slice(0, samples),)
-    length = most // _PARTS
-    starts = np.linspace(0, samples - length, _PARTS).astype(int)
-    return tuple(slice(int(start), int(start) + length) for start in starts)
+    middle = third + between // 2
+    return slice(0, third), slice(middle, middle + later), slice(samples - later, samples)
 
 
 def weighed_of(stretches: Sequence[Stretch]) -> list[Record]:
@@ -51,11 +56,11 @@ def weighed_of(stretches: Sequence[Stretch]) -> list[Record]:
 
 def settled_s(stretch: Stretch, settings: ObserverSettings, device: Device, scored_from_s: float) -> float:
     """From when on (s of the run) an observer that begins with the stretch counts: it has found the motion and the
-    constants, and the scored window has begun; the last quarter of the stretch counts anyhow.
+    constants, or there is no more than a quarter of the stretch left to do so, and the scored window has begun.
     """
     found = stretch.begin_s + settling(settings, device) / device.sample_rate if not stretch.from_start else 0.0
     last = stretch.begin_s + 0.75 * (stretch.end_s - stretch.begin_s)
-    return min(max(found, scored_from_s), last)
+    return max(min(found, last), scored_from_s)
 
 
 def joined(times: Sequence[Array], courses: Sequence[Array], begin_s: float, end_s: float) -> tuple[Array, Array]:

@@ -80,11 +80,10 @@ def budget(
         known = bench.device.calibration.known(bench.device.resonance_rad_s)
         remains = _left(information, {name: item.u for name, item in known.items()})
         left = {source_of(name): contribution for name, contribution in remains.items()}
-        sizes = _carried(information, found)
         beyond = _beyond(bench, information if strange else replace(information, found=None))
     else:  # of a model that lacks something a scan is a rough guide: what is declared counts whole, and what it found
-        left, sizes, beyond = {}, _at_least(declared, found), _lacking(strange)
-    rows = [*_rows(bench, sources, course, declared, left, sizes), *beyond]
+        left, beyond = {}, _lacking(strange)
+    rows = [*_rows(bench, sources, course, declared, left, _measured(found)), *beyond]
     total = math.sqrt(sum(row.contribution_rad**2 for row in rows))
     rows.sort(key=lambda row: -row.contribution_rad)
     return Budget(angle, total, COVERAGE * total, tuple(rows))
@@ -95,22 +94,11 @@ def _constants_of(item: Lacking) -> list[str]:
     return [_EFFECTS[name] for name in (item.effect, *item.alike) if name in _EFFECTS]
 
 
-def _carried(information: "Information", found: list[Lacking]) -> dict[str, float]:
-    """What constants contribute that the scan found there and included in its model, by source: what they were found to
-    do, instead of what is declared of them.
+def _measured(found: list[Lacking]) -> dict[str, float]:
+    """Constants of the calibration that the scan measured, by source: what they were found to do, in place of what is
+    declared of them.
     """
-    return {
-        source_of(name): _rms(item)
-        for item in found
-        for name in _constants_of(item)[:1]
-        if not any(map(information.watches, _SYMBOLS[name]))
-    }
-
-
-def _at_least(declared: Mapping[str, float], found: list[Lacking]) -> dict[str, float]:
-    """Constants that were found to do more than what is declared of them, by source."""
-    sizes = {source_of(name): _rms(item) for item in found for name in _constants_of(item)[:1]}
-    return {source: size for source, size in sizes.items() if size > declared[source]}
+    return {source_of(name): _rms(item) for item in found for name in _constants_of(item)[:1]}
 
 
 def _rms(item: Lacking) -> float:

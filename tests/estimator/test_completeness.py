@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from scipy.stats import chi2, multivariate_normal
 
 from benchmarks.lockstep import Bench, ClosedLoop, Scenario, bench_of, close_loop, scenario_of
 from estimator.completeness.answer import Completeness, Outcome
-from estimator.completeness.closing import closing_scan
+from estimator.completeness.closing import closing_scan, turning_of
 from estimator.completeness.information import Coefficient, Information
 from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
@@ -19,7 +21,7 @@ from estimator.gaps import Drives, Gaps
 from estimator.record import Record
 from estimator.settings import ControllerSettings
 from estimator.trace.problem import Problem
-from estimator.trace.scan import scan
+from estimator.trace.scan import COURSE, PARTS, scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
 from hil.declared import device_of, observer_settings_of
 from tests.estimator.test_scan import DEVICE, SETTINGS
@@ -298,6 +300,44 @@ def test_a_long_run_is_looked_at_in_its_beginning_its_middle_and_its_end() -> No
     assert parts[-1].stop == 6_000_000
     assert sum(part.stop - part.start for part in parts) <= 120_000
     assert stretches_of(96_000) == (slice(0, 96_000),)
+
+
+@pytest.mark.parametrize("settling", [0, 12_000, 120_000, 10**9])
+@pytest.mark.parametrize("samples", [120_001, 300_000, 400_000, 8_000_000])
+def test_where_an_observer_settles_slowly_the_stretches_are_longer(samples: int, settling: int) -> None:
+    parts = stretches_of(samples, settling)
+    assert (parts[0].start, parts[-1].stop) == (0, samples)
+    assert all(before.stop <= after.start for before, after in pairwise(parts))
+    assert sum(part.stop - part.start for part in parts) <= 40_000 + 2 * 160_000
+    if len(parts) == 3:  # half of a usual one is left behind it, as far as that may be
+        assert parts[1].stop - parts[1].start == parts[2].stop - parts[2].start == min(
+            max(40_000, settling + 20_000), 160_000
+        )  # fmt: skip
+
+
+def test_the_angle_counts_in_the_scored_window_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At 200 kS/s the first stretch ends before the observer has settled: what turns the angle in it does not count."""
+    asked: list[float] = []
+
+    def scanned(problem: Problem, *_: object, **__: object) -> SimpleNamespace:
+        begin_s = float(problem.record.sense[0, 0])  # as told below
+        asked.append(begin_s)
+        course = begin_s + np.linspace(0.0, 1.0, PARTS * COURSE)[:, None]
+        wild = 1e6 * (begin_s == 0.0)
+        return SimpleNamespace(course=(2.0 + wild) * course, columns={"drive_gain": slice(0, 1)})
+
+    monkeypatch.setattr("estimator.completeness.closing.scan", scanned)
+    step = np.full(4000, 1.0 / 4000.0)
+    stretches = [
+        Stretch(Record(np.full((4000, 2), begin), np.zeros((4000, 2)), step), begin, begin == 0.0)
+        for begin in (0.0, 5.0, 9.0)
+    ]
+    settings = replace(observer_settings_of(bench()), memory=0.1)
+    turning = turning_of(stretches, device_of(bench()), settings, None, {}, (2.0, 10.0))
+    assert asked == [5.0, 9.0]
+    assert np.all(np.diff(turning.time) > 0.0)
+    assert (turning.time[0], turning.sensitivity[0, 0]) == (2.0, 0.0)
+    assert turning.sensitivity[-1, 0] == pytest.approx(2.0 * 8.0, rel=1e-2)
 
 
 def test_what_nobody_declared_is_a_mean_over_what_may_be_there() -> None:
