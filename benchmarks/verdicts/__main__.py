@@ -27,7 +27,7 @@ def main() -> int:
         say=lambda said: print(said, file=sys.stderr, flush=True),
     )  # fmt: skip
     for line in lines:
-        u, error = line.get("angle_u_rad"), line.get("error_rms_rad")
+        u, error = line.get("angle_expanded_rad"), line.get("error_rms_rad")
         good = line.get("verdict") == "good"
         if (good and u and error and error > u) or (not good and line["category"] == "clean") or "failed" in line:
             print(told(line))

@@ -61,7 +61,7 @@ def told(line: Line) -> str:
     """A line for people."""
     if "failed" in line:
         return f"{line['key']}: FAILED {line['failed']}"
-    u = "no U" if line["angle_u_rad"] is None else f"U {line['angle_u_rad']:.2g}"
+    u = "no U" if line["angle_expanded_rad"] is None else f"U {line['angle_u_rad']:.2g}"
     rms = "no error" if line["error_rms_rad"] is None else f"error {line['error_rms_rad']:.2g} rad"
     return f"{line['key']}: {line['verdict']}, {rms}, {u}, {line['parts']['model']['reason'][:90]}"
 
@@ -102,7 +102,7 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
         "verdict": said.verdict,
         "parts": {name: part.model_dump() for name, part in said.parts.items()},
         "remarks": said.remarks,
-        "angle_u_rad": said.angle_u_rad,
+        "angle_expanded_rad": said.angle_expanded_rad,
         "budget": [row.model_dump() for row in said.uncertainty],
         "error_rms_rad": said.angle_error_rms_rad,
         "error_max_rad": said.score.angle_error_max_rad if said.score else None,

@@ -10,13 +10,13 @@ def summarise(lines: Sequence[Line]) -> list[Row]:
     """Rows for runs/bench.json. An error is the rms over the scored window against the truth, as `hil score` says."""
     ran = [line for line in lines if "failed" not in line]
     good = [line for line in ran if line["verdict"] == "good" and line["error_rms_rad"] is not None]
-    bounded = [line for line in good if line["angle_u_rad"]]
-    over = {factor: sum(line["error_rms_rad"] > factor * line["angle_u_rad"] for line in bounded) for factor in (1, 3)}
-    ends = sum(abs(line["error_end_rad"]) > line["angle_u_rad"] for line in bounded)
-    most = sum(line["error_max_rad"] > line["angle_u_rad"] for line in bounded)
+    bounded = [line for line in good if line["angle_expanded_rad"]]
+    over = {factor: sum(line["error_rms_rad"] > factor * line["angle_expanded_rad"] for line in bounded) for factor in (1, 3)}
+    ends = sum(abs(line["error_end_rad"]) > line["angle_expanded_rad"] for line in bounded)
+    most = sum(line["error_max_rad"] > line["angle_expanded_rad"] for line in bounded)
     clean = [line for line in ran if line["category"] == "clean"]
-    covered = [line for line in clean if line["angle_u_rad"]]
-    within = sum(abs(line["error_end_rad"]) <= line["angle_u_rad"] for line in covered)
+    covered = [line for line in clean if line["angle_expanded_rad"]]
+    within = sum(abs(line["error_end_rad"]) <= line["angle_expanded_rad"] for line in covered)
     seconds = sorted(line["scan"]["seconds"] for line in ran if line["scan"])
     rows = [
         Row("runs", len(lines), ""),
@@ -53,4 +53,4 @@ def share(count: int, of: int) -> float:
 def over_rms(lines: Sequence[Line]) -> float:
     """U over the error at the end, each as its rms over the lines."""
     squares = sum(line["error_end_rad"] ** 2 for line in lines)
-    return float((sum(line["angle_u_rad"] ** 2 for line in lines) / squares) ** 0.5) if squares else 0.0
+    return float((sum(line["angle_expanded_rad"] ** 2 for line in lines) / squares) ** 0.5) if squares else 0.0
