@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import hil
+from hil.records.text_seal import sealed
 from tests.service.folders import another
 from tests.service.records import write
 from tests.service.serving import Serving, serving
@@ -286,7 +287,7 @@ def test_the_catalogue_is_made_anew_of_the_folders(bench: Serving) -> None:
     before = bench.ask("GET", f"/api/runs/{RUN}").json()["verdict"]
     try:
         with place.open("r+") as file:  # the folder itself stays as it was
-            json.dump({**json.loads(told), "verdict": "unsafe"}, file)
+            file.write(sealed(json.dumps({**json.loads(told), "verdict": "unsafe"})))
             file.truncate()
         assert bench.ask("GET", f"/api/runs/{RUN}").json()["verdict"] == before
         folders = sum(one.is_dir() and not one.name.startswith(".") for one in bench.folder.iterdir())
