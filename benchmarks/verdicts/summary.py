@@ -11,7 +11,10 @@ def summarise(lines: Sequence[Line]) -> list[Row]:
     ran = [line for line in lines if "failed" not in line]
     good = [line for line in ran if line["verdict"] == "good" and line["error_rms_rad"] is not None]
     bounded = [line for line in good if line["angle_expanded_rad"]]
-    over = {factor: sum(line["error_rms_rad"] > factor * line["angle_expanded_rad"] for line in bounded) for factor in (1, 3)}
+    over = {
+        factor: sum(line["error_rms_rad"] > factor * line["angle_expanded_rad"] for line in bounded)
+        for factor in (1, 3)
+    }
     ends = sum(abs(line["error_end_rad"]) > line["angle_expanded_rad"] for line in bounded)
     most = sum(line["error_max_rad"] > line["angle_expanded_rad"] for line in bounded)
     clean = [line for line in ran if line["category"] == "clean"]
