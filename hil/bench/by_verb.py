@@ -19,8 +19,7 @@ _LAW = ("energy_gain", "quadrature_gain", "amplitude_modulation", "modulation_Hz
 _CONTROL = (*_STEPS, *(f"controller.{key}" for key in _LAW))
 _GUARDS = tuple(f"limits.{key}" for key in ("overtime", "rearm", "standstill_s"))
 _MACHINE = ("limits.late_fraction", "limits.lost_fraction")
-_ANGLE = ("angle_rad", "energy_error", "quadrature", "innovation_ratio", "invalid_fraction")
-_JUDGED = tuple(f"limits.{key}" for key in _ANGLE)
+_JUDGED = tuple(f"limits.{key}" for key in ("angle_rad", "energy_error", "quadrature", "invalid_fraction"))
 _CALIBRATION = tuple(
     f"device.calibration.{key}"
     for key in (
@@ -55,7 +54,7 @@ NOT_OF: dict[Verb, dict[str, str]] = {
         ),
         **dict.fromkeys(_STEPS, _DRIVEN),
         **dict.fromkeys(_GUARDS, _STOPPED),
-        **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
+        **dict.fromkeys((*_MACHINE, *_JUDGED, "limits.innovation_ratio"), _VERDICT),
         "loop.covariance_every": "no covariance is kept",
         "device.normalised": "parameters are compared per unit mass",
     },

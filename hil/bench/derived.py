@@ -57,13 +57,6 @@ def needed_mps2(bench: "Bench") -> dict[str, float]:
     }
 
 
-def drive_limit_mps2(bench: "Bench") -> float:
-    """Largest force per mass that the bench lets the drive have."""
-    full_scale = bench.device.drive.full_scale * abs(bench.device.drive_mps2_per_unit)
-    limit = bench.controller.force_limit_mps2
-    return full_scale if limit is None else min(limit, full_scale)
-
-
 def _resonance(bench: "Bench") -> Derived:
     higher, lower = frequencies_Hz(bench.device.stiffness_per_s2)
     mean, split = 0.5 * (higher + lower), higher - lower
@@ -139,7 +132,7 @@ def _amplitude(bench: "Bench", identity: Mapping[str, Any] | None) -> Iterator[D
 def _drive(bench: "Bench", identity: Mapping[str, Any] | None) -> Iterator[Derived]:
     if not bench.controller.enabled:
         return
-    needed, limit = needed_mps2(bench), drive_limit_mps2(bench)
+    needed, limit = needed_mps2(bench), float(bench.drive_limit_mps2)
     apart = needed["stiffness mismatch"]
     text = (
         f"stiffness mismatch needs {quantity(apart, 'm/s²')}, {percent(apart / limit)} of {quantity(limit, 'm/s²')}; "

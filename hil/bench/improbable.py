@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from hil.bench.derived import drive_limit_mps2, needed_mps2, quality_factors
+from hil.bench.derived import needed_mps2, quality_factors
 from hil.bench.modes import frequencies_Hz
 from hil.numbers import percent, quantity, significant
 
@@ -136,7 +136,7 @@ def _run(bench: "Bench") -> Iterator[str]:
             f'[loop] mode: "force" at {rate / 1e3:g} kS/s; no link answers each sample above '
             f'{FORCE_MODE_HZ / 1e3:g} kS/s; mode = "gain", or clock = "lockstep"?'
         )
-    needed, limit = needed_mps2(bench), drive_limit_mps2(bench)
+    needed, limit = needed_mps2(bench), float(bench.drive_limit_mps2)
     if (total := sum(needed.values())) > DRIVE_OF_LIMIT * limit:
         largest = max(needed, key=lambda name: needed[name])
         yield (

@@ -59,12 +59,12 @@ def _values(bench: Bench) -> list[Fact]:
 def _drive(bench: Bench) -> list[tuple[str, str]]:
     device, controller = bench.device, bench.controller
     declared = f"{device.drive.full_scale:g} {_UNITS[device.drive.unit]}"
-    force = device.drive.full_scale * abs(device.drive_mps2_per_unit)
-    most = force if controller.force_limit_mps2 is None else min(force, controller.force_limit_mps2)
-    scale = "" if device.drive.unit == "mps2" and most == force else f", of a full scale of {declared}"
+    most = bench.drive_limit_mps2
+    whole = device.drive.unit == "mps2" and most == device.drive_full_scale_mps2
+    scale = "" if whole else f", of a full scale of {declared}"
     stiffness = bench.target_stiffness_per_s2 * device.mass_kg
     facts = [
-        ("largest drive", f"{most:.6g} m/s²{scale}"),
+        ("largest drive", f"{float(most):.6g} m/s²{scale}"),
         ("amplitude", f"{1e6 * device.amplitude_m:.6g} µm"),
         ("target stiffness", f"{stiffness:.6g} N/m"),
         ("virtual rotation", f"{controller.virtual_rotation_rad_s:.6g} rad/s"),
