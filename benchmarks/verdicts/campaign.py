@@ -61,7 +61,7 @@ def told(line: Line) -> str:
     """A line for people."""
     if "failed" in line:
         return f"{line['key']}: FAILED {line['failed']}"
-    u = "no U" if line["angle_expanded_rad"] is None else f"U {line['angle_u_rad']:.2g}"
+    u = "no U" if line["angle_expanded_rad"] is None else f"U {line['angle_expanded_rad']:.2g}"
     rms = "no error" if line["error_rms_rad"] is None else f"error {line['error_rms_rad']:.2g} rad"
     return f"{line['key']}: {line['verdict']}, {rms}, {u}, {line['parts']['model']['reason'][:90]}"
 
