@@ -11,7 +11,7 @@ NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
-NATIVE := device_emulator/native/device.so
+NATIVE := device_emulator/native/libdevice.so.1
 
 .PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured
 

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-LIBRARIES = {"device_emulator/native/device.so": "device_emulator/native/device.c"}
+LIBRARIES = {"device_emulator/native/libdevice.so.1": "device_emulator/native/device.c"}
 """What is built, from which source; paths from the root of the project."""
 
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-shared")

@@ -82,8 +82,17 @@ class Device:
         self._drive = np.zeros((PAGE, 2), np.int32)
         self._sense = np.zeros((PAGE, 2), np.int32)
         self._truth = np.zeros((PAGE, len(TRUTH_COLUMNS)))
-        effects, pieces = table(scenario.effect), rate.pieces(scenario.rate)
-        self._held = constants, effects, pieces, state, history  # by address in what follows
+        self._records = constants, table(scenario.effect), rate.pieces(scenario.rate), state, history
+        self._point()
+        self._random = np.random.default_rng(scenario.seed if seed is None else seed)
+        self._sink = sink
+        self._page: int | None = None  # first tick of the page in work
+        self.tick = -1
+        self.clipped = False
+
+    def _point(self) -> None:
+        """Tell the C side where the arrays are."""
+        constants, effects, pieces, state, history = self._records
         self._arguments = native.DeviceArguments(
             constants.ctypes.data,
             effects.ctypes.data,
@@ -100,11 +109,14 @@ class Device:
             self._truth.ctypes.data,
         )
         self._device = ctypes.addressof(self._arguments)
-        self._random = np.random.default_rng(scenario.seed if seed is None else seed)
-        self._sink = sink
-        self._page: int | None = None  # first tick of the page in work
-        self.tick = -1
-        self.clipped = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but addresses, which mean nothing elsewhere."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_arguments", "_device")}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        self.__dict__.update(kept)
+        self._point()
 
     def row(self, ux_code: int, uy_code: int) -> tuple[int, int]:
         """Sense codes (vx, vy) of the next row, after an interval under the drive codes given."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_PATH = Path(__file__).with_name("device.so")
+_PATH = Path(__file__).with_name("libdevice.so.1")
 
 
 class DeviceArguments(ctypes.Structure):

@@ -105,8 +105,9 @@ class RunFolder:
         """
         from hil.strict_toml import read_table  # and the library that checks what is written there
 
-        if not self.bench_text:
+        if not self.bench_path.exists():
             return {}
+        _ = self.bench_text  # which refuses a file that is not what was run
         table = read_table(self.bench_path)
         if not any(isinstance(table.get(section), dict) for section in ("device", "loop")):
             raise InputError(f"{self.bench_path}: no bench file: [device] and [loop] are missing; restore it as run")

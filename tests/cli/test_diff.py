@@ -11,6 +11,7 @@ import pytest
 import hil as library
 from hil.cli.diff import _cells, _readable
 from hil.comparison import Figure, compare
+from hil.records.atomic import write_sealed
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.records.result import load_result, save_result
 from hil.records.runfolder import RunFolder
@@ -120,7 +121,7 @@ def test_bench_keys_that_differ_are_told_and_no_others(two: tuple[Path, Path], h
 @pytest.mark.moderate
 def test_a_key_that_only_one_file_has(two: tuple[Path, Path], tmp_path: Path) -> None:
     bench = two[1] / "bench.toml"
-    bench.write_text(bench.read_text(encoding="utf-8") + "\n[effects.cubic_stiffness]\nk3x = 1e12\n", encoding="utf-8")
+    write_sealed(bench, bench.read_text(encoding="utf-8") + "\n[effects.cubic_stiffness]\nk3x = 1e12\n")
     keys = {key.name: (key.a, key.b) for key in compare(*two).bench}
     assert keys["[effects.cubic_stiffness] k3x"] == (None, 1e12)
     back = {key.name: (key.a, key.b) for key in compare(two[1], two[0]).bench}
@@ -167,7 +168,7 @@ def test_what_has_no_figures_is_refused_in_one_line(two: tuple[Path, Path], tmp_
 def test_values_that_json_has_not_do_not_stop_it(two: tuple[Path, Path], hil: Hil) -> None:
     bench = two[1] / "bench.toml"
     text = bench.read_text(encoding="utf-8").replace("[loop]", "[loop]\nodd = [inf, 2026-01-01]")
-    bench.write_text(text, encoding="utf-8")
+    write_sealed(bench, text)
     code, out, _ = hil("diff", str(two[0]), str(two[1]), "--json")
     assert code == 0
     assert {"key": "[loop] odd", "a": None, "b": ["inf", "2026-01-01"]} in json.loads(out)["bench"]

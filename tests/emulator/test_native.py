@@ -62,9 +62,9 @@ def test_every_effect_runs_without_undefined_behaviour(tmp_path: Path) -> None:
     compiler = shutil.which("gcc")
     if compiler is None:
         pytest.skip("no gcc with its sanitizers: sudo apt install gcc")
-    shutil.copytree(PACKAGE, tmp_path / "device_emulator", ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+    shutil.copytree(PACKAGE, tmp_path / "device_emulator", ignore=shutil.ignore_patterns("__pycache__", "*.so.1"))
     checks = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-g", "-O1"]
-    library = tmp_path / "device_emulator" / "native" / "device.so"
+    library = tmp_path / "device_emulator" / "native" / "libdevice.so.1"
     source = NATIVE / "device.c"
     subprocess.run([compiler, "-std=c99", *checks, "-fPIC", "-shared", "-o", library, source, "-lm"], check=True)
     (tmp_path / "run.py").write_text(EVERY_EFFECT, encoding="utf-8")

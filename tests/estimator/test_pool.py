@@ -422,7 +422,7 @@ def test_of_each_judge_it_is_told_how_far_its_free_run_is_off(said: tuple[str, .
     judges = pool([Member("day 3", NO_SAMPLES, 1.5)], "load_kg")
     errors = (np.array([[np.nan], [6.0], [-6.0]]),), (np.array([[np.nan], [1.0], [7.0]]),)
     first, second = pool_trace._summary(judges, judges, errors, 2e-6, said)
-    assert first == "1 records fitted, 1 held out but for where they begin; the noise is 2e-06 V"
+    assert first == "1 records fitted, 1 held out but for where they begin; the declared noise is 2e-06 V"
     assert second == f"a free run of day 3, load_kg = 1.5, which was held out, is 5 V rms off{was}"
     silent = replace(judges, covariate=None)
     assert pool_trace._summary(silent, silent, errors, 1.0, said)[1].startswith("a free run of day 3 which was")

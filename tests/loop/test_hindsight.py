@@ -19,7 +19,7 @@ def error_rad(folder: Path) -> float:
     truth = folder / "truth.arrow"
     there = board(gyro.scenario(folder / "board.toml"), ClockMode.PACED, truth)
     link = HandPaced(there, lost=LOST, unheard={tick - 2 for tick in LOST})  # acts on the interval that ends at tick
-    run, counters = close_loop(link, gyro.bench(1.0, "paced"), folder / "run")
+    run, counters = close_loop(link, gyro.bench(1.0, "paced", loop={"settle_s": 0.25}), folder / "run")
     assert counters.lost == len(LOST)
     return float(np.abs(angle_errors(run, truth, 0.25)).max())
 

@@ -161,4 +161,8 @@ def test_without_a_reference_there_are_angles_and_no_errors(whole_run: Path, tmp
     kept = hil.compare(hil.load(whole_run), report=False, out=tmp_path)
     assert kept.reference is None
     assert all(row.angle_error_rms_rad is None and row.angle_rad is not None for row in kept.rows)
-    assert [remark.partition(":")[0] for remark in kept.remarks] == ["(d) Park–Horowitz", "bound"]
+    assert [remark.partition(":")[0] for remark in kept.remarks] == [
+        "(d) Park–Horowitz",
+        "11 states and (c) control law without sense errors",
+        "bound",
+    ]

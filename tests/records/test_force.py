@@ -45,7 +45,7 @@ def test_the_table_says_what_the_force_is_and_leaves_lost_samples_empty(tmp_path
     force, path = cubic(), tmp_path / "force.arrow"
     records.save_force(path, force)
     assert records.is_force(path)
-    assert export(path, tmp_path / "force.csv", "csv") == {"force": N}
+    assert export(path, tmp_path / "force.csv", "csv").rows == {"force": N}
     table = pa_csv.read_csv(tmp_path / "force.csv").to_pydict()
     assert list(table) == [
         "t_s", "x_m", "y_m", "vx_mps", "vy_mps", "ux_mps2", "uy_mps2", "fx_mps2", "fx_sd_mps2", "fy_mps2", "fy_sd_mps2",

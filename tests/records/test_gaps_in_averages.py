@@ -35,7 +35,7 @@ def stalled(gaps: tuple[tuple[int, int], ...] = GAPS, line_V: float = 0.0) -> In
     for axis in "xy":
         nu = sd * random.standard_normal(ROWS) + line_V * np.sin(2 * np.pi * LINE_HZ * tick / RATE_HZ)
         columns |= {f"nu_{axis}_V": nu[there].astype("f4"), f"s_{axis}_V": sd[there].astype("f4")}
-    return Innovation(columns, {"tick_rate_Hz": RATE_HZ, "axes": 2}, True)
+    return Innovation(columns, {"tick_rate_Hz": RATE_HZ, "axes": 2, "columns": {"nu_x_V": {"unit": "V"}}}, True)
 
 
 @pytest.mark.parametrize("gaps", [(), GAPS])

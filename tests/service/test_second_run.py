@@ -17,7 +17,9 @@ class _Newest:
         self.new = np.zeros(ticks.size, [("tick", "i8"), ("flags", "u1")])
         self.new["tick"] = ticks
         self.kept = self
-        self.layout = type("Layout", (), {"kind": "capture", "columns": (), "header": {}})
+        self.layout = type(
+            "Layout", (), {"kind": "capture", "columns": (), "header": {"identity": {"latency_ticks": 1}}}
+        )
 
     def newest(self, count: int) -> np.ndarray:
         return self.new[-count:]
