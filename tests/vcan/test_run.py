@@ -120,4 +120,4 @@ def test_a_run_of_the_c_board(c_board, tmp_path, capsys):
         heard = Counter(frame.arbitration_id for frame in log)
     identifiers = {name: SPEC.can.identifier(layout.type, 2, 1) for name, layout in SPEC.messages.items()}
     assert SAMPLES <= heard[identifiers["SENSE"]] <= SAMPLES + 1
-    assert heard[identifiers["DRIVE_FORCE"] - 1] == SAMPLES
+    assert heard[identifiers["DRIVE_FORCE"] - 1] == SAMPLES + 1  # and one of zero after SAFE, which is refused
