@@ -21,7 +21,7 @@ BENCHMARKS = {
     "consistency": "coverage, NEES and Cramér–Rao ratio over 400 seeds of S-slow and S-classic",
     "tracking": "rate steps, a 30 Hz sine, then a million samples of nothing",
     "s_classic": "the rate of S-classic at amplitude / noise = 20 beside its Cramér–Rao bound",
-    "uncertainty": "errors of the angle beside its U over 60 drawn devices of three plants; results kept in runs/uncertainty",
+    "uncertainty": "errors of the angle beside its U over 60 drawn devices of three plants; kept in runs/uncertainty",
     "variants": "the observers of 7 and 11 states",
     "speed": "a step of 7, 11, 13 states, of 13 with effects, beside C, filterpy and NumPy",
     "traces": "a trace of 100,000 samples beside one pass of the observer over them",
