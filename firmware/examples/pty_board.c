@@ -245,7 +245,7 @@ static char *parse_fault(options *o, const char *value) {
     return end == value ? NULL : end;
 }
 
-static bool parse(options *o, int argc, char **argv, const resonator_device *fast) {
+static bool parse(options *o, int argc, char **argv) {
     for (int k = 1; k < argc; k++) {
         char *end = NULL, *value = k + 1 < argc ? argv[k + 1] : "";
         if (!strcmp(argv[k], "--realtime")) {
@@ -253,7 +253,7 @@ static bool parse(options *o, int argc, char **argv, const resonator_device *fas
             continue;
         }
         if (!strcmp(argv[k], "--fast")) {
-            o->device = fast;
+            o->device = &resonator_fast;
             continue;
         }
         if (!strcmp(argv[k], "--link") && parse_link(o, value))
@@ -275,40 +275,10 @@ static bool parse(options *o, int argc, char **argv, const resonator_device *fas
     return true;
 }
 
-/* 1 g on springs of 200 Hz. */
-static const resonator_device slow = {
-    .sample_rate_Hz = 4000.0,
-    .stiffness_per_s2 = {1.602e6, 1.561e6, -1.2e4},
-    .damping_per_s = {1.5, 1.3, 0.05},
-    .start_m = 1e-4,
-    .gain_V_per_m = 1000.0,
-    .offset_V = {6e-3, -4e-3},
-    .noise_V = 1e-4,
-    .sense_bits = 16,
-    .sense_full_scale_V = 0.25,
-    .drive_bits = 16,
-    .drive_full_scale_mps2 = 10.0,
-};
-
-/* 5 kHz, for gain mode. */
-static const resonator_device fast = {
-    .sample_rate_Hz = 100e3,
-    .stiffness_per_s2 = {9.8730e8, 9.8650e8, 4.0e5},
-    .damping_per_s = {3.3, 3.0, 0.1},
-    .start_m = 2e-6,
-    .gain_V_per_m = 8.9e4,
-    .offset_V = {0.012, -0.009},
-    .noise_V = 6e-5,
-    .sense_bits = 16,
-    .sense_full_scale_V = 0.5,
-    .drive_bits = 16,
-    .drive_full_scale_mps2 = 80.0,
-};
-
 int main(int argc, char **argv) {
     static station s;
-    options o = {.device = &slow, .rate_rad_s = 1.0, .latency = 1, .seed = 1};
-    if (!parse(&o, argc, argv, &fast)) {
+    options o = {.device = &resonator_slow, .rate_rad_s = 1.0, .latency = 1, .seed = 1};
+    if (!parse(&o, argc, argv)) {
         fprintf(stderr, "pty_board: expected [--link pty|can:IFACE[?node=N]] [--rate RAD_S] [--latency TICKS] "
                         "[--fast] [--seed N] [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime]\n");
         return 2;

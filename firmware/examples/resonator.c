@@ -7,6 +7,36 @@
 #define TERMS 18
 #define HALVINGS 10
 
+/* 1 g on springs of 200 Hz. */
+const resonator_device resonator_slow = {
+    .sample_rate_Hz = 4000.0,
+    .stiffness_per_s2 = {1.602e6, 1.561e6, -1.2e4},
+    .damping_per_s = {1.5, 1.3, 0.05},
+    .start_m = 1e-4,
+    .gain_V_per_m = 1000.0,
+    .offset_V = {6e-3, -4e-3},
+    .noise_V = 1e-4,
+    .sense_bits = 16,
+    .sense_full_scale_V = 0.25,
+    .drive_bits = 16,
+    .drive_full_scale_mps2 = 10.0,
+};
+
+/* 5 kHz, for gain mode. */
+const resonator_device resonator_fast = {
+    .sample_rate_Hz = 100e3,
+    .stiffness_per_s2 = {9.8730e8, 9.8650e8, 4.0e5},
+    .damping_per_s = {3.3, 3.0, 0.1},
+    .start_m = 2e-6,
+    .gain_V_per_m = 8.9e4,
+    .offset_V = {0.012, -0.009},
+    .noise_V = 6e-5,
+    .sense_bits = 16,
+    .sense_full_scale_V = 0.5,
+    .drive_bits = 16,
+    .drive_full_scale_mps2 = 80.0,
+};
+
 typedef double matrix[N][N];
 
 static void multiply(const matrix a, const matrix b, matrix product) {

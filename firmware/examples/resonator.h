@@ -26,6 +26,11 @@ typedef struct resonator_device {
     double drive_full_scale_mps2;
 } resonator_device;
 
+/* 200 Hz at 4 kS/s. */
+extern const resonator_device resonator_slow;
+/* 5 kHz at 100 kS/s, for gain mode. */
+extern const resonator_device resonator_fast;
+
 typedef struct resonator {
     const resonator_device *device;
     double step[4][6]; /* from x, x', y, y', ux, uy to the next x, x', y, y' */

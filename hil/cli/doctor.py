@@ -33,12 +33,12 @@ def doctor(link: DoctorLink = None, json: Json = False) -> None:
       hil doctor --link pty:s-slow
     """
     from hil.doctor import link as link_
-    from hil.doctor import machine, ports
+    from hil.doctor import machine, ports, target
     from hil.emulation import located
     from hil.exit_codes import ExitCode
     from hil.faults import is_fault
 
-    findings = [*machine.examine(), *ports.examine()]
+    findings = [*machine.examine(), *target.examine(), *ports.examine()]
     measured = None
     if link is not None:
         about_link, measured = link_.examine(located(link))

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil import cli
-from hil.doctor import link, machine, ports
+from hil.doctor import link, machine, ports, target
 from hil.doctor.capacity import capacity, wire_rate_Hz
 from hil.doctor.finding import Finding
 
@@ -54,6 +54,15 @@ def test_a_fit_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil.loop.line_workers.line_workers", lambda: [os.getpid()])
     monkeypatch.setattr("estimator.kernel.compiled.is_warm", lambda: True)
     assert [finding.state for finding in machine.examine()] == ["good"] * 7
+
+
+def test_what_a_board_in_qemu_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda command: f"/usr/bin/{command}")
+    assert [finding.state for finding in target.examine()] == ["good"] * 2
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    compiler, emulator = target.examine()
+    assert compiler.remedy == "sudo apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"
+    assert emulator.remedy == "sudo apt install qemu-system-arm"
 
 
 def test_a_port_without_permission_and_a_slow_adapter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
