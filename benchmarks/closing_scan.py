@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from benchmarks.row import Row, Say
-from estimator.completeness.closing import closing_scan
+from estimator.completeness.closing import Limits, closing_scan
 from estimator.completeness.stretch import Stretch, stretches_of
 from estimator.record import Record
 from estimator.settings import ControllerSettings
@@ -46,7 +46,7 @@ def rows(say: Say) -> list[Row]:
             wall, processor = time.perf_counter(), time.process_time()
             found = closing_scan(
                 stretches, device_of(bench), observer_settings_of(bench), controller,
-                scored_s=(min(5.0, 0.2 * seconds), seconds), limit_rad=0.1,
+                scored_s=(min(5.0, 0.2 * seconds), seconds), limits=Limits(0.1),
             )  # fmt: skip
             took, busy = min(took, time.perf_counter() - wall), min(busy, time.process_time() - processor)
         say(f"{name}: {found.outcome.value}, {found.reason}")

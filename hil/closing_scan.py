@@ -27,7 +27,7 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     if capture is None or not len(capture):
         return None
     # Compiled kernels: after what can be answered without them.
-    from estimator.completeness.closing import closing_scan
+    from estimator.completeness.closing import Limits, closing_scan
     from estimator.completeness.stretch import Stretch, stretches_of
     from estimator.trace.start import settling
     from hil.captured import control_of, drives_of, record_of
@@ -48,8 +48,8 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
         settings,
         control_of(bench, capture),
         scored_s=(bench.loop.settle_s, end_s_of(capture)),
-        limit_rad=bench.limits.angle_rad,
-        limit_ratio=bench.limits.innovation_ratio,
+        limits=Limits(bench.limits.angle_rad, bench.limits.innovation_ratio),
+        declared=bench.device.calibration.by_symbol(bench.device.resonance_rad_s),
         progress=lambda stage, done, total: progress(Progress(stage, done, total)),
     )
     blamed = [(item.effect, item.coefficients) for item in (*found.lacks, *found.harmless)]

@@ -22,7 +22,8 @@ class Lacking:
 
     coefficients by symbol, with their 95 % intervals, SI; evidence: twice the gain of log-likelihood once carried;
     angle [rad]: how far the reported angle is off without it, at most over the scored window, with its 95 % interval;
-    alike: effects that this record cannot tell from it.
+    of constants that were found together its share, the squares of which add up to what they do together; alike:
+    effects that this record cannot tell from it.
     """
 
     effect: str

@@ -1,16 +1,19 @@
 """The scan that closes every run: what the model lacks, what the record excludes, how far the angle may be off."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.information import Coefficient, Information
-from estimator.completeness.lacking import HARMLESS, Nearest, in_words, leading, tries
+from estimator.completeness.lacking import HARMLESS, Taken, leading, tries
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.turning import Turning
+from estimator.completeness.words import Nearest, in_words
 from estimator.effects.catalogue import effect_for
 from estimator.effects.search import Search
 from estimator.errors import ModelError
@@ -42,6 +45,20 @@ _LABELS = {
 Progress = Callable[[str, int, int], None]
 
 
+class Limits(NamedTuple):
+    """What is held against a run.
+
+    angle_rad: an effect that moves the angle by less is told and not held against the run; innovation_ratio: of the
+    innovation to what is predicted of it, rms, up to which a model counts as one: what leaves more is not named.
+    """
+
+    angle_rad: float = 0.0
+    innovation_ratio: float = 1.5
+
+
+_STRICT = Limits()
+
+
 def closing_scan(
     stretches: Sequence[Stretch],
     device: Device,
@@ -49,23 +66,29 @@ def closing_scan(
     controller: ControllerSettings | None,
     *,
     scored_s: tuple[float, float],
-    limit_rad: float = 0.0,
-    limit_ratio: float = 1.5,
+    limits: Limits = _STRICT,
+    declared: Mapping[str, float] = MappingProxyType({}),
     progress: Progress = lambda stage, done, total: None,
 ) -> Completeness:
     """Judge a run by stretches of its record (`stretches_of`), with the observer settings of the run.
 
-    scored_s: first and last scored instant, s from the start of the run; limit_rad: an effect that moves the angle by
-    less than this is told and not held against the run; limit_ratio: of the innovation to what is predicted of it, rms,
-    up to which a model counts as one: an effect that leaves more is not named.  Never raises for a record that cannot
-    be judged: the outcome is then unknown, with the reason.
+    scored_s: first and last scored instant, s from the start of the run; declared: standard deviations of the
+    calibration's constants, SI, by symbol of the catalogue.  Never raises for a record that cannot be judged: the
+    outcome is then unknown, with the reason.
     """
     samples = sum(len(stretch.record) for stretch in stretches)
     seconds = sum(float(np.sum(stretch.record.step)) for stretch in stretches)
     try:
         require_scannable(stretches, device)
         with np.errstate(all="ignore"):
-            answer = _scanned(stretches, device, settings, controller, scored_s, (limit_rad, limit_ratio), progress)
+            answer = _scanned(
+                stretches,
+                Problem(stretches[0].record, device, settings, controller),
+                scored_s,
+                limits,
+                declared,
+                progress,
+            )
     except (ModelError, np.linalg.LinAlgError) as error:
         return Completeness(Outcome.UNKNOWN, f"not scanned: {error}", samples=samples, seconds=seconds)
     return replace(answer, samples=samples, seconds=seconds)
@@ -92,29 +115,29 @@ def require_scannable(stretches: Sequence[Stretch], device: Device) -> None:
 
 def _scanned(
     stretches: Sequence[Stretch],
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
+    run: Problem,
     scored_s: tuple[float, float],
-    limits: tuple[float, float],
+    limits: Limits,
+    declared: Mapping[str, float],
     progress: Progress,
 ) -> Completeness:
-    limit_rad, limit_ratio = limits
+    """`run` has the settings of the run's observer."""
+    device, settings = run.device, run.settings
     records = weighed_of(stretches)
     first = records[0]
     progress("scan", 0, 2 + _ROUNDS)
-    problem = Problem(first, device, settings, controller)
+    problem = run.on(first)
     base = fit(problem)
     if not np.isfinite(base.likelihood):
         return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
     watched = watched_of(first, device, base)
     progress("scan", 1, 2 + _ROUNDS)
-    turning = turning_of(stretches, device, settings, controller, watched, scored_s)
+    turning = turning_of(stretches, device, settings, run.controller, watched, scored_s)
     known = dict(watched)
     ratio: float | None = None
-    lacks: list[Lacking] = []
+    lacks: tuple[Lacking, ...] = ()
     nearest: Nearest | None = None
-    harmless: list[Lacking] = []
+    harmless: list[Taken] = []
     for done in range(_ROUNDS):
         progress("scan", 2 + done, 2 + _ROUNDS)
         carried = scanned_with(base, device, settings)
@@ -127,32 +150,41 @@ def _scanned(
             if item.significance > threshold(len(found) * tries(watched[item.name], len(first)))
             and not _is_of_the_rate(watched[item.name], item.gain, device, seen)
         ]
-        taken = leading(problem, base, watched, seen, serious, turning, limit_ratio) if serious else None
+        taken = (
+            leading(problem, base, watched, seen, serious, turning, limits.innovation_ratio, declared)
+            if serious
+            else None
+        )
         if taken is None:
             break
         if isinstance(taken, Nearest):
             nearest = taken
             break
-        if taken.lacking.angle.high >= HARMLESS * limit_rad:
-            lacks.append(taken.lacking)
+        # Constants found one by one are found anew where all of them are.
+        harmless = [item for item in harmless if not item.given.keys() & taken.given.keys()]
+        if taken.angle.high >= HARMLESS * limits.angle_rad:
+            lacks = taken.lacking
             break
-        harmless.append(taken.lacking)
-        turning = turning.with_shift(taken.name, taken.values, taken.covariance)
+        harmless.append(taken)
         if done == _ROUNDS - 1:
             break
-        effects = coefficients_of(base.observer) | {taken.name: taken.given}
+        effects = coefficients_of(base.observer) | taken.given
         base = fit(problem.under(base.settings).carrying(effects))
+        there = {kind(name) for name in taken.given}
         watched = {
             name: given
             for name, given in watched.items()
-            if kind(name) != kind(taken.name) or (name != taken.name and "omega" in given)
+            if kind(name) not in there or (name not in taken.given and "omega" in given)
         }
     progress("scan", 2 + _ROUNDS, 2 + _ROUNDS)
+    for item in harmless:
+        turning = turning.with_shift(item.shift, item.deviation)
+    small = tuple(item for one in harmless for item in one.lacking)
     left = () if lacks or nearest else unexplained(base, first, float(np.sqrt(device.target)) / (2.0 * np.pi))
     return Completeness(
         Outcome.LACKS if lacks or nearest or left else Outcome.COMPLETE,
-        in_words(lacks, harmless, left, len({kind(name) for name in known}), nearest),
-        tuple(lacks), tuple(harmless), information_of(seen, turning, device), ratio,
+        in_words(lacks, [one.lacking for one in harmless], left, len({kind(name) for name in known}), nearest),
+        lacks, small, information_of(seen, turning, device), ratio,
     )  # fmt: skip
 
 

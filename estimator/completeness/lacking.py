@@ -3,13 +3,16 @@
 Far from the truth a scan is a rough guide, so those that come into question are each carried by an observer once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from estimator.completeness.answer import Lacking
+from estimator.completeness.constants import Constants, Found, constants_of, shares
 from estimator.completeness.turning import Turning
+from estimator.completeness.words import Nearest
 from estimator.diagnosis import Interval
 from estimator.effects.catalogue import effect_for
 from estimator.record import Record
@@ -26,7 +29,6 @@ from estimator.trace.problem import Problem
 from estimator.trace.scan import Scan
 from estimator.trace.searched import NOTHING
 from estimator.trace.width import second_thoughts, shortlist
-from estimator.written import plus_minus
 
 _TRIED = 3
 _BESIDE = 1  # tried beside them, of another kind
@@ -38,72 +40,17 @@ HARMLESS = 1.0 / 3.0
 
 @dataclass(frozen=True)
 class Taken:
-    """An effect that a record shows: by its name in the scan, with its coefficients (k,), their covariance (k, k), and
-    coefficients and parameters as an observer takes them, SI.
+    """What a record shows: one effect, or several constants of the calibration together.
+
+    angle: how far it moves the angle where that is most; shift, deviation (m,) rad: how far in the course of the run;
+    given: coefficients and parameters as an observer takes them, SI, by name in the scan.
     """
 
-    name: str
-    lacking: Lacking
-    values: Array
-    covariance: Array
-    given: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Nearest:
-    """The effect that explains most of a record, and not what is missing: with it the innovation is still `ratio` times
-    what is predicted of it, rms, so that its coefficients are those of something else.
-    """
-
-    effect: str
-    ratio: float
-
-
-def in_words(
-    lacks: Sequence[Lacking],
-    harmless: Sequence[Lacking],
-    left: Sequence[str],
-    watched: int,
-    nearest: Nearest | None = None,
-) -> str:
-    """Why the outcome is what it is, one line."""
-    if nearest is not None:
-        missing = (
-            f"something is missing that no effect explains by itself: {nearest.effect} comes nearest and leaves "
-            f"{nearest.ratio:.3g} × the noise; hil trace tells"
-        )
-        return "; ".join([missing, *map(told, harmless)])
-    if lacks:
-        return "; ".join([*map(told, lacks), *map(_small, harmless)])
-    if left:
-        beside = "beside what is harmless, the" if harmless else "the"
-        return "; ".join(
-            [f"{beside} residual is explained by no effect known: {', '.join(left)}", *map(_small, harmless)]
-        )
-    return (
-        "; ".join(map(_small, harmless)) or f"none of the {watched} effects looked for explains more than chance would"
-    )
-
-
-def told(item: Lacking) -> str:
-    """An effect that is lacking, in one line."""
-    name, sizes = _name_and_sizes(item)
-    return f"lacks {name}: {sizes}; the angle may be off by {item.angle.value:.3g} rad"
-
-
-def _small(item: Lacking) -> str:
-    """An effect that is there and harmless, in one line."""
-    name, sizes = _name_and_sizes(item)
-    return f"small effect found: {name}, negligible: {sizes}, {item.angle.value:.3g} rad of the angle"
-
-
-def _name_and_sizes(item: Lacking) -> tuple[str, str]:
-    sizes = ", ".join(
-        f"{symbol} = {plus_minus(c.value, 0.5 * (c.high - c.low))}" + (f" {c.unit}" if c.unit != "1" else "")
-        for symbol, c in item.coefficients.items()
-    )
-    like = f" (or {', '.join(item.alike)})" if item.alike else ""
-    return f"{item.effect}{like}", sizes
+    lacking: tuple[Lacking, ...]
+    angle: Interval
+    shift: Array
+    deviation: Array
+    given: dict[str, dict[str, float]]
 
 
 def leading(
@@ -114,9 +61,11 @@ def leading(
     serious: list[Evidence],
     turning: Turning,
     enough: float,
+    declared: Mapping[str, float] = MappingProxyType({}),
 ) -> Taken | Nearest | None:
     """The effect that explains most once it is included in the model, None where none explains more than chance would;
-    the nearest where the innovation stays above `enough` times what is predicted of it, rms.
+    the nearest where the innovation stays above `enough` times what is predicted of it, rms.  Where the constants with
+    declared standard deviations (by symbol, SI), all of them a little off, explain still more, these.
 
     Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
     of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.
@@ -133,6 +82,19 @@ def leading(
     models = {name: fit(compared.carrying({**effects, name: watched[name]})) for name in names}
     gains = {name: model.likelihood - without.likelihood for name, model in models.items()}
     best = max(gains, key=lambda name: gains[name] - price(name, device, compared.record))
+    worth = gains[best] - price(best, device, compared.record)
+    constants = constants_of(declared, turning.columns, device)
+    added = [name for name in constants.effects if name not in effects]
+    if len(constants.effects) > 1 and added:
+        cost = sum(price(name, device, compared.record) for name in added)
+        model = fit(compared.carrying({**{name: {} for name in added}, **effects}))
+        gain = model.likelihood - without.likelihood
+        if (
+            gain - cost > worth
+            and ratio_of(model) <= enough
+            and (gain >= _ENOUGH or carries_over(compared, without, model, *added))
+        ):
+            return _taken_together(constants, constants.after(problem), gain, turning, device)
     _, effect = effect_for(best, device.axes, device.own)
     candidates = len(seen.columns) * tries(watched[best], len(record))
     if not gains[best] > chance_gain(len(effect.coefficients), candidates):
@@ -164,7 +126,37 @@ def leading(
             )
         ),
     )
-    return Taken(best, lacking, values, np.asarray(covariance), given)
+    return Taken((lacking,), lacking.angle, *turning.course([best], values, covariance), {best: given})
+
+
+def _taken_together(constants: Constants, found: Found, gain: float, turning: Turning, device: Device) -> Taken:
+    """The constants as they were found.  What one of them does to the angle is its share of what all do: of two that
+    the record tells only together, each by itself may turn the angle far more than both do.
+    """
+    moves = np.hstack([turning.of(name) for name in constants.effects])
+    shift, deviation = turning.course(constants.effects, found.values, found.covariance)
+    at = int(np.argmax(np.abs(shift)))
+    sizes = shares(moves[at] * found.values * shift[at], constants.places)
+    spreads = shares(moves[at] * (found.covariance @ moves[at]), constants.places)
+    lacking = []
+    for name, places in constants.places.items():
+        _, effect = effect_for(name, device.axes, device.own)
+        half = TWO_SIDED * np.sqrt(np.diagonal(found.covariance)[places])
+        lacking.append(
+            Lacking(
+                effect=kind(name),
+                title=effect.title,
+                coefficients={
+                    c.name.partition(":")[0]: Interval(float(value), float(value - h), float(value + h), c.unit)
+                    for c, value, h in zip(effect.coefficients, found.values[places], half, strict=True)
+                },
+                evidence=gain,
+                angle=_interval(sizes[name], spreads[name]),
+            )
+        )
+    lacking.sort(key=lambda item: -item.angle.value)
+    angle = _interval(float(abs(shift[at])), float(deviation[at]))
+    return Taken(tuple(lacking), angle, shift, deviation, found.given)
 
 
 def ratio_of(model: Fitted) -> float:
@@ -190,6 +182,9 @@ def angle_of(moves: Array, values: Array, covariance: Array) -> Interval:
     """
     shift = moves @ values
     at = int(np.argmax(np.abs(shift)))
-    half = TWO_SIDED * float(np.sqrt(moves[at] @ covariance @ moves[at]))
-    size = float(abs(shift[at]))
+    return _interval(float(abs(shift[at])), float(np.sqrt(moves[at] @ covariance @ moves[at])))
+
+
+def _interval(size: float, deviation: float) -> Interval:
+    half = TWO_SIDED * deviation
     return Interval(size, max(size - half, 0.0), size + half, "rad")

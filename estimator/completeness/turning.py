@@ -1,5 +1,6 @@
 """How far the reported angle moves with each coefficient of the catalogue."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,12 +25,14 @@ class Turning:
         """Columns of an effect (m, its coefficients)."""
         return self.sensitivity[:, self.columns[name]]
 
-    def with_shift(self, name: str, values: Array, covariance: Array) -> "Turning":
-        """The same with an effect of these coefficients found there."""
-        moves = self.of(name)
+    def course(self, names: Sequence[str], values: Array, covariance: Array) -> tuple[Array, Array]:
+        """How far (m,) these effects turn the angle, and its standard deviation, with their coefficients (k,) together
+        and the covariance (k, k) of those, SI.
+        """
+        moves = np.hstack([self.of(name) for name in names])
         spread = np.einsum("mi,ij,mj->m", moves, covariance, moves)
-        return replace(
-            self,
-            shift=self.shift + moves @ values,
-            deviation=np.sqrt(self.deviation**2 + np.maximum(spread, 0.0)),
-        )
+        return moves @ values, np.sqrt(np.maximum(spread, 0.0))
+
+    def with_shift(self, shift: Array, deviation: Array) -> "Turning":
+        """The same with something found there that turned the angle by so much (m,), rad."""
+        return replace(self, shift=self.shift + shift, deviation=np.hypot(self.deviation, deviation))

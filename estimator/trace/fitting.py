@@ -52,10 +52,11 @@ def widening(model: Fitted) -> float:
     """By how much a model's estimates are less sure than its observer takes them to be: its innovations are larger; no
     number where the observer follows none of the record.
     """
-    return _widening(model.estimates)
+    return widening_of(model.estimates)
 
 
-def _widening(estimates: Estimates) -> float:
+def widening_of(estimates: Estimates) -> float:
+    """The same of the estimates of an observer."""
     with np.errstate(invalid="ignore", over="ignore"):
         normalised = (estimates.innovation / estimates.innovation_deviation) ** 2
     seen = normalised[~np.isnan(normalised)]
@@ -208,7 +209,7 @@ def _fit(problem: Problem, passes: int, about: Observer | None, again: int) -> F
             break
         found = constants_of(observer) | _steady_rate(problem, observer)
         current = replace(current, initial={**current.initial, **found}, effects=coefficients_of(observer))
-        settled = bool(np.all(np.abs(observer.x[coefficients] - begun) <= _widening(estimates) * spread))
+        settled = bool(np.all(np.abs(observer.x[coefficients] - begun) <= widening_of(estimates) * spread))
         if number + 1 >= passes and settled:
             break
     likelihood = log_likelihood(estimates.innovation, estimates.innovation_deviation)

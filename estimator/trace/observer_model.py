@@ -283,20 +283,20 @@ def _is_calm(problem: Problem) -> bool:
     return of_resonance_alone(problem.record, problem.device)
 
 
-def carries_over(problem: Problem, base: Fitted, model: Fitted, name: str) -> bool:
-    """Whether the effect that `model` has beside what `base` carries, its coefficients found on the first part of the
-    record, predicts the rest better: by its share of the gain, or at least by more than chance would.
+def carries_over(problem: Problem, base: Fitted, model: Fitted, *names: str) -> bool:
+    """Whether the effects that `model` has beside what `base` carries, their coefficients found on the first part of
+    the record, predict the rest better: by its share of the gain, or at least by more than chance would.
 
     Where the rest tells nothing even to who has seen it, as behind a start that alone shows the effect, it only must
     not be predicted worse.
     """
     seen = round(_SET.learnt * len(problem.record))
     effects = coefficients_of(base.observer)
-    added = {name: parameters_of(model, name)}
+    added = {name: parameters_of(model, name) for name in names}
     without, carried = side_by_side(
         [partial(foresight, problem.carrying({**effects, **more}), seen) for more in ({}, added)]
     )
-    by_chance = chance_gain(degrees(name, problem.device), 1)
+    by_chance = chance_gain(sum(degrees(name, problem.device) for name in names), 1)
     by_part = leads(model, base)
     seen_there = float(np.sum(by_part[round(_SET.learnt * len(by_part)) :]))
     if seen_there < by_chance:

@@ -48,6 +48,11 @@ class Calibration(Section):
             found[name] = Known(assumed if declared is None else declared, unit, declared is None)
         return found
 
+    def by_symbol(self, resonance_rad_s: float) -> dict[str, float]:
+        """Standard uncertainty, SI, of each constant that a scan watches, by symbol of its coefficients."""
+        known = self.known(resonance_rad_s)
+        return {symbol: known[name].u for name, symbols in SYMBOLS.items() for symbol in symbols}
+
 
 class Known(NamedTuple):
     """A standard uncertainty in its unit ("1": relative), and whether it was assumed rather than declared."""
@@ -83,3 +88,14 @@ ASSUMED = {
     "sense_delay": Assumed(1e-3, "s", "as the drive's delay"),
 }
 """Standard uncertainties where the bench file gives none, with reasons; explained in docs/explanation.md."""
+
+SYMBOLS = {
+    "drive_gain": ("hx", "hy"),
+    "sense_gain_ratio": ("gy",),
+    "drive_misalignment": ("mx", "my"),
+    "sense_cross_coupling": ("ex", "ey"),
+    "drive_delay": ("tux", "tuy"),
+    "sense_delay": ("tsx", "tsy"),
+    "clock": ("clock",),
+}
+"""Constants that a scan watches, by the symbols of their coefficients in the catalogue, which has no clock."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from estimator.uncertainty import Course
 from hil.bench import Bench
+from hil.bench.calibration import SYMBOLS
 from hil.coverage import COVERAGE
 from hil.formula import formula_of
 from hil.numbers import quantity, significant
@@ -25,17 +26,7 @@ if TYPE_CHECKING:
 
 UNDECLARED = "undeclared effects"
 LACKING = "what the model lacks"
-_SYMBOLS = {
-    "drive_gain": ("hx", "hy"),
-    "sense_gain_ratio": ("gy",),
-    "drive_misalignment": ("mx", "my"),
-    "sense_cross_coupling": ("ex", "ey"),
-    "drive_delay": ("tux", "tuy"),
-    "sense_delay": ("tsx", "tsy"),
-    "clock": ("clock",),
-}
-"""Constants that a scan watches, by the symbols of their coefficients in the catalogue; the clock as made here."""
-_EFFECTS = {"sense_gain": "sense_gain_ratio"} | {name: name for name in _SYMBOLS if name != "clock"}
+_EFFECTS = {"sense_gain": "sense_gain_ratio"} | {name: name for name in SYMBOLS if name != "clock"}
 """Effects of the catalogue that are constants of the calibration, where their names differ too."""
 _TWO_SIDED = 1.959964
 """Half width of a 95 % interval in standard deviations."""
@@ -210,7 +201,7 @@ def _beyond(bench: Bench, information: "Information") -> list[Contribution]:
     """What may be there and nobody declared, as large and as probable as the record leaves it, and what was found to be
     there and is not held against the run.
     """
-    effect, course = with_clock(information).beyond(_declared_by_symbol(bench))
+    effect, course = with_clock(information).beyond(bench.device.calibration.by_symbol(bench.device.resonance_rad_s))
     contribution = float(np.max(course))  # at the end it may just be passing through zero, as sin 2θ does
     if not effect or not math.isfinite(contribution):
         return []
@@ -244,12 +235,6 @@ def _lacking(items: list[Lacking]) -> list[Contribution]:
     ]
 
 
-def _declared_by_symbol(bench: Bench) -> dict[str, float]:
-    """Standard uncertainties of the calibration, SI, by the symbols of the catalogue."""
-    known = bench.device.calibration.known(bench.device.resonance_rad_s)
-    return {symbol: known[name].u for name, symbols in _SYMBOLS.items() for symbol in symbols}
-
-
 def _left(information: "Information", declared: Mapping[str, float]) -> dict[str, float]:
     """What each constant contributes after the record, rad, by name; those that were not tested are left out.
 
@@ -258,7 +243,7 @@ def _left(information: "Information", declared: Mapping[str, float]) -> dict[str
     """
     joint = with_clock(information)
     tested = {
-        name: symbols for name, symbols in _SYMBOLS.items() if name in declared and all(map(joint.watches, symbols))
+        name: symbols for name, symbols in SYMBOLS.items() if name in declared and all(map(joint.watches, symbols))
     }
     sd = {symbol: declared[name] for name, symbols in tested.items() for symbol in symbols}
     if not sd:

@@ -12,9 +12,11 @@ from scipy.stats import multivariate_normal, norm
 
 from estimator.completeness.answer import Lacking, Outcome
 from estimator.completeness.closing import _is_of_the_rate, closing_scan, information_of, require_scannable, together
-from estimator.completeness.lacking import HARMLESS, Nearest, angle_of, in_words, price, tries
+from estimator.completeness.constants import constants_of, shares
+from estimator.completeness.lacking import HARMLESS, angle_of, price, tries
 from estimator.completeness.stretch import Stretch
 from estimator.completeness.turning import Turning
+from estimator.completeness.words import Nearest, in_words
 from estimator.diagnosis import Interval
 from estimator.errors import ModelError
 from estimator.record import Record
@@ -116,11 +118,11 @@ def turning() -> Turning:
 
 
 def test_effects_that_are_there_add_up_shifts_as_they_are_and_deviations_as_squares() -> None:
-    moved = turning().with_shift("a", np.array([0.5]), np.array([[0.04]]))
+    moved = turning().with_shift(*turning().course(["a"], np.array([0.5]), np.array([[0.04]])))
     np.testing.assert_allclose(moved.shift, [0.0, 0.5])
     np.testing.assert_allclose(moved.deviation, [0.0, 0.2])
     covariance = np.array([[0.01, 0.002], [0.002, 0.04]])
-    more = moved.with_shift("b", np.array([-0.1, 0.2]), covariance)
+    more = moved.with_shift(*turning().course(["b"], np.array([-0.1, 0.2]), covariance))
     np.testing.assert_allclose(more.shift, [0.0, 0.5 - 0.2 + 0.6])
     spread = 2.0**2 * 0.01 + 3.0**2 * 0.04 + 2.0 * 2.0 * 3.0 * 0.002
     np.testing.assert_allclose(more.deviation, [0.0, math.sqrt(0.2**2 + spread)])
@@ -211,14 +213,14 @@ def lacking(effect: str, angle: float, alike: tuple[str, ...] = ()) -> Lacking:
 
 
 def test_what_is_lacking_is_named_with_size_and_angle() -> None:
-    words = in_words([lacking("drive_gain", 0.31, ("sense_gain",))], [lacking("clipping", 0.01)], [], 30)
+    words = in_words([lacking("drive_gain", 0.31, ("sense_gain",))], [[lacking("clipping", 0.01)]], [], 30)
     first, second = words.split("; the angle may be off by 0.31 rad; ")
     assert first == "lacks drive_gain (or sense_gain): hx = −0.0200 ± 0.0010, tx = (3.0 ± 1.0) × 10⁻⁶ s"
     assert second.startswith("small effect found: clipping, negligible: hx")
 
 
 def test_what_is_harmless_is_told_as_such() -> None:
-    words = in_words([], [lacking("clipping", 0.01)], [], 30)
+    words = in_words([], [[lacking("clipping", 0.01)]], [], 30)
     assert words.startswith("small effect found: clipping, negligible: ")
     assert pytest.approx(1.0 / 3.0) == HARMLESS
 
@@ -226,9 +228,33 @@ def test_what_is_harmless_is_told_as_such() -> None:
 def test_what_no_effect_explains_is_told() -> None:
     alone = in_words([], [], ["a line at 50 Hz", "low frequencies"], 30)
     assert alone == "the residual is explained by no effect known: a line at 50 Hz, low frequencies"
-    beside = in_words([], [lacking("clipping", 0.01)], ["a line at 50 Hz"], 30)
+    beside = in_words([], [[lacking("clipping", 0.01)]], ["a line at 50 Hz"], 30)
     assert beside.startswith("beside what is harmless, the residual is explained by no effect known: a line at 50 Hz; ")
     assert "small effect found: clipping" in beside
+
+
+def test_constants_that_are_off_together_are_told_together() -> None:
+    found = [lacking("drive_gain", 0.03), lacking("drive_delay", 0.04)]
+    words = in_words(found, [], [], 30)
+    assert words.startswith("lacks the constants of the calibration together, each a little off: drive_gain hx = ")
+    assert "; drive_delay hx = " in words
+    assert words.endswith("; the angle may be off by 0.05 rad")
+    small = in_words([], [found], [], 30)
+    assert small.startswith("small effect found: the constants of the calibration together, each a little off, ")
+    assert small.endswith(", 0.05 rad of the angle")
+
+
+def test_shares_add_up_to_the_whole_where_one_part_takes_from_another() -> None:
+    parts = shares(np.array([4.0, 6.0, -1.0]), {"a": slice(0, 2), "b": slice(2, 3)})
+    assert parts == {"a": pytest.approx(3.0), "b": 0.0}  # of two that nearly cancel, not the square of each
+    assert shares(np.array([-1.0]), {"a": slice(0, 1)}) == {"a": 0.0}
+
+
+def test_the_constants_are_the_effects_of_which_every_coefficient_is_declared() -> None:
+    declared = {"hx": 0.01, "hy": 0.02, "gy": 0.005, "mx": 0.1, "clock": 1e-5}
+    found = constants_of(declared, ["cubic_stiffness", "drive_gain", "drive_misalignment", "sense_gain"], DEVICE)
+    assert found.places == {"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}
+    np.testing.assert_array_equal(found.deviation, [0.01, 0.02, 0.005])
 
 
 def test_nothing_at_all_says_how_much_was_looked_for() -> None:
@@ -236,7 +262,7 @@ def test_nothing_at_all_says_how_much_was_looked_for() -> None:
 
 
 def test_what_leaves_most_of_itself_is_said_to_be_nearest_and_has_no_interval() -> None:
-    words = in_words([], [lacking("clipping", 0.01)], [], 30, Nearest("drive_saturation", 5.234))
+    words = in_words([], [[lacking("clipping", 0.01)]], [], 30, Nearest("drive_saturation", 5.234))
     assert words.startswith(
         "something is missing that no effect explains by itself: drive_saturation comes nearest and leaves 5.23 × the "
         "noise; hil trace tells; "
