@@ -11,7 +11,8 @@ NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
-NATIVE := device_emulator/native/libdevice.so.1
+NATIVE := device_emulator/native/libdevice.so.1 hil/loop/native/libturn.so.1
+NATIVE_SOURCES := $(wildcard device_emulator/native/*.[ch] hil/loop/native/*.[ch]) firmware/src/hil_spec.c firmware/src/hil_spec.h
 
 .PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured
 
@@ -104,7 +105,7 @@ $(STAMP): pyproject.toml
 	@touch $@
 
 # What the installation compiled, again when its source changes.
-$(NATIVE): $(wildcard device_emulator/native/*.[ch]) compile_native.py | $(STAMP)
+$(NATIVE) &: $(NATIVE_SOURCES) compile_native.py | $(STAMP)
 	@$(BIN)/python compile_native.py
 
 # What tests, checks and campaigns need beside that.

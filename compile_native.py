@@ -12,8 +12,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-LIBRARIES = {"device_emulator/native/libdevice.so.1": "device_emulator/native/device.c"}
-"""What is built, from which source; paths from the root of the project."""
+LIBRARIES = {
+    "device_emulator/native/libdevice.so.1": ("device_emulator/native/device.c",),
+    "hil/loop/native/libturn.so.1": ("hil/loop/native/turn.c", "firmware/src/hil_spec.c"),
+}
+"""What is built, from which sources; paths from the root of the project."""
 
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-shared")
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion")
@@ -34,12 +37,13 @@ def main() -> None:
     command, root = compiler(), Path(__file__).parent
     if not command:
         sys.exit("compile_native: no C compiler; sudo apt install gcc libc6-dev, or pip install ziglang")
-    for library, source in LIBRARIES.items():
+    for library, sources in LIBRARIES.items():
         scratch = root / f"{library}.{os.getpid()}"  # whole or absent, though a process may have the old one open
         try:
-            subprocess.run([*command, *FLAGS, *WARNINGS, "-o", scratch, root / source, "-lm"], check=True)
+            paths = [root / source for source in sources]
+            subprocess.run([*command, *FLAGS, *WARNINGS, "-o", scratch, *paths, "-lm"], check=True)
         except (OSError, subprocess.CalledProcessError) as error:
-            sys.exit(f"compile_native: {source} was not compiled: {error}")
+            sys.exit(f"compile_native: {sources[0]} was not compiled: {error}")
         scratch.replace(root / library)
 
 

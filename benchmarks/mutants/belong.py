@@ -255,6 +255,7 @@ TESTS: dict[str, list[str]] = {
     "hil.loop.account": ["tests/loop/test_account.py"],
     "hil.loop.armed": ["tests/loop/test_armed.py"],
     "hil.loop.echo": ["tests/loop/test_echo.py"],
+    "hil.loop.turn": ["tests/loop/test_turn.py"],
     "hil.loop.levels": ["tests/loop/test_levels.py"],
     "hil.loop.preflight": ["tests/loop/test_preflight.py"],
     "hil.loop.signs": _SIGNS,

@@ -33,6 +33,15 @@ class Account:
         self._held = self._held_run = 0
         self._held_next: int | None = None  # the tick with which the run goes on
 
+    @property
+    def held_so_far(self) -> tuple[int, int, int | None]:
+        """The longest run of rows without a drive, the one under way, and the tick with which it goes on."""
+        return self._held, self._held_run, self._held_next
+
+    @held_so_far.setter
+    def held_so_far(self, value: tuple[int, int, int | None]) -> None:
+        self._held, self._held_run, self._held_next = value
+
     def silent(self, elapsed_ns: int) -> None:
         """So long passed between two answers of this host."""
         self._silent_ns = max(self._silent_ns, elapsed_ns)

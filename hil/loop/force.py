@@ -1,27 +1,29 @@
 """Force mode: the host answers every sample with a drive.
 
-The order of work in a sample is: receive, observe and control, answer; and only then whatever hangs off the
-loop (records, progress, limits), so that none of it stands between a sample and its answer.  In real time there is
-a moment of rest in between, in which the answer gets away.
+What happens between a sample and its answer is one call into C (`hil.loop.turn`, native/force.h).  Here is what Python
+sees to in between: gaps, the closing of the loop, steps of the target, the first rows, what is recorded more seldom.
 """
 
 import math
-import select
-import time
 from collections.abc import Mapping, Sequence
 
-from estimator.observer import Observer
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.declared import drive_limit_of
 from hil.loop.angle import ReportedAngle
 from hil.loop.echo import Echo
 from hil.loop.hindsight import Hindsight
-from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
-from hil.loop.tracks import ANGLES, put_covariance
+from hil.loop.native import ALWAYS, NONE, Why
+from hil.loop.skeleton import BeyondLimits, Loop
+from hil.loop.tracks import estimate_rows, put_covariance, run_layouts
+from hil.loop.turn import SEEN, Turn
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
-from hil.wire.messages import DriveForce, Identity, Message, SenseFlags
+from hil.wire.messages import DriveForce, Identity, Message
 from hil.wire.sense import SenseRow
 
 _PAUSE = 0.25  # of a sample interval, for the answer to get away
@@ -41,124 +43,115 @@ class ForceLoop(Loop):
         registers: Mapping[str, float] = _NOTHING_WRITTEN,
     ) -> None:
         super().__init__(endpoint, identity, bench, observer, tracks, DriveForce, registers)
-        self._capture = tracks["capture"]
-        self._innovation = tracks["innovation"]
-        self._estimates = tracks["estimates"]
-        self._covariance = tracks["covariance"]
-        self._timing = tracks["timing"]
-        self._latency = identity.latency_ticks
-        self._every = bench.loop.estimate_every
-        self._covariance_every = bench.loop.covariance_stride(self._rate_Hz)
-        descriptor = endpoint.link.fileno()
-        self._pause_s = 0.0 if self._lockstep or descriptor is None else _PAUSE / self._rate_Hz
-        self._watched = () if descriptor is None else (descriptor,)
+        self._layouts = run_layouts(observer, bench, identity)
         self._reported = ReportedAngle(bench)
-        self._cancelled = [observer.names.index(name) for name in ("kxy", "dxx", "dyy", "dxy")]
-        self._volts = [observer.scaling.sense(axis) for axis in range(2)]
-        self._noise = [bench.device.sense.noise_V / abs(volts) for volts in self._volts]
-        # Views of the row that every tick fills: picking a field out of a record costs a microsecond.
-        self._row = observer.newest
-        self._nu, self._s = self._row["nu"], self._row["s"]
         self._hindsight = Hindsight(observer)
-        self._echo = 0, 0
-        limit = int(registers.get("DRIVE_LIMIT", drive_limit_of(bench, identity)))
-        self._shown = Echo(self._latency, limit)
+        limit = drive_limit_of(bench, identity)
+        self._shown = Echo(identity.latency_ticks, int(registers.get("DRIVE_LIMIT", limit)))
+        self._c = Turn(self._state, endpoint, observer, self._shown, tracks, self._layouts)
+        self._c.estimates, self._c.seen = self._record, self._saw
+        self._close_at = self._acquired  # sample from the first before which the loop may be closed
+        self._declare(identity, bench, limit)
+
+    def _declare(self, identity: Identity, bench: Bench, limit: int) -> None:
+        """What C needs to know of the run, once."""
+        state, rate, link = self._state, self._rate_Hz, self._endpoint.link
+        state.latency, state.code_limit = identity.latency_ticks, limit
+        state.lockstep = self._lockstep
+        resting = not self._lockstep and link.fileno() is not None
+        state.pause_ns = round(1e9 * _PAUSE / rate) if resting else 0
+        state.slice_ns = round(1e9 * self._slice_s)
+        state.suspicious_ns, state.at_once_ns = self._suspicious_ns, self._at_once_ns
+        state.estimate_every = bench.loop.estimate_every
+        state.covariance_every = bench.loop.covariance_stride(rate)
+        for axis in range(2):
+            volts = self._observer.scaling.sense(axis)
+            state.volts[axis] = volts
+            state.noise[axis] = bench.device.sense.noise_V / abs(volts)
 
     def _turn(self) -> int:
-        observer, endpoint = self._observer, self._endpoint
-        rows = endpoint.receive_rows(self._slice_s)
-        if not rows:
-            return 0
-        first = self._first
-        if first is None:
-            first = self._first = rows[0][0]
-        newest = rows[-1][0]
-        # What came with newer rows is answered where that can still act in time; in lockstep no tick passes meanwhile.
-        oldest = newest - (0 if self._lockstep else max(self._latency - 1, 0))
-        for row in rows:
-            tick = row[0]
-            if tick != self._next and self._next is not None:
-                self._bridge(tick, row[3:5])
-            if self._waiting and self._may_close(tick - first):
-                self._waiting = False
-                observer.enable_control(True)
-            self._step_target(tick - first)
-            codes = observer.tick(row[1], row[2], row[3], row[4])
-            estimated_ns = time.monotonic_ns()
-            if tick >= oldest:
-                endpoint.send_drive(codes[0], codes[1], tick + self._latency)
-                sent_ns = endpoint.sent_ns
-                self._drives += 1
-                self._timing.put(tick, endpoint.received_ns, estimated_ns, sent_ns)
-                if tick == newest:
-                    self._give_way()
-                self._shown.sent(codes[0], codes[1], tick + self._latency)
-                if sent_ns - self._answered_ns > self._suspicious_ns:
-                    self._answered(sent_ns)
-                self._answered_ns = sent_ns
-            else:
-                observer.withdraw()
-            self._keep(row, first)
+        while True:
+            self._lend()
+            why = self._c.run()
+            self._take_back()
+            match why:
+                case Why.DONE | Why.NEWS:
+                    return 0 if self._next is None or self._first is None else self._next - self._first
+                case Why.QUIET:
+                    return 0
+                case Why.WOKEN:
+                    self._wake()
+                    return 0
+                case Why.GAP:
+                    row = self._c.row
+                    self._bridge(row[0], row[3:5])
+                    self._next = row[0]
+                case Why.DUE:
+                    self._see_to_control(self._c.row[0])
+                case Why.COVARIANCE:
+                    assert self._next is not None
+                    put_covariance(self._tracks["covariance"], self._next - 1, self._observer)
+                case Why.ODD:
+                    raise ProtocolError(f"{self._name}: {self._shown.odd}; correct its firmware")
+                case Why.BEYOND:
+                    ux, uy = self._state.refused
+                    raise BeyondLimits(
+                        f"the control law gave drive codes of {ux:g} and {uy:g}, [limits] and the board allow "
+                        f"± {self._state.code_limit}: nothing was sent; check the observer"
+                    )
+
+    def _lend(self) -> None:
+        """What may have changed since C last ran."""
+        state = self._state
+        state.goal = self._goal
+        state.stale = NONE if self._pause is None else self._pause.safe
+        state.link.waker = -1 if self.waker is None else self.waker
+        held, run, following = self._board.account.held_so_far
+        state.held_longest, state.held_run, state.held_next = held, run, NONE if following is None else following
+        due = self._step_target.due
+        state.due = min(ALWAYS if due is None else due, self._close_at if self._waiting else ALWAYS)
+        if self._hindsight.undecided:
+            state.look_after = 1
+        elif self._opening is not None:
+            state.look_after = min(self._opening.lacking, SEEN)
+        else:
+            state.look_after = ALWAYS
+
+    def _take_back(self) -> None:
+        """What C has counted."""
+        state, counters, account = self._state, self.counters, self._board.account
+        for name in ("samples", "held", "clipped", "saturated", "residual_safe"):
+            setattr(counters, name, getattr(state, name))
+        following = None if state.held_next == NONE else state.held_next
+        account.held_so_far = state.held_longest, state.held_run, following
+        if state.silence_ns:
+            account.silent(state.silence_ns)
+            state.silence_ns = 0
+
+    def _see_to_control(self, tick: int) -> None:
+        """Close the loop, or move its target, before the sample of `tick`."""
+        assert self._first is not None
+        since = tick - self._first
+        self._close_at = max(since + 1, self._acquired)
+        if self._waiting and self._may_close(since):
+            self._waiting = False
+            self._observer.enable_control(True)
+        self._step_target(since)
+
+    def _saw(self, rows: list[SenseRow]) -> None:
+        """Rows that C has answered and recorded."""
+        for row in rows if self._hindsight.undecided else ():
             self._hindsight.saw(row)
-            self._echo = row[3], row[4]
-            self._next = tick + 1
-        return newest - first + 1
-
-    def _give_way(self) -> None:
-        """Stand still for a moment, unless the next sample is there already.
-
-        A kernel worker of ordinary priority carries the answer away; with two cores it may have to wait for
-        ours.  Beside an answer from a bare read and write that cost 0.6 % of the deadlines at 4 kHz.
-        """
-        if self._pause_s:
-            select.select(self._watched, (), (), self._pause_s)
-
-    def _keep(self, row: SenseRow, first: int) -> None:
-        """Everything that hangs off a sample once it is answered."""
-        tick, vx, vy, ux, uy, flags = row
-        counters = self.counters
-        counters.samples += 1
-        if flags:
-            if flags & SenseFlags.HELD:
-                counters.held += 1
-                self._board.account.held(tick)
-            counters.clipped += bool(flags & SenseFlags.CLIPPED)
-            counters.saturated += bool(flags & SenseFlags.SATURATED)
-        self._capture.put(tick, vx, vy, ux, uy, flags)
-        if not self._stale(tick) and (wrong := self._shown.saw(tick, ux, uy, flags)):
-            raise ProtocolError(f"{self._name}: {wrong}; correct its firmware")
-        nu_x, nu_y = self._nu.tolist()
-        s_x, s_y = self._s.tolist()
-        x_volts, y_volts = self._volts
-        self._innovation.put(tick, nu_x * x_volts, nu_y * y_volts, _root(s_x) * abs(x_volts), _root(s_y) * abs(y_volts))
-        since = tick - first
-        if since % self._every == self._every - 1:
-            state, deviation = self._observer.reading()
-            out = self._row
-            energy, quadrature = float(out["energy_ratio"]), float(out["quadrature_ratio"])
-            begun = [float(out[name]) for name in ANGLES]
-            sd = math.sqrt(max(float(out["angle_variance"]), 0.0))
-            kxy, dxx, dyy, dxy = (state[place] for place in self._cancelled)
-            counted, u = self._reported.follow(tick / self._rate_Hz, begun, sd, kxy, (dxx, dyy, dxy))
-            angle, *others = counted
-            if self._reported.kind == "none":
-                angle = sd = u = math.nan
-            self._estimates.put(
-                tick, *state, *deviation, angle, u, sd, *others, energy, quadrature,
-                self._reported.valid(energy, quadrature),
-            )  # fmt: skip
-            if since % self._covariance_every == self._covariance_every - 1:
-                put_covariance(self._covariance, tick, self._observer)
-        x, y = nu_x / self._noise[0], nu_y / self._noise[1]
-        residual = 0.5 * (x * x + y * y)  # not **, which refuses what overflows
-        self._judge(residual, 1.0 / RESIDUAL_SAMPLES, since)
         if self._opening is not None:
-            self._look((row,))
+            self._look(rows)
+
+    def _record(self, ticks: NDArray[np.int64], estimates: Estimates) -> None:
+        self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._reported))
 
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         """With the drive the board was last told to apply; of a single interval the samples that follow decide."""
         if missing == 1:
-            self._hindsight.gap(*self._echo)
+            self._hindsight.gap(*self._state.shown)
         for _ in range(missing):
             ux, uy = self._observer.expected_drive()
             self._observer.tick(math.nan, math.nan, ux, uy)
@@ -178,8 +171,3 @@ class ForceLoop(Loop):
         super()._heed(said, newest_ns)
         if self._board.running is not None:
             self._shown.runs(self._board.running)
-
-
-def _root(variance: float) -> float:
-    """Standard deviation; NaN of what is no variance, as an observer that diverged may have it."""
-    return math.sqrt(variance) if variance >= 0.0 else math.nan

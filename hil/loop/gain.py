@@ -85,12 +85,15 @@ class GainLoop(Loop):
         self._news: deque[Message] = deque(maxlen=_LATER)  # beside samples, since it was last seen to
 
     def _turn(self) -> int:
+        listened_ns = time.monotonic_ns()
         items = self._endpoint.poll(self._slice_s)
         blocks = [item for item in items if isinstance(item.message, Sense)]
         if len(blocks) < len(items):
             self._news.extend(item.message for item in items if not isinstance(item.message, Sense))
         if not blocks:
             return 0
+        self._turns += 1
+        self._behind += self._endpoint.received_ns - listened_ns < self._at_once_ns
         if self._first is None:
             self._first = blocks[0].tick
         for block in blocks:

@@ -27,6 +27,11 @@ class Hindsight:
         self._left = 0
         self._gain = 0.0
 
+    @property
+    def undecided(self) -> bool:
+        """Whether it is to be told of each sample."""
+        return self._left > 0
+
     def gap(self, ux: float, uy: float) -> None:
         """A sample is missing; the last drive echoed was `ux`, `uy`. Call it before the observer predicts over it."""
         self._decide()

@@ -30,6 +30,11 @@ class Opening:
         self.judged = False
         self.wrong = ""
 
+    @property
+    def lacking(self) -> int:
+        """Rows until there are as many as the next judgement needs, at least one."""
+        return max((self._needed if self.judged else self._levels.rows) - len(self._rows), 1)
+
     def saw(self, rows: Iterable[Sequence[int]]) -> bool:
         """Note the next rows; whether they were the last that are needed."""
         self._rows.extend(rows)

@@ -4,15 +4,20 @@ A mode adds how samples are answered (`_turn`), how a gap is bridged (`_predict`
 was armed again (`_begin_again`).  Nothing here stands between a sample and its answer.
 """
 
+import ctypes
 import math
+import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.loop.armed import ArmedBoard, Pause
+from hil.loop.native import LIBRARY, NONE, TurnState
 from hil.loop.opening import Opening
 from hil.loop.stops import Safety
 from hil.loop.target import TargetSteps
@@ -27,6 +32,10 @@ _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
 _AT_ONCE = 0.1  # of the time between two answers: samples that come within it had been waiting for this host
 _AHEAD = 1.5  # by which a board's ticks may run ahead of this host's clock
 _NOTHING_WRITTEN: Mapping[str, float] = {}
+
+
+class BeyondLimits(WireError):
+    """The control law gave drive codes that no board may be sent."""
 
 
 class HostTooSlow(WireError):
@@ -53,6 +62,28 @@ def _nothing() -> None:
     """Where nobody wants to know."""
 
 
+def _kept(name: str) -> Any:
+    """A number that stands where the turn in C has it."""
+    return property(lambda loop: getattr(loop._state, name), lambda loop, value: setattr(loop._state, name, value))
+
+
+def _tick(name: str) -> Any:
+    """A tick there, None before the first."""
+
+    def get(loop: "Loop") -> int | None:
+        value = int(getattr(loop._state, name))
+        return None if value == NONE else value
+
+    return property(get, lambda loop, value: setattr(loop._state, name, NONE if value is None else value))
+
+
+def _flag(name: str) -> Any:
+    """A truth there."""
+    return property(
+        lambda loop: bool(getattr(loop._state, name)), lambda loop, value: setattr(loop._state, name, int(value))
+    )
+
+
 class Loop(ABC):
     """One run with one board; `registers` are what was written to it and read back, None of them where nothing was.
 
@@ -63,7 +94,18 @@ class Loop(ABC):
         stop: set (from a signal handler) to end the loop after the samples at hand.
         opening: the first rows of the run.
         wrong: why the loop ended itself before the first drive, "" if it did not.
+        waker: descriptor that becomes readable when a signal has come, None for none.
     """
+
+    stop: bool = _flag("stop")
+    _first: int | None = _tick("first")
+    _next: int | None = _tick("next")
+    _answered_ns: int = _kept("answered_ns")
+    _drives: int = _kept("drives")  # that were sent
+    _turns: int = _kept("turns")  # in which samples came
+    _behind: int = _kept("behind")  # of these: they were there already
+    _residual: float = _kept("residual")
+    _guarded: int = _kept("guarded")  # sample from which the residual may stop the run
 
     def __init__(
         self,
@@ -76,6 +118,7 @@ class Loop(ABC):
         registers: Mapping[str, float] = _NOTHING_WRITTEN,
     ) -> None:
         rate = identity.tick_rate_Hz
+        self._state = TurnState(first=NONE, next=NONE)
         self._endpoint = endpoint
         self._name = endpoint.link.name
         self._observer = observer
@@ -94,24 +137,21 @@ class Loop(ABC):
         self._opening: Opening | None = self.opening  # while it needs more
         self._step_target = TargetSteps(observer, bench)
         self._long_gap = max(round(_LONG_GAP_S * rate), 2)
-        self._residual_limit = bench.limits.residual_safe * bench.limits.residual_safe  # ** refuses what overflows
+        safe = bench.limits.residual_safe
+        self._state.residual_limit = safe * safe  # ** refuses what overflows
         self._residual = 1.0
-        self._guarded = 0  # sample from which the residual may stop the run
-        self._first: int | None = None
-        self._next: int | None = None
         self._pause: Pause | None = None  # of the board, until a row comes from after it
         self._begun_ns = self._answered_ns = self._listened_ns = time.monotonic_ns()
         self._block = bench.loop.block if bench.loop.mode == "gain" else 1
-        self._drives = 0  # that were sent
+        self._goal = 0  # ticks of the run at which somebody wants to be told
         self._excused = 0  # ticks missing around a stop, beside those of it
-        self._turns = self._behind = 0  # in which samples came; of these: they were there already
         self._at_once_ns = round(1e9 * _AT_ONCE * self._block / rate)
         self._missing_before = self._missing_frames()
         self.counters = Counters()
         self.between: Callable[[], None] = _nothing  # by name, so that a loop at rest can be pickled
         self.trouble: Callable[[], str] = str
-        self.stop = False
         self.wrong = ""
+        self.waker: int | None = None
 
     @property
     def safety(self) -> Safety:
@@ -151,13 +191,11 @@ class Loop(ABC):
         """The rest of what `run` began, of `samples` samples in all; raises as `run`."""
         done = reported = 0 if self._first is None or self._next is None else self._next - self._first
         while done < samples and not self.stop:
-            listened_ns = time.monotonic_ns()
+            self._goal = min(reported + report_every, samples)
             taken = self._turn()
             if not taken:
                 self._attend()
                 continue
-            self._turns += 1
-            self._behind += self._endpoint.received_ns - listened_ns < self._at_once_ns
             done = taken
             if done - reported >= report_every:
                 reported = done
@@ -175,7 +213,10 @@ class Loop(ABC):
 
     @abstractmethod
     def _turn(self) -> int:
-        """Wait for samples, `_slice_s` at most, and answer them; how many ticks of the run are done, 0 if none came."""
+        """Wait for samples, `_slice_s` at most, and answer them; how many ticks of the run are done, 0 if none came.
+
+        It may go on with the samples that follow until `_goal` ticks are done.
+        """
 
     @abstractmethod
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
@@ -294,11 +335,8 @@ class Loop(ABC):
     def _judge(self, residual: float, share: float, since: int) -> None:
         """Stop the run when the residual leaves its bounds: its mean square over the last samples, in units of the
         noise, of which they are such a share of those it is averaged over."""
-        self._residual += (residual - self._residual) * share
-        within = self._residual <= self._residual_limit  # which NaN is not
-        if since >= self._guarded and not within:
-            self.counters.residual_safe += 1
-            self.stop = True
+        LIBRARY.turn_judge(ctypes.byref(self._state), residual, share, since)
+        self.counters.residual_safe = self._state.residual_safe
 
     def _look(self, rows: Iterable[Sequence[int]]) -> None:
         """The first rows, until there are enough."""
@@ -317,6 +355,12 @@ class Loop(ABC):
         self._listened_ns = now_ns
         self._heed(self._said(), self._answered_ns)
         self.between()
+
+    def _wake(self) -> None:
+        """A signal has come, and its handler has run by now."""
+        if self.waker is not None:
+            with suppress(BlockingIOError):
+                os.read(self.waker, 64)
 
     def _see_to_it(self) -> None:
         """Now and then while samples come: the record, the time, and what the board says beside them."""

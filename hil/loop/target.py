@@ -14,6 +14,11 @@ class TargetSteps:
         self._half = max(round(0.5 * bench.device.sample_rate_Hz / controller.stiffness_step_Hz), 1)
         self._next = 0 if self._size else None
 
+    @property
+    def due(self) -> int | None:
+        """Sample of the run at which the next step is due, None for none."""
+        return self._next
+
     def __call__(self, since: int) -> None:
         """See to the target at sample `since` of the run."""
         if self._next is None or since < self._next:

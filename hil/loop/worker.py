@@ -405,6 +405,8 @@ def _on_signals(loop: "Loop") -> Callable[[], bool]:
 
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
+    loop.waker, told = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)  # a turn in C is not between two lines of Python
+    signal.set_wakeup_fd(told, warn_on_full_buffer=False)
     return lambda: orphaned
 
 

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,17 @@ _PREFIX = struct.Struct("<8sqqq")  # magic, capacity in rows, offset of the rows
 _WRITTEN, _READ, _DROPPED, _CLOSED, _DTYPE = 64, 128, 192, 256, 320
 _PAUSE_S = 50e-6
 _BEING_WRITTEN = 1024  # rows that a producer may be writing at once and has not published; a block has fewer
+
+
+class Lent(NamedTuple):
+    """Addresses in this process: of the first row, of the words `written`, `read` and `dropped`; and how many rows have
+    been put there."""
+
+    rows: int
+    written: int
+    read: int
+    dropped: int
+    head: int
 
 
 class Ring:
@@ -99,12 +110,21 @@ class Ring:
     def put(self, *values: float) -> bool:
         """Append one row, given column by column; False (and counted) when there is no room for it."""
         head = self._head
-        if head - self._tail >= self.capacity and not self._room():
+        if head - self._tail >= self.capacity and not self.room():
             self._words[_DROPPED // 8] += 1
             return False
         self._row.pack_into(self._memory, self._offset + head % self.capacity * self._row.size, *values)
         self._publish(head + 1)
         return True
+
+    def lend(self) -> Lent:
+        """Where rows and indices are, for one who puts rows here without `put`; `advance` tells how many there were."""
+        words = self._rows.ctypes.data - self._offset
+        return Lent(self._rows.ctypes.data, words + _WRITTEN, words + _READ, words + _DROPPED, self._head)
+
+    def advance(self, head: int) -> None:
+        """So many rows have been put here and published in all."""
+        self._head = head
 
     def push(self, rows: npt.NDArray[np.void]) -> int:
         """Append rows; returns how many were taken. The newest are dropped (and counted) when there is no
@@ -112,7 +132,7 @@ class Ring:
         """
         data = np.ascontiguousarray(rows, self.dtype).view(np.uint8).reshape(rows.size, self.dtype.itemsize)
         taken = 0
-        while taken < rows.size and (room := self._room()):
+        while taken < rows.size and (room := self.room()):
             count = min(rows.size - taken, room)
             at = self._head % self.capacity
             first = min(count, self.capacity - at)
@@ -173,7 +193,7 @@ class Ring:
             del self._rows
             self._memory.close()
 
-    def _room(self) -> int:
+    def room(self) -> int:
         """Free rows; when there are none, wait for some as long as `while_full` says so."""
         while True:
             self._tail = self._words[_READ // 8]

@@ -4,6 +4,7 @@ There is no hang-up on such a medium: a peer that leaves is only silent.  What i
 """
 
 import errno
+import os
 import select
 import socket
 import time
@@ -77,7 +78,7 @@ class DatagramLink(ABC):
             except OSError as error:
                 if error.errno in _FULL:
                     break
-                raise self._closed(error) from None
+                raise self.closed(error.errno or 0) from None
             taken += size
         return taken
 
@@ -115,7 +116,7 @@ class DatagramLink(ABC):
             raise
         except OSError as error:
             if not frames:
-                raise self._closed(error) from None
+                raise self.closed(error.errno or 0) from None
         if not frames:
             return b""
         self.arrived_ns = stamp_ns(stamp)
@@ -144,6 +145,7 @@ class DatagramLink(ABC):
     def _in(self, datagram: bytes, source: Source) -> bytes | None:
         """The frame in a datagram, None if it is to be dropped. `source` is where it came from, as the socket says."""
 
-    def _closed(self, error: OSError) -> LinkClosed:
-        what = "the link is closed" if error.errno == errno.EBADF else _WORDS.get(error.errno or 0, error.strerror)
+    def closed(self, number: int) -> LinkClosed:
+        """What it means that the socket cannot be used, by errno."""
+        what = "the link is closed" if number == errno.EBADF else _WORDS.get(number, os.strerror(number))
         return LinkClosed(f"{self.name}: {what}")

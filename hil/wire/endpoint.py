@@ -132,10 +132,21 @@ class Endpoint:
             return [row]
         return self._rows(self._feed(data))
 
+    @property
+    def rows_kept(self) -> bool:
+        """Whether samples were kept, which `receive_rows` would return at once."""
+        return self._rows_kept
+
     def _feed(self, data: bytes) -> list[Received]:
-        """Messages that `data`, just received, completes; answers about the time are noted with theirs, refusals
-        counted."""
-        items = self.rx.feed(data)
+        """Messages that `data`, just received, completes."""
+        return self._noted(self.rx.feed(data))
+
+    def take_in(self, items: list[Received]) -> None:
+        """Messages that somebody else has received and decoded: kept for `poll`, with what hangs off them."""
+        self.keep(self._noted(items))
+
+    def _noted(self, items: list[Received]) -> list[Received]:
+        """The same; answers about the time are noted with theirs, refusals counted."""
         for item in items:
             message = item.message
             if isinstance(message, TimeSync):

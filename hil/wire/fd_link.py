@@ -12,7 +12,7 @@ from hil.wire.errors import LinkClosed
 from hil.wire.link import Link
 
 READ_SIZE = 4096
-_HANGUP = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF)
+_HANGUP = (0, errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF)
 
 
 class FdLink(Link):
@@ -52,7 +52,7 @@ class FdLink(Link):
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise self._closed(error) from None
+            raise self.closed(error.errno or 0) from None
         if not data:
             raise LinkClosed(f"{self.name}: the other end hung up")
         return data
@@ -72,7 +72,7 @@ class FdLink(Link):
         except BlockingIOError:
             return 0
         except OSError as error:
-            raise self._closed(error) from None
+            raise self.closed(error.errno or 0) from None
 
     def _wait_writable(self) -> None:
         poller = select.poll()  # tells a hang-up apart, which select takes for "not writable"
@@ -81,6 +81,7 @@ class FdLink(Link):
             if events & ~select.POLLOUT:
                 raise LinkClosed(f"{self.name}: the other end hung up")
 
-    def _closed(self, error: OSError) -> LinkClosed:
-        what = "the other end hung up" if error.errno in _HANGUP else error.strerror
+    def closed(self, number: int) -> LinkClosed:
+        """What it means that the descriptor cannot be used, by errno; 0 where it read nothing."""
+        what = "the other end hung up" if number in _HANGUP else os.strerror(number)
         return LinkClosed(f"{self.name}: {what}")

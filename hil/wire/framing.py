@@ -67,23 +67,25 @@ class Decoder:
         crc_errors: runs whose checksum is wrong.
         oversize: runs longer than any frame; everything up to the next delimiter is dropped.
         dropped_bytes: bytes of all the dropped runs, delimiters not counted.
+        rest: bytes held back for want of a delimiter.
+        skipping: whether everything up to the next delimiter is to be dropped.
     """
 
     __slots__ = (
-        "_rest",
-        "_skipping",
         "bytes",
         "cobs_errors",
         "crc_errors",
         "dropped_bytes",
         "frames",
         "oversize",
+        "rest",
         "short",
+        "skipping",
     )
 
     def __init__(self) -> None:
-        self._rest = b""
-        self._skipping = False
+        self.rest = b""
+        self.skipping = False
         self.bytes = 0
         self.frames = 0
         self.cobs_errors = 0
@@ -100,7 +102,7 @@ class Decoder:
     @property
     def pending(self) -> int:
         """Bytes held back for want of a delimiter, at most MAX_ENCODED."""
-        return len(self._rest)
+        return len(self.rest)
 
     def feed(self, data: bytes) -> list[Frame]:
         """The intact frames that `data` completes, in order."""
@@ -109,21 +111,21 @@ class Decoder:
     def _bodies(self, data: bytes) -> list[bytes]:
         """Header, payload and checksum of every intact frame that `data` completes."""
         self.bytes += len(data)
-        if self._skipping:
+        if self.skipping:
             dropped, delimiter, after = data.partition(b"\0")
             self.dropped_bytes += len(dropped)
             if not delimiter:
                 return []
-            self._skipping = False
+            self.skipping = False
             data = after
-        *runs, rest = (self._rest + data).split(b"\0")
+        *runs, rest = (self.rest + data).split(b"\0")
         bodies = [body for run in runs if run and (body := self._open(run)) is not None]
         if len(rest) > MAX_ENCODED:
             self.oversize += 1
             self.dropped_bytes += len(rest)
-            self._skipping = True
+            self.skipping = True
             rest = b""
-        self._rest = rest
+        self.rest = rest
         return bodies
 
     def peek(self, data: bytes) -> bytes | None:
@@ -132,7 +134,7 @@ class Decoder:
         The short way for a loop that gets one frame at a time: whoever uses the body adds to `frames` and
         `bytes`, whoever does not gives the same data to `feed`.
         """
-        if self._rest or self._skipping or not data or data[0] or data[-1]:
+        if self.rest or self.skipping or not data or data[0] or data[-1]:
             return None
         try:
             body: bytes = cobs_decode(data[1:-1])

@@ -97,11 +97,13 @@ class Receiver:
         lost: frames missing from the peer's sequence.
         repeated: frames dropped because their number had passed.
         undecodable: intact frames of unknown type or wrong length, dropped.
+        expected: the sequence number of the next frame, None before the first.
+        run: frames that look repeated, one after the other, and `run_next` the number that would continue them.
         refused: the NACK for each undecodable or foreign frame of the last `feed`, for a board to send.
     """
 
     __slots__ = (
-        "_expected", "_foreign", "_run", "_run_next", "decoder", "lost", "refused", "repeated", "tick", "undecodable",
+        "_foreign", "decoder", "expected", "lost", "refused", "repeated", "run", "run_next", "tick", "undecodable",
     )  # fmt: skip
 
     def __init__(self, form: FrameFormat = SERIAL, foreign: frozenset[int] = frozenset()) -> None:
@@ -112,9 +114,9 @@ class Receiver:
         self.repeated = 0
         self.undecodable = 0
         self.refused: list[Nack] = []
-        self._expected: int | None = None
-        self._run = 0  # frames that look repeated, one after the other …
-        self._run_next = 0  # … and the number that would continue them
+        self.expected: int | None = None
+        self.run = 0
+        self.run_next = 0
 
     @property
     def bad(self) -> int:
@@ -123,7 +125,7 @@ class Receiver:
 
     def restart(self) -> None:
         """Forget where the peer was: the next frame sets sequence and tick anew. Counters stay."""
-        self._expected = None
+        self.expected = None
         self.tick = 0
 
     def feed(self, data: bytes) -> list[Received]:
@@ -158,7 +160,7 @@ class Receiver:
                 yield Frame(_SAFE, max(frame.seq, 0), before, payload), before
                 continue
             if frame.type in _RESTARTS:
-                self._expected = None
+                self.expected = None
             if self._follows(frame.seq):
                 self.tick = unwrap(frame.tick, before)
                 yield frame._replace(tick=self.tick), before
@@ -166,7 +168,7 @@ class Receiver:
     def take_row(self, data: bytes) -> SenseRow | None:
         """The sample if `data` is exactly one SENSE with one row, next in sequence; otherwise None, nothing
         is counted, and `data` still has to be fed."""
-        row = self.decoder.row(data, self._expected)
+        row = self.decoder.row(data, self.expected)
         if row is None:
             return None
         low, vx, vy, ux, uy, flags = row
@@ -176,7 +178,7 @@ class Receiver:
     def take_drive(self, data: bytes) -> tuple[int, int, int] | None:
         """(ux, uy, effective tick, low 32 bits) if `data` is exactly one DRIVE_FORCE, next in sequence;
         otherwise None, nothing is counted, and `data` still has to be fed."""
-        drive = self.decoder.drive(data, self._expected)
+        drive = self.decoder.drive(data, self.expected)
         if drive is None:
             return None
         low, ux, uy, effective = drive
@@ -185,26 +187,26 @@ class Receiver:
 
     def _follow(self, low: int) -> None:
         """After the frame that was expected."""
-        assert self._expected is not None  # or none would have been taken
-        self._expected = (self._expected + 1) & 0xFFFF
-        self._run = 0
+        assert self.expected is not None  # or none would have been taken
+        self.expected = (self.expected + 1) & 0xFFFF
+        self.run = 0
         self.tick = unwrap(low, self.tick)
 
     def _follows(self, seq: int) -> bool:
         """Account for a sequence number; False if the frame has been here before."""
-        if self._expected is not None and seq != self._expected:
-            behind = (self._expected - seq) & 0xFFFF
+        if self.expected is not None and seq != self.expected:
+            behind = (self.expected - seq) & 0xFFFF
             if behind > REPEAT_WINDOW:
-                self.lost += (seq - self._expected) & 0xFFFF
+                self.lost += (seq - self.expected) & 0xFFFF
             elif not self._moves_back(seq):
                 self.repeated += 1
                 return False
-        self._expected = (seq + 1) & 0xFFFF
-        self._run = 0
+        self.expected = (seq + 1) & 0xFFFF
+        self.run = 0
         return True
 
     def _moves_back(self, seq: int) -> bool:
         """Whether a frame that looks repeated is the last of a run that shows where the peer really is."""
-        self._run = self._run + 1 if self._run and seq == self._run_next else 1
-        self._run_next = (seq + 1) & 0xFFFF
-        return self._run >= REPEAT_RUN
+        self.run = self.run + 1 if self.run and seq == self.run_next else 1
+        self.run_next = (seq + 1) & 0xFFFF
+        return self.run >= REPEAT_RUN

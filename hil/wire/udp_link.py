@@ -66,6 +66,7 @@ class UdpHost(_UdpLink):
 
     Attributes:
         strangers: datagrams dropped because they came from somebody else.
+        unheard: of these, those that were not from the board's address.
     """
 
     def __init__(
@@ -75,12 +76,19 @@ class UdpHost(_UdpLink):
         self._group = group
         self._board = board
         self._session = session
-        self._unheard = 0
+        self.unheard = 0
 
     @property
     def strangers(self) -> int:
         """As the class says."""
-        return self._unheard + self._session.refused
+        return self.unheard + self._session.refused
+
+    @property
+    def plain(self) -> tuple[Address, Address] | None:
+        """Where the board speaks from and where it hears, if a datagram is a frame and nothing else."""
+        if self._board is None or not isinstance(self._session, PlainHost):
+            return None
+        return self._board, self._group
 
     def close(self) -> None:
         """Leave the board to the next host, and close the socket; a second call does nothing."""
@@ -97,7 +105,7 @@ class UdpHost(_UdpLink):
 
     def _in(self, datagram: bytes, source: Source) -> bytes | None:
         if self._board is not None and source != self._board:
-            self._unheard += 1
+            self.unheard += 1
             return None
         frame, reply, _ = self._session.heard(datagram)
         if reply:

@@ -17,7 +17,7 @@ from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.wire.codec import type_of
 from hil.wire.errors import ProtocolError, WireError
-from hil.wire.messages import DriveForce, Message, Nack, NackReason, RegisterRead, SafeReason, SenseFlags, State
+from hil.wire.messages import DriveForce, Message, Nack, NackReason, SafeReason, SenseFlags, State
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received
 from tests.loop import gyro, misbehaving
@@ -546,20 +546,6 @@ def test_what_no_board_does_fails_a_run_that_it_does_not_end(tmp_path: Path, clo
     assert words in safety.reason
     assert "firmware" in (safety.next or "")
     assert board.state is State.SAFE
-
-
-@pytest.mark.beyond(2)
-@pytest.mark.parametrize(
-    "at",
-    [
-        lambda message: isinstance(message, DriveForce),
-        lambda message: message == RegisterRead(SPEC.registers["DRIVE_LIMIT"].id),
-    ],
-)
-def test_a_board_that_waits_for_its_processor_in_safe_is_not_accused(tmp_path: Path, at: Any) -> None:
-    with served(misbehaving.Starved(1.2, at)) as board:
-        result = go(board, bench(2.5, link={"timeout_s": 0.2}), tmp_path)
-    assert result.parts["safety"].outcome == "good", result.parts["safety"]
 
 
 @pytest.mark.beyond(1)

@@ -1,0 +1,208 @@
+/* What moves bytes: a descriptor of a terminal or a socket, as hil/wire/fd_link.py and hil/wire/datagram_link.py have
+   it, or Python. */
+
+#ifndef TURN_LINK_H
+#define TURN_LINK_H
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "receive.h"
+
+#ifndef SO_TIMESTAMPNS
+#define SO_TIMESTAMPNS 35
+#endif
+
+#define BATCH 256          /* datagrams taken in one call at most */
+#define LARGEST 65536      /* bytes of a datagram */
+#define ROOM_NS 50000      /* a full queue of an interface cannot be waited for, only tried again */
+
+enum { NOTHING = 0, CAME = 1, WOKEN = -1, CLOSED = -2, RAISED = -3 };
+
+static int64_t clock_ns(clockid_t clock)
+{
+    struct timespec now;
+    clock_gettime(clock, &now);
+    return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+static int64_t now_ns(void)
+{
+    return clock_ns(CLOCK_MONOTONIC);
+}
+
+/* Wait until there is something to read. */
+static int await(const link_t *link, int64_t timeout_ns)
+{
+    struct pollfd watched[2] = {{(int)link->fd, POLLIN, 0}, {(int)link->waker, POLLIN, 0}};
+    struct timespec left = {timeout_ns / 1000000000, timeout_ns % 1000000000};
+    int found = ppoll(watched, link->waker >= 0 ? 2 : 1, &left, NULL);
+    if (found < 0 || (link->waker >= 0 && watched[1].revents != 0))
+        return WOKEN;
+    return watched[0].revents != 0 ? CAME : NOTHING;
+}
+
+static int closed(link_t *link, int error)
+{
+    link->failure = error;
+    return CLOSED;
+}
+
+static int read_stream(turn_t *turn)
+{
+    receiver_t *rx = turn->receiver;
+    ssize_t size = read((int)turn->link.fd, rx->rest + rx->held, READ_SIZE);
+    if (size < 0)
+        return errno == EAGAIN || errno == EINTR ? NOTHING : closed(&turn->link, errno);
+    if (size == 0)
+        return closed(&turn->link, 0);
+    turn->received_ns = now_ns();
+    feed(rx, &turn->batch, (size_t)size);
+    return CAME;
+}
+
+/* The kernel's stamp of a datagram, on the monotonic clock; 0 without one. */
+static int64_t stamp_ns(struct msghdr *message)
+{
+    for (struct cmsghdr *part = CMSG_FIRSTHDR(message); part != NULL; part = CMSG_NXTHDR(message, part)) {
+        if (part->cmsg_level == SOL_SOCKET && part->cmsg_type == SO_TIMESTAMPNS) {
+            struct timespec stamp;
+            memcpy(&stamp, CMSG_DATA(part), sizeof stamp);
+            return now_ns() - (clock_ns(CLOCK_REALTIME) - ((int64_t)stamp.tv_sec * 1000000000 + stamp.tv_nsec));
+        }
+    }
+    return 0;
+}
+
+/* All datagrams that are there and find room. */
+static int read_datagrams(turn_t *turn)
+{
+    uint8_t data[LARGEST];
+    receiver_t *rx = turn->receiver;
+    int64_t stamp = 0;
+    bool came = false;
+    for (int k = 0; k < BATCH && has_room(&turn->batch); k++) {
+        struct sockaddr_in source = {0};
+        struct iovec part = {data, sizeof data};
+        union {
+            struct cmsghdr aligned;
+            char room[CMSG_SPACE(sizeof(struct timespec))];
+        } stamped;
+        struct msghdr message = {.msg_name = &source,
+                                 .msg_namelen = sizeof source,
+                                 .msg_iov = &part,
+                                 .msg_iovlen = 1,
+                                 .msg_control = &stamped,
+                                 .msg_controllen = sizeof stamped};
+        ssize_t size = recvmsg((int)turn->link.fd, &message, 0);
+        if (size < 0) {
+            if (errno != EAGAIN && errno != EINTR && !came)
+                return closed(&turn->link, errno);
+            break;
+        }
+        if (source.sin_addr.s_addr != turn->link.peer_ip || source.sin_port != turn->link.peer_port) {
+            turn->link.strangers++;
+            continue;
+        }
+        if (size == 0)
+            continue;
+        stamp = stamp_ns(&message);
+        turn->received_ns = stamp != 0 ? stamp : now_ns();
+        came = true;
+        for (ssize_t at = 0; at < size; at += READ_SIZE) {
+            size_t taken = size - at < READ_SIZE ? (size_t)(size - at) : READ_SIZE;
+            memcpy(rx->rest + rx->held, data + at, taken);
+            feed(rx, &turn->batch, taken);
+        }
+    }
+    return came ? CAME : NOTHING;
+}
+
+static int read_bytes(turn_t *turn, int64_t timeout_ns)
+{
+    receiver_t *rx = turn->receiver;
+    int64_t size = turn->link.receive(timeout_ns, rx->rest + rx->held, READ_SIZE);
+    if (size < 0)
+        return RAISED;
+    if (size == 0)
+        return NOTHING;
+    feed(rx, &turn->batch, (size_t)size);
+    return CAME;
+}
+
+/* Wait for something to come, and take it into the batch. */
+static int receive(turn_t *turn, int64_t timeout_ns)
+{
+    link_t *link = &turn->link;
+    if (link->kind == LINK_ROWS) {
+        int64_t came = link->receive_rows(timeout_ns);
+        return came < 0 ? RAISED : came > 0 ? CAME : NOTHING;
+    }
+    if (link->kind == LINK_BYTES)
+        return read_bytes(turn, timeout_ns);
+    int found = await(link, timeout_ns);
+    if (found != CAME)
+        return found;
+    return link->kind == LINK_STREAM ? read_stream(turn) : read_datagrams(turn);
+}
+
+static int write_stream(link_t *link, const uint8_t *data, size_t size)
+{
+    while (size > 0u) {
+        ssize_t written = write((int)link->fd, data, size);
+        if (written >= 0) {
+            data += written;
+            size -= (size_t)written;
+        } else if (errno == EAGAIN) {
+            struct pollfd watched = {(int)link->fd, POLLOUT, 0}; /* tells a hang-up apart */
+            if (poll(&watched, 1, -1) > 0 && (watched.revents & ~POLLOUT) != 0)
+                return closed(link, 0);
+        } else if (errno != EINTR) {
+            return closed(link, errno);
+        }
+    }
+    return CAME;
+}
+
+static int write_datagram(link_t *link, const uint8_t *data, size_t size)
+{
+    struct sockaddr_in group = {.sin_family = AF_INET, .sin_port = link->group_port, .sin_addr = {link->group_ip}};
+    while (sendto((int)link->fd, data, size, 0, (const struct sockaddr *)&group, sizeof group) < 0) {
+        if (errno == EAGAIN || errno == ENOBUFS)
+            nanosleep(&(struct timespec){0, ROOM_NS}, NULL);
+        else if (errno != EINTR)
+            return closed(link, errno);
+    }
+    return CAME;
+}
+
+/* DRIVE_FORCE, on its way; `sent_ns` is when. */
+static int send_drive(turn_t *turn, int32_t ux, int32_t uy, int64_t effective_tick)
+{
+    link_t *link = &turn->link;
+    if (link->kind == LINK_ROWS)
+        return link->send_drive(ux, uy, effective_tick) < 0 ? RAISED : CAME;
+    receiver_t *rx = turn->receiver;
+    uint8_t body[HIL_HEADER_SIZE + HIL_DRIVE_FORCE_SIZE], data[HIL_MAX_HOST_PAYLOAD + HIL_MIN_BODY + 4u];
+    hil_drive_force drive = {ux, uy, (uint32_t)effective_tick};
+    body[0] = HIL_TYPE_DRIVE_FORCE;
+    put_little(body + 1, (uint32_t)turn->seq, 2u);
+    put_little(body + 3, (uint32_t)rx->tick, 4u);
+    hil_pack_drive_force(&drive, body + HIL_HEADER_SIZE);
+    size_t size = seal(body, sizeof body, data);
+    turn->types[turn->seq] = HIL_TYPE_DRIVE_FORCE;
+    turn->seq = (turn->seq + 1) & 0xFFFF;
+    int done;
+    if (link->kind == LINK_BYTES)
+        done = link->send(data, (int64_t)size) < 0 ? RAISED : CAME;
+    else
+        done = link->kind == LINK_STREAM ? write_stream(link, data, size) : write_datagram(link, data, size);
+    turn->sent_ns = now_ns();
+    return done;
+}
+
+#endif

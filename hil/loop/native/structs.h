@@ -1,0 +1,188 @@
+/* What Python and the turn share. hil/loop/native/__init__.py has the same structures, and compares their sizes. */
+
+#ifndef TURN_STRUCTS_H
+#define TURN_STRUCTS_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "../../../firmware/src/hil_frame.h" /* the wire, generated from its spec */
+
+#define READ_SIZE 4096 /* bytes taken in one read at most */
+#define REST_SIZE ((HIL_MAX_ENCODED + READ_SIZE + 7u) / 8u * 8u)
+#define NONE INT64_MIN /* in place of a tick */
+#define SENT 4096      /* drives remembered, by effective tick */
+
+/* One sample. */
+typedef struct {
+    int64_t tick;
+    int32_t codes[4]; /* vx, vy, ux, uy */
+    int32_t flags;
+    int32_t reserved;
+} row_t;
+
+/* The receiving direction: hil.wire.framing.Decoder and hil.wire.stream.Receiver. */
+typedef struct {
+    int64_t bytes, frames, cobs_errors, too_short, crc_errors, oversize, dropped_bytes;
+    int64_t lost, repeated, undecodable;
+    int64_t tick;
+    int64_t expected; /* sequence number, NONE before the first */
+    int64_t run, run_next;
+    int64_t skipping;
+    int64_t held; /* bytes of `rest` that wait for a delimiter */
+    uint8_t rest[REST_SIZE];
+} receiver_t;
+
+/* A message that is no sample; its payload follows, filled up to eight bytes. */
+typedef struct {
+    int64_t received_ns;
+    int64_t tick;
+    int32_t type, seq, size, reserved;
+} said_t;
+
+/* Where what was received goes. */
+typedef struct {
+    row_t *rows;
+    int64_t row_room, row_count;
+    uint8_t *said;
+    int64_t said_room, said_size;
+    const int32_t *sizes; /* of the payload of each type: −1 unknown, with OPEN_ENDED at least so many */
+} batch_t;
+
+#define OPEN_ENDED 0x10000
+
+/* Where the rows of one record file go: a ring in shared memory, or rows that Python takes over. */
+typedef struct {
+    uint8_t *rows;
+    int64_t row_size, capacity;
+    int64_t head;      /* rows appended */
+    int64_t tail;      /* rows taken out, as last known */
+    int64_t *written;  /* both indices as the reader sees them; NULL where Python takes over */
+    const int64_t *read;
+    int64_t *dropped;
+    int64_t waits; /* 1: a full one is waited for (lockstep) */
+} track_t;
+
+/* Which drives were sent, and whether SENSE shows them: hil.loop.echo. */
+typedef struct {
+    int64_t tick;
+    int32_t u[2];
+} drive_t;
+
+typedef struct {
+    int64_t latency, limit;
+    int64_t due;  /* tick of the first interval that must be driven */
+    int64_t last; /* tick of the row before; NONE */
+    int32_t shown[2];
+    int64_t odd; /* what is wrong with a row: ODD_… */
+    int64_t odd_tick;
+    int32_t odd_shown[2], odd_meant[2];
+    drive_t sent[SENT];
+} echo_t;
+
+enum { ODD_NOTHING, ODD_HELD, ODD_UNSENT, ODD_OTHER };
+
+typedef void (*tick_fn)(void *context, double vx, double vy, double ux, double uy, double codes[2]);
+
+/* How bytes, or rows, come and go. */
+enum { LINK_STREAM, LINK_DATAGRAM, LINK_BYTES, LINK_ROWS };
+
+typedef struct {
+    int64_t kind;
+    int64_t fd;      /* to read from, or to wait on while an answer gets away; −1 for none */
+    int64_t waker;   /* becomes readable when a signal has come; −1 for none */
+    int64_t failure; /* errno of a link that closed, 0 for a hang-up */
+    int64_t strangers;
+    uint32_t peer_ip, group_ip; /* in network order */
+    uint16_t peer_port, group_port;
+    uint32_t reserved;
+    /* LINK_BYTES and LINK_ROWS, by Python; −1: it raised */
+    int64_t (*receive)(int64_t timeout_ns, uint8_t *data, int64_t room);
+    int64_t (*send)(const uint8_t *data, int64_t size);
+    int64_t (*receive_rows)(int64_t timeout_ns);
+    int64_t (*send_drive)(int32_t ux, int32_t uy, int64_t effective_tick);
+} link_t;
+
+enum { TRACK_CAPTURE, TRACK_TIMING, TRACK_INNOVATION, TRACKS };
+
+/* One run, as far as its samples are concerned. */
+typedef struct {
+    receiver_t *receiver;
+    batch_t batch;
+    link_t link;
+    echo_t *echo;
+    track_t tracks[TRACKS];
+    int64_t (*room)(int64_t track); /* room in a full one: 1 there is, 0 there is not, −1 Python raised */
+
+    /* observer and control law */
+    tick_fn step;
+    void *context;
+    const double *newest;          /* its output of the newest sample: innovation (2), variance (2), … */
+    const double *state;           /* (states,) */
+    const double *covariance;      /* (estimated, estimated) */
+    double *queue;                 /* (latency + 1, 3) what was commanded */
+    int64_t states, estimated, outputs;
+    int64_t latency;
+    double volts[2], noise[2];     /* of the innovation's unit; sense noise in that unit */
+
+    /* estimates kept until Python records them: tick, state, variances, output */
+    double *estimates;
+    int64_t estimate_room, estimate_count;
+    int64_t estimate_every, covariance_every;
+
+    /* rows kept for whoever looks at each: the opening of a run, hindsight after a gap */
+    row_t *seen;
+    int64_t seen_count;
+    int64_t look_after; /* return after so many */
+
+    /* answering */
+    uint8_t *types; /* of the frames that were sent, by number */
+    int64_t seq;
+    int64_t code_limit;
+    int64_t lockstep;
+    int64_t pause_ns;      /* after an answer, for it to get away */
+    int64_t slice_ns;      /* longest wait for samples */
+    int64_t suspicious_ns; /* between two answers, from which on it counts as silence */
+    int64_t at_once_ns;    /* samples that come within it had been waiting */
+
+    /* where the run stands */
+    int64_t goal;   /* return at the end of a read with so many ticks done */
+    int64_t due;    /* return before the first sample that is so many ticks from the first */
+    int64_t stale;  /* rows up to this tick are from before the board was armed again */
+    int64_t first, next;
+    int64_t row_at; /* of the batch, the next to be taken */
+    int64_t fresh;  /* the rows at hand came while nothing was to be answered: they are a read of their own */
+    int64_t news;   /* messages came since this was last told */
+    int32_t shown[2];
+    int64_t received_ns, answered_ns, sent_ns;
+    int64_t silence_ns; /* longest between two answers, where suspicious */
+    int64_t turns, behind, drives;
+    int64_t samples, held, clipped, saturated, residual_safe;
+    int64_t held_longest, held_run, held_next;
+    double residual, residual_limit;
+    int64_t guarded; /* sample from which the residual may stop the run */
+    int64_t stop;
+    int64_t failed; /* Python raised within a call */
+    double refused[2]; /* codes that were not sent */
+} turn_t;
+
+/* Why a call returns. */
+enum {
+    TURN_DONE,       /* the goal is reached, or the run is to stop; the samples at hand are answered */
+    TURN_QUIET,      /* no sample came */
+    TURN_NEWS,       /* something came beside samples, which are answered */
+    TURN_GAP,        /* samples are missing before the next row, or it is from the past */
+    TURN_DUE,        /* before the sample that `due` names */
+    TURN_ODD,        /* the echo of a drive is wrong */
+    TURN_LOOK,       /* after as many rows as asked for */
+    TURN_COVARIANCE, /* after a sample whose covariance is recorded */
+    TURN_FULL,       /* there is no room for more estimates */
+    TURN_WOKEN,      /* a signal came */
+    TURN_CLOSED,     /* the link is closed */
+    TURN_FAILED,     /* Python raised */
+    TURN_BEYOND,     /* the control law gave what may not be sent */
+};
+
+#endif

@@ -1,0 +1,374 @@
+"""The turn in C, as Python has it: what it works on is lent to it, and what it has done is taken back.
+
+`Turn.run` is one call: it answers samples until there is something for Python to see to (`hil.loop.native.Why`).  The
+descriptor of a serial line or of a plain UDP link is read and written there.  Every other link is asked through Python,
+for bytes or, where its frames are others (CAN), for rows; the rest is the same.
+"""
+
+import ctypes
+import socket
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.kernel.layout import OUTPUT
+from estimator.observer import Estimates, Observer
+from hil.loop.echo import Echo
+from hil.loop.native import (
+    LIBRARY,
+    MOST_ROWS,
+    NONE,
+    RECEIVE,
+    RECEIVE_ROWS,
+    ROOM,
+    ROW,
+    SAID,
+    SAID_ROOM,
+    SEND,
+    SEND_DRIVE,
+    STEP,
+    TRACKS,
+    Kind,
+    ReceiverState,
+    TurnState,
+    Why,
+    payload_sizes,
+)
+from hil.loop.tracks import ANGLES
+from hil.records.layout import Layout
+from hil.records.recorder import Track
+from hil.records.ring import Ring
+from hil.wire.codec import unpack
+from hil.wire.endpoint import Endpoint
+from hil.wire.fd_link import FdLink
+from hil.wire.link import Link
+from hil.wire.sense import SenseRow
+from hil.wire.serial_format import SERIAL
+from hil.wire.stream import Received
+
+SEEN = 1024
+"""Rows that are kept for whoever looks at each, at most."""
+
+_STAGED = 256  # rows that wait for a track that is no ring
+_ESTIMATES = 1024
+_RECEIVER = ("lost", "repeated", "undecodable", "tick", "run", "run_next")
+_DECODER = ("bytes", "frames", "cobs_errors", "short", "crc_errors", "oversize", "dropped_bytes", "skipping")
+_AT = {name: OUTPUT.fields[name][1] // 8 for name in OUTPUT.names or () if OUTPUT.fields}
+"""Where each number of the observer's output stands in it; of the innovation and its variance the first."""
+
+
+def kind_of(link: Link) -> Kind:
+    """How the turn reads and writes a link: by its descriptor where nobody has put something else in between."""
+    from hil.wire.udp_link import UdpHost
+
+    if link.format is not SERIAL:
+        return Kind.ROWS
+    replaced = {"receive", "send"} & vars(link).keys()
+    if isinstance(link, FdLink) and not replaced and _untouched(link, FdLink):
+        return Kind.STREAM
+    if isinstance(link, UdpHost) and not replaced and _untouched(link, UdpHost) and link.plain is not None:
+        return Kind.DATAGRAM
+    return Kind.BYTES
+
+
+def _untouched(link: Link, kind: type[Any]) -> bool:
+    return all(getattr(type(link), name) is getattr(kind, name) for name in ("receive", "send"))
+
+
+class Turn:
+    """`state` is what C works on; rows of the record go to `tracks`, laid out as `layouts` say.
+
+    Attributes:
+        estimates: called with tick (n,) and estimates of the samples that are recorded.
+        seen: called with rows, as many as `state.look_after` asks for at most.
+    """
+
+    def __init__(
+        self,
+        state: TurnState,
+        endpoint: Endpoint,
+        observer: Observer,
+        echo: Echo,
+        tracks: Mapping[str, Track],
+        layouts: Mapping[str, Layout],
+    ) -> None:
+        self._state = state
+        self._endpoint = endpoint
+        self._observer = observer
+        self._echo = echo
+        self._tracks = [tracks[stem] for stem in TRACKS]
+        self._staged = [
+            None if isinstance(tracks[stem], Ring) else np.zeros(_STAGED, layouts[stem].dtype) for stem in TRACKS
+        ]
+        self._receiver = ReceiverState(expected=NONE)
+        self._rows = np.zeros(4 * MOST_ROWS, ROW)
+        self._said = np.zeros(SAID_ROOM, np.uint8)
+        self._sizes = payload_sizes()
+        self._seen = np.zeros(SEEN, ROW)
+        self._leftover = b""  # bytes that a link gave and that found no room
+        self._kind = kind_of(endpoint.link)
+        self._outputs = OUTPUT.itemsize // 8
+        self._kept = np.zeros((_ESTIMATES, 1 + len(observer.x) + len(observer.estimated) + self._outputs))
+        self._bound: list[Any] | None = None
+        self._raised: BaseException | None = None
+        self.estimates: Callable[[NDArray[np.int64], Estimates], None] = _unheard
+        self.seen: Callable[[list[SenseRow]], None] = _unheard
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what holds an address."""
+        return {**self.__dict__, "_bound": None}
+
+    def run(self) -> Why:
+        """Answer samples until there is something to see to. Raises what the link raises, or Python within the call."""
+        if self._bound is None:
+            self._bind()
+        if self._endpoint.rows_kept:
+            state = self._state
+            rows = [_tuple(row) for row in self._rows[state.row_at : state.batch.row_count]]
+            self._take_rows(rows + self._endpoint.receive_rows(0.0))
+            state.fresh = not rows
+        self._lend()
+        try:
+            why = Why(LIBRARY.turn_force(ctypes.byref(self._state)))
+        finally:
+            self._take_back()
+        if self._raised is not None:
+            raised, self._raised = self._raised, None
+            self._state.failed = 0
+            raise raised
+        if why is Why.CLOSED:
+            raise self._endpoint.link.closed(self._state.link.failure)  # type: ignore[attr-defined]
+        return why
+
+    @property
+    def row(self) -> SenseRow:
+        """The row that is to be taken next."""
+        return _tuple(self._rows[self._state.row_at])
+
+    # -- lent and taken back -----------------------------------------------------------------------------------------
+
+    def _bind(self) -> None:
+        """Give it the addresses, which hold for the run."""
+        state, observer = self._state, self._observer
+        arrays = observer.arrays
+        actual = arrays.c if arrays.settings["two_covariances"][0] else arrays.p
+        state.receiver = ctypes.addressof(self._receiver)
+        state.echo = ctypes.addressof(self._echo.state)
+        batch = state.batch
+        batch.rows, batch.row_room = self._rows.ctypes.data, len(self._rows)
+        batch.said, batch.said_room = self._said.ctypes.data, len(self._said)
+        batch.sizes = ctypes.addressof(self._sizes)
+        state.seen, state.estimates = self._seen.ctypes.data, self._kept.ctypes.data
+        state.estimate_room, state.estimate_count = len(self._kept), 0
+        state.newest, state.state = arrays.rows.ctypes.data, observer.x.ctypes.data
+        state.covariance = actual.ctypes.data
+        state.queue = arrays.memory["queue"].ctypes.data
+        state.states, state.estimated, state.outputs = len(observer.x), len(observer.estimated), self._outputs
+        types = (ctypes.c_uint8 * len(self._endpoint.tx.types)).from_buffer(self._endpoint.tx.types)
+        state.types = ctypes.addressof(types)
+        for at, staged in enumerate(self._staged):
+            if staged is not None:
+                track = state.tracks[at]
+                track.rows, track.row_size, track.capacity = staged.ctypes.data, staged.itemsize, len(staged)
+        link = state.link
+        link.kind = self._kind
+        calls = {
+            "room": ROOM(self._guarded(self._room)),
+            "receive": RECEIVE(self._guarded(self._receive)),
+            "send": SEND(self._guarded(self._send)),
+            "receive_rows": RECEIVE_ROWS(self._guarded(self._receive_rows)),
+            "send_drive": SEND_DRIVE(self._guarded(self._send_drive)),
+        }
+        step = STEP(self._guarded(self._step))
+        for name, call in calls.items():
+            setattr(state if name == "room" else link, name, ctypes.cast(call, ctypes.c_void_p).value)
+        state.step = ctypes.cast(step, ctypes.c_void_p).value
+        if self._kind is Kind.DATAGRAM:
+            self._address()
+        self._bound = [arrays, actual, types, step, *calls.values()]
+
+    def _address(self) -> None:
+        (board, board_port), (group, group_port) = self._endpoint.link.plain  # type: ignore[attr-defined]
+        link = self._state.link
+        link.peer_ip = int.from_bytes(socket.inet_aton(board), "little")
+        link.group_ip = int.from_bytes(socket.inet_aton(group), "little")
+        link.peer_port, link.group_port = socket.htons(board_port), socket.htons(group_port)
+
+    def _lend(self) -> None:
+        """What Python may have changed since."""
+        state, rx, receiver = self._state, self._endpoint.rx, self._receiver
+        descriptor = self._endpoint.link.fileno()
+        state.link.fd = -1 if descriptor is None else descriptor
+        state.seq = self._endpoint.tx.seq
+        state.received_ns = self._endpoint.received_ns
+        for at, track in enumerate(self._tracks):
+            if isinstance(track, Ring):
+                lent, mine = track.lend(), state.tracks[at]
+                mine.rows, mine.written, mine.read, mine.dropped, mine.head = lent
+                mine.row_size, mine.capacity = track.dtype.itemsize, track.capacity
+                mine.waits = track.while_full is not None
+        if self._kind is Kind.ROWS:
+            return
+        for name in _RECEIVER:
+            setattr(receiver, name, getattr(rx, name))
+        for name in _DECODER:
+            setattr(receiver, name, getattr(rx.decoder, name))
+        receiver.expected = NONE if rx.expected is None else rx.expected
+        rest = rx.decoder.rest  # type: ignore[attr-defined]
+        receiver.held = len(rest)
+        ctypes.memmove(receiver.rest, rest, len(rest))
+
+    def _take_back(self) -> None:
+        """What it has changed, and what it has put down."""
+        state, endpoint, receiver = self._state, self._endpoint, self._receiver
+        for at, track in enumerate(self._tracks):
+            if isinstance(track, Ring):
+                track.advance(state.tracks[at].head)
+            elif state.tracks[at].head:
+                self._unload(at)
+        if self._kind is not Kind.ROWS:
+            rx = endpoint.rx
+            for name in _RECEIVER:
+                setattr(rx, name, getattr(receiver, name))
+            for name in _DECODER:
+                setattr(rx.decoder, name, getattr(receiver, name))
+            rx.decoder.skipping = bool(receiver.skipping)  # type: ignore[attr-defined]
+            rx.expected = None if receiver.expected == NONE else receiver.expected
+            rx.decoder.rest = bytes(receiver.rest[: receiver.held])  # type: ignore[attr-defined]
+            endpoint.tx.seq = state.seq
+            if state.drives:
+                endpoint.sent_ns = state.sent_ns
+            if self._kind is Kind.DATAGRAM:
+                endpoint.link.unheard += state.link.strangers  # type: ignore[attr-defined]
+                state.link.strangers = 0
+            self._hear()
+            endpoint.received_ns = state.received_ns
+            if self._leftover:  # it was received, and nobody else would look there
+                data, self._leftover = self._leftover, b""
+                endpoint.take_in(rx.feed(data))
+        self._tell_estimates()
+        if state.seen_count:
+            rows = [_tuple(row) for row in self._seen[: state.seen_count]]
+            state.seen_count = 0
+            self.seen(rows)
+
+    def _unload(self, at: int) -> None:
+        """Give a track that is no ring what waits for it."""
+        staged, track = self._staged[at], self._state.tracks[at]
+        assert staged is not None
+        rows, track.head = staged[: track.head], 0
+        self._tracks[at].push(rows)
+
+    def _hear(self) -> None:
+        """Messages beside samples go where `poll` finds them."""
+        at, size = 0, self._state.batch.said_size
+        if not size:
+            return
+        self._state.batch.said_size = 0
+        said = self._said[:size].tobytes()
+        found = []
+        while at < size:
+            head = np.frombuffer(said, SAID, 1, at)[0]
+            at += SAID.itemsize
+            length = int(head["size"])
+            found.append(
+                Received(int(head["tick"]), int(head["seq"]), unpack(int(head["type"]), said[at : at + length]))
+            )
+            at += -(-length // 8) * 8
+        self._endpoint.received_ns = self._state.received_ns
+        self._endpoint.take_in(found)
+
+    def _tell_estimates(self) -> None:
+        count = self._state.estimate_count
+        if not count:
+            return
+        self._state.estimate_count = 0
+        observer, kept = self._observer, self._kept[:count]
+        states, estimated = len(observer.x), len(observer.estimated)
+        out = kept[:, 1 + states + estimated :]
+        deviation = np.zeros((count, states))
+        with np.errstate(invalid="ignore"):
+            deviation[:, observer.estimated_index] = np.sqrt(kept[:, 1 + states : 1 + states + estimated])
+        ticks = kept[:, 0].astype(np.int64)
+        estimates = Estimates(
+            names=observer.names,
+            index=np.arange(count),
+            state=kept[:, 1 : 1 + states] * observer.factors,
+            deviation=deviation * np.abs(observer.factors),
+            innovation=out[:, _AT["nu"] : _AT["nu"] + 2],
+            innovation_deviation=out[:, _AT["s"] : _AT["s"] + 2],
+            angle_deviation=np.sqrt(np.maximum(out[:, _AT["angle_variance"]], 0.0)),
+            energy_ratio=out[:, _AT["energy_ratio"]],
+            quadrature_ratio=out[:, _AT["quadrature_ratio"]],
+            **{name: out[:, _AT[name]] for name in ANGLES},
+        )
+        self.estimates(ticks, estimates)
+
+    def _take_rows(self, rows: list[SenseRow]) -> None:
+        """Have these rows taken next."""
+        if len(rows) > len(self._rows):
+            self._rows = np.zeros(len(rows) + 4 * MOST_ROWS, ROW)
+            self._state.batch.rows, self._state.batch.row_room = self._rows.ctypes.data, len(self._rows)
+        for at, row in enumerate(rows):
+            self._rows[at] = (*row, 0)
+        self._state.batch.row_count, self._state.row_at = len(rows), 0
+
+    # -- called from C -----------------------------------------------------------------------------------------------
+
+    def _guarded(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        """What it raises is raised again when C has returned: an exception must not pass through it."""
+
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return call(*arguments)
+            except BaseException as error:  # noqa: BLE001 - Ctrl-C as well
+                self._raised, self._state.failed = error, 1
+                return -1
+
+        return guarded
+
+    def _step(self, _: int, vx: float, vy: float, ux: float, uy: float, codes: Any) -> None:
+        codes[0], codes[1] = self._observer.tick(vx, vy, ux, uy)
+
+    def _room(self, at: int) -> int:
+        track = self._tracks[at]
+        if not isinstance(track, Ring):
+            self._unload(at)
+            return 1
+        track.advance(self._state.tracks[at].head)
+        return int(track.room() > 0)
+
+    def _receive(self, timeout_ns: int, to: int, room: int) -> int:
+        data = self._leftover or self._endpoint.link.receive(1e-9 * timeout_ns)
+        if data:
+            self._state.received_ns = self._endpoint.link.arrived_ns or time.monotonic_ns()
+        data, self._leftover = data[:room], data[room:]
+        ctypes.memmove(to, data, len(data))
+        return len(data)
+
+    def _send(self, data: int, size: int) -> int:
+        self._endpoint.link.send(ctypes.string_at(data, size))
+        return 0
+
+    def _receive_rows(self, timeout_ns: int) -> int:
+        rows = self._endpoint.receive_rows(1e-9 * timeout_ns)
+        self._state.received_ns = self._endpoint.received_ns
+        self._take_rows(rows)
+        return len(rows)
+
+    def _send_drive(self, ux: int, uy: int, effective_tick: int) -> int:
+        self._endpoint.send_drive(ux, uy, effective_tick)
+        self._state.sent_ns = self._endpoint.sent_ns
+        return 0
+
+
+def _tuple(row: np.void) -> SenseRow:
+    tick, vx, vy, ux, uy, flags, _ = row.tolist()
+    return tick, vx, vy, ux, uy, flags
+
+
+def _unheard(*_: Any) -> None:
+    """Where nobody listens."""
